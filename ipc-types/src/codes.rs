@@ -1,0 +1,269 @@
+//! The codes that messages carry as `u8`.
+
+macro_rules! codes {
+    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $vdoc:literal])+ $variant:ident = $value:literal, $text:literal;)+ }) => {
+        $(#[doc = $doc])+
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        #[repr(u8)]
+        pub enum $name { $($(#[doc = $vdoc])+ $variant = $value,)+ }
+
+        impl $name {
+            /// All values, in order.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
+
+            /// The code in a message.
+            pub const fn code(self) -> u8 { self as u8 }
+
+            /// The value of a code; `None` for a code that this build does not know.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                match code { $($value => Some(Self::$variant),)+ _ => None }
+            }
+
+            /// In words, for screens and messages.
+            pub const fn text(self) -> &'static str {
+                match self { $(Self::$variant => $text,)+ }
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result { f.pad(self.text()) }
+        }
+    };
+}
+
+codes! {
+    /// The processes of a rig.
+    Process {
+        /// Holds every service open and cleans up after the dead.
+        Keeper = 0, "keeper";
+        /// The virtual card with the simulated plant behind it.
+        Simulator = 1, "simulator";
+        /// Card to shared memory; holds the gate.
+        Acquisition = 2, "acquisition";
+        /// The control laws.
+        Control = 3, "control";
+        /// Interlocks and enable line.
+        Watchdog = 4, "watchdog";
+        /// All topics to disk.
+        Logger = 5, "logger";
+        /// Plays protocols.
+        Experiment = 6, "experiment";
+        /// Starts and restarts the others on a machine without systemd.
+        Launcher = 7, "launcher";
+        /// A person's command line.
+        Operator = 8, "operator";
+    }
+}
+
+codes! {
+    /// State of the gate, where acquisition writes the DAC.
+    GateState {
+        /// Writes 0 V; no enable epoch is open.
+        Closed = 0, "closed";
+        /// The command's volts pass.
+        Open = 1, "open";
+        /// Writes 0 V; the epoch is burnt and only a higher one opens the gate again.
+        Burnt = 2, "burnt";
+    }
+}
+
+codes! {
+    /// Why the gate burnt an epoch.
+    GateCause {
+        /// Nothing was wrong so far.
+        None = 0, "none";
+        /// The watchdog withdrew the enable in good order.
+        Withdrawn = 1, "enable withdrawn";
+        /// No token in time: it expired, or none came.
+        TokenStale = 2, "token stale";
+        /// The token's sequence went backwards.
+        TokenBackwards = 3, "token went backwards";
+        /// The token is of another session.
+        TokenSession = 4, "token of another session";
+        /// The token's sender is not the one that it names, or changed within the epoch.
+        TokenSender = 5, "token from an unexpected sender";
+        /// The token was issued for another acquisition.
+        TokenReceiver = 6, "token for another acquisition";
+        /// The token claims to be issued in the future, or to live longer than allowed.
+        TokenTime = 7, "token with an impossible time";
+        /// No command in time.
+        CommandStale = 8, "command stale";
+        /// The command's sequence, or the sample that it answers, went backwards.
+        CommandBackwards = 9, "command went backwards";
+        /// The command is of another session.
+        CommandSession = 10, "command of another session";
+        /// The command's sender is not the one that the token names.
+        CommandSender = 11, "command from an unexpected sender";
+        /// The command holds a value that is not finite.
+        CommandNotFinite = 12, "command is not finite";
+        /// The command is beyond the output limit.
+        CommandRange = 13, "command beyond the output limit";
+        /// The command was computed from a sample that is too old.
+        CommandSampleOld = 14, "command computed from an old sample";
+        /// The command claims to come from the future.
+        CommandTime = 15, "command with an impossible time";
+        /// The gate itself was not run in time.
+        GateLate = 16, "gate ran late";
+        /// The card refused a write.
+        WriteFailed = 17, "card refused the write";
+        /// Epochs went backwards.
+        EpochBackwards = 18, "epoch went backwards";
+    }
+}
+
+codes! {
+    /// State of the watchdog.
+    WatchdogState {
+        /// A fault stands, or stood since the last reset; no power.
+        Faulted = 0, "faulted";
+        /// No fault, no power.
+        Disarmed = 1, "disarmed";
+        /// Checked and ready; no power.
+        Armed = 2, "armed";
+        /// Powered.
+        Enabled = 3, "enabled";
+        /// Power was cut by a fault or by `estop`; latched until `reset`.
+        Tripped = 4, "tripped";
+    }
+}
+
+codes! {
+    /// Why the watchdog faulted or tripped.
+    TripCause {
+        /// Nothing was wrong so far.
+        None = 0, "none";
+        /// The watchdog has just started.
+        Started = 1, "watchdog started";
+        /// A person asked for it.
+        EmergencyStop = 2, "emergency stop";
+        /// No sample in time.
+        AcquisitionLost = 3, "acquisition lost";
+        /// No command in time.
+        ControlLost = 4, "control lost";
+        /// Acquisition was restarted.
+        AcquisitionChanged = 5, "acquisition restarted";
+        /// Control was restarted or replaced.
+        ControlChanged = 6, "control restarted";
+        /// The gate burnt the epoch.
+        GateBurnt = 7, "gate burnt the epoch";
+        /// The gate did not open in time.
+        GateNotOpen = 8, "gate did not open";
+        /// The command answers a sample that is too old, or comes too late.
+        CommandStale = 9, "command stale";
+        /// The command's sequence or sample went backwards.
+        CommandBackwards = 10, "command went backwards";
+        /// Sample sequence or tick went backwards.
+        SampleBackwards = 11, "sample went backwards";
+        /// Position beyond its limit.
+        PositionLimit = 12, "position limit";
+        /// Speed beyond its limit.
+        SpeedLimit = 13, "speed limit";
+        /// Volts beyond the limit.
+        VoltageLimit = 14, "voltage limit";
+        /// Torque beyond its limit.
+        TorqueLimit = 15, "torque limit";
+        /// The encoder moved further in one tick than the machine can.
+        EncoderJump = 16, "encoder jump";
+        /// A measured value is not finite, or a channel that is needed is absent.
+        SensorInvalid = 17, "sensor invalid";
+        /// The launcher is gone: nobody would restart what dies.
+        LauncherLost = 18, "launcher lost";
+        /// The watchdog itself was not run in time.
+        WatchdogLate = 19, "watchdog ran late";
+        /// A real card and no real-time scheduling.
+        NotRealtime = 20, "real card without real-time scheduling";
+        /// A message of another session.
+        SessionMismatch = 21, "message of another session";
+        /// Token echo missing: acquisition or control do not read our tokens.
+        EchoLost = 22, "token echo lost";
+        /// The keeper is gone.
+        KeeperLost = 23, "keeper lost";
+        /// The card that stands behind acquisition cannot take volts (a replayed record, no card).
+        NoOutput = 24, "no output behind acquisition";
+    }
+}
+
+codes! {
+    /// What control does.
+    Mode {
+        /// 0 V.
+        Passive = 0, "passive";
+        /// Holds the position at which the mode began, or that of the setpoint.
+        Hold = 1, "hold";
+        /// Follows the setpoint's position, velocity, acceleration.
+        Position = 2, "position";
+    }
+}
+
+codes! {
+    /// Which card stands behind acquisition.
+    Backend {
+        /// The simulator process.
+        Simulated = 0, "simulated";
+        /// A measured record.
+        Replay = 1, "replay";
+        /// Nothing.
+        Null = 2, "null";
+        /// A real card.
+        Hardware = 3, "hardware";
+    }
+}
+
+codes! {
+    /// What timing the machine grants.
+    Profile {
+        /// `SCHED_FIFO` granted.
+        Realtime = 0, "realtime";
+        /// Unprivileged: longer lives of token and command, simulated card only.
+        BestEffort = 1, "best-effort";
+    }
+}
+
+codes! {
+    /// How bad an event is.
+    Severity {
+        /// As intended.
+        Info = 0, "info";
+        /// Works, but somebody should look.
+        Warning = 1, "warning";
+        /// Power was cut or data was lost.
+        Error = 2, "error";
+    }
+}
+
+codes! {
+    /// What happened.
+    EventKind {
+        /// A process is ready.
+        ProcessStarted = 0, "process started";
+        /// A process ends in good order.
+        ProcessEnding = 1, "process ending";
+        /// The watchdog changed state: `a` from, `b` to, `c` the cause.
+        StateChanged = 2, "state changed";
+        /// A verb was refused: the text says why.
+        VerbRefused = 3, "verb refused";
+        /// A protocol begins.
+        ProtocolStarted = 4, "protocol started";
+        /// A segment begins: `a` its index.
+        SegmentStarted = 5, "segment started";
+        /// A protocol came to its end.
+        ProtocolDone = 6, "protocol done";
+        /// A protocol was stopped before its end.
+        ProtocolStopped = 7, "protocol stopped";
+        /// A protocol goes on after a restart of the experiment process: `a` the segment.
+        ProtocolResumed = 8, "protocol resumed";
+        /// Data was lost: `a` how many messages.
+        DataLost = 9, "data lost";
+        /// A recording begins.
+        RecordingStarted = 10, "recording started";
+        /// A recording ends.
+        RecordingStopped = 11, "recording stopped";
+        /// Control took over from the measured position: `a` position, axis 0.
+        ControlResumed = 12, "control resumed";
+        /// The replayed record came to its end.
+        ReplayDone = 13, "replay done";
+        /// The card or its link reports a fault.
+        CardFault = 14, "card fault";
+    }
+}

@@ -1,0 +1,257 @@
+//! The layout of a message: field table, schema, bytes, and the macro that generates them.
+
+use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
+
+/// Encapsulation header of a little-endian plain CDR message.
+pub const CDR_HEADER: [u8; 4] = [0x00, 0x01, 0x00, 0x00];
+
+/// The primitive types that a message may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Primitive {
+    U8,
+    U16,
+    U32,
+    U64,
+    I64,
+    F64,
+}
+
+impl Primitive {
+    /// Size, and alignment, in bytes.
+    pub const fn size(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 => 2,
+            Self::U32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    /// The name in a `ros2msg` schema.
+    pub const fn ros(self) -> &'static str {
+        match self {
+            Self::U8 => "uint8",
+            Self::U16 => "uint16",
+            Self::U32 => "uint32",
+            Self::U64 => "uint64",
+            Self::I64 => "int64",
+            Self::F64 => "float64",
+        }
+    }
+}
+
+/// One element of a field, read out of a message's bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// Any unsigned integer field.
+    Unsigned(u64),
+    /// Any signed integer field.
+    Signed(i64),
+    /// Any floating-point field.
+    Float(f64),
+}
+
+impl Value {
+    /// The value as a float (integers above 2^53 lose their lowest bits).
+    pub fn as_f64(self) -> f64 {
+        match self {
+            Self::Unsigned(v) => v as f64,
+            Self::Signed(v) => v as f64,
+            Self::Float(v) => v,
+        }
+    }
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unsigned(v) => v.fmt(f),
+            Self::Signed(v) => v.fmt(f),
+            Self::Float(v) => v.fmt(f),
+        }
+    }
+}
+
+/// One field of a message: where it lies, what it holds, what its doc comment says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Name, as in the struct.
+    pub name: &'static str,
+    /// Type of one element.
+    pub primitive: Primitive,
+    /// Length if the field is an array, `None` for a scalar.
+    pub array: Option<usize>,
+    /// Bytes from the start of the message.
+    pub offset: usize,
+    /// The field's documentation, unit included.
+    pub doc: &'static str,
+}
+
+impl Field {
+    /// Number of elements.
+    pub const fn count(&self) -> usize {
+        match self.array {
+            Some(n) => n,
+            None => 1,
+        }
+    }
+
+    /// Element `index` out of the bytes of a message; `None` where the bytes are too short.
+    pub fn read(&self, bytes: &[u8], index: usize) -> Option<Value> {
+        if index >= self.count() {
+            return None;
+        }
+        let size = self.primitive.size();
+        let at = self.offset + index * size;
+        let mut raw = [0u8; 8];
+        raw[..size].copy_from_slice(bytes.get(at..at + size)?);
+        let unsigned = u64::from_le_bytes(raw);
+        Some(match self.primitive {
+            Primitive::U8 | Primitive::U16 | Primitive::U32 | Primitive::U64 => Value::Unsigned(unsigned),
+            Primitive::I64 => Value::Signed(unsigned as i64),
+            Primitive::F64 => Value::Float(f64::from_bits(unsigned)),
+        })
+    }
+}
+
+/// Implemented for the element types of fields.
+#[doc(hidden)]
+pub(crate) trait Element {
+    const PRIMITIVE: Primitive;
+    const ARRAY: Option<usize>;
+}
+macro_rules! element {
+    ($($t:ty => $p:ident),*) => {$(
+        impl Element for $t { const PRIMITIVE: Primitive = Primitive::$p; const ARRAY: Option<usize> = None; }
+        impl<const N: usize> Element for [$t; N] { const PRIMITIVE: Primitive = Primitive::$p; const ARRAY: Option<usize> = Some(N); }
+    )*};
+}
+element!(u8 => U8, u16 => U16, u32 => U32, u64 => U64, i64 => I64, f64 => F64);
+
+/// A message of fixed layout.
+///
+/// # Safety
+/// Only [`message!`] implements it: the type is `#[repr(C)]`, has no padding, holds only integers and
+/// floats (so that every bit pattern is valid) and begins with `session`, `incarnation`, `sequence`, `time_ns`.
+pub unsafe trait Message: ZeroCopySend + Copy + Send + Sync + std::fmt::Debug + 'static {
+    /// Name of the type in shared memory, with its version: two builds that disagree refuse each other.
+    const TYPE_NAME: &'static str;
+    /// Name of the type in recordings.
+    const ROS_NAME: &'static str;
+    /// The fields in order.
+    const FIELDS: &'static [Field];
+
+    /// All fields zero.
+    fn zeroed() -> Self;
+
+    /// Session of the rig: drawn by the keeper at each cold start.
+    fn session(&self) -> u64;
+    /// Incarnation of the sender: drawn at each start of a process.
+    fn incarnation(&self) -> u64;
+    /// Sequence number, from 0, counted per incarnation and topic.
+    fn sequence(&self) -> u64;
+    /// When it was published, in ns of `CLOCK_MONOTONIC`.
+    fn time_ns(&self) -> u64;
+    /// Stamps identity, sequence and time; for the publisher's wrapper.
+    fn stamp(&mut self, session: u64, incarnation: u64, sequence: u64, time_ns: u64);
+
+    /// The message's bytes: the body of a CDR message.
+    fn as_bytes(&self) -> &[u8] {
+        // SAFETY: no padding and only plain numbers (the trait's contract), so every byte is initialised.
+        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast::<u8>(), size_of::<Self>()) }
+    }
+
+    /// A message out of its bytes; `None` where the length differs.
+    fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        // SAFETY: the length is checked, any bit pattern is valid (the trait's contract), unaligned read.
+        (bytes.len() == size_of::<Self>()).then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
+    }
+
+    /// The `ros2msg` schema, generated from the field table.
+    fn schema() -> String {
+        let mut text = String::new();
+        for field in Self::FIELDS {
+            for line in field.doc.lines() {
+                text.push_str("# ");
+                text.push_str(line.trim());
+                text.push('\n');
+            }
+            text.push_str(field.primitive.ros());
+            if let Some(n) = field.array {
+                text.push_str(&format!("[{n}]"));
+            }
+            text.push(' ');
+            text.push_str(field.name);
+            text.push('\n');
+        }
+        text
+    }
+}
+
+/// Defines a message: the struct, its field table, its schema, and compile-time proof that
+/// it has no padding anywhere (each field begins where the one before ends).
+macro_rules! message {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident, $type_name:literal, $ros_name:literal {
+            $($(#[doc = $field_doc:literal])+ $field:ident : $type:ty,)+
+        }
+    ) => {
+        $(#[doc = $doc])+
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[repr(C)]
+        pub struct $name { $($(#[doc = $field_doc])+ pub $field: $type,)+ }
+
+        // SAFETY: `#[repr(C)]`, self-contained, no pointers, layout fixed by the assertions below.
+        unsafe impl iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend for $name {
+            unsafe fn type_name() -> &'static str { $type_name }
+        }
+
+        // SAFETY: generated by this macro; the assertions below hold.
+        unsafe impl $crate::Message for $name {
+            const TYPE_NAME: &'static str = $type_name;
+            const ROS_NAME: &'static str = $ros_name;
+            const FIELDS: &'static [$crate::Field] = &[$($crate::Field {
+                name: stringify!($field),
+                primitive: <$type as $crate::message::Element>::PRIMITIVE,
+                array: <$type as $crate::message::Element>::ARRAY,
+                offset: std::mem::offset_of!($name, $field),
+                doc: concat!($($field_doc, "\n"),+),
+            },)+];
+
+            fn zeroed() -> Self {
+                // SAFETY: only numbers; all bits zero is a valid value of each.
+                unsafe { std::mem::zeroed() }
+            }
+            fn session(&self) -> u64 { self.session }
+            fn incarnation(&self) -> u64 { self.incarnation }
+            fn sequence(&self) -> u64 { self.sequence }
+            fn time_ns(&self) -> u64 { self.time_ns }
+            fn stamp(&mut self, session: u64, incarnation: u64, sequence: u64, time_ns: u64) {
+                self.session = session;
+                self.incarnation = incarnation;
+                self.sequence = sequence;
+                self.time_ns = time_ns;
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self { <Self as $crate::Message>::zeroed() }
+        }
+
+        const _: () = {
+            let mut end = 0;
+            $(
+                assert!(std::mem::offset_of!($name, $field) == end, concat!("padding before ", stringify!($name), ".", stringify!($field)));
+                end += size_of::<$type>();
+            )+
+            assert!(size_of::<$name>() == end, concat!("tail padding in ", stringify!($name)));
+            assert!(std::mem::offset_of!($name, session) == 0);
+            assert!(std::mem::offset_of!($name, incarnation) == 8);
+            assert!(std::mem::offset_of!($name, sequence) == 16);
+            assert!(std::mem::offset_of!($name, time_ns) == 24);
+        };
+    };
+}
+pub(crate) use message;

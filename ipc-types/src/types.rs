@@ -1,0 +1,467 @@
+//! The messages. The first four fields of each are its identity: session (drawn by the keeper at each cold
+//! start), incarnation (drawn at each process start), sequence (from 0, per incarnation and topic), and the
+//! time of publishing.
+
+use crate::message::message;
+use crate::{ANALOG, AXES, TEXT};
+
+message! {
+    /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
+    Sample, "farreach.Sample.v1", "farreach/msg/Sample" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
+        tick: u64,
+        /// when the card took the scan [ns, CLOCK_MONOTONIC]
+        scan_time_ns: u64,
+        /// time within the record that is replayed [s]; 0 for a live card
+        record_time_s: f64,
+        /// encoder counts of the master
+        master_counts: [i64; AXES],
+        /// encoder counts of the slave
+        slave_counts: [i64; AXES],
+        /// position of the master [rad or m]
+        master_position: [f64; AXES],
+        /// position of the slave [rad or m]
+        slave_position: [f64; AXES],
+        /// torque (or force) that the hand applies to the slave, positive when it drives the slave positive [N·m or N]
+        slave_torque: [f64; AXES],
+        /// analog inputs as read [V]
+        analog_v: [f64; ANALOG],
+        /// motor volts that were at the card's output when it took this scan (read back, or from the replayed record) [V]
+        motor_v: [f64; AXES],
+        /// volts that the gate wrote in this cycle [V]
+        output_v: [f64; AXES],
+        /// enable epoch that the gate last saw
+        epoch: u64,
+        /// sequence of the newest token that the gate saw (challenge and response)
+        token_sequence: u64,
+        /// incarnation of the control whose command the gate last accepted
+        command_incarnation: u64,
+        /// sequence of the newest command that the gate saw
+        command_sequence: u64,
+        /// scans that the card or its FIFO dropped since this incarnation began
+        scans_missed: u64,
+        /// cycles of acquisition that were skipped because it woke late
+        cycles_missed: u64,
+        /// digital inputs, one bit each
+        digital_in: u32,
+        /// analog channels present, one bit each
+        analog_present: u16,
+        /// axes of the rig
+        axes: u8,
+        /// master encoders present, one bit an axis
+        master_present: u8,
+        /// slave encoders present, one bit an axis
+        slave_present: u8,
+        /// torque channels present, one bit an axis
+        torque_present: u8,
+        /// motor volts present, one bit an axis
+        motor_present: u8,
+        /// GateState
+        gate_state: u8,
+        /// GateCause of the last burnt epoch
+        gate_cause: u8,
+        /// Backend
+        backend: u8,
+        /// Profile that acquisition was granted
+        profile: u8,
+        /// 1 if the card reports the motor power on (enable line alive)
+        motor_power: u8,
+    }
+}
+
+message! {
+    /// Volts for the motors, from control.
+    MotorCommand, "farreach.MotorCommand.v1", "farreach/msg/MotorCommand" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// tick of the sample that it was computed from
+        sample_tick: u64,
+        /// scan time of that sample [ns, CLOCK_MONOTONIC]
+        sample_time_ns: u64,
+        /// when it was computed [ns, CLOCK_MONOTONIC]
+        computed_ns: u64,
+        /// sequence of the newest token that control saw (challenge and response)
+        token_sequence: u64,
+        /// enable epoch that control believes in
+        epoch: u64,
+        /// sequence of the setpoint that was followed
+        setpoint_sequence: u64,
+        /// motor volts [V]
+        volts: [f64; AXES],
+        /// the part of them that is feed-forward [V]
+        feedforward_v: [f64; AXES],
+        /// reference position [rad or m]
+        reference_position: [f64; AXES],
+        /// reference velocity [rad/s or m/s]
+        reference_velocity: [f64; AXES],
+        /// filtered velocity estimate of the master [rad/s or m/s]
+        velocity: [f64; AXES],
+        /// control cycles that were skipped because it woke late
+        cycles_missed: u64,
+        /// Mode
+        mode: u8,
+        /// axes of the rig
+        axes: u8,
+        /// 1 while the output limit acts
+        limited: u8,
+        /// 1 while ramping from the measured position to the setpoint
+        ramping: u8,
+        /// 1 if the setpoint's lease has lapsed
+        lapsed: u8,
+        /// Profile that control was granted
+        profile: u8,
+        /// none
+        reserved: u16,
+    }
+}
+
+message! {
+    /// The watchdog's leave to power the motor, for a few milliseconds.
+    EnableToken, "farreach.EnableToken.v1", "farreach/msg/EnableToken" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// enable epoch: rises with every enable, also over restarts of the watchdog
+        epoch: u64,
+        /// incarnation of the watchdog that issued it
+        watchdog_incarnation: u64,
+        /// incarnation of the acquisition that it was issued for
+        acquisition_incarnation: u64,
+        /// incarnation of the control that it was issued for
+        control_incarnation: u64,
+        /// when it was issued [ns, CLOCK_MONOTONIC]
+        issued_ns: u64,
+        /// until when it holds [ns, CLOCK_MONOTONIC]
+        valid_until_ns: u64,
+        /// tick of the newest sample that the watchdog saw
+        sample_tick: u64,
+        /// faults that stand now, one bit for each TripCause
+        faults: u64,
+        /// watchdog cycles that were skipped because it woke late
+        cycles_missed: u64,
+        /// 1 if the motor may be powered
+        enabled: u8,
+        /// WatchdogState
+        state: u8,
+        /// TripCause of the last fault or trip
+        cause: u8,
+        /// Profile that the watchdog was granted
+        profile: u8,
+        /// none
+        reserved: u32,
+    }
+}
+
+message! {
+    /// The watchdog's digital output: the card drops the motor when it stops toggling.
+    EnableLine, "farreach.EnableLine.v1", "farreach/msg/EnableLine" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// enable epoch
+        epoch: u64,
+        /// how often the level changed since the watchdog started; the level is its lowest bit
+        toggles: u64,
+    }
+}
+
+message! {
+    /// One scan out of the virtual card's FIFO. A link between card and acquisition, recorded as the witness
+    /// of what the motor really got.
+    CardScan, "farreach.CardScan.v1", "farreach/msg/CardScan" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation: the card counts every scan that it takes
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// tick of the acquisition grid
+        tick: u64,
+        /// when the card took the scan [ns, CLOCK_MONOTONIC]
+        scan_time_ns: u64,
+        /// highest tick that acquisition has taken out of the FIFO
+        taken_tick: u64,
+        /// encoder counts of the master
+        master_counts: [i64; AXES],
+        /// encoder counts of the slave
+        slave_counts: [i64; AXES],
+        /// analog inputs [V]
+        analog_v: [f64; ANALOG],
+        /// volts that the DACs hold [V]
+        dac_v: [f64; AXES],
+        /// volts that reach the motor: those of the DACs while motor power is on, else 0 [V]
+        motor_v: [f64; AXES],
+        /// sequence of the newest CardOutput that the card got
+        output_sequence: u64,
+        /// incarnation of the acquisition that wrote it
+        output_incarnation: u64,
+        /// age of the enable line's last toggle [ns]
+        line_age_ns: u64,
+        /// digital inputs, one bit each
+        digital_in: u32,
+        /// 1 while the enable line is alive
+        motor_power: u8,
+        /// axes of the rig
+        axes: u8,
+        /// Profile that the simulator was granted
+        profile: u8,
+        /// none
+        reserved: u8,
+    }
+}
+
+message! {
+    /// What acquisition writes to the virtual card.
+    CardOutput, "farreach.CardOutput.v1", "farreach/msg/CardOutput" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// volts for the DACs [V]
+        volts: [f64; AXES],
+        /// highest tick that acquisition has taken out of the FIFO and published
+        taken_tick: u64,
+    }
+}
+
+message! {
+    /// Where the handle shall go, from the experiment or the operator; holds until its lease lapses.
+    Setpoint, "farreach.Setpoint.v1", "farreach/msg/Setpoint" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
+        at_ns: u64,
+        /// until when it may be followed [ns, CLOCK_MONOTONIC]
+        lease_until_ns: u64,
+        /// identity of the protocol (hash of its text)
+        protocol: u64,
+        /// position [rad or m]
+        position: [f64; AXES],
+        /// velocity [rad/s or m/s]
+        velocity: [f64; AXES],
+        /// acceleration [rad/s² or m/s²]
+        acceleration: [f64; AXES],
+        /// peak speed of the movement that it is part of, for the shape of the friction feed-forward; 0 where none [rad/s or m/s]
+        peak_speed: [f64; AXES],
+        /// index of the protocol's segment
+        segment: u32,
+        /// number of segments
+        segments: u32,
+        /// Mode
+        mode: u8,
+        /// Process that owns the setpoint: experiment or operator
+        owner: u8,
+        /// axes that it means
+        axes: u8,
+        /// none
+        reserved: [u8; 5],
+    }
+}
+
+message! {
+    /// Something happened that a person or an analysis wants to know.
+    Event, "farreach.Event.v1", "farreach/msg/Event" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// first value; its meaning depends on the kind
+        a: f64,
+        /// second value
+        b: f64,
+        /// third value
+        c: f64,
+        /// EventKind
+        kind: u8,
+        /// Severity
+        severity: u8,
+        /// Process that sends it
+        source: u8,
+        /// length of the text [bytes]
+        text_len: u8,
+        /// index of the protocol's segment, where there is one
+        segment: u32,
+        /// text, UTF-8, zero-padded
+        text: [u8; TEXT],
+    }
+}
+
+impl Event {
+    /// An event of `kind` from `source`; the text is cut at a character's edge when too long.
+    pub fn new(source: crate::Process, kind: crate::EventKind, severity: crate::Severity, text: &str) -> Self {
+        let mut event = Self { kind: kind.code(), severity: severity.code(), source: source.code(), ..Self::default() };
+        let mut end = text.len().min(TEXT);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        event.text[..end].copy_from_slice(&text.as_bytes()[..end]);
+        event.text_len = end as u8;
+        event
+    }
+
+    /// The text; empty where it is not UTF-8.
+    pub fn text(&self) -> &str {
+        self.text
+            .get(..usize::from(self.text_len))
+            .and_then(|bytes| std::str::from_utf8(bytes).ok())
+            .unwrap_or_default()
+    }
+}
+
+message! {
+    /// Sign of life of a slow process, 20 Hz.
+    Heartbeat, "farreach.Heartbeat.v1", "farreach/msg/Heartbeat" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// messages lost on the way to this process since it started
+        lost: u64,
+        /// messages waiting in its own queue
+        queued: u64,
+        /// operating system's process id
+        pid: u32,
+        /// Process
+        source: u8,
+        /// state, its meaning depends on the process (logger: 1 recording; experiment: 1 running)
+        state: u8,
+        /// Profile
+        profile: u8,
+        /// none
+        reserved: u8,
+    }
+}
+
+message! {
+    /// How punctual a periodic process was, once a second: over the last second, and since it started.
+    LoopTiming, "farreach.LoopTiming.v1", "farreach/msg/LoopTiming" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// period of the loop [ns]
+        period_ns: u64,
+        /// phase of the loop within its period [ns]
+        phase_ns: u64,
+        /// cycles run since start
+        cycles: u64,
+        /// periods skipped since start because it woke late
+        missed_periods: u64,
+        /// wake lateness over the last second: p50, p99, p99.9, max [ns]
+        wake_late_ns: [u64; 4],
+        /// execution time over the last second: p50, p99, p99.9, max [ns]
+        execution_ns: [u64; 4],
+        /// wake lateness since start: p50, p99, p99.9, max [ns]
+        total_wake_late_ns: [u64; 4],
+        /// execution time since start: p50, p99, p99.9, max [ns]
+        total_execution_ns: [u64; 4],
+        /// operating system's process id
+        pid: u32,
+        /// Process
+        source: u8,
+        /// Profile
+        profile: u8,
+        /// 1 if memory is locked
+        memory_locked: u8,
+        /// none
+        reserved: u8,
+    }
+}
+
+message! {
+    /// What the logger got, lost and wrote of one topic, once a second.
+    LossCounters, "farreach.LossCounters.v1", "farreach/msg/LossCounters" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// messages received since the logger started
+        received: u64,
+        /// messages that never reached the logger (gaps in the sequence)
+        gaps: u64,
+        /// messages dropped because the logger's own queue to the disk was full
+        dropped: u64,
+        /// messages written to the present recording
+        written: u64,
+        /// messages that the disk refused
+        refused: u64,
+        /// index of the topic in the table of topics
+        topic: u32,
+        /// none
+        reserved: u32,
+    }
+}
+
+message! {
+    /// Monotonic against wall clock, once a second.
+    ClockSync, "farreach.ClockSync.v1", "farreach/msg/ClockSync" {
+        /// session of the rig
+        session: u64,
+        /// incarnation of the sender
+        incarnation: u64,
+        /// sequence number, per incarnation
+        sequence: u64,
+        /// time of publishing [ns, CLOCK_MONOTONIC]
+        time_ns: u64,
+        /// CLOCK_MONOTONIC at the middle of the measurement [ns]
+        monotonic_ns: u64,
+        /// CLOCK_REALTIME at the same instant [ns since 1970]
+        realtime_ns: u64,
+        /// realtime minus monotonic as fixed at the start of the recording [ns]
+        file_offset_ns: i64,
+        /// half the time that the measurement took [ns]
+        uncertainty_ns: u64,
+    }
+}

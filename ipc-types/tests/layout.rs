@@ -1,0 +1,84 @@
+//! Layout, schema and table of topics.
+
+use std::collections::HashSet;
+
+use ipc_types::*;
+use proptest::prelude::*;
+
+#[test]
+fn schema_lists_every_field_with_type_and_unit() {
+    let schema = Sample::schema();
+    assert!(schema.contains("# position of the master [rad or m]\nfloat64[3] master_position\n"), "{schema}");
+    assert!(schema.contains("uint64 tick\n"));
+    assert!(schema.contains("int64[3] slave_counts\n"));
+    let lines = schema.lines().filter(|line| !line.starts_with('#')).count();
+    assert_eq!(lines, Sample::FIELDS.len());
+}
+
+#[test]
+fn every_field_is_aligned_as_cdr_wants_it() {
+    for topic in TOPICS {
+        let mut end = 0;
+        for field in topic.fields {
+            assert_eq!(field.offset, end, "{} {}", topic.name, field.name);
+            assert_eq!(field.offset % field.primitive.size(), 0, "{} {}", topic.name, field.name);
+            end += field.count() * field.primitive.size();
+        }
+        assert_eq!(end, topic.size, "{}", topic.name);
+    }
+}
+
+#[test]
+fn topic_names_are_unique_and_types_carry_a_version() {
+    let mut names = HashSet::new();
+    for topic in TOPICS {
+        assert!(names.insert(topic.name), "{} twice", topic.name);
+        assert!(
+            topic.type_name.rsplit_once(".v").is_some_and(|(_, v)| v.parse::<u32>().is_ok()),
+            "{}",
+            topic.type_name
+        );
+        assert!(topic.history <= topic.buffer, "{}", topic.name);
+    }
+    for topic in [COMMAND.topic, TOKEN.topic, ENABLE_LINE.topic, CARD_OUTPUT.topic] {
+        assert_eq!(topic.history, 0, "{} must not hand an old message to a late joiner", topic.name);
+    }
+}
+
+#[test]
+fn codes_round_trip_and_unknown_codes_are_none() {
+    for code in 0..=u8::MAX {
+        assert!(TripCause::from_code(code).is_none_or(|cause| cause.code() == code));
+        assert!(GateCause::from_code(code).is_none_or(|cause| cause.code() == code));
+    }
+    assert!(TripCause::ALL.len() <= 64, "faults are one bit each of a u64");
+    assert_eq!(WatchdogState::from_code(200), None);
+}
+
+proptest! {
+    #[test]
+    fn bytes_round_trip(tick: u64, position in any::<[f64; 3]>(), counts in any::<[i64; 3]>(), state: u8) {
+        let sample = Sample { tick, master_position: position, slave_counts: counts, gate_state: state, ..Sample::default() };
+        let bytes = sample.as_bytes();
+        prop_assert_eq!(bytes.len(), size_of::<Sample>());
+        let back = Sample::from_bytes(bytes).unwrap();
+        prop_assert_eq!(back.as_bytes(), bytes);
+        for field in Sample::FIELDS {
+            let value = field.read(bytes, 0).unwrap();
+            match field.name {
+                "tick" => prop_assert_eq!(value, Value::Unsigned(tick)),
+                "slave_counts" => prop_assert_eq!(value, Value::Signed(counts[0])),
+                "gate_state" => prop_assert_eq!(value, Value::Unsigned(u64::from(state))),
+                _ => {}
+            }
+        }
+        prop_assert!(Sample::from_bytes(&bytes[1..]).is_none());
+    }
+
+    #[test]
+    fn event_text_is_cut_at_a_character(text in "\\PC{0,200}") {
+        let event = Event::new(Process::Control, EventKind::DataLost, Severity::Warning, &text);
+        prop_assert!(text.starts_with(event.text()));
+        prop_assert!(text.len() <= TEXT || event.text().len() > TEXT - 4);
+    }
+}

@@ -1,0 +1,1 @@
+//! Rig and protocol files: schema, checks, conversion.

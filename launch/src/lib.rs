@@ -1,0 +1,1 @@
+//! The launcher for machines without systemd, and the unit files.

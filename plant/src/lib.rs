@@ -1,0 +1,1 @@
+//! The physics: transmissions, friction, sensors.

@@ -1,0 +1,1 @@
+//! The acquisition process: card to shared memory, with the gate.

@@ -1,0 +1,1 @@
+//! Holds every shared-memory service open and cleans up after the dead.

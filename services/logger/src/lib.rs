@@ -1,0 +1,1 @@
+//! The logger process: all topics to disk.

@@ -1,0 +1,1 @@
+//! Shared memory domain, grid loop, gate, DAQ trait.

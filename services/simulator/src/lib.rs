@@ -1,0 +1,1 @@
+//! The virtual card: plant, scan FIFO, DACs that hold, enable line.

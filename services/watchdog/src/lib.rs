@@ -1,0 +1,1 @@
+//! The safety watchdog: interlocks and the enable line.

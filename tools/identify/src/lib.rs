@@ -1,0 +1,1 @@
+//! Holds the model against measured data and names what it lacks.

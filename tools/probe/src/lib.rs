@@ -1,0 +1,1 @@
+//! Attachable live probes.
