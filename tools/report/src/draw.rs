@@ -1,0 +1,363 @@
+//! From a [`Figure`] to SVG through plotters' SVG back end.
+//!
+//! The back end knows whole pixels only, so everything is drawn `FINE` times larger than it is shown: lines
+//! are then smooth to a fifth of a CSS pixel. Axes are our own: plotters' mesh has no inward ticks, no
+//! decades with minor ticks and no legend outside of the data.
+
+use plotters::backend::SVGBackend;
+use plotters::coord::Shift;
+use plotters::drawing::{DrawingArea, IntoDrawingArea};
+use plotters::element::{Circle, PathElement, Polygon, Rectangle, Text};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle};
+
+use crate::decimate;
+use crate::figure::{Figure, Mark, Series};
+use crate::scale::{Kind, Scale};
+use crate::{Error, Result};
+
+const FINE: i32 = 5;
+const FAMILY: &str = "Helvetica Neue, Helvetica, Arial, Liberation Sans, sans-serif";
+const TEXT: i32 = 13;
+const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = std::result::Result<(), String>;
+
+/// Width of a text in CSS pixels: an estimate, since only the viewer knows its fonts.
+fn text_width(text: &str) -> i32 {
+    (text.chars().map(|c| if "il.,:;|()−' ".contains(c) { 0.34 } else { 0.58 }).sum::<f64>() * f64::from(TEXT)) as i32
+}
+
+/// Frame of the data area and the two scales, in fine pixels.
+struct Axes {
+    left: i32,
+    right: i32,
+    top: i32,
+    bottom: i32,
+    x: Scale,
+    y: Scale,
+}
+
+impl Axes {
+    fn px(&self, x: f64) -> f64 {
+        f64::from(self.left) + self.x.fraction(x) * f64::from(self.right - self.left)
+    }
+    fn py(&self, y: f64) -> f64 {
+        f64::from(self.bottom) - self.y.fraction(y) * f64::from(self.bottom - self.top)
+    }
+    fn inside(&self, p: (f64, f64)) -> bool {
+        p.0 >= f64::from(self.left) - 1.0
+            && p.0 <= f64::from(self.right) + 1.0
+            && p.1 >= f64::from(self.top) - 1.0
+            && p.1 <= f64::from(self.bottom) + 1.0
+    }
+
+    /// The part of a segment that lies in the frame (Liang and Barsky).
+    fn clip(&self, a: (f64, f64), b: (f64, f64)) -> Option<((f64, f64), (f64, f64))> {
+        let (dx, dy) = (b.0 - a.0, b.1 - a.1);
+        let (mut from, mut to) = (0.0f64, 1.0f64);
+        for (p, q) in [
+            (-dx, a.0 - f64::from(self.left)),
+            (dx, f64::from(self.right) - a.0),
+            (-dy, a.1 - f64::from(self.top)),
+            (dy, f64::from(self.bottom) - a.1),
+        ] {
+            if p == 0.0 {
+                if q < 0.0 {
+                    return None;
+                }
+            } else if p < 0.0 {
+                from = from.max(q / p);
+            } else {
+                to = to.min(q / p);
+            }
+        }
+        (from <= to).then(|| ((a.0 + from * dx, a.1 + from * dy), (a.0 + to * dx, a.1 + to * dy)))
+    }
+
+    /// The series as runs of fine pixels inside the frame, broken where values are not finite.
+    fn runs(&self, xs: &[f64], ys: &[f64]) -> Vec<Vec<(i32, i32)>> {
+        let mut runs: Vec<Vec<(i32, i32)>> = Vec::new();
+        let mut before: Option<(f64, f64)> = None;
+        let mut open = false;
+        for (x, y) in xs.iter().zip(ys) {
+            let p = (self.px(*x), self.py(*y));
+            if !(p.0.is_finite() && p.1.is_finite()) {
+                before = None;
+                open = false;
+                continue;
+            }
+            if let Some(a) = before {
+                match self.clip(a, p) {
+                    Some((from, to)) => {
+                        if !open {
+                            runs.push(vec![round(from)]);
+                        }
+                        if let Some(run) = runs.last_mut() {
+                            run.push(round(to));
+                        }
+                        open = self.inside(p);
+                    }
+                    None => open = false,
+                }
+            }
+            before = Some(p);
+        }
+        runs
+    }
+}
+
+fn round(p: (f64, f64)) -> (i32, i32) {
+    (p.0.round() as i32, p.1.round() as i32)
+}
+
+pub(crate) fn svg(figure: &Figure) -> Result<String> {
+    let empty = || Error::Empty { figure: figure.title.clone() };
+    let xs = figure.series.iter().flat_map(|s| s.x.iter().copied());
+    let ys = figure.series.iter().flat_map(|s| match s.mark {
+        Mark::Band => s.y.iter().chain(&s.upper).copied().collect::<Vec<_>>(),
+        Mark::Errors => s.y.iter().zip(&s.upper).flat_map(|(y, h)| [y - h, y + h]).collect(),
+        _ => s.y.clone(),
+    });
+    let scale = |kind, range: Option<(f64, f64)>, values: &mut dyn Iterator<Item = f64>, margin| match range {
+        Some((low, high)) if low < high && (kind == Kind::Linear || low > 0.0) => Some(Scale { kind, low, high }),
+        _ => Scale::fit(kind, values, margin),
+    };
+    let x = scale(figure.x_kind, figure.x_range, &mut { xs }, 0.01).ok_or_else(empty)?;
+    let y = scale(figure.y_kind, figure.y_range, &mut { ys }, 0.06).ok_or_else(empty)?;
+
+    let (width, height) = (figure.size.0 as i32, figure.size.1 as i32);
+    let mut buffer = String::new();
+    draw(figure, x, y, &mut buffer, (width, height))
+        .map_err(|reason| Error::Draw { figure: figure.title.clone(), reason })?;
+    // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
+    let shown = format!(
+        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\"",
+        width * FINE,
+        height * FINE,
+        crate::page::escape(&figure.title)
+    );
+    let opening = format!("<svg width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\"", width * FINE, height * FINE);
+    Ok(buffer.replacen(&opening, &shown, 1))
+}
+
+fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height): (i32, i32)) -> Drawn {
+    let area = SVGBackend::with_string(buffer, ((width * FINE) as u32, (height * FINE) as u32)).into_drawing_area();
+    let x_ticks = x.ticks((width / 95).max(2) as usize);
+    let y_ticks = y.ticks((height / 55).max(2) as usize);
+    let label_width = y_ticks.iter().filter_map(|t| t.label.as_deref()).map(text_width).max().unwrap_or(0);
+    let legend = legend_rows(figure, width - 24);
+    let title_height = if figure.title.is_empty() { 4 } else { 24 };
+    let axes = Axes {
+        left: (34 + label_width) * FINE,
+        right: (width - 14) * FINE,
+        top: (title_height + 6 + 19 * legend.len() as i32) * FINE,
+        bottom: (height - 46) * FINE,
+        x,
+        y,
+    };
+    area.fill(&RGBColor(255, 255, 255)).map_err(|e| e.to_string())?;
+
+    for tick in x_ticks.iter().filter(|t| t.label.is_some()) {
+        let at = axes.px(tick.at).round() as i32;
+        line(&area, &[(at, axes.top), (at, axes.bottom)], GRID, 0.8)?;
+    }
+    for tick in y_ticks.iter().filter(|t| t.label.is_some()) {
+        let at = axes.py(tick.at).round() as i32;
+        line(&area, &[(axes.left, at), (axes.right, at)], GRID, 0.8)?;
+    }
+    // Shaded areas lie under everything else.
+    for s in figure.series.iter().filter(|s| s.mark == Mark::Band) {
+        series(&area, &axes, s)?;
+    }
+    for s in figure.series.iter().filter(|s| s.mark != Mark::Band) {
+        series(&area, &axes, s)?;
+    }
+
+    let frame = [(axes.left, axes.top), (axes.right, axes.bottom)];
+    area.draw(&Rectangle::new(frame, stroke(INK, 1.0))).map_err(|e| e.to_string())?;
+    for tick in &x_ticks {
+        let at = axes.px(tick.at).round() as i32;
+        let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
+        line(&area, &[(at, axes.bottom), (at, axes.bottom - long)], INK, 1.0)?;
+        line(&area, &[(at, axes.top), (at, axes.top + long)], INK, 1.0)?;
+        if let Some(label) = &tick.label {
+            text(&area, label, (at, axes.bottom + 6 * FINE), HPos::Center, VPos::Top, FontStyle::Normal)?;
+        }
+    }
+    for tick in &y_ticks {
+        let at = axes.py(tick.at).round() as i32;
+        let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
+        line(&area, &[(axes.left, at), (axes.left + long, at)], INK, 1.0)?;
+        line(&area, &[(axes.right, at), (axes.right - long, at)], INK, 1.0)?;
+        if let Some(label) = &tick.label {
+            text(&area, label, (axes.left - 6 * FINE, at), HPos::Right, VPos::Center, FontStyle::Normal)?;
+        }
+    }
+    let middle = ((axes.left + axes.right) / 2, (axes.top + axes.bottom) / 2);
+    let below = (middle.0, (height - 8) * FINE);
+    text(&area, &figure.x_label, below, HPos::Center, VPos::Bottom, FontStyle::Normal)?;
+    let style = text_style(FontStyle::Normal, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
+    area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style)).map_err(|e| e.to_string())?;
+    if !figure.title.is_empty() {
+        text(&area, &figure.title, (12 * FINE, 7 * FINE), HPos::Left, VPos::Top, FontStyle::Bold)?;
+    }
+    for (i, row) in legend.iter().enumerate() {
+        let at = (title_height + 19 * i as i32 + 9) * FINE;
+        let mut from = 12 * FINE;
+        for s in row {
+            legend_mark(&area, s, (from, at))?;
+            text(&area, &s.name, (from + 30 * FINE, at), HPos::Left, VPos::Center, FontStyle::Normal)?;
+            from += legend_width(s) * FINE;
+        }
+    }
+    area.present().map_err(|e| e.to_string())
+}
+
+fn legend_width(s: &Series) -> i32 {
+    30 + text_width(&s.name) + 16
+}
+
+/// The legend stands above the frame, where it covers no data, in as many rows as it needs.
+fn legend_rows(figure: &Figure, width: i32) -> Vec<Vec<&Series>> {
+    let mut rows: Vec<Vec<&Series>> = Vec::new();
+    let mut used = i32::MAX;
+    for s in figure.series.iter().filter(|s| !s.name.is_empty()) {
+        if used.saturating_add(legend_width(s)) > width {
+            rows.push(Vec::new());
+            used = 0;
+        }
+        used += legend_width(s);
+        if let Some(row) = rows.last_mut() {
+            row.push(s);
+        }
+    }
+    rows
+}
+
+fn legend_mark(area: &Area<'_>, s: &Series, (x, y): (i32, i32)) -> Drawn {
+    let (from, to) = ((x, y), (x + 24 * FINE, y));
+    let colour = s.colour.rgb();
+    match s.mark {
+        Mark::Line => line(area, &[from, to], colour, 1.6),
+        Mark::Dashed => dashed(area, &[from, to], colour),
+        Mark::HorizontalRule | Mark::VerticalRule => line(area, &[from, to], colour, 1.0),
+        Mark::Band => {
+            let corners = [(x, y - 5 * FINE), (x + 24 * FINE, y + 5 * FINE)];
+            area.draw(&Rectangle::new(corners, colour.mix(0.25).filled())).map_err(|e| e.to_string())
+        }
+        Mark::Scatter | Mark::Errors => dot(area, (x + 12 * FINE, y), colour, 1.0),
+    }
+}
+
+fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
+    let colour = s.colour.rgb();
+    match s.mark {
+        Mark::Line | Mark::Dashed => {
+            for run in axes.runs(&s.x, &s.y) {
+                let run = decimate::envelope(&run, FINE / 2);
+                if s.mark == Mark::Line { line(area, &run, colour, 1.3)? } else { dashed(area, &run, colour)? }
+            }
+        }
+        Mark::Scatter => {
+            let points = s.x.iter().zip(&s.y).map(|(x, y)| (axes.px(*x), axes.py(*y)));
+            let points: Vec<_> = points.filter(|p| axes.inside(*p)).map(round).collect();
+            // Many points become small and transparent, or they hide what they show.
+            let (cell, alpha) = if points.len() > 400 { (FINE * 3 / 2, 0.45) } else { (1, 0.9) };
+            for p in decimate::thin(&points, cell) {
+                dot(area, p, colour, if points.len() > 400 { 0.55 } else { 1.0 } * alpha)?;
+            }
+        }
+        Mark::Band => {
+            let clamp = |y: f64| axes.py(y).clamp(f64::from(axes.top), f64::from(axes.bottom));
+            let edge = |ys: &[f64]| -> Vec<(i32, i32)> {
+                let points = s.x.iter().zip(ys).map(|(x, y)| (axes.px(*x), clamp(*y)));
+                let inside =
+                    |p: &(f64, f64)| p.1.is_finite() && p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
+                decimate::envelope(&points.filter(inside).map(round).collect::<Vec<_>>(), FINE)
+            };
+            let mut outline = edge(&s.y);
+            outline.extend(edge(&s.upper).into_iter().rev());
+            area.draw(&Polygon::new(outline, colour.mix(0.25).filled())).map_err(|e| e.to_string())?;
+        }
+        Mark::Errors => {
+            for ((x, y), half) in s.x.iter().zip(&s.y).zip(&s.upper) {
+                let at = (axes.px(*x), axes.py(*y));
+                if !axes.inside(at) {
+                    continue;
+                }
+                if let Some((a, b)) = axes.clip((at.0, axes.py(y - half)), (at.0, axes.py(y + half))) {
+                    line(area, &[round(a), round(b)], colour, 1.1)?;
+                }
+                dot(area, round(at), colour, 0.9)?;
+            }
+        }
+        Mark::HorizontalRule => {
+            let at = axes.py(s.y.first().copied().unwrap_or(f64::NAN));
+            if at >= f64::from(axes.top) && at <= f64::from(axes.bottom) {
+                line(area, &[(axes.left, at as i32), (axes.right, at as i32)], colour, 1.0)?;
+            }
+        }
+        Mark::VerticalRule => {
+            let at = axes.px(s.x.first().copied().unwrap_or(f64::NAN));
+            if at >= f64::from(axes.left) && at <= f64::from(axes.right) {
+                line(area, &[(at as i32, axes.top), (at as i32, axes.bottom)], colour, 1.0)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn stroke(colour: RGBColor, width: f64) -> ShapeStyle {
+    colour.stroke_width((width * f64::from(FINE)).round() as u32)
+}
+
+fn line(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor, width: f64) -> Drawn {
+    area.draw(&PathElement::new(points.to_vec(), stroke(colour, width))).map_err(|e| e.to_string())
+}
+
+/// Dashes of 6 and gaps of 4 CSS pixels along the line.
+fn dashed(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor) -> Drawn {
+    let (on, period) = (f64::from(6 * FINE), f64::from(10 * FINE));
+    let mut phase = 0.0;
+    let mut dash: Vec<(i32, i32)> = Vec::new();
+    for pair in points.windows(2) {
+        let (a, b) = ((f64::from(pair[0].0), f64::from(pair[0].1)), (f64::from(pair[1].0), f64::from(pair[1].1)));
+        let length = (b.0 - a.0).hypot(b.1 - a.1);
+        let mut along = 0.0;
+        while along < length {
+            let drawn = phase < on;
+            let step = (if drawn { on - phase } else { period - phase }).min(length - along);
+            let at = |s: f64| round((a.0 + (b.0 - a.0) * s / length, a.1 + (b.1 - a.1) * s / length));
+            if drawn {
+                if dash.is_empty() {
+                    dash.push(at(along));
+                }
+                dash.push(at(along + step));
+            } else if !dash.is_empty() {
+                line(area, &std::mem::take(&mut dash), colour, 1.3)?;
+            }
+            along += step;
+            phase = if phase + step >= period - 1e-9 { 0.0 } else { phase + step };
+        }
+    }
+    if dash.len() > 1 { line(area, &dash, colour, 1.3) } else { Ok(()) }
+}
+
+fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, weight: f64) -> Drawn {
+    let radius = (f64::from(FINE) * if weight < 0.5 { 1.1 } else { 2.2 }).round() as i32;
+    let style = colour.mix(if weight < 0.5 { 0.5 } else { 0.9 }).filled();
+    area.draw(&Circle::new(at, radius, style)).map_err(|e| e.to_string())
+}
+
+fn text_style(style: FontStyle, h_pos: HPos, v_pos: VPos) -> TextStyle<'static> {
+    // The back end divides the size by 1.24.
+    let size = f64::from(TEXT * FINE) * 1.24;
+    TextStyle::from(FontDesc::new(FontFamily::Name(FAMILY), size, style)).color(&INK).pos(Pos::new(h_pos, v_pos))
+}
+
+fn text(area: &Area<'_>, content: &str, at: (i32, i32), h: HPos, v: VPos, style: FontStyle) -> Drawn {
+    area.draw(&Text::new(content, at, text_style(style, h, v))).map_err(|e| e.to_string())
+}

@@ -1,0 +1,169 @@
+//! What a figure shows; `draw` knows how.
+
+use crate::palette::Colour;
+use crate::scale::Kind;
+use crate::{Error, Result, draw};
+
+/// How one series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Mark {
+    Line,
+    Dashed,
+    Scatter,
+    Band,
+    Errors,
+    HorizontalRule,
+    VerticalRule,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Series {
+    pub(crate) name: String,
+    pub(crate) mark: Mark,
+    pub(crate) colour: Colour,
+    pub(crate) x: Vec<f64>,
+    /// The ordinate, or the lower edge of a band.
+    pub(crate) y: Vec<f64>,
+    /// The upper edge of a band, or the half length of error bars.
+    pub(crate) upper: Vec<f64>,
+}
+
+/// One set of axes with its series. Values that are not finite break a line.
+///
+/// Labels carry the unit after a slash, as in `time / s`. A series with an empty name is drawn and stays out
+/// of the legend.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    pub(crate) title: String,
+    pub(crate) x_label: String,
+    pub(crate) y_label: String,
+    pub(crate) size: (u32, u32),
+    pub(crate) x_kind: Kind,
+    pub(crate) y_kind: Kind,
+    pub(crate) x_range: Option<(f64, f64)>,
+    pub(crate) y_range: Option<(f64, f64)>,
+    pub(crate) series: Vec<Series>,
+    next_colour: usize,
+    forced: Option<Colour>,
+}
+
+impl Figure {
+    /// Empty axes, 680 by 340 CSS pixels: about one column and a half of a journal.
+    pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
+        Self {
+            title: title.into(),
+            x_label: x_label.into(),
+            y_label: y_label.into(),
+            size: (680, 340),
+            x_kind: Kind::Linear,
+            y_kind: Kind::Linear,
+            x_range: None,
+            y_range: None,
+            series: Vec::new(),
+            next_colour: 0,
+            forced: None,
+        }
+    }
+
+    /// Size in CSS pixels (fonts keep their size: 13 px).
+    pub fn size(mut self, width: u32, height: u32) -> Self {
+        self.size = (width.clamp(200, 4000), height.clamp(140, 4000));
+        self
+    }
+
+    /// A logarithmic abscissa; values of 0 and below are left out.
+    pub fn log_x(mut self) -> Self {
+        self.x_kind = Kind::Logarithmic;
+        self
+    }
+
+    /// A logarithmic ordinate; values of 0 and below are left out.
+    pub fn log_y(mut self) -> Self {
+        self.y_kind = Kind::Logarithmic;
+        self
+    }
+
+    /// Fixes the range of the abscissa; what lies outside is cut off.
+    pub fn x_range(mut self, low: f64, high: f64) -> Self {
+        self.x_range = Some((low, high));
+        self
+    }
+
+    /// Fixes the range of the ordinate; what lies outside is cut off.
+    pub fn y_range(mut self, low: f64, high: f64) -> Self {
+        self.y_range = Some((low, high));
+        self
+    }
+
+    /// The colour of the next series (the ones after it go on in the palette's order).
+    pub fn colour(mut self, colour: Colour) -> Self {
+        self.forced = Some(colour);
+        self
+    }
+
+    /// A full line; long ones are reduced to their envelope.
+    pub fn line(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push(name.into(), Mark::Line, x, y, &[])
+    }
+
+    /// A dashed line, so that curves differ without colour too.
+    pub fn dashed(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push(name.into(), Mark::Dashed, x, y, &[])
+    }
+
+    /// Points; thousands of them are thinned to what the eye can tell apart.
+    pub fn scatter(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push(name.into(), Mark::Scatter, x, y, &[])
+    }
+
+    /// The area between `lower` and `upper`, shaded.
+    pub fn band(self, name: impl Into<String>, x: &[f64], lower: &[f64], upper: &[f64]) -> Self {
+        self.push(name.into(), Mark::Band, x, lower, upper)
+    }
+
+    /// Points with a bar of `half` above and below.
+    pub fn errors(self, name: impl Into<String>, x: &[f64], y: &[f64], half: &[f64]) -> Self {
+        self.push(name.into(), Mark::Errors, x, y, half)
+    }
+
+    /// A thin line across at one ordinate.
+    pub fn horizontal(self, name: impl Into<String>, at: f64) -> Self {
+        self.push(name.into(), Mark::HorizontalRule, &[], &[at], &[])
+    }
+
+    /// A thin line upright at one abscissa.
+    pub fn vertical(self, name: impl Into<String>, at: f64) -> Self {
+        self.push(name.into(), Mark::VerticalRule, &[at], &[], &[])
+    }
+
+    fn push(mut self, name: String, mark: Mark, x: &[f64], y: &[f64], upper: &[f64]) -> Self {
+        let colour = self.forced.take().unwrap_or_else(|| {
+            if matches!(mark, Mark::HorizontalRule | Mark::VerticalRule) {
+                return Colour::Grey;
+            }
+            let colour = Colour::ORDER[self.next_colour % Colour::ORDER.len()];
+            self.next_colour += 1;
+            colour
+        });
+        self.series.push(Series { name, mark, colour, x: x.to_vec(), y: y.to_vec(), upper: upper.to_vec() });
+        self
+    }
+
+    /// The figure as a stand-alone SVG document.
+    ///
+    /// # Errors
+    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing to draw.
+    pub fn render_svg(&self) -> Result<String> {
+        for s in &self.series {
+            let (x, y) = match s.mark {
+                Mark::HorizontalRule | Mark::VerticalRule => continue,
+                Mark::Band | Mark::Errors if s.y.len() == s.x.len() => (s.x.len(), s.upper.len()),
+                _ => (s.x.len(), s.y.len()),
+            };
+            if x != y {
+                return Err(Error::Lengths { figure: self.title.clone(), series: s.name.clone(), x, y });
+            }
+        }
+        draw::svg(self)
+    }
+}

@@ -1,0 +1,73 @@
+//! What a reader's browser gets.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use report::{Error, Figure, Page, Table, Tone};
+
+fn line() -> Figure {
+    Figure::new("a < b & \"c\"", "time / s", "force / N").line("x", &[0.0, 1.0], &[0.0, 1.0])
+}
+
+#[test]
+fn a_page_holds_everything_and_asks_for_nothing() {
+    let html = Page::new("A <title>").verdict(Tone::Bad, "x", "y").figure(&line(), "caption").render().unwrap();
+    for forbidden in ["http://", "https://", "<script", "src=", "@import", "url("] {
+        let html = html.replace("http://www.w3.org/2000/svg", "");
+        assert!(!html.contains(forbidden), "{forbidden}");
+    }
+    assert!(html.contains("<title>A &lt;title&gt;</title>"));
+    assert!(html.contains("a &lt; b &amp; &quot;c&quot;"));
+}
+
+#[test]
+fn long_series_become_small_drawings_that_keep_their_peak() {
+    let x: Vec<f64> = (0..200_000).map(f64::from).collect();
+    let mut y: Vec<f64> = x.iter().map(|x| (x * 0.37).sin()).collect();
+    y[123_457] = 100.0;
+    let svg = Figure::new("t", "x", "y").line("s", &x, &y).render_svg().unwrap();
+    assert!(svg.len() < 200_000, "{} bytes", svg.len());
+    // The peak alone spans the axis: some polyline point lies near the top of the frame.
+    let top = svg
+        .split("points=\"")
+        .skip(1)
+        .flat_map(|s| s.split('"').next().unwrap_or("").split_whitespace())
+        .filter_map(|p| p.split_once(',').and_then(|(x, y)| Some((x.parse::<i32>().ok()?, y.parse::<i32>().ok()?))))
+        .filter(|p| p.0 > 1000 && p.0 < 3000)
+        .map(|p| p.1)
+        .min()
+        .unwrap();
+    assert!(top < 400, "{top}");
+}
+
+#[test]
+fn broken_input_is_named() {
+    let error = Figure::new("t", "x", "y").line("force", &[0.0, 1.0], &[0.0]).render_svg().unwrap_err();
+    assert!(matches!(&error, Error::Lengths { series, x: 2, y: 1, .. } if series == "force"), "{error}");
+    let error = Figure::new("t", "x", "y").line("s", &[f64::NAN], &[1.0]).render_svg().unwrap_err();
+    assert!(matches!(error, Error::Empty { .. }));
+    let error = Figure::new("t", "x", "y").log_y().line("s", &[1.0], &[-1.0]).render_svg().unwrap_err();
+    assert!(matches!(error, Error::Empty { .. }));
+    let table = Table::new(["a", "b"]).row(["1"]);
+    let error = Page::new("p").table(table, "").render().unwrap_err();
+    assert!(matches!(error, Error::Row { expected: 2, found: 1, .. }));
+}
+
+#[test]
+fn values_that_are_not_finite_break_the_line() {
+    let x: Vec<f64> = (0..9).map(f64::from).collect();
+    let mut y = x.clone();
+    let whole = Figure::new("", "x", "y").line("", &x, &y).render_svg().unwrap();
+    y[4] = f64::NAN;
+    let broken = Figure::new("", "x", "y").line("", &x, &y).render_svg().unwrap();
+    let lines = |svg: &str| svg.matches("<polyline").count();
+    assert_eq!(lines(&broken), lines(&whole) + 1);
+}
+
+#[test]
+fn what_lies_outside_a_fixed_range_is_cut_off() {
+    let x: Vec<f64> = (0..1000).map(f64::from).collect();
+    let svg = Figure::new("", "x", "y").y_range(-1.0, 1.0).line("", &x, &x).render_svg().unwrap();
+    let numbers = svg.split("points=\"").skip(1).flat_map(|s| s.split('"').next().unwrap_or("").split_whitespace());
+    for y in numbers.filter_map(|p| p.split_once(',')).filter_map(|p| p.1.parse::<i32>().ok()) {
+        assert!((0..=340 * 5).contains(&y), "{y}");
+    }
+}
