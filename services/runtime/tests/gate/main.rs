@@ -1,0 +1,540 @@
+//! The gate's safety requirements (docs/safety-case.md): one test per cause, and properties over arbitrary streams.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod properties;
+
+use ipc_types::{AXES, EnableToken, GateCause, GateState, MotorCommand, Profile};
+use runtime::gate::{Gate, GateConfig, GateOutput};
+
+const SESSION: u64 = 11;
+const ACQUISITION: u64 = 21;
+const WATCHDOG: u64 = 31;
+const CONTROL: u64 = 41;
+const MS: u64 = 1_000_000;
+const START: u64 = 1_000 * MS;
+const CYCLE: u64 = MS / 2;
+
+fn config() -> GateConfig {
+    GateConfig::for_profile(Profile::Realtime, SESSION, ACQUISITION, 2, [5.0, 3.0, 9.0])
+}
+
+/// A gate with a watchdog and a control in good order in front of it.
+struct Rig {
+    gate: Gate,
+    now: u64,
+    token: EnableToken,
+    command: MotorCommand,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let token = EnableToken {
+            session: SESSION,
+            incarnation: WATCHDOG,
+            watchdog_incarnation: WATCHDOG,
+            acquisition_incarnation: ACQUISITION,
+            control_incarnation: CONTROL,
+            epoch: 1,
+            enabled: 1,
+            ..EnableToken::default()
+        };
+        let command =
+            MotorCommand { session: SESSION, incarnation: CONTROL, volts: [1.5, -2.0, 0.0], ..MotorCommand::default() };
+        Self { gate: Gate::new(config()), now: START, token, command }
+    }
+
+    /// Next messages of both, as they would be published now.
+    fn renew(&mut self) {
+        self.now += CYCLE;
+        self.token.sequence += 1;
+        self.token.time_ns = self.now;
+        self.token.issued_ns = self.now;
+        self.token.valid_until_ns = self.now + 5 * MS;
+        self.command.sequence += 1;
+        self.command.time_ns = self.now;
+        self.command.computed_ns = self.now;
+        self.command.sample_time_ns = self.now - CYCLE;
+        self.command.sample_tick += 1;
+    }
+
+    fn step(&mut self) -> GateOutput {
+        self.gate.step(self.now, Some(&self.token), Some(&self.command))
+    }
+
+    fn opened() -> Self {
+        let mut rig = Self::new();
+        rig.renew();
+        let output = rig.step();
+        assert_eq!((output.state, output.volts), (GateState::Open, [1.5, -2.0, 0.0]));
+        rig
+    }
+
+    /// The next cycle burns the epoch with this cause, good messages do not open it again, a higher epoch does.
+    fn burns(mut self, cause: GateCause) {
+        let epoch = self.token.epoch.min(1);
+        let output = self.step();
+        assert_eq!((output.state, output.cause, output.volts), (GateState::Burnt, cause, [0.0; AXES]));
+        let mut good = Self::new();
+        good.gate = self.gate;
+        good.now = self.now;
+        good.token.sequence = self.token.sequence + 10;
+        good.command.sequence = self.command.sequence + 10;
+        good.command.sample_tick = self.command.sample_tick + 10;
+        good.token.epoch = epoch;
+        for _ in 0..50 {
+            good.renew();
+            let output = good.step();
+            assert_eq!((output.volts, output.cause), ([0.0; AXES], cause));
+            assert_ne!(output.state, GateState::Open);
+        }
+        good.token.epoch = 2;
+        good.renew();
+        assert_eq!(good.step().state, GateState::Open);
+    }
+}
+
+#[test]
+fn sr_01_passes_fresh_commands_and_nothing_before_the_first_token() {
+    let mut rig = Rig::new();
+    rig.renew();
+    let output = rig.gate.step(rig.now, None, Some(&rig.command));
+    assert_eq!((output.state, output.volts), (GateState::Closed, [0.0; AXES]));
+    for _ in 0..100 {
+        rig.renew();
+        let output = rig.step();
+        assert_eq!((output.state, output.volts, output.epoch), (GateState::Open, rig.command.volts, 1));
+        assert_eq!(output.token_sequence, rig.token.sequence);
+        assert_eq!(output.command_sequence, rig.command.sequence);
+        assert_eq!(output.command_incarnation, CONTROL);
+    }
+}
+
+#[test]
+fn sr_01_epoch_zero_never_opens() {
+    let mut rig = Rig::new();
+    rig.token.epoch = 0;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Closed);
+}
+
+#[test]
+fn sr_01_the_same_messages_again_pass_until_they_are_stale() {
+    let mut rig = Rig::opened();
+    let mut open = 0;
+    while rig.step().state == GateState::Open {
+        rig.now += CYCLE;
+        open += 1;
+    }
+    // 5 ms at 0.5 ms a cycle, the instant of expiry itself included.
+    assert_eq!(open, 11);
+}
+
+#[test]
+fn sr_02_stale_token_burns() {
+    let mut rig = Rig::opened();
+    for _ in 0..10 {
+        let token = rig.token;
+        rig.renew();
+        rig.token = token;
+        assert_eq!(rig.step().state, GateState::Open);
+    }
+    let token = rig.token;
+    rig.renew();
+    rig.token = token;
+    rig.burns(GateCause::TokenStale);
+}
+
+#[test]
+fn sr_02_a_token_may_expire_sooner_than_the_profile_allows() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.valid_until_ns = rig.now + MS;
+    assert_eq!(rig.step().state, GateState::Open);
+    let token = rig.token;
+    rig.renew();
+    rig.renew();
+    rig.renew();
+    rig.token = token;
+    rig.burns(GateCause::TokenStale);
+}
+
+#[test]
+fn sr_02_a_token_of_too_long_a_life_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.valid_until_ns = rig.now + 5 * MS + 1;
+    rig.burns(GateCause::TokenTime);
+}
+
+#[test]
+fn sr_02_a_token_from_the_future_burns() {
+    for field in 0..2 {
+        let mut rig = Rig::opened();
+        rig.renew();
+        let future = rig.now + config().future_ns + 1;
+        match field {
+            0 => (rig.token.issued_ns, rig.token.valid_until_ns) = (future, future + MS),
+            _ => rig.token.time_ns = future,
+        }
+        rig.burns(GateCause::TokenTime);
+    }
+}
+
+#[test]
+fn sr_02_a_token_that_ends_before_it_begins_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.valid_until_ns = rig.token.issued_ns - 1;
+    rig.burns(GateCause::TokenTime);
+}
+
+#[test]
+fn sr_03_token_sequence_backwards_burns() {
+    for by in [0, 1, 7] {
+        let mut rig = Rig::opened();
+        for _ in 0..10 {
+            rig.renew();
+            rig.step();
+        }
+        let sequence = rig.token.sequence;
+        rig.renew();
+        rig.token.sequence = sequence - by;
+        rig.burns(GateCause::TokenBackwards);
+    }
+}
+
+#[test]
+fn sr_03_token_issued_earlier_than_its_predecessor_burns() {
+    let mut rig = Rig::opened();
+    let issued = rig.token.issued_ns;
+    rig.renew();
+    rig.token.issued_ns = issued - 1;
+    rig.burns(GateCause::TokenBackwards);
+}
+
+#[test]
+fn sr_03_epoch_backwards_burns() {
+    let mut rig = Rig::new();
+    rig.token.epoch = 2;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+    rig.renew();
+    rig.token.epoch = 1;
+    let output = rig.step();
+    assert_eq!((output.state, output.cause), (GateState::Burnt, GateCause::EpochBackwards));
+    rig.token.epoch = 2;
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Burnt);
+    }
+}
+
+#[test]
+fn sr_03_a_backward_step_hidden_between_two_cycles_burns() {
+    let mut rig = Rig::opened();
+    let old = rig.command;
+    rig.renew();
+    rig.gate.observe_command(&rig.command);
+    rig.gate.observe_command(&MotorCommand { volts: [0.1, 0.0, 0.0], ..old });
+    rig.renew();
+    rig.burns(GateCause::CommandBackwards);
+}
+
+#[test]
+fn sr_04_token_of_another_session_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.session = 12;
+    rig.burns(GateCause::TokenSession);
+}
+
+#[test]
+fn sr_04_command_of_another_session_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.command.session = 12;
+    rig.burns(GateCause::CommandSession);
+}
+
+#[test]
+fn sr_04_token_whose_sender_is_not_the_one_it_names_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.incarnation = 99;
+    rig.burns(GateCause::TokenSender);
+}
+
+#[test]
+fn sr_04_another_watchdog_within_the_epoch_burns_enabled_or_not() {
+    for enabled in [0, 1] {
+        let mut rig = Rig::opened();
+        rig.renew();
+        let other = EnableToken { incarnation: 32, watchdog_incarnation: 32, enabled, ..rig.token };
+        rig.gate.observe_token(&other);
+        rig.burns(GateCause::TokenSender);
+    }
+}
+
+#[test]
+fn sr_04_token_for_another_acquisition_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.acquisition_incarnation = 22;
+    rig.burns(GateCause::TokenReceiver);
+}
+
+#[test]
+fn sr_04_a_new_acquisition_never_opens_for_the_token_of_the_one_before() {
+    let mut rig = Rig::new();
+    rig.token.acquisition_incarnation = 20;
+    for _ in 0..50 {
+        rig.renew();
+        let output = rig.step();
+        assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::TokenReceiver));
+    }
+}
+
+#[test]
+fn sr_04_command_from_another_control_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.command.incarnation = 42;
+    rig.burns(GateCause::CommandSender);
+}
+
+#[test]
+fn sr_04_two_interleaved_controls_burn_even_if_the_named_one_speaks_last() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.gate.observe_command(&MotorCommand { incarnation: 42, ..rig.command });
+    rig.burns(GateCause::CommandSender);
+}
+
+#[test]
+fn sr_04_another_control_named_within_the_epoch_burns() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.control_incarnation = 42;
+    rig.burns(GateCause::CommandSender);
+}
+
+#[test]
+fn sr_05_stale_command_burns() {
+    let mut rig = Rig::opened();
+    let command = rig.command;
+    for _ in 0..11 {
+        rig.step();
+        rig.renew();
+        rig.command = command;
+    }
+    rig.burns(GateCause::CommandStale);
+}
+
+#[test]
+fn sr_05_command_sequence_or_sample_backwards_burns() {
+    for field in 0..4 {
+        let mut rig = Rig::opened();
+        rig.renew();
+        rig.step();
+        let last = rig.command;
+        rig.renew();
+        match field {
+            0 => rig.command.sequence = last.sequence,
+            1 => rig.command.sample_tick = last.sample_tick - 1,
+            2 => rig.command.sample_time_ns = last.sample_time_ns - 1,
+            _ => rig.command.computed_ns = last.computed_ns - 1,
+        }
+        rig.burns(GateCause::CommandBackwards);
+    }
+}
+
+#[test]
+fn sr_05_command_from_an_old_sample_burns() {
+    let mut rig = Rig::opened();
+    let sample_time = rig.command.sample_time_ns;
+    while rig.now < sample_time + 10 * MS {
+        rig.renew();
+        rig.command.sample_time_ns = sample_time;
+        assert_eq!(rig.step().state, GateState::Open);
+    }
+    rig.renew();
+    rig.command.sample_time_ns = sample_time;
+    rig.burns(GateCause::CommandSampleOld);
+}
+
+#[test]
+fn sr_05_command_from_the_future_burns() {
+    for field in 0..3 {
+        let mut rig = Rig::opened();
+        rig.renew();
+        let future = rig.now + config().future_ns + 1;
+        match field {
+            0 => rig.command.computed_ns = future,
+            1 => rig.command.time_ns = future,
+            _ => rig.command.sample_time_ns = future,
+        }
+        // What follows must not look like a step backwards from that future.
+        let output = rig.step();
+        assert_eq!((output.state, output.cause), (GateState::Burnt, GateCause::CommandTime));
+    }
+}
+
+#[test]
+fn sr_06_not_finite_burns_on_any_axis() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for axis in 0..AXES {
+            let mut rig = Rig::opened();
+            rig.renew();
+            rig.command.volts[axis] = bad;
+            rig.burns(GateCause::CommandNotFinite);
+        }
+    }
+}
+
+#[test]
+fn sr_06_beyond_the_limit_burns_and_unused_axes_get_nothing() {
+    for (axis, volts) in [(0, 5.001), (0, -5.001), (1, 3.001), (2, 0.001)] {
+        let mut rig = Rig::opened();
+        rig.renew();
+        rig.command.volts[axis] = volts;
+        rig.burns(GateCause::CommandRange);
+    }
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.command.volts = [5.0, -3.0, 0.0];
+    assert_eq!(rig.step().volts, [5.0, -3.0, 0.0]);
+}
+
+#[test]
+fn sr_06_a_limit_that_is_no_number_lets_nothing_pass() {
+    for limit in [f64::NAN, f64::INFINITY, -1.0, 0.0] {
+        let mut rig = Rig::new();
+        rig.gate = Gate::new(GateConfig { volts_max: [limit; AXES], ..config() });
+        rig.renew();
+        assert_eq!(rig.step().volts, [0.0; AXES]);
+        assert_eq!(rig.gate.state(), GateState::Burnt);
+    }
+}
+
+#[test]
+fn sr_07_a_disabled_token_withdraws_and_the_epoch_stays_burnt() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.enabled = 0;
+    let output = rig.step();
+    assert_eq!((output.state, output.cause, output.volts), (GateState::Closed, GateCause::Withdrawn, [0.0; AXES]));
+    rig.token.enabled = 1;
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Closed);
+    }
+    rig.token.epoch = 2;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_07_a_withdrawal_hidden_between_two_cycles_counts() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.gate.observe_token(&EnableToken { enabled: 0, ..rig.token });
+    rig.renew();
+    let output = rig.step();
+    assert_eq!((output.state, output.cause), (GateState::Closed, GateCause::Withdrawn));
+}
+
+#[test]
+fn sr_07_a_withdrawn_epoch_never_opens_even_if_it_was_never_open() {
+    let mut rig = Rig::new();
+    rig.renew();
+    rig.gate.observe_token(&EnableToken { enabled: 0, epoch: 5, ..rig.token });
+    rig.token.epoch = 5;
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Closed);
+    }
+}
+
+#[test]
+fn sr_07_a_higher_epoch_ends_the_present_one_with_a_cycle_at_0_v() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.epoch = 2;
+    assert_eq!(rig.step().volts, [0.0; AXES]);
+    rig.renew();
+    let output = rig.step();
+    assert_eq!((output.state, output.epoch), (GateState::Open, 2));
+}
+
+#[test]
+fn sr_08_a_waiting_epoch_survives_an_absent_or_stale_command() {
+    let mut rig = Rig::new();
+    let old = MotorCommand { computed_ns: START - 50 * MS, sequence: 0, ..rig.command };
+    rig.renew();
+    assert_eq!(rig.gate.step(rig.now, Some(&rig.token), None).hindrance, GateCause::CommandStale);
+    rig.renew();
+    let output = rig.gate.step(rig.now, Some(&rig.token), Some(&old));
+    assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::CommandStale));
+    rig.renew();
+    let sample_time = rig.command.sample_time_ns;
+    rig.command.sample_time_ns = START - 50 * MS;
+    assert_eq!(rig.step().hindrance, GateCause::CommandSampleOld);
+    rig.command.sample_time_ns = sample_time;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_08_a_waiting_epoch_burns_on_a_bad_command() {
+    type Spoil = fn(&mut MotorCommand);
+    let cases: [(Spoil, GateCause); 3] = [
+        (|command| command.volts[0] = 5.5, GateCause::CommandRange),
+        (|command| command.volts[0] = f64::NAN, GateCause::CommandNotFinite),
+        (|command| command.incarnation = 42, GateCause::CommandSender),
+    ];
+    for (spoil, cause) in cases {
+        let mut rig = Rig::new();
+        rig.renew();
+        spoil(&mut rig.command);
+        rig.burns(cause);
+    }
+}
+
+#[test]
+fn sr_09_a_late_gate_burns() {
+    let mut rig = Rig::opened();
+    for _ in 0..11 {
+        rig.renew();
+    }
+    rig.burns(GateCause::GateLate);
+}
+
+#[test]
+fn sr_09_time_going_backwards_burns() {
+    let mut rig = Rig::opened();
+    rig.now -= 1;
+    let output = rig.step();
+    assert_eq!((output.state, output.cause, output.volts), (GateState::Burnt, GateCause::GateLate, [0.0; AXES]));
+}
+
+#[test]
+fn sr_09_a_late_gate_does_not_open_in_that_cycle() {
+    let mut rig = Rig::new();
+    rig.gate.step(rig.now, None, None);
+    for _ in 0..11 {
+        rig.renew();
+    }
+    let output = rig.step();
+    assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::GateLate));
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_09_a_refused_write_burns() {
+    let mut rig = Rig::opened();
+    rig.gate.write_failed();
+    assert_eq!(rig.gate.state(), GateState::Burnt);
+    rig.renew();
+    rig.burns(GateCause::WriteFailed);
+}
