@@ -19,6 +19,8 @@ use crate::{Error, Result};
 const FINE: i32 = 5;
 const FAMILY: &str = "Helvetica Neue, Helvetica, Arial, Liberation Sans, sans-serif";
 const TEXT: i32 = 13;
+/// Most dots of one series.
+const MOST_DOTS: usize = 3000;
 const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
 
@@ -74,7 +76,7 @@ impl Axes {
                 to = to.min(q / p);
             }
         }
-        (from <= to).then(|| ((a.0 + from * dx, a.1 + from * dy), (a.0 + to * dx, a.1 + to * dy)))
+        (from <= to).then_some(((a.0 + from * dx, a.1 + from * dy), (a.0 + to * dx, a.1 + to * dy)))
     }
 
     /// The series as runs of fine pixels inside the frame, broken where values are not finite.
@@ -176,8 +178,9 @@ fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height
         series(&area, &axes, s)?;
     }
 
-    let frame = [(axes.left, axes.top), (axes.right, axes.bottom)];
-    area.draw(&Rectangle::new(frame, stroke(INK, 1.0))).map_err(|e| e.to_string())?;
+    // A path, since the back end draws rectangles without a line width.
+    let corners = [(axes.left, axes.top), (axes.right, axes.top), (axes.right, axes.bottom), (axes.left, axes.bottom)];
+    line(&area, &[corners[0], corners[1], corners[2], corners[3], corners[0]], INK, 1.0)?;
     for tick in &x_ticks {
         let at = axes.px(tick.at).round() as i32;
         let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
@@ -248,7 +251,7 @@ fn legend_mark(area: &Area<'_>, s: &Series, (x, y): (i32, i32)) -> Drawn {
             let corners = [(x, y - 5 * FINE), (x + 24 * FINE, y + 5 * FINE)];
             area.draw(&Rectangle::new(corners, colour.mix(0.25).filled())).map_err(|e| e.to_string())
         }
-        Mark::Scatter | Mark::Errors => dot(area, (x + 12 * FINE, y), colour, 1.0),
+        Mark::Scatter | Mark::Errors => dot(area, (x + 12 * FINE, y), colour, false),
     }
 }
 
@@ -264,10 +267,17 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
         Mark::Scatter => {
             let points = s.x.iter().zip(&s.y).map(|(x, y)| (axes.px(*x), axes.py(*y)));
             let points: Vec<_> = points.filter(|p| axes.inside(*p)).map(round).collect();
-            // Many points become small and transparent, or they hide what they show.
-            let (cell, alpha) = if points.len() > 400 { (FINE * 3 / 2, 0.45) } else { (1, 0.9) };
-            for p in decimate::thin(&points, cell) {
-                dot(area, p, colour, if points.len() > 400 { 0.55 } else { 1.0 } * alpha)?;
+            // Many points become small and transparent, or they hide what they show; and no more of them
+            // than a browser draws at once.
+            let many = points.len() > 400;
+            let mut cell = 1;
+            let mut kept = decimate::thin(&points, cell);
+            while kept.len() > MOST_DOTS {
+                cell += FINE / 2;
+                kept = decimate::thin(&points, cell);
+            }
+            for p in kept {
+                dot(area, p, colour, many)?;
             }
         }
         Mark::Band => {
@@ -291,7 +301,7 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
                 if let Some((a, b)) = axes.clip((at.0, axes.py(y - half)), (at.0, axes.py(y + half))) {
                     line(area, &[round(a), round(b)], colour, 1.1)?;
                 }
-                dot(area, round(at), colour, 0.9)?;
+                dot(area, round(at), colour, false)?;
             }
         }
         Mark::HorizontalRule => {
@@ -346,10 +356,10 @@ fn dashed(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor) -> Drawn {
     if dash.len() > 1 { line(area, &dash, colour, 1.3) } else { Ok(()) }
 }
 
-fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, weight: f64) -> Drawn {
-    let radius = (f64::from(FINE) * if weight < 0.5 { 1.1 } else { 2.2 }).round() as i32;
-    let style = colour.mix(if weight < 0.5 { 0.5 } else { 0.9 }).filled();
-    area.draw(&Circle::new(at, radius, style)).map_err(|e| e.to_string())
+fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, small: bool) -> Drawn {
+    let (radius, alpha) = if small { (1.2, 0.5) } else { (2.2, 0.9) };
+    let radius = (f64::from(FINE) * radius).round() as i32;
+    area.draw(&Circle::new(at, radius, colour.mix(alpha).filled())).map_err(|e| e.to_string())
 }
 
 fn text_style(style: FontStyle, h_pos: HPos, v_pos: VPos) -> TextStyle<'static> {
