@@ -1,1 +1,35 @@
-//! Rig and protocol files: schema, checks, conversion.
+//! Rig files and protocols: what a laboratory writes, checked before anything runs.
+//!
+//! A rig file (`rig.toml`) says what the machine is: rates, axes with their encoders and limits, analog
+//! channels, the declared model. A protocol (`protocol.toml`) says what it shall do: timed movements.
+//! Both are read whole: every problem is reported at once, with file, line, key, what was expected, what was
+//! found and what to do. The text alone decides; nothing here reads a clock or touches a device, and the only I/O
+//! is [`RigFile::load`].
+//!
+//! ```text
+//! my-rig.toml:31: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; the amplifier's input takes ±10 V
+//! my-rig.toml:40: axes.0.limits.speed_max_degs: expected one of …, found an unknown key; did you mean `speed_max_deg_s`?
+//! ```
+//!
+//! Degrees and counts exist only in the files. Code sees SI: rad or m by the axis's unit, N·m or N, s, V.
+#![forbid(unsafe_code)]
+
+mod axis;
+mod channel;
+mod error;
+mod identity;
+mod model;
+
+mod rates;
+mod read;
+mod rig_file;
+mod simulation;
+
+pub use axis::{Axis, AxisControl, AxisUnit, Encoder, Feedforward, Limits, TorqueChannel};
+pub use channel::{Channel, ChannelKind};
+pub use error::{FileError, Problem, ProtocolError, RigError};
+pub use identity::identity;
+pub use model::{Model, ModelKind, Parameter, ParameterSource};
+pub use rates::{Phases, Rates};
+pub use rig_file::{Replay, RigFile};
+pub use simulation::{Hand, HandKind, Simulation};

@@ -1,0 +1,76 @@
+//! Analog inputs.
+
+use crate::read::{Section, Source, bounds};
+
+/// Most analog inputs that one card has (as in the messages).
+pub(crate) const ANALOG: usize = 16;
+
+/// One analog input of the card.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// Input of the card, from 0; also the index in `Sample::analog_v`.
+    pub index: usize,
+    /// Name on screens and in exports.
+    pub name: String,
+    /// What it measures.
+    pub kind: ChannelKind,
+    /// Unit of what the sensor measures, for labels (`V`, `mV`, `N·m`).
+    pub unit: String,
+    /// The input's range is ± this [V].
+    pub range_v: f64,
+}
+
+/// What an analog input measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelKind {
+    /// Torque or force at the handle.
+    Torque,
+    /// A muscle's activity.
+    Emg,
+    /// Pulses of the scanner.
+    Trigger,
+    /// Anything else.
+    Other,
+}
+
+impl ChannelKind {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("torque", Self::Torque), ("emg", Self::Emg), ("trigger", Self::Trigger), ("other", Self::Other)];
+}
+
+impl Channel {
+    pub(crate) fn read(section: Section<'_>) -> Self {
+        let channel = Self {
+            index: section.whole("index", 0, ANALOG as u64 - 1, "the card has 16 inputs, counted from 0") as usize,
+            name: section.text("name"),
+            kind: section.word("kind", ChannelKind::WORDS, ChannelKind::Other),
+            unit: section.text_or_none("unit").unwrap_or_else(|| "V".to_owned()),
+            range_v: section.number_or("range_v", 10.0, bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V")),
+        };
+        section.finish();
+        channel
+    }
+
+    /// No input and no name twice.
+    pub(crate) fn check_all(channels: &[Self], source: &Source<'_>) {
+        for (at, channel) in channels.iter().enumerate() {
+            for (before, other) in channels[..at].iter().enumerate() {
+                if other.index == channel.index {
+                    let expected = format!("an input of its own (channels.{before} has {} already)", other.index);
+                    let advice = "each input appears once";
+                    source.problem(&format!("channels.{at}.index"), expected, channel.index, advice);
+                }
+                if other.name == channel.name {
+                    let expected = format!("a name of its own (channels.{before} has it already)");
+                    let found = format!("the text \"{}\"", channel.name);
+                    source.problem(
+                        &format!("channels.{at}.name"),
+                        expected,
+                        found,
+                        "names tell channels apart in exports",
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! The declared model: a kind, and parameters that are known to a tolerance.
+
+use crate::read::{NumberOrSection, Section, bounds};
+
+/// What stands between motor and handle, as far as the laboratory declares it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Which equations.
+    pub kind: ModelKind,
+    /// Declared parameters, in the order of the file.
+    pub parameters: Vec<Parameter>,
+}
+
+/// Which equations the model has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ModelKind {
+    /// Two oil lines between master and slave (ch. 3).
+    Hydrostatic,
+    /// A cable between master and slave (ch. 5).
+    Cable,
+    /// One mass with friction, driven by a force.
+    Drive,
+    /// Mass, damper, spring.
+    Oscillator,
+    /// A part tested by itself under imposed motion.
+    Element,
+}
+
+impl ModelKind {
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("hydrostatic", Self::Hydrostatic),
+        ("cable", Self::Cable),
+        ("drive", Self::Drive),
+        ("oscillator", Self::Oscillator),
+        ("element", Self::Element),
+    ];
+
+    /// The word in the file.
+    pub fn name(self) -> &'static str {
+        Self::WORDS.iter().find(|(_, kind)| *kind == self).map_or("", |(word, _)| word)
+    }
+}
+
+/// A declared parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name, as in `plant`.
+    pub name: String,
+    /// Nominal value [SI].
+    pub value: f64,
+    /// How well it is known, as a fraction of the value: 0.05 is ±5 %.
+    pub tolerance: f64,
+    /// How well it is known in its own unit [SI]; takes the place of `tolerance`, for values near 0.
+    pub tolerance_absolute: Option<f64>,
+    /// Where it comes from.
+    pub source: ParameterSource,
+}
+
+/// Where a parameter comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterSource {
+    /// Printed in the thesis or on a data sheet.
+    Printed,
+    /// Assumed, because nobody printed it.
+    Assumed,
+    /// Traced from measured results.
+    Traced,
+}
+
+impl ParameterSource {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("printed", Self::Printed), ("assumed", Self::Assumed), ("traced", Self::Traced)];
+}
+
+impl Parameter {
+    /// Half the width of the range in which the value is believed to lie [SI].
+    pub fn spread(&self) -> f64 {
+        self.tolerance_absolute.unwrap_or(self.tolerance * self.value.abs())
+    }
+}
+
+/// Tolerance where the file says none.
+const TOLERANCE: f64 = 0.25;
+
+impl Model {
+    /// The parameter of that name.
+    pub fn parameter(&self, name: &str) -> Option<&Parameter> {
+        self.parameters.iter().find(|parameter| parameter.name == name)
+    }
+
+    pub(crate) fn read(section: Section<'_>) -> Self {
+        let kind = section.word("kind", ModelKind::WORDS, ModelKind::Hydrostatic);
+        let table = section.section("parameters");
+        let parameters = table.keys().into_iter().map(|name| Parameter::read(&table, name)).collect();
+        section.finish();
+        Self { kind, parameters }
+    }
+}
+
+impl Parameter {
+    fn read(table: &Section<'_>, name: String) -> Self {
+        let value = bounds(f64::MIN, f64::MAX, "");
+        match table.number_or_section(&name, value) {
+            NumberOrSection::Number(value) => {
+                Self { name, value, tolerance: TOLERANCE, tolerance_absolute: None, source: ParameterSource::Assumed }
+            }
+            NumberOrSection::Section(section) => {
+                let fraction = bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
+                let absolute = bounds(0.0, f64::MAX, "half the range, in the parameter's unit");
+                let parameter = Self {
+                    name,
+                    value: section.number("value", value),
+                    tolerance: section.number_or("tolerance", TOLERANCE, fraction),
+                    tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
+                    source: section.word_or_none("source", ParameterSource::WORDS).unwrap_or(ParameterSource::Assumed),
+                };
+                if section.has("tolerance") && section.has("tolerance_absolute") {
+                    let advice = "keep the fraction, or the absolute one for a value near 0";
+                    section.problem("tolerance_absolute", "one tolerance", "two", advice);
+                }
+                section.finish();
+                parameter
+            }
+        }
+    }
+}

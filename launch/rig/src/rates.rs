@@ -1,0 +1,182 @@
+//! Rates of the periodic processes and their phases within each period.
+
+use crate::read::{Section, Source};
+
+const SECOND_NS: u64 = 1_000_000_000;
+
+/// Two loops closer than this run into each other: a loop takes that long at least [ns].
+const PHASE_GAP_NS: u64 = 20_000;
+
+/// How often each process runs. Each rate divides 1e9, and of any two the slower divides the faster, so that
+/// `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common origin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rates {
+    /// Scans of the card, and the gate [Hz].
+    pub acquisition_hz: u32,
+    /// The control law [Hz].
+    pub control_hz: u32,
+    /// The interlocks and the enable line [Hz].
+    pub watchdog_hz: u32,
+    /// Setpoints [Hz].
+    pub experiment_hz: u32,
+}
+
+impl Rates {
+    /// Period of acquisition and of the simulated card [ns].
+    pub const fn acquisition_period_ns(&self) -> u64 {
+        SECOND_NS / self.acquisition_hz as u64
+    }
+
+    /// Period of control [ns].
+    pub const fn control_period_ns(&self) -> u64 {
+        SECOND_NS / self.control_hz as u64
+    }
+
+    /// Period of the watchdog [ns].
+    pub const fn watchdog_period_ns(&self) -> u64 {
+        SECOND_NS / self.watchdog_hz as u64
+    }
+
+    /// Period of the experiment runner [ns].
+    pub const fn experiment_period_ns(&self) -> u64 {
+        SECOND_NS / self.experiment_hz as u64
+    }
+
+    pub(crate) fn read(section: Section<'_>) -> Self {
+        let rate = |key, default, least, most, advice| section.whole_or(key, default, least, most, advice) as u32;
+        let rates = Self {
+            acquisition_hz: rate("acquisition_hz", 2000, 100, 10_000, "§ 2.2 acquires at 2000 Hz"),
+            control_hz: rate("control_hz", 500, 50, 2_000, "§ 2.2 controls at 500 Hz and wants 1000 Hz"),
+            watchdog_hz: rate("watchdog_hz", 1000, 100, 5_000, "1000 Hz toggles the enable line in time"),
+            experiment_hz: rate("experiment_hz", 500, 50, 2_000, "the rate of control is enough"),
+        };
+        section.finish();
+        rates
+    }
+
+    fn named(&self) -> [(&'static str, u32); 4] {
+        [
+            ("rates.acquisition_hz", self.acquisition_hz),
+            ("rates.control_hz", self.control_hz),
+            ("rates.watchdog_hz", self.watchdog_hz),
+            ("rates.experiment_hz", self.experiment_hz),
+        ]
+    }
+
+    /// Of any two rates, the slower divides the faster. One pair is enough to name: the rest mostly follows from it.
+    fn check_that_they_divide(&self, source: &Source<'_>) {
+        let named = self.named();
+        for (index, (key_a, a)) in named.iter().enumerate() {
+            for (key_b, b) in &named[index + 1..] {
+                if b > a && b % a != 0 {
+                    let expected = format!("a multiple of {key_a} ({a} Hz)");
+                    let (least, most) = (b / a * a, (b / a + 1) * a);
+                    source.problem(key_b, expected, b, format!("take {least} or {most}"));
+                    return;
+                } else if b <= a && a % b != 0 {
+                    let expected = format!("a rate that divides {key_a} ({a} Hz)");
+                    source.problem(key_b, expected, b, format!("take {}", divisors_near(*a, *b)));
+                    return;
+                }
+            }
+        }
+    }
+
+    pub(crate) fn check(&self, source: &Source<'_>) {
+        for (key, rate) in self.named() {
+            if SECOND_NS % u64::from(rate) != 0 {
+                let advice = "a period must be a whole number of ns: take 250, 500, 1000, 2000 or the like";
+                source.problem(key, "a rate that divides 1e9", rate, advice);
+            }
+        }
+        self.check_that_they_divide(source);
+        if self.control_hz > self.acquisition_hz {
+            let expected = format!("at most rates.acquisition_hz ({} Hz)", self.acquisition_hz);
+            source.problem("rates.control_hz", expected, self.control_hz, "a command answers a sample");
+        }
+        if self.watchdog_hz < self.control_hz {
+            let expected = format!("at least rates.control_hz ({} Hz)", self.control_hz);
+            let advice = "the watchdog must see every command before it is old";
+            source.problem("rates.watchdog_hz", expected, self.watchdog_hz, advice);
+        }
+    }
+}
+
+/// The rates on either side of `wrong` that divide `rate` and 1e9 [Hz].
+fn divisors_near(rate: u32, wrong: u32) -> String {
+    let fits = |hz: &u32| rate % hz == 0 && SECOND_NS % u64::from(*hz) == 0;
+    let below = (1..wrong).rev().find(fits);
+    let above = (wrong + 1..=rate).find(fits);
+    let near: Vec<_> = [below, above].into_iter().flatten().map(|hz| hz.to_string()).collect();
+    near.join(" or ")
+}
+
+/// When within its own period each process runs [ns].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Phases {
+    /// The simulated card [ns].
+    pub simulator_ns: u64,
+    /// Acquisition [ns].
+    pub acquisition_ns: u64,
+    /// Control [ns].
+    pub control_ns: u64,
+    /// Watchdog [ns].
+    pub watchdog_ns: u64,
+    /// Experiment runner [ns].
+    pub experiment_ns: u64,
+}
+
+impl Phases {
+    pub(crate) fn read(section: Section<'_>) -> Self {
+        let phase =
+            |key, default| section.whole_or(key, default, 0, 20_000, "whole µs, within the loop's own period") * 1000;
+        let phases = Self {
+            simulator_ns: phase("simulator", 0),
+            acquisition_ns: phase("acquisition", 80),
+            control_ns: phase("control", 200),
+            watchdog_ns: phase("watchdog", 350),
+            experiment_ns: phase("experiment", 420),
+        };
+        section.finish();
+        phases
+    }
+
+    /// Each phase lies within its loop's period; simulator, acquisition, control stand in the order in which data
+    /// flow; and no two loops begin within 20 µs of each other. For the last, phases are taken modulo the shortest
+    /// period and round its end: in some period the loops meet there.
+    pub(crate) fn check(&self, rates: &Rates, source: &Source<'_>) {
+        let loops = [
+            ("phases_us.simulator", self.simulator_ns, rates.acquisition_period_ns()),
+            ("phases_us.acquisition", self.acquisition_ns, rates.acquisition_period_ns()),
+            ("phases_us.control", self.control_ns, rates.control_period_ns()),
+            ("phases_us.watchdog", self.watchdog_ns, rates.watchdog_period_ns()),
+            ("phases_us.experiment", self.experiment_ns, rates.experiment_period_ns()),
+        ];
+        for (key, phase, period) in loops {
+            if phase >= period {
+                let expected = format!("less than the loop's period ({} µs)", period / 1000);
+                source.problem(key, expected, format!("{} µs", phase / 1000), "shift the loop forward");
+            }
+        }
+        for pair in loops[..3].windows(2) {
+            let ((before, earlier, _), (after, later, _)) = (pair[0], pair[1]);
+            if later <= earlier {
+                let expected = format!("later than {before} ({} µs)", earlier / 1000);
+                let advice = "data flow from the card over acquisition to control";
+                source.problem(after, expected, format!("{} µs", later / 1000), advice);
+            }
+        }
+        let shortest = loops.iter().map(|(_, _, period)| *period).min().unwrap_or(SECOND_NS);
+        for (index, (key_a, a, _)) in loops.iter().enumerate() {
+            for (key_b, b, _) in &loops[index + 1..] {
+                let apart = (a % shortest).abs_diff(b % shortest);
+                if apart.min(shortest - apart) < PHASE_GAP_NS {
+                    let expected = format!("at least {} µs from {key_a} ({} µs)", PHASE_GAP_NS / 1000, a / 1000);
+                    let found = format!("overlapping phases: {} µs", b / 1000);
+                    let advice = format!("phases repeat every {} µs, the shortest period; move one", shortest / 1000);
+                    source.problem(key_b, expected, found, advice);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! The rig files that ship are valid, and say what the thesis says.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::path::PathBuf;
+
+use rig::{AxisUnit, ChannelKind, HandKind, ModelKind, ParameterSource, RigFile};
+
+fn shipped(name: &str) -> RigFile {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../rigs").join(name);
+    RigFile::load(&path).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn the_hydrostatic_rig_is_the_machine_of_the_thesis() {
+    let rig = shipped("hydrostatic.toml");
+    assert_eq!(rig.name, "hydrostatic");
+    assert_eq!(rig.rates.acquisition_period_ns(), 500_000);
+    assert_eq!(rig.rates.control_period_ns(), 2_000_000);
+    assert_eq!(rig.phases.control_ns, 200_000);
+    assert_eq!(rig.channels.len(), 8);
+    assert_eq!(rig.channels.iter().filter(|channel| channel.kind == ChannelKind::Emg).count(), 6);
+    let axis = &rig.axes[0];
+    assert_eq!(axis.unit, AxisUnit::Radian);
+    assert!((axis.limits.position_max - 120.0_f64.to_radians()).abs() < 1e-12);
+    // § 4.1: 4.5e-3 V/count at 4000 counts a turn
+    assert!((axis.control.position_gain - 4.5e-3 * 4000.0 / std::f64::consts::TAU).abs() < 1e-9);
+    assert!((axis.master.position(4000) - std::f64::consts::TAU).abs() < 1e-12);
+    assert_eq!(rig.model.kind, ModelKind::Hydrostatic);
+    assert_eq!(rig.model.parameter("line_stiffness_factor").unwrap().source, ParameterSource::Traced);
+    assert_eq!(rig.simulation.hand.kind, HandKind::Passive);
+}
+
+#[test]
+fn the_two_hydrostatic_rigs_differ_in_the_line_alone() {
+    let (traced, printed) = (shipped("hydrostatic.toml"), shipped("hydrostatic-printed.toml"));
+    assert_eq!(traced.axes, printed.axes);
+    assert_eq!(traced.channels, printed.channels);
+    assert_eq!(traced.rates, printed.rates);
+    for parameter in &traced.model.parameters {
+        let other = printed.model.parameter(&parameter.name).unwrap();
+        assert_eq!(parameter.name != "line_stiffness_factor", parameter == other, "{}", parameter.name);
+    }
+    assert_ne!(traced.identity(), printed.identity());
+}
+
+#[test]
+fn the_emps_carriage_counts_in_metres() {
+    let rig = shipped("emps.toml");
+    let axis = &rig.axes[0];
+    assert_eq!(axis.unit, AxisUnit::Metre);
+    assert!((axis.master.position(1) - 5e-8).abs() < 1e-20);
+    // the record's law: kp kv = 160.18 * 243.45 V/m, kv = 243.45 V·s/m
+    assert!((axis.control.position_gain / (160.18 * 243.45) - 1.0).abs() < 1e-3);
+    assert!((axis.control.velocity_gain / 243.45 - 1.0).abs() < 1e-3);
+    assert_eq!(rig.model.kind, ModelKind::Drive);
+    assert!((rig.model.parameter("offset_n").unwrap().spread() - 10.0).abs() < 1e-12);
+    assert_eq!(rig.replay.position, "position_m");
+}
+
+#[test]
+fn a_rig_keeps_its_text_and_a_stable_identity() {
+    let rig = shipped("hydrostatic.toml");
+    assert!(rig.text().starts_with("# The hydrostatic"));
+    let again = RigFile::parse(rig.text(), rig.file_name()).unwrap();
+    assert_eq!(again, rig);
+    assert_eq!(rig.identity(), rig::identity(rig.text()));
+}
