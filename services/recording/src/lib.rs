@@ -1,1 +1,19 @@
-//! Reading and writing of recordings: MCAP and CSV.
+//! Reading and writing of recordings: MCAP files of the rig's messages, and the measured records (CSV or MCAP)
+//! that identification and replay work on.
+//!
+//! - [`mcap_write`]: the logger's writer. A killed logger leaves a readable prefix.
+//! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
+//! - [`mcap_edit`]: recover, cut and merge.
+//! - [`record`]: a measured record, column by column, checked before anybody uses it.
+//! - [`sequence`]: what a sequence number says about loss.
+//! - [`schema`]: the field table that a recording carries within itself.
+//!
+//! Nothing here reads a clock: times come in as arguments, in ns.
+#![forbid(unsafe_code)]
+
+pub mod mcap_edit;
+pub mod mcap_read;
+pub mod mcap_write;
+pub mod record;
+pub mod schema;
+pub mod sequence;

@@ -1,0 +1,1 @@
+//! Recover, cut and merge.

@@ -1,0 +1,152 @@
+//! One chunk, read and decompressed.
+
+use std::os::unix::fs::FileExt;
+use std::sync::Arc;
+
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::scan::Block;
+use super::{ReadError, Recording};
+
+/// Largest chunk that is decompressed [bytes]; farreach writes about 1 MiB. A damaged length must not take all memory.
+const LARGEST_CHUNK: usize = 512 << 20;
+/// Channel, sequence, log time, publish time in front of a message's payload [bytes].
+const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
+
+/// A schema or channel found in the file.
+#[derive(Debug)]
+pub(super) enum Definition {
+    Schema { id: u16, name: String, encoding: String, text: String },
+    Channel(mcap::records::Channel),
+}
+
+impl Definition {
+    pub(super) fn of(record: Record<'_>) -> Option<Self> {
+        match record {
+            Record::Schema { header, data } => Some(Self::Schema {
+                id: header.id,
+                name: header.name,
+                encoding: header.encoding,
+                text: String::from_utf8_lossy(&data).into_owned(),
+            }),
+            Record::Channel(channel) => Some(Self::Channel(channel)),
+            _ => None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Head {
+    pub(super) channel: u16,
+    pub(super) sequence: u32,
+    pub(super) log_time_ns: u64,
+    pub(super) publish_time_ns: u64,
+    start: usize,
+    end: usize,
+}
+
+/// The messages of one block.
+#[derive(Debug, Default)]
+pub(super) struct Loaded {
+    pub(super) definitions: Vec<Definition>,
+    pub(super) heads: Vec<Head>,
+    data: Vec<u8>,
+}
+
+/// One message as it stands in the file. Cheap to keep: it shares the memory of its chunk.
+#[derive(Clone, Debug)]
+pub struct RawMessage {
+    pub(super) block: Arc<Loaded>,
+    pub(super) head: Head,
+}
+
+impl RawMessage {
+    /// Number of its channel.
+    pub fn channel_id(&self) -> u16 {
+        self.head.channel
+    }
+    /// Sequence number (the lower 32 bits of the message's own).
+    pub fn sequence(&self) -> u32 {
+        self.head.sequence
+    }
+    /// When it was published, by the wall clock of the recording [ns since 1970].
+    pub fn log_time_ns(&self) -> u64 {
+        self.head.log_time_ns
+    }
+    /// The same, from the publish time.
+    pub fn publish_time_ns(&self) -> u64 {
+        self.head.publish_time_ns
+    }
+    /// The payload, CDR header included.
+    pub fn data(&self) -> &[u8] {
+        self.block.data.get(self.head.start..self.head.end).unwrap_or_default()
+    }
+}
+
+impl Recording {
+    /// Reads one block; `buffer` is scratch memory.
+    pub(super) fn load(&self, block: &Block, buffer: &mut Vec<u8>) -> Result<Loaded, ReadError> {
+        let damaged = |source| ReadError::Damaged {
+            path: self.path().to_owned(),
+            offset: block.offset,
+            source: Box::new(source),
+        };
+        let too_large = || damaged(mcap::McapError::ChunkTooLarge(block.length));
+        let length = usize::try_from(block.length).ok().filter(|&n| n <= LARGEST_CHUNK).ok_or_else(too_large)?;
+        buffer.resize(length, 0);
+        self.file
+            .read_exact_at(buffer, block.offset)
+            .map_err(|source| ReadError::Io { path: self.path().to_owned(), source })?;
+        decode(buffer).map_err(damaged)
+    }
+}
+
+/// Decodes a range of complete records; chunks only when their checksum is right.
+fn decode(mut bytes: &[u8]) -> mcap::McapResult<Loaded> {
+    let mut reader = LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(LARGEST_CHUNK),
+    );
+    let mut loaded = Loaded::default();
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let given = wanted.min(bytes.len());
+                let (now, later) = bytes.split_at(given);
+                reader.insert(given).copy_from_slice(now);
+                reader.notify_read(given);
+                bytes = later;
+            }
+            LinearReadEvent::Record { opcode: op::MESSAGE, data } => loaded.message(data)?,
+            LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL), data } => {
+                loaded.definitions.extend(Definition::of(mcap::parse_record(opcode, data)?));
+            }
+            LinearReadEvent::Record { .. } => {}
+        }
+    }
+    Ok(loaded)
+}
+
+impl Loaded {
+    fn message(&mut self, record: &[u8]) -> mcap::McapResult<()> {
+        let (head, payload) = record.split_at_checked(MESSAGE_HEAD).ok_or(mcap::McapError::UnexpectedEoc)?;
+        let number = |from: usize, to: usize| {
+            head[from..to].iter().rev().fold(0u64, |value, &byte| value << 8 | u64::from(byte))
+        };
+        let start = self.data.len();
+        self.data.extend_from_slice(payload);
+        self.heads.push(Head {
+            channel: number(0, 2) as u16,
+            sequence: number(2, 6) as u32,
+            log_time_ns: number(6, 14),
+            publish_time_ns: number(14, 22),
+            start,
+            end: self.data.len(),
+        });
+        Ok(())
+    }
+}

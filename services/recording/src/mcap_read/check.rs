@@ -1,0 +1,207 @@
+//! Reads a whole recording and says what is in it and what is missing.
+
+use std::collections::BTreeMap;
+
+use ipc_types::SAMPLE;
+
+use super::{Damage, ReadError, Recording, Selection};
+use crate::schema::LayoutField;
+use crate::sequence::SequenceTracker;
+
+/// What was found of one topic.
+#[derive(Clone, Debug, Default)]
+pub struct TopicCheck {
+    /// Topic.
+    pub topic: String,
+    /// Message type.
+    pub schema_name: String,
+    /// Messages in the file.
+    pub count: u64,
+    /// Log time of the first [ns since 1970].
+    pub first_ns: u64,
+    /// Log time of the last [ns since 1970].
+    pub last_ns: u64,
+    /// Messages that are missing between the first and the last, by their sequence.
+    pub gaps: u64,
+    /// Holes that they make.
+    pub gap_places: u64,
+    /// Messages that are there twice, or out of order.
+    pub duplicates: u64,
+    /// Starts of the sender.
+    pub incarnations: u64,
+    /// Messages that cannot be decoded.
+    pub undecodable: u64,
+    /// Why the first of them cannot.
+    pub problem: String,
+    /// Messages that the logger itself dropped or the disk refused, from the end record.
+    pub dropped: u64,
+}
+
+impl TopicCheck {
+    /// Mean rate [Hz]; `None` with fewer than two messages or no time between them.
+    pub fn rate_hz(&self) -> Option<f64> {
+        let span = self.last_ns.checked_sub(self.first_ns).filter(|&span| span > 0)?;
+        (self.count > 1).then(|| (self.count - 1) as f64 / (span as f64 * 1e-9))
+    }
+}
+
+/// Continuity of the acquisition grid in topic `sample`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ticks {
+    /// First tick.
+    pub first: u64,
+    /// Last tick.
+    pub last: u64,
+    /// Ticks between them without a sample.
+    pub missing: u64,
+    /// Holes that they make.
+    pub holes: u64,
+    /// Samples whose tick is not above the one before.
+    pub backwards: u64,
+}
+
+/// What a whole recording holds.
+#[derive(Clone, Debug, Default)]
+pub struct Check {
+    /// By topic; topics without messages are listed too.
+    pub topics: Vec<TopicCheck>,
+    /// Records and chunks that cannot be read.
+    pub damage: Vec<Damage>,
+    /// The acquisition grid; `None` without samples.
+    pub ticks: Option<Ticks>,
+    /// Footer and end mark are there.
+    pub complete: bool,
+    /// A recording of farreach's that was ended in good order; `true` for files of others.
+    pub ended_cleanly: bool,
+}
+
+impl Check {
+    /// Whether anything that belongs in the file is missing.
+    pub fn data_lost(&self) -> bool {
+        !self.complete
+            || !self.ended_cleanly
+            || !self.damage.is_empty()
+            || self.topics.iter().any(|t| t.gaps > 0 || t.dropped > 0 || t.undecodable > 0)
+            || self.ticks.is_some_and(|ticks| ticks.missing > 0)
+    }
+
+    /// First and last log time of all topics [ns since 1970].
+    pub fn span_ns(&self) -> Option<(u64, u64)> {
+        let filled = || self.topics.iter().filter(|topic| topic.count > 0);
+        Some((filled().map(|t| t.first_ns).min()?, filled().map(|t| t.last_ns).max()?))
+    }
+
+    /// Messages in the file.
+    pub fn messages(&self) -> u64 {
+        self.topics.iter().map(|topic| topic.count).sum()
+    }
+}
+
+#[derive(Default)]
+struct Follow {
+    check: TopicCheck,
+    tracker: SequenceTracker,
+}
+
+impl Recording {
+    /// Reads every message: counts, times, gaps, duplicates, checksums, schemas, ticks.
+    ///
+    /// # Errors
+    /// [`ReadError::Io`] only; damage is part of the answer.
+    pub fn check(&self) -> Result<Check, ReadError> {
+        let mut damage = self.damage().to_vec();
+        // channels of the same topic (merged files) count together
+        let mut topics: BTreeMap<&str, Follow> = BTreeMap::new();
+        for channel in self.channels().values() {
+            let follow = topics.entry(&channel.topic).or_default();
+            follow.check.topic.clone_from(&channel.topic);
+            follow.check.schema_name.clone_from(&channel.schema_name);
+            for loss in ["dropped", "refused"] {
+                let lost = self.end_record().and_then(|end| end.get(&format!("{}.{loss}", channel.topic)));
+                follow.check.dropped += lost.and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
+            }
+        }
+        let mut ticks: Option<Ticks> = None;
+        for message in self.raw(Selection::default()) {
+            let message = match message {
+                Ok(message) => message,
+                Err(ReadError::Damaged { offset, source, .. }) => {
+                    damage.push(Damage { offset, what: format!("chunk: {source}") });
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let Some(channel) = self.channel(&message) else {
+                damage.push(Damage {
+                    offset: 0,
+                    what: format!("a message of the unknown channel {}", message.channel_id()),
+                });
+                continue;
+            };
+            let Some(follow) = topics.get_mut(channel.topic.as_str()) else { continue };
+            let time = message.log_time_ns();
+            let check = &mut follow.check;
+            check.first_ns = if check.count == 0 { time } else { check.first_ns.min(time) };
+            check.last_ns = check.last_ns.max(time);
+            check.count += 1;
+            match self.decode(&message) {
+                Ok((layout, body)) => {
+                    let read = |name: &str| layout.field(name).and_then(|field| unsigned(field, body));
+                    follow.tracker.observe(
+                        read("incarnation").unwrap_or(0),
+                        read("sequence").unwrap_or_else(|| u64::from(message.sequence())),
+                    );
+                    if channel.topic == SAMPLE.topic.name
+                        && let Some(tick) = read("tick")
+                    {
+                        step(&mut ticks, tick);
+                    }
+                }
+                Err(error) => {
+                    check.undecodable += 1;
+                    if check.problem.is_empty() {
+                        check.problem = match error {
+                            ReadError::Schema { source, .. } => source.to_string(),
+                            other => other.to_string(),
+                        };
+                    }
+                    follow.tracker.observe(0, u64::from(message.sequence()));
+                }
+            }
+        }
+        let topics = topics
+            .into_values()
+            .map(|follow| TopicCheck {
+                gaps: follow.tracker.gaps(),
+                gap_places: follow.tracker.gap_places(),
+                duplicates: follow.tracker.duplicates(),
+                incarnations: follow.tracker.incarnations(),
+                ..follow.check
+            })
+            .collect();
+        let ended_cleanly = self.start_record().is_none() || self.ended_cleanly();
+        Ok(Check { topics, damage, ticks, complete: self.tail().complete, ended_cleanly })
+    }
+}
+
+fn unsigned(field: &LayoutField, body: &[u8]) -> Option<u64> {
+    match field.read(body, 0)? {
+        ipc_types::Value::Unsigned(value) => Some(value),
+        _ => None,
+    }
+}
+
+fn step(ticks: &mut Option<Ticks>, tick: u64) {
+    let Some(ticks) = ticks else {
+        *ticks = Some(Ticks { first: tick, last: tick, ..Ticks::default() });
+        return;
+    };
+    if tick <= ticks.last {
+        ticks.backwards += 1;
+        return;
+    }
+    let missing = tick - ticks.last - 1;
+    ticks.missing += missing;
+    ticks.holes += u64::from(missing > 0);
+    ticks.last = tick;
+}

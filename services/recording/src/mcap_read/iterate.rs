@@ -1,0 +1,169 @@
+//! Walks over messages, raw and typed.
+
+use std::collections::BTreeMap;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use ipc_types::Message;
+
+use super::block::Loaded;
+use super::{RawMessage, ReadError, Recording};
+use crate::schema::{Conversion, Layout};
+
+/// Which messages to read.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// Only these channels.
+    pub channels: Option<Vec<u16>>,
+    /// Only messages with a log time from here on [ns].
+    pub from_ns: Option<u64>,
+    /// Only messages with a log time before this [ns].
+    pub until_ns: Option<u64>,
+}
+
+impl Selection {
+    fn wants_block(&self, block: &super::scan::Block) -> bool {
+        let channels = match (&self.channels, &block.channels) {
+            (Some(wanted), Some(there)) => there.iter().any(|id| wanted.contains(id)),
+            _ => true,
+        };
+        let times = match block.times {
+            // a chunk without messages says 0, 0
+            Some((first, last)) if (first, last) != (0, 0) => {
+                self.from_ns.is_none_or(|from| last >= from) && self.until_ns.is_none_or(|until| first < until)
+            }
+            _ => true,
+        };
+        channels && times
+    }
+
+    fn wants(&self, head: &super::block::Head) -> bool {
+        self.channels.as_ref().is_none_or(|wanted| wanted.contains(&head.channel))
+            && self.from_ns.is_none_or(|from| head.log_time_ns >= from)
+            && self.until_ns.is_none_or(|until| head.log_time_ns < until)
+    }
+}
+
+/// Messages in the order in which they were written. A damaged chunk yields one error; the next call goes on behind it.
+#[derive(Debug)]
+pub struct RawMessages<'a> {
+    recording: &'a Recording,
+    selection: Selection,
+    next_block: usize,
+    block: Arc<Loaded>,
+    next_message: usize,
+    buffer: Vec<u8>,
+}
+
+impl Recording {
+    /// Messages as they stand in the file.
+    pub fn raw(&self, selection: Selection) -> RawMessages<'_> {
+        RawMessages {
+            recording: self,
+            selection,
+            next_block: 0,
+            block: Arc::default(),
+            next_message: 0,
+            buffer: Vec::new(),
+        }
+    }
+
+    /// The messages of one topic as this build's `T`; fields that the recording lacks are zero.
+    ///
+    /// # Errors
+    /// [`ReadError::NoTopic`], [`ReadError::Schema`]. The iterator yields [`ReadError::Damaged`] once per damaged chunk.
+    pub fn messages<T: Message>(&self, topic: &str) -> Result<Messages<'_, T>, ReadError> {
+        let ids = self.channels_of(topic)?;
+        let mut conversions = BTreeMap::new();
+        for id in &ids {
+            let Some(channel) = self.channels().get(id) else { continue };
+            let layout = channel.layout.clone().map_err(|source| ReadError::Schema {
+                path: self.path().to_owned(),
+                topic: topic.to_owned(),
+                source,
+            })?;
+            let conversion = layout.conversion::<T>();
+            conversions.insert(*id, (layout, conversion));
+        }
+        let raw = self.raw(Selection { channels: Some(ids), ..Selection::default() });
+        Ok(Messages { raw, topic: topic.to_owned(), conversions, message: PhantomData })
+    }
+}
+
+impl Iterator for RawMessages<'_> {
+    type Item = Result<RawMessage, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            while let Some(&head) = self.block.heads.get(self.next_message) {
+                self.next_message += 1;
+                if self.selection.wants(&head) {
+                    return Some(Ok(RawMessage { block: Arc::clone(&self.block), head }));
+                }
+            }
+            let block = self.recording.blocks.get(self.next_block)?;
+            self.next_block += 1;
+            if !self.selection.wants_block(block) {
+                continue;
+            }
+            self.next_message = 0;
+            self.block = Arc::default();
+            match self.recording.load(block, &mut self.buffer) {
+                Ok(loaded) => self.block = Arc::new(loaded),
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
+/// One message and when it was written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recorded<T> {
+    /// By the wall clock of the recording [ns since 1970].
+    pub log_time_ns: u64,
+    /// The message.
+    pub message: T,
+}
+
+/// The messages of one topic.
+#[derive(Debug)]
+pub struct Messages<'a, T> {
+    raw: RawMessages<'a>,
+    topic: String,
+    conversions: BTreeMap<u16, (Layout, Conversion)>,
+    message: PhantomData<fn() -> T>,
+}
+
+impl<T> Messages<'_, T> {
+    /// Fields of this build that the recording lacks.
+    pub fn missing_fields(&self) -> Vec<&'static str> {
+        let mut missing: Vec<_> = self.conversions.values().flat_map(|(_, c)| c.missing.iter().copied()).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        missing
+    }
+}
+
+impl<T: Message> Iterator for Messages<'_, T> {
+    type Item = Result<Recorded<T>, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let raw = match self.raw.next()? {
+                Ok(raw) => raw,
+                Err(error) => return Some(Err(error)),
+            };
+            let Some((layout, conversion)) = self.conversions.get(&raw.channel_id()) else { continue };
+            let body = match layout.body(raw.data()) {
+                Ok(body) => body,
+                Err(source) => {
+                    let path = self.raw.recording.path().to_owned();
+                    return Some(Err(ReadError::Schema { path, topic: self.topic.clone(), source }));
+                }
+            };
+            if let Some(message) = conversion.apply(body) {
+                return Some(Ok(Recorded { log_time_ns: raw.log_time_ns(), message }));
+            }
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Reads recordings, whole or torn, also those of older builds.
+//!
+//! [`Recording::open`] walks the records of the file without decompressing anything, so that hours of
+//! recording open quickly; the messages are then read chunk by chunk, so that memory does not grow with the file. A file whose
+//! logger was killed ends somewhere within a record: everything up to the last complete chunk is read, and
+//! [`Recording::tail`] says what was lost. A chunk whose checksum is wrong costs that chunk only.
+//!
+//! Messages are decoded by the schema in the file ([`crate::schema`]), never by this build's structs alone.
+//!
+//! ```
+//! # use ipc_types::{Message, SAMPLE, Sample};
+//! # use recording::mcap_write::{Start, Writer};
+//! # let directory = tempfile::tempdir()?;
+//! # let path = directory.path().join("run.mcap");
+//! # let mut writer = Writer::create(&path, &Start::default(), 0)?;
+//! # let mut sample = Sample::default();
+//! # sample.stamp(1, 2, 0, 500_000);
+//! # writer.write_message(&SAMPLE, &sample)?;
+//! # writer.finish(&[])?;
+//! let recording = recording::mcap_read::Recording::open(&path)?;
+//! for sample in recording.messages::<Sample>("sample")? {
+//!     assert_eq!(sample?.message.time_ns, 500_000);
+//! }
+//! assert!(recording.ended_cleanly());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod block;
+mod check;
+mod iterate;
+mod scan;
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+pub use block::RawMessage;
+pub use check::{Check, Ticks, TopicCheck};
+pub use iterate::{Messages, RawMessages, Recorded, Selection};
+
+use crate::mcap_write::{END_RECORD, START_RECORD, key};
+use crate::schema::{Layout, SchemaError};
+
+/// Why a recording cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The file cannot be opened or read.
+    #[error("{}: cannot read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file holds nothing.
+    #[error("{}: the file is empty: expected an MCAP recording; a logger that could not write anything leaves such a file", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Not an MCAP file.
+    #[error("{}: not an MCAP file: expected it to begin with 89 4d 43 41 50 30 0d 0a, found {found}", path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+        /// Its first bytes.
+        found: String,
+    },
+    /// One chunk is damaged; the others can still be read.
+    #[error("{}: damaged at byte {offset}: {source}; the messages of this chunk are lost, `farreach rec recover` keeps the others", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where the chunk begins.
+        offset: u64,
+        /// What the library said.
+        source: Box<mcap::McapError>,
+    },
+    /// No such topic in this file.
+    #[error("{}: no topic `{topic}`; it has {available}", path.display())]
+    NoTopic {
+        /// The file.
+        path: PathBuf,
+        /// What was asked for.
+        topic: String,
+        /// What is there.
+        available: String,
+    },
+    /// A message cannot be decoded.
+    #[error("{}: topic {topic}: {source}", path.display())]
+    Schema {
+        /// The file.
+        path: PathBuf,
+        /// Topic.
+        topic: String,
+        /// What is wrong.
+        source: SchemaError,
+    },
+}
+
+/// One channel of a recording.
+#[derive(Clone, Debug)]
+pub struct Channel {
+    /// Topic.
+    pub topic: String,
+    /// Name of the message type.
+    pub schema_name: String,
+    /// Language of the schema.
+    pub schema_encoding: String,
+    /// The schema.
+    pub schema: String,
+    /// Encoding of the messages.
+    pub message_encoding: String,
+    /// What the writer says about the channel.
+    pub metadata: BTreeMap<String, String>,
+    /// The field table, or why there is none.
+    pub layout: Result<Layout, SchemaError>,
+}
+
+/// How the file ends.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tail {
+    /// Whether footer and end magic are in place.
+    pub complete: bool,
+    /// Bytes up to the end of the last complete record.
+    pub readable: u64,
+    /// Bytes after it that cannot be read.
+    pub lost: u64,
+    /// What is there instead of an end; empty where complete.
+    pub reason: String,
+}
+
+/// Something within the file that cannot be read, while what follows can.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Where [bytes].
+    pub offset: u64,
+    /// What.
+    pub what: String,
+}
+
+/// An open recording.
+#[derive(Debug)]
+pub struct Recording {
+    path: PathBuf,
+    file: File,
+    bytes: u64,
+    library: String,
+    blocks: Vec<scan::Block>,
+    channels: BTreeMap<u16, Channel>,
+    metadata: Vec<(String, BTreeMap<String, String>)>,
+    attachments: u64,
+    damage: Vec<Damage>,
+    tail: Tail,
+}
+
+impl Recording {
+    /// Opens a recording and finds its records.
+    ///
+    /// # Errors
+    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`]. A torn or damaged file is no error: see
+    /// [`Self::tail`] and [`Self::damage`].
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        scan::open(path)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// Size of the file [bytes].
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+    /// The program that wrote it.
+    pub fn library(&self) -> &str {
+        &self.library
+    }
+    /// The channels, by number.
+    pub fn channels(&self) -> &BTreeMap<u16, Channel> {
+        &self.channels
+    }
+    /// The channel of a message.
+    pub fn channel(&self, message: &RawMessage) -> Option<&Channel> {
+        self.channels.get(&message.channel_id())
+    }
+    /// All metadata records in order: name and content.
+    pub fn metadata_records(&self) -> &[(String, BTreeMap<String, String>)] {
+        &self.metadata
+    }
+    /// What the recording says about itself from its start; `None` for files that farreach did not write.
+    pub fn start_record(&self) -> Option<&BTreeMap<String, String>> {
+        self.record(START_RECORD)
+    }
+    /// What was added when it was ended in good order, loss counters among it.
+    pub fn end_record(&self) -> Option<&BTreeMap<String, String>> {
+        self.record(END_RECORD)
+    }
+    /// One value of the start record, see [`key`].
+    pub fn metadata(&self, key: &str) -> Option<&str> {
+        self.start_record()?.get(key).map(String::as_str)
+    }
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` as fixed for this file [ns].
+    pub fn realtime_offset_ns(&self) -> Option<i64> {
+        self.metadata(key::REALTIME_OFFSET_NS)?.parse().ok()
+    }
+    /// Whether it was ended in good order.
+    pub fn ended_cleanly(&self) -> bool {
+        self.tail.complete && self.end_record().is_some_and(|end| end.get(key::CLEAN_END).is_some_and(|v| v == "true"))
+    }
+    /// How the file ends.
+    pub fn tail(&self) -> &Tail {
+        &self.tail
+    }
+    /// Records that were found unreadable when the file was opened (chunks are looked into later).
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+    /// Chunks, and runs of messages outside chunks.
+    pub fn blocks(&self) -> usize {
+        self.blocks.len()
+    }
+    /// Attachments; farreach writes none.
+    pub fn attachments(&self) -> u64 {
+        self.attachments
+    }
+
+    fn record(&self, name: &str) -> Option<&BTreeMap<String, String>> {
+        self.metadata.iter().find(|(found, _)| found == name).map(|(_, content)| content)
+    }
+
+    /// The channels of a topic (a merged file may have several).
+    ///
+    /// # Errors
+    /// [`ReadError::NoTopic`].
+    pub fn channels_of(&self, topic: &str) -> Result<Vec<u16>, ReadError> {
+        let ids: Vec<u16> = self.channels.iter().filter(|(_, c)| c.topic == topic).map(|(&id, _)| id).collect();
+        if ids.is_empty() {
+            let mut names: Vec<_> = self.channels.values().map(|c| c.topic.as_str()).collect();
+            names.sort_unstable();
+            names.dedup();
+            let available = if names.is_empty() { "no topics at all".to_owned() } else { names.join(", ") };
+            return Err(ReadError::NoTopic { path: self.path.clone(), topic: topic.to_owned(), available });
+        }
+        Ok(ids)
+    }
+
+    /// The body and field table of a message.
+    ///
+    /// # Errors
+    /// [`ReadError::Schema`] where its schema or payload cannot be read.
+    pub fn decode<'a>(&'a self, message: &'a RawMessage) -> Result<(&'a Layout, &'a [u8]), ReadError> {
+        let Some(channel) = self.channel(message) else {
+            return Err(ReadError::NoTopic {
+                path: self.path.clone(),
+                topic: format!("of channel {}", message.channel_id()),
+                available: format!("{} channels", self.channels.len()),
+            });
+        };
+        let wrong = |source| ReadError::Schema { path: self.path.clone(), topic: channel.topic.clone(), source };
+        let layout = channel.layout.as_ref().map_err(|source| wrong(source.clone()))?;
+        Ok((layout, layout.body(message.data()).map_err(wrong)?))
+    }
+}

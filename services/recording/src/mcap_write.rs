@@ -1,0 +1,564 @@
+//! The logger's MCAP writer.
+//!
+//! One channel per topic of [`ipc_types::TOPICS`]; the payload is the CDR header and the message's bytes,
+//! copied. lz4, chunks of about 1 MiB, a flush every [`FLUSH_NS`], `fdatasync` every [`SYNC_NS`], no seeking: whatever
+//! kills the process, everything up to the last flush reads back, and a crash of the machine costs one sync
+//! interval at most.
+//!
+//! Times: `log_time` and `publish_time` are the message's `time_ns` plus the realtime offset that was fixed at the
+//! start of the file (ns since 1970); the payload keeps the monotonic time.
+//!
+//! Metadata: a record [`START_RECORD`] first, holding what the caller gives (git revision, rig file's text,
+//! protocol's text, ...; the keys are the constants of [`key`]), and a record [`END_RECORD`] last, holding the loss
+//! counters and `clean_end = true`. Rig file and protocol are metadata, not attachments, because every MCAP tool shows
+//! metadata and the texts are small.
+//!
+//! ```
+//! use ipc_types::{Message, SAMPLE, Sample};
+//! use recording::mcap_write::{Start, Writer, key};
+//!
+//! let directory = tempfile::tempdir()?;
+//! let path = directory.path().join("run.mcap");
+//! let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }.with(key::RIG, "hydrostatic");
+//! let mut writer = Writer::create(&path, &start, 0)?;
+//! let mut sample = Sample::default();
+//! sample.stamp(1, 2, 0, 500_000);
+//! writer.write_message(&SAMPLE, &sample)?;
+//! writer.tick(600_000)?; // flushes and syncs when it is time
+//! let summary = writer.finish(&[])?;
+//! assert_eq!(summary.written, 1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+
+/// Longest time between two flushes [ns].
+pub const FLUSH_NS: u64 = 300_000_000;
+/// Longest time between two syncs to the disk [ns].
+pub const SYNC_NS: u64 = 900_000_000;
+/// Size at which a chunk is closed even before the flush [bytes, uncompressed].
+pub const CHUNK_BYTES: u64 = 1024 * 1024;
+/// Name of the metadata record at the start of a recording.
+pub const START_RECORD: &str = "farreach";
+/// Name of the metadata record at the end of a recording that was ended in good order.
+pub const END_RECORD: &str = "farreach.end";
+
+/// Keys of the metadata records.
+pub mod key {
+    /// Layout of the metadata themselves: `1`.
+    pub const FORMAT: &str = "format";
+    /// Git revision of the build.
+    pub const REVISION: &str = "revision";
+    /// Version of farreach.
+    pub const VERSION: &str = "farreach_version";
+    /// Name of the rig.
+    pub const RIG: &str = "rig";
+    /// Text of the rig file.
+    pub const RIG_FILE: &str = "rig_file";
+    /// Timing profile, `realtime` or `best-effort`.
+    pub const PROFILE: &str = "profile";
+    /// Name of the protocol.
+    pub const PROTOCOL: &str = "protocol";
+    /// Text of the protocol.
+    pub const PROTOCOL_FILE: &str = "protocol_file";
+    /// Command line that started the recording.
+    pub const COMMAND_LINE: &str = "command_line";
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file [ns].
+    pub const REALTIME_OFFSET_NS: &str = "realtime_offset_ns";
+    /// `CLOCK_MONOTONIC` when the file was begun [ns].
+    pub const STARTED_NS: &str = "started_ns";
+    /// Number of the part: 1, or higher after a restart of the logger.
+    pub const PART: &str = "part";
+    /// `true` in the end record.
+    pub const CLEAN_END: &str = "clean_end";
+}
+
+/// Where the bytes go. A file; in tests something that fails when told to.
+pub trait Output: Write + Send {
+    /// Brings everything written so far to the disk.
+    ///
+    /// # Errors
+    /// Those of the device.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+impl Output for File {
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// What a recording says about itself from the start.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Start {
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start [ns].
+    pub realtime_offset_ns: i64,
+    /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format and, where the caller gave
+    /// none, the part.
+    pub metadata: BTreeMap<String, String>,
+}
+
+impl Start {
+    /// With one more pair.
+    #[must_use]
+    pub fn with(mut self, key: &str, value: &str) -> Self {
+        self.metadata.insert(key.to_owned(), value.to_owned());
+        self
+    }
+}
+
+/// Why a recording cannot be written, or no longer.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// There is already something of that name.
+    #[error("{}: a file of that name exists; recordings are never overwritten: choose another name or move it away", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file could not be created.
+    #[error("{}: cannot create the recording: {source}; check that the directory exists and is writable", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The disk is full. The writer takes nothing more.
+    #[error("{}: the disk is full; {refused} messages refused; what was flushed before stays readable: free some space and start a new recording", path.display())]
+    DiskFull {
+        /// The file.
+        path: PathBuf,
+        /// Messages that are not in the file.
+        refused: u64,
+    },
+    /// The disk failed. The writer takes nothing more.
+    #[error("{}: cannot write: {source}; {refused} messages refused; what was flushed before stays readable: start a new recording on a sound disk", path.display())]
+    Disk {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+        /// Messages that are not in the file.
+        refused: u64,
+    },
+    /// An earlier error ended this recording.
+    #[error("{}: the recording ended with an error ({cause}); {refused} messages refused since: start a new recording", path.display())]
+    Poisoned {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        cause: String,
+        /// Messages that are not in the file.
+        refused: u64,
+    },
+    /// No such topic.
+    #[error("topic {topic}: expected one of the table of topics")]
+    Topic {
+        /// Index or name.
+        topic: String,
+    },
+    /// A message of the wrong size.
+    #[error("{topic}: expected {expected} bytes, found {found}: the sender is of another build")]
+    Length {
+        /// Name of the topic.
+        topic: &'static str,
+        /// Size by the table of topics [bytes].
+        expected: usize,
+        /// Size that came [bytes].
+        found: usize,
+    },
+    /// The MCAP library refused.
+    #[error("{}: {source}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What the library said.
+        source: mcap::McapError,
+    },
+}
+
+/// The buffered output, shared with the MCAP library's writer so that it can be synced and, after an error, cut off.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Target>>);
+
+struct Target {
+    /// `None` after an error: nothing may follow the torn record.
+    output: Option<BufWriter<Box<dyn Output>>>,
+    bytes: u64,
+}
+
+impl Shared {
+    fn new(output: Box<dyn Output>) -> Self {
+        Self(Arc::new(Mutex::new(Target { output: Some(BufWriter::with_capacity(128 * 1024, output)), bytes: 0 })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Target> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        match &mut self.lock().output {
+            Some(output) => {
+                output.flush()?;
+                output.get_mut().sync()
+            }
+            None => Err(cut_off()),
+        }
+    }
+
+    /// Drops the output together with whatever it buffers.
+    fn cut(&self) {
+        if let Some(output) = self.lock().output.take() {
+            drop(output.into_parts());
+        }
+    }
+}
+
+fn cut_off() -> io::Error {
+    io::Error::other("the recording was given up after an error")
+}
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut target = self.lock();
+        let written = target.output.as_mut().ok_or_else(cut_off)?.write(bytes)?;
+        target.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.lock().output.as_mut().ok_or_else(cut_off)?.flush()
+    }
+}
+
+/// What a recording held when it was ended in good order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Summary {
+    /// The file.
+    pub path: PathBuf,
+    /// Its size [bytes].
+    pub bytes: u64,
+    /// Messages in it.
+    pub written: u64,
+    /// Messages of the wrong size or topic that were refused.
+    pub refused: u64,
+    /// Messages in it by index of the topic.
+    pub written_by_topic: Vec<u64>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    written: u64,
+    /// since the last flush: lost if the next one fails
+    pending: u64,
+    refused: u64,
+}
+
+/// Writes one recording.
+pub struct Writer {
+    path: PathBuf,
+    shared: Shared,
+    mcap: mcap::Writer<NoSeek<Shared>>,
+    /// channel by index of the topic
+    channels: Vec<u16>,
+    counts: Vec<Count>,
+    payload: Vec<u8>,
+    realtime_offset_ns: i64,
+    flushed_ns: u64,
+    synced_ns: u64,
+    poisoned: Option<String>,
+    refused_elsewhere: u64,
+}
+
+impl std::fmt::Debug for Writer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Writer").field("path", &self.path).field("poisoned", &self.poisoned).finish_non_exhaustive()
+    }
+}
+
+impl Writer {
+    /// Begins a recording in a file that does not exist yet. `now_ns` is `CLOCK_MONOTONIC`.
+    ///
+    /// # Errors
+    /// [`WriteError::Exists`], [`WriteError::Create`], or those of the first write.
+    pub fn create(path: &Path, start: &Start, now_ns: u64) -> Result<Self, WriteError> {
+        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| {
+            if source.kind() == io::ErrorKind::AlreadyExists {
+                WriteError::Exists { path: path.to_owned() }
+            } else {
+                WriteError::Create { path: path.to_owned(), source }
+            }
+        })?;
+        let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
+        // The name itself must survive a crash too. Some file systems cannot sync a directory: then it is theirs to keep.
+        if let Some(directory) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            let _ = File::open(directory).and_then(|d| d.sync_all());
+        }
+        Ok(writer)
+    }
+
+    /// Begins a recording on any output; `path` only names it in messages.
+    ///
+    /// # Errors
+    /// Those of the first write.
+    pub fn to_output(output: Box<dyn Output>, path: &Path, start: &Start, now_ns: u64) -> Result<Self, WriteError> {
+        let shared = Shared::new(output);
+        let begin = || -> mcap::McapResult<_> {
+            let mut mcap = mcap::WriteOptions::new()
+                .compression(Some(mcap::Compression::Lz4))
+                .chunk_size(Some(CHUNK_BYTES))
+                .disable_seeking(true)
+                // "ros2" makes readers take the topics for those of a ROS 2 bag, which is how they decode them
+                .profile("ros2")
+                .library(concat!("farreach ", env!("CARGO_PKG_VERSION")))
+                .create(NoSeek::new(shared.clone()))?;
+            let mut metadata = start.metadata.clone();
+            metadata.insert(key::FORMAT.to_owned(), "1".to_owned());
+            metadata.insert(key::REALTIME_OFFSET_NS.to_owned(), start.realtime_offset_ns.to_string());
+            metadata.insert(key::STARTED_NS.to_owned(), now_ns.to_string());
+            metadata.entry(key::PART.to_owned()).or_insert_with(|| "1".to_owned());
+            mcap.write_metadata(&Metadata { name: START_RECORD.to_owned(), metadata })?;
+            let mut channels = Vec::with_capacity(TOPICS.len());
+            for topic in TOPICS {
+                let schema = mcap.add_schema(topic.ros_name, "ros2msg", (topic.schema)().as_bytes())?;
+                let about = BTreeMap::from([
+                    ("owner".to_owned(), topic.owner.text().to_owned()),
+                    ("type".to_owned(), topic.type_name.to_owned()),
+                ]);
+                channels.push(mcap.add_channel(schema, topic.name, "cdr", &about)?);
+            }
+            // The schemas must be on the disk before the first message: a prefix without them could not be read.
+            mcap.flush()?;
+            Ok((mcap, channels))
+        };
+        let begun = begin();
+        let (mcap, channels) = match begun {
+            Ok(begun) => begun,
+            Err(source) => {
+                shared.cut();
+                return Err(disk_error(path, source, 0));
+            }
+        };
+        let longest = TOPICS.iter().map(|topic| topic.size).max().unwrap_or(0);
+        Ok(Self {
+            path: path.to_owned(),
+            shared,
+            mcap,
+            channels,
+            counts: vec![Count::default(); TOPICS.len()],
+            payload: Vec::with_capacity(CDR_HEADER.len() + longest),
+            realtime_offset_ns: start.realtime_offset_ns,
+            flushed_ns: now_ns,
+            synced_ns: now_ns,
+            poisoned: None,
+            refused_elsewhere: 0,
+        })
+    }
+
+    /// Writes one message of the topic with that index in [`ipc_types::TOPICS`], given as its bytes.
+    ///
+    /// # Errors
+    /// [`WriteError::Topic`] and [`WriteError::Length`] refuse this message only; any other error ends the recording.
+    pub fn write(&mut self, topic: usize, bytes: &[u8]) -> Result<(), WriteError> {
+        let (Some(entry), Some(&channel)) = (TOPICS.get(topic), self.channels.get(topic)) else {
+            self.refused_elsewhere += 1;
+            return Err(WriteError::Topic { topic: topic.to_string() });
+        };
+        if bytes.len() != entry.size {
+            self.counts[topic].refused += 1;
+            return Err(WriteError::Length { topic: entry.name, expected: entry.size, found: bytes.len() });
+        }
+        if let Some(cause) = &self.poisoned {
+            self.counts[topic].refused += 1;
+            return Err(WriteError::Poisoned {
+                path: self.path.clone(),
+                cause: cause.clone(),
+                refused: self.refused(),
+            });
+        }
+        let log_time = self.log_time(word(bytes, 24));
+        self.payload.clear();
+        self.payload.extend_from_slice(&CDR_HEADER);
+        self.payload.extend_from_slice(bytes);
+        let header =
+            MessageHeader { channel_id: channel, sequence: word(bytes, 16) as u32, log_time, publish_time: log_time };
+        self.counts[topic].pending += 1;
+        match self.mcap.write_to_known_channel(&header, &self.payload) {
+            Ok(()) => Ok(()),
+            Err(source) => Err(self.poison(source)),
+        }
+    }
+
+    /// Writes one typed message.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_message<T: Message>(&mut self, topic: &TypedTopic<T>, message: &T) -> Result<(), WriteError> {
+        let index = TOPICS.iter().position(|entry| entry.name == topic.topic.name);
+        match index {
+            Some(index) => self.write(index, message.as_bytes()),
+            None => {
+                self.refused_elsewhere += 1;
+                Err(WriteError::Topic { topic: topic.topic.name.to_owned() })
+            }
+        }
+    }
+
+    /// Flushes and syncs when it is time. Call it every few tens of milliseconds.
+    ///
+    /// # Errors
+    /// Those of the disk; they end the recording. Once it has ended so, this does nothing.
+    pub fn tick(&mut self, now_ns: u64) -> Result<(), WriteError> {
+        if self.poisoned.is_some() {
+            return Ok(());
+        }
+        if now_ns.saturating_sub(self.synced_ns) >= SYNC_NS {
+            self.flush()?;
+            self.flushed_ns = now_ns;
+            self.synced_ns = now_ns;
+            if let Err(source) = self.shared.sync() {
+                return Err(self.poison(mcap::McapError::Io(source)));
+            }
+        } else if now_ns.saturating_sub(self.flushed_ns) >= FLUSH_NS {
+            self.flush()?;
+            self.flushed_ns = now_ns;
+        }
+        Ok(())
+    }
+
+    /// Closes the present chunk and hands everything to the operating system.
+    ///
+    /// # Errors
+    /// Those of the disk; they end the recording.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        if self.poisoned.is_some() {
+            return Ok(());
+        }
+        if let Err(source) = self.mcap.flush() {
+            return Err(self.poison(source));
+        }
+        for count in &mut self.counts {
+            count.written += std::mem::take(&mut count.pending);
+        }
+        Ok(())
+    }
+
+    /// Ends the recording in good order: end record, index, footer, sync. `losses` are the counters of the topics.
+    ///
+    /// # Errors
+    /// Those of the disk, and [`WriteError::Poisoned`] when the recording had ended with an error before. The
+    /// prefix on the disk stays readable.
+    pub fn finish(mut self, losses: &[LossCounters]) -> Result<Summary, WriteError> {
+        self.flush()?;
+        if let Some(cause) = &self.poisoned {
+            return Err(WriteError::Poisoned {
+                path: self.path.clone(),
+                cause: cause.clone(),
+                refused: self.refused(),
+            });
+        }
+        let mut metadata = BTreeMap::from([(key::CLEAN_END.to_owned(), "true".to_owned())]);
+        for (topic, count) in TOPICS.iter().zip(&self.counts) {
+            metadata.insert(format!("{}.written", topic.name), count.written.to_string());
+        }
+        for loss in losses {
+            let Some(topic) = TOPICS.get(loss.topic as usize) else { continue };
+            for (name, value) in
+                [("received", loss.received), ("gaps", loss.gaps), ("dropped", loss.dropped), ("refused", loss.refused)]
+            {
+                metadata.insert(format!("{}.{name}", topic.name), value.to_string());
+            }
+        }
+        let end = Metadata { name: END_RECORD.to_owned(), metadata };
+        let ended = self.mcap.write_metadata(&end).and_then(|()| self.mcap.finish().map(|_| ()));
+        if let Err(source) = ended.and_then(|()| self.shared.sync().map_err(mcap::McapError::Io)) {
+            return Err(self.poison(source));
+        }
+        Ok(Summary {
+            path: self.path.clone(),
+            bytes: self.bytes(),
+            written: self.written(),
+            refused: self.refused(),
+            written_by_topic: self.counts.iter().map(|count| count.written).collect(),
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// Bytes written so far (the open chunk excluded).
+    pub fn bytes(&self) -> u64 {
+        self.shared.lock().bytes
+    }
+    /// Messages taken so far; those since the last flush are among them as long as no error came.
+    pub fn written(&self) -> u64 {
+        self.counts.iter().map(|count| count.written + count.pending).sum()
+    }
+    /// Messages that are not in the file although they were offered.
+    pub fn refused(&self) -> u64 {
+        self.refused_elsewhere + self.counts.iter().map(|count| count.refused).sum::<u64>()
+    }
+    /// The same for one topic.
+    pub fn written_of(&self, topic: usize) -> u64 {
+        self.counts.get(topic).map_or(0, |count| count.written + count.pending)
+    }
+    /// The same for one topic.
+    pub fn refused_of(&self, topic: usize) -> u64 {
+        self.counts.get(topic).map_or(0, |count| count.refused)
+    }
+    /// What ended the recording before its time.
+    pub fn error(&self) -> Option<&str> {
+        self.poisoned.as_deref()
+    }
+
+    fn log_time(&self, time_ns: u64) -> u64 {
+        time_ns.saturating_add_signed(self.realtime_offset_ns)
+    }
+
+    fn poison(&mut self, source: mcap::McapError) -> WriteError {
+        // Whatever was not flushed counts as refused. Part of it may have reached the disk: the count errs on the safe side.
+        for count in &mut self.counts {
+            count.refused += std::mem::take(&mut count.pending);
+        }
+        self.shared.cut();
+        let error = disk_error(&self.path, source, self.refused());
+        self.poisoned = Some(match &error {
+            WriteError::DiskFull { .. } => "the disk is full".to_owned(),
+            WriteError::Disk { source, .. } => source.to_string(),
+            other => other.to_string(),
+        });
+        error
+    }
+}
+
+fn disk_error(path: &Path, source: mcap::McapError, refused: u64) -> WriteError {
+    let path = path.to_owned();
+    match source {
+        mcap::McapError::Io(source)
+            if matches!(source.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) =>
+        {
+            WriteError::DiskFull { path, refused }
+        }
+        mcap::McapError::Io(source) => WriteError::Disk { path, source, refused },
+        source => WriteError::Format { path, source },
+    }
+}
+
+/// The little-endian word at `at`; the caller has checked the length.
+fn word(bytes: &[u8], at: usize) -> u64 {
+    let mut raw = [0u8; 8];
+    if let Some(slice) = bytes.get(at..at + 8) {
+        raw.copy_from_slice(slice);
+    }
+    u64::from_le_bytes(raw)
+}

@@ -1,0 +1,317 @@
+//! The field table of a message as the recording itself declares it.
+//!
+//! farreach's messages are flat, so of the `ros2msg` language only scalars and arrays of fixed length of the six
+//! numeric types in [`ipc_types::Primitive`] occur. The offsets follow the rules of plain CDR (each field aligned to its own
+//! size, counted from behind the four-byte header), so that a schema without hand-made padding reads right as well.
+
+use ipc_types::{CDR_HEADER, Field, Message, Primitive, Value};
+
+/// Why a message of a recording cannot be decoded.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SchemaError {
+    /// The schema is not written in `ros2msg`.
+    #[error("schema {name}: expected encoding ros2msg, found {found}")]
+    Encoding {
+        /// Name of the schema.
+        name: String,
+        /// Encoding that it declares.
+        found: String,
+    },
+    /// A line that this reader does not know.
+    #[error(
+        "schema {name}, line {line}: expected a number or a fixed array of numbers with a name, found `{found}`: nested, text and variable types are not read"
+    )]
+    Line {
+        /// Name of the schema.
+        name: String,
+        /// Line, from 1.
+        line: usize,
+        /// Its text.
+        found: String,
+    },
+    /// A payload that is not little-endian CDR, or too short.
+    #[error(
+        "schema {name}: expected little-endian CDR of {expected} bytes, found {found} bytes beginning with {start:02x?}"
+    )]
+    Payload {
+        /// Name of the schema.
+        name: String,
+        /// Size by the schema, header included [bytes].
+        expected: usize,
+        /// Size that is there [bytes].
+        found: usize,
+        /// First bytes.
+        start: Vec<u8>,
+    },
+}
+
+/// One field of a recorded message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LayoutField {
+    /// Name.
+    pub name: String,
+    /// Type of one element.
+    pub primitive: Primitive,
+    /// Length if it is an array.
+    pub array: Option<usize>,
+    /// Bytes from the start of the message (CDR header excluded).
+    pub offset: usize,
+    /// What the schema's comment says, unit included.
+    pub doc: String,
+}
+
+impl LayoutField {
+    fn as_field(&self) -> Field {
+        Field { name: "", primitive: self.primitive, array: self.array, offset: self.offset, doc: "" }
+    }
+
+    /// Number of elements.
+    pub fn count(&self) -> usize {
+        self.array.unwrap_or(1)
+    }
+
+    /// Element `index` out of the bytes of a message; `None` where there is none.
+    pub fn read(&self, bytes: &[u8], index: usize) -> Option<Value> {
+        self.as_field().read(bytes, index)
+    }
+
+    /// All elements.
+    pub fn read_all<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = Value> + 'a {
+        (0..self.count()).map_while(|index| self.read(bytes, index))
+    }
+}
+
+/// The field table of one message type.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Name of the type.
+    pub name: String,
+    /// Fields in order.
+    pub fields: Vec<LayoutField>,
+    /// Bytes of a message (CDR header excluded).
+    pub size: usize,
+}
+
+/// Largest message that a schema may declare [bytes]: far above any of farreach's, far below what could hurt.
+const LARGEST: usize = 1 << 24;
+
+impl Layout {
+    /// Reads a schema.
+    ///
+    /// # Errors
+    /// [`SchemaError::Encoding`], [`SchemaError::Line`].
+    pub fn parse(name: &str, encoding: &str, text: &str) -> Result<Self, SchemaError> {
+        if encoding != "ros2msg" {
+            return Err(SchemaError::Encoding { name: name.to_owned(), found: encoding.to_owned() });
+        }
+        let mut fields = Vec::new();
+        let mut size = 0usize;
+        let mut doc = String::new();
+        for (number, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if let Some(comment) = line.strip_prefix('#') {
+                if !doc.is_empty() {
+                    doc.push(' ');
+                }
+                doc.push_str(comment.trim());
+                continue;
+            }
+            if line.is_empty() {
+                continue;
+            }
+            let unknown = || SchemaError::Line { name: name.to_owned(), line: number + 1, found: line.to_owned() };
+            let declaration = line.split('#').next().unwrap_or_default();
+            let mut words = declaration.split_whitespace();
+            let (Some(kind), Some(field), None) = (words.next(), words.next(), words.next()) else {
+                return Err(unknown());
+            };
+            if !field.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+                return Err(unknown()); // constants, `A=3`, among them
+            }
+            let (base, array) = match kind.split_once('[') {
+                None => (kind, None),
+                Some((base, rest)) => {
+                    let length = rest.strip_suffix(']').and_then(|n| n.parse::<usize>().ok()).ok_or_else(unknown)?;
+                    (base, Some(length))
+                }
+            };
+            let primitive = primitive_of(base).ok_or_else(unknown)?;
+            let offset = size.next_multiple_of(primitive.size());
+            size = primitive
+                .size()
+                .checked_mul(array.unwrap_or(1))
+                .and_then(|bytes| offset.checked_add(bytes))
+                .filter(|&end| end <= LARGEST)
+                .ok_or_else(unknown)?;
+            fields.push(LayoutField {
+                name: field.to_owned(),
+                primitive,
+                array,
+                offset,
+                doc: std::mem::take(&mut doc),
+            });
+        }
+        Ok(Self { name: name.to_owned(), fields, size })
+    }
+
+    /// The field of that name.
+    pub fn field(&self, name: &str) -> Option<&LayoutField> {
+        self.fields.iter().find(|field| field.name == name)
+    }
+
+    /// The message within a CDR payload.
+    ///
+    /// # Errors
+    /// [`SchemaError::Payload`] where the header is another or bytes are missing.
+    pub fn body<'a>(&self, payload: &'a [u8]) -> Result<&'a [u8], SchemaError> {
+        payload.strip_prefix(&CDR_HEADER).and_then(|body| body.get(..self.size)).ok_or_else(|| SchemaError::Payload {
+            name: self.name.clone(),
+            expected: CDR_HEADER.len() + self.size,
+            found: payload.len(),
+            start: payload.iter().take(4).copied().collect(),
+        })
+    }
+
+    /// Whether it lays out its fields exactly as this build's `T` does.
+    pub fn matches<T: Message>(&self) -> bool {
+        self.size == size_of::<T>()
+            && self.fields.len() == T::FIELDS.len()
+            && self.fields.iter().zip(T::FIELDS).all(|(ours, theirs)| {
+                ours.name == theirs.name
+                    && ours.primitive == theirs.primitive
+                    && ours.array == theirs.array
+                    && ours.offset == theirs.offset
+            })
+    }
+
+    /// How to read this layout into this build's `T`: fields are matched by name and type, what the recording lacks stays zero.
+    pub fn conversion<T: Message>(&self) -> Conversion {
+        let mut conversion = Conversion { size: size_of::<T>(), copies: Vec::new(), missing: Vec::new() };
+        if self.matches::<T>() {
+            conversion.copies.push((0, 0, conversion.size));
+            return conversion;
+        }
+        for field in T::FIELDS {
+            match self.field(field.name).filter(|ours| ours.primitive == field.primitive) {
+                Some(ours) => {
+                    let bytes = ours.count().min(field.count()) * field.primitive.size();
+                    conversion.copies.push((ours.offset, field.offset, bytes));
+                }
+                None => conversion.missing.push(field.name),
+            }
+        }
+        conversion
+    }
+}
+
+/// Copies the fields of a recorded layout into a message of this build.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Conversion {
+    size: usize,
+    /// from, to, bytes
+    copies: Vec<(usize, usize, usize)>,
+    /// Fields of this build that the recording does not have: they read as zero.
+    pub missing: Vec<&'static str>,
+}
+
+impl Conversion {
+    /// The message; `None` where `body` is shorter than its layout.
+    pub fn apply<T: Message>(&self, body: &[u8]) -> Option<T> {
+        if let [(0, 0, whole)] = self.copies[..]
+            && whole == self.size
+        {
+            return T::from_bytes(body.get(..whole)?);
+        }
+        let mut bytes = vec![0u8; self.size];
+        for &(from, to, length) in &self.copies {
+            bytes.get_mut(to..to + length)?.copy_from_slice(body.get(from..from + length)?);
+        }
+        T::from_bytes(&bytes)
+    }
+}
+
+fn primitive_of(name: &str) -> Option<Primitive> {
+    Some(match name {
+        "uint8" | "byte" | "bool" | "char" => Primitive::U8,
+        "uint16" => Primitive::U16,
+        "uint32" => Primitive::U32,
+        "uint64" => Primitive::U64,
+        "int64" => Primitive::I64,
+        "float64" => Primitive::F64,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::{MotorCommand, Sample, TOPICS};
+
+    use super::*;
+
+    #[test]
+    fn every_topics_own_schema_reads_back_as_its_field_table() {
+        for topic in TOPICS {
+            let layout = Layout::parse(topic.ros_name, "ros2msg", &(topic.schema)()).unwrap();
+            assert_eq!(layout.size, topic.size, "{}", topic.name);
+            for (ours, theirs) in layout.fields.iter().zip(topic.fields) {
+                assert_eq!(
+                    (ours.name.as_str(), ours.primitive, ours.array, ours.offset),
+                    (theirs.name, theirs.primitive, theirs.array, theirs.offset)
+                );
+                assert_eq!(ours.doc, theirs.doc.trim());
+            }
+        }
+    }
+
+    #[test]
+    fn fields_without_hand_made_padding_are_aligned_as_cdr_says() {
+        let layout = Layout::parse("x", "ros2msg", "uint8 a # trailing\nfloat64 b\nuint16[3] c\nuint32 d\n").unwrap();
+        let offsets: Vec<_> = layout.fields.iter().map(|f| f.offset).collect();
+        assert_eq!((offsets, layout.size), (vec![0, 8, 16, 24], 28));
+    }
+
+    #[test]
+    fn what_is_not_flat_is_refused_by_line() {
+        for (text, line) in [
+            ("uint8 a\nstring b", 2),
+            ("uint8[] a", 1),
+            ("uint8[<=3] a", 1),
+            ("geometry_msgs/Point p", 1),
+            ("uint8 A=3", 1),
+            ("uint8 a b", 1),
+            ("uint64[99999999999999999999] a", 1),
+            ("uint64[9999999999999999] a", 1),
+        ] {
+            match Layout::parse("x", "ros2msg", text) {
+                Err(SchemaError::Line { line: found, .. }) => assert_eq!(found, line, "{text}"),
+                other => panic!("{text}: {other:?}"),
+            }
+        }
+        assert!(matches!(Layout::parse("x", "protobuf", ""), Err(SchemaError::Encoding { .. })));
+    }
+
+    #[test]
+    fn an_older_layout_is_matched_by_name() {
+        let old = Layout::parse(
+            "farreach/msg/MotorCommand",
+            "ros2msg",
+            "uint64 session\nuint64 sequence\nuint64 gone\nfloat64[2] volts\nuint8 mode\n",
+        )
+        .unwrap();
+        let mut body = Vec::new();
+        for value in [11u64, 12, 13] {
+            body.extend_from_slice(&value.to_le_bytes());
+        }
+        for value in [1.5f64, -2.5] {
+            body.extend_from_slice(&value.to_le_bytes());
+        }
+        body.push(2);
+        let conversion = old.conversion::<MotorCommand>();
+        assert!(conversion.missing.contains(&"incarnation") && !conversion.missing.contains(&"volts"));
+        let command: MotorCommand = conversion.apply(&body).unwrap();
+        assert_eq!((command.session, command.sequence, command.incarnation, command.mode), (11, 12, 0, 2));
+        assert_eq!(command.volts, [1.5, -2.5, 0.0]);
+        assert_eq!(conversion.apply::<MotorCommand>(&body[..20]), None);
+        assert!(!old.matches::<Sample>());
+    }
+}
