@@ -1,1 +1,30 @@
 //! The physics: transmissions, friction, sensors.
+//!
+//! Pure: no clock, no files, no threads, no randomness but what a caller seeds. Time and inputs are arguments.
+//! SI units throughout (rad, m, N·m, N, s, Pa, V); a positive master movement drives the slave positive.
+//!
+//! ```
+//! use plant::hydrostatic::{Input, Parameters, Plant};
+//!
+//! let mut plant = Plant::new(Parameters::traced(), vec![plant::effects::parse("backlash@slave=0.01")?])?;
+//! for _ in 0..2000 {
+//!     plant.step(Input { motor_v: 2.0, hand_torque_nm: 0.0 }, 0.5e-3);
+//! }
+//! assert!(plant.state().slave_position_rad > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
+//! - [`drive`] is a single mass with friction;
+//! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
+//! - [`sensors`] turn the true state into counts and volts.
+
+pub mod drive;
+pub mod effects;
+pub mod fluid;
+pub mod friction;
+pub mod hydrostatic;
+mod parameter;
+pub mod sensors;
+
+pub use parameter::{ParameterError, ParameterInfo, ParameterSet};

@@ -1,0 +1,39 @@
+//! `backlash`: lost motion.
+//!
+//! No force while the deflection stays within a gap of width `b`; beyond it the spring acts on what is left:
+//! `x → x - clamp(x, -b/2, b/2)`. At the line the gap is split between both ends, in m of fluid displacement; at master or
+//! slave it is the play of that side's belt and pulley, in rad. The port damping acts only beyond the gap.
+//! Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
+
+use super::{Effect, End, Link, Moment, Site, effect};
+
+effect! {
+    /// Lost motion.
+    pub struct Backlash {
+        /// Width of the gap: m at the line, rad at master or slave.
+        gap: "m or rad", 0.0, 1.0, 1e-3, "play of a worn belt or piston rod";
+    }
+}
+
+impl Effect for Backlash {
+    fn id(&self) -> &'static str {
+        "backlash"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
+        let half = match (self.site, link.end) {
+            (Site::Master, End::Master) | (Site::Slave, End::Slave) => 0.5 * self.gap * link.displacement_m_per_rad,
+            (Site::Line, _) => 0.25 * self.gap,
+            _ => return,
+        };
+        let inside = link.deflection_m.clamp(-half, half);
+        if inside == link.deflection_m {
+            link.rate_m_s = 0.0;
+        }
+        link.deflection_m -= inside;
+    }
+}

@@ -1,0 +1,243 @@
+//! Deviations from the declared model, put into a plant by name: one file each.
+//!
+//! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per internal step at fixed
+//! places. Each effect is a [`ParameterSet`]; its first parameter is its size, the value behind `=` in
+//! `ID[@SITE][=SIZE]`. To add one: a file here, and a line in [`LIST`].
+
+use crate::ParameterSet;
+use crate::friction::Load;
+use crate::hydrostatic::{Parameters, Reading};
+use std::fmt;
+
+pub mod backlash;
+mod delay_line;
+mod registry;
+
+pub use registry::{EffectError, Entry, LIST, Place, make, parse};
+
+/// Where an effect acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Site {
+    /// Amplifier and motor.
+    Drive,
+    /// Master side: pulley, piston, motor bearing.
+    Master,
+    /// The transmission between them.
+    Line,
+    /// Slave side: piston, pulley, handle.
+    Slave,
+    /// The instruments.
+    Sensor,
+}
+
+impl Site {
+    /// All sites.
+    pub const ALL: [Self; 5] = [Self::Drive, Self::Master, Self::Line, Self::Slave, Self::Sensor];
+
+    /// Its name, as in `ID@SITE`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drive => "drive",
+            Self::Master => "master",
+            Self::Line => "line",
+            Self::Slave => "slave",
+            Self::Sensor => "sensor",
+        }
+    }
+
+    /// The site of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|site| site.name() == name)
+    }
+}
+
+impl fmt::Display for Site {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// The middle of an internal step (for sensors, the end of a step).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Time since the start, s.
+    pub time_s: f64,
+    /// Length of the internal step, s; 0 for sensors.
+    pub step_s: f64,
+    /// Master angle, rad.
+    pub master_position_rad: f64,
+    /// Master speed, rad/s.
+    pub master_velocity_rad_s: f64,
+    /// Slave angle, rad.
+    pub slave_position_rad: f64,
+    /// Slave speed, rad/s.
+    pub slave_velocity_rad_s: f64,
+}
+
+/// A side of the transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Master.
+    Master,
+    /// Slave.
+    Slave,
+}
+
+/// An end of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// At the master.
+    Master,
+    /// At the slave.
+    Slave,
+}
+
+/// The spring and damper between one end of a line's fluid and the piston there (eq. 3.1.9).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    /// Which end.
+    pub end: End,
+    /// Line 0 or 1.
+    pub line: usize,
+    /// Declared stiffness `2K`, N/m.
+    pub stiffness_n_per_m: f64,
+    /// `α r`: fluid displacement per pulley angle, m/rad.
+    pub displacement_m_per_rad: f64,
+    /// Fluid less piston displacement, m.
+    pub deflection_m: f64,
+    /// Its rate, m/s.
+    pub rate_m_s: f64,
+    /// Fluid speed, m/s.
+    pub fluid_velocity_m_s: f64,
+    /// Force on the piston's coordinate, N.
+    pub force_n: f64,
+    /// Force on the fluid, against its coordinate, N; equals `force_n` unless an effect stores momentum between.
+    pub fluid_force_n: f64,
+}
+
+/// What acts on one side; effects add to `load`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SideLoad {
+    /// Which side.
+    pub side: Side,
+    /// Angle at the middle of the step, rad (for a drive: m).
+    pub position_rad: f64,
+    /// Speed there, rad/s (m/s).
+    pub velocity_rad_s: f64,
+    /// Torque of the lines on this side, N·m (for a drive: the applied force, N).
+    pub transmitted_nm: f64,
+    /// Force, inertia and friction.
+    pub load: Load,
+}
+
+/// What an effect asks of the integrator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// By how much the line's stiffness may grow; 1 if it does not.
+    pub stiffness_factor: f64,
+    /// Fastest angular frequency or decay that the effect brings along, rad/s.
+    pub rate_rad_s: f64,
+}
+
+impl Default for Demand {
+    fn default() -> Self {
+        Self { stiffness_factor: 1.0, rate_rad_s: 0.0 }
+    }
+}
+
+/// A deviation from the declared model. Every hook does nothing unless an effect says otherwise; none allocates, and
+/// each is called exactly once per internal step (per link, line or side).
+pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
+    /// Its name in [`LIST`].
+    fn id(&self) -> &'static str;
+
+    /// Where it acts.
+    fn site(&self) -> Site;
+
+    /// Changes the plant's constants, once, before the first step.
+    fn modify(&self, _parameters: &mut Parameters) {}
+
+    /// Takes what it needs from the constants, and clears its inner state; may allocate.
+    fn prepare(&mut self, _parameters: &Parameters) {}
+
+    /// What it asks of the integrator.
+    fn demand(&self) -> Demand {
+        Demand::default()
+    }
+
+    /// Inertia that it adds to its side, kg·m² (kg).
+    fn extra_inertia(&self) -> f64 {
+        0.0
+    }
+
+    /// Site drive: the amplifier's volts from the commanded.
+    fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
+        volts
+    }
+
+    /// Site drive: the motor's torque from the ideal one.
+    fn motor(&mut self, torque_nm: f64, _moment: &Moment) -> f64 {
+        torque_nm
+    }
+
+    /// Sites line, master, slave: changes a link's deflection before its force is computed.
+    fn deflect(&mut self, _link: &mut Link, _moment: &Moment) {}
+
+    /// Sites line, master, slave: changes a link's force.
+    fn link(&mut self, _link: &mut Link, _moment: &Moment) {}
+
+    /// Site line: the fluid's loss coefficient, N·s/m; called once per line.
+    fn fluid(&mut self, coefficient: f64, _moment: &Moment) -> f64 {
+        coefficient
+    }
+
+    /// Sites master, slave: adds force, friction.
+    fn side(&mut self, _load: &mut SideLoad, _moment: &Moment) {}
+
+    /// Site sensor: changes what the instruments read; called once per output step.
+    fn sense(&mut self, _reading: &mut Reading, _moment: &Moment) {}
+}
+
+/// Cloning behind a box; implemented for every effect that is `Clone`.
+pub trait CloneEffect {
+    /// A copy with its inner state.
+    fn boxed_clone(&self) -> Box<dyn Effect>;
+}
+
+impl<T: Effect + Clone + 'static> CloneEffect for T {
+    fn boxed_clone(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
+    }
+}
+
+impl Clone for Box<dyn Effect> {
+    fn clone(&self) -> Self {
+        // Through the inner value: a box of an effect is no effect itself.
+        self.as_ref().boxed_clone()
+    }
+}
+
+/// Declares an effect's struct: parameters (the first is its size), inner state, site.
+macro_rules! effect {
+    (
+        $(#[$meta:meta])*
+        pub struct $type:ident {
+            $($(#[$field_meta:meta])* $field:ident: $unit:literal, $minimum:expr, $maximum:expr, $default:expr, $source:literal;)+
+        }
+        $(state { $($state:ident: $state_type:ty = $initial:expr;)* })?
+    ) => {
+        $crate::parameter::parameter_set! {
+            $(#[$meta])*
+            pub struct $type {
+                $($(#[$field_meta])* $field: $unit, $minimum, $maximum, $default, $source;)+
+            }
+            state { site: $crate::effects::Site = $crate::effects::Site::Line; $($($state: $state_type = $initial;)*)? }
+        }
+
+        impl $type {
+            /// The effect at a site, with its default parameters.
+            pub fn at(site: $crate::effects::Site) -> Self { Self { site, ..Self::default() } }
+        }
+    };
+}
+use effect;

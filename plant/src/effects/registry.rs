@@ -1,0 +1,150 @@
+//! Effects by name.
+
+use super::{Effect, Site};
+use crate::ParameterError;
+
+/// A site of an effect, with the size that is used where none is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// The site.
+    pub site: Site,
+    /// Default size.
+    pub size: f64,
+    /// Unit of the size.
+    pub unit: &'static str,
+}
+
+/// One effect of [`LIST`].
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// Its name.
+    pub id: &'static str,
+    /// Where it may act; the first is meant where none is named.
+    pub sites: &'static [Place],
+    /// What it is.
+    pub what: &'static str,
+    build: fn(Site) -> Box<dyn Effect>,
+}
+
+/// `ID[@SITE][=SIZE]` could not be understood.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum EffectError {
+    /// No such effect.
+    #[error("no effect `{id}`; known: {known}")]
+    Unknown {
+        /// What was asked for.
+        id: String,
+        /// All names.
+        known: String,
+    },
+    /// The effect does not act there.
+    #[error("effect `{id}` does not act at `{site}`; expected one of: {allowed}")]
+    WrongSite {
+        /// The effect.
+        id: &'static str,
+        /// What was asked for.
+        site: String,
+        /// Where it may act.
+        allowed: String,
+    },
+    /// The size is no number.
+    #[error("size of effect `{id}`: expected a number in {unit}, found `{found}`")]
+    NotANumber {
+        /// The effect.
+        id: &'static str,
+        /// What was found.
+        found: String,
+        /// The unit of the size.
+        unit: &'static str,
+    },
+    /// The size is out of range.
+    #[error("size of effect `{id}`: {error}")]
+    Size {
+        /// The effect.
+        id: &'static str,
+        /// What is wrong.
+        error: ParameterError,
+    },
+}
+
+macro_rules! list {
+    ($($id:literal $type:path [$($site:ident $size:literal $unit:literal),+] $what:literal;)+) => {
+        /// Every effect, in the order of its kind. Names and sites are an interface.
+        pub const LIST: &[Entry] = &[$(Entry {
+            id: $id,
+            sites: &[$(Place { site: Site::$site, size: $size, unit: $unit }),+],
+            what: $what,
+            build: |site| Box::new(<$type>::at(site)),
+        }),+];
+    };
+}
+
+list! {
+    "backlash" super::backlash::Backlash [Line 1e-3 "m", Master 0.02 "rad", Slave 0.02 "rad"]
+        "lost motion: no force within a gap";
+}
+
+/// Makes an effect from `ID`, `ID@SITE`, `ID=SIZE` or `ID@SITE=SIZE`.
+///
+/// # Errors
+/// [`EffectError`], which names what is known or allowed.
+pub fn parse(text: &str) -> Result<Box<dyn Effect>, EffectError> {
+    let (name, size) = match text.split_once('=') {
+        Some((name, size)) => (name, Some(size.trim())),
+        None => (text, None),
+    };
+    let (id, site) = match name.split_once('@') {
+        Some((id, site)) => (id.trim(), Some(site.trim())),
+        None => (name.trim(), None),
+    };
+    let entry = find(id)?;
+    let place = match site {
+        None => entry.sites[0],
+        Some(site) => Site::from_name(site)
+            .and_then(|site| entry.sites.iter().find(|place| place.site == site).copied())
+            .ok_or_else(|| wrong_site(entry, site))?,
+    };
+    let size = match size {
+        None => place.size,
+        Some(size) => size.parse::<f64>().map_err(|_| EffectError::NotANumber {
+            id: entry.id,
+            found: size.to_owned(),
+            unit: place.unit,
+        })?,
+    };
+    build(entry, place.site, size)
+}
+
+/// Makes an effect at a site with a size in its own main unit.
+///
+/// # Errors
+/// [`EffectError::Unknown`], [`EffectError::WrongSite`], [`EffectError::Size`].
+pub fn make(id: &str, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectError> {
+    let entry = find(id)?;
+    if !entry.sites.iter().any(|place| place.site == site) {
+        return Err(wrong_site(entry, site.name()));
+    }
+    build(entry, site, size)
+}
+
+fn build(entry: &Entry, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectError> {
+    let mut effect = (entry.build)(site);
+    let name = effect.infos()[0].name;
+    effect.set(name, size).map_err(|error| EffectError::Size { id: entry.id, error })?;
+    Ok(effect)
+}
+
+fn find(id: &str) -> Result<&'static Entry, EffectError> {
+    LIST.iter().find(|entry| entry.id == id).ok_or_else(|| EffectError::Unknown {
+        id: id.to_owned(),
+        known: LIST.iter().map(|entry| entry.id).collect::<Vec<_>>().join(", "),
+    })
+}
+
+fn wrong_site(entry: &Entry, site: &str) -> EffectError {
+    EffectError::WrongSite {
+        id: entry.id,
+        site: site.to_owned(),
+        allowed: entry.sites.iter().map(|place| place.site.name()).collect::<Vec<_>>().join(", "),
+    }
+}

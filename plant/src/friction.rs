@@ -1,0 +1,193 @@
+//! Dry friction with exact stick: one degree of freedom over one step.
+//!
+//! The force other than friction is held over the step. Within the step the movement is then known in closed form, so
+//! the instant at which it stops is resolved, and at rest the friction takes any value up to breakaway: the speed is
+//! exactly zero, with neither creep nor chatter. A movement that is only slowed is a midpoint rule (second order).
+
+/// Dry friction, N·m or N, as positive magnitudes for movement in either direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DryFriction {
+    /// Against forward movement at the present speed.
+    pub forward: f64,
+    /// Against backward movement at the present speed.
+    pub backward: f64,
+    /// Breakaway, forward.
+    pub forward_at_rest: f64,
+    /// Breakaway, backward.
+    pub backward_at_rest: f64,
+}
+
+impl DryFriction {
+    /// The same in both directions.
+    pub fn symmetric(moving: f64, at_rest: f64) -> Self {
+        Self { forward: moving, backward: moving, forward_at_rest: at_rest, backward_at_rest: at_rest }
+    }
+
+    /// Adds to all four.
+    pub fn add(&mut self, moving: f64, at_rest: f64) {
+        self.forward += moving;
+        self.backward += moving;
+        self.forward_at_rest += at_rest;
+        self.backward_at_rest += at_rest;
+    }
+
+    /// Multiplies all four.
+    pub fn scale(&mut self, factor: f64) {
+        self.forward *= factor;
+        self.backward *= factor;
+        self.forward_at_rest *= factor;
+        self.backward_at_rest *= factor;
+    }
+}
+
+/// All that acts on one degree of freedom during a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Load {
+    /// Force other than friction, N·m or N.
+    pub force: f64,
+    /// Inertia, kg·m² or kg.
+    pub inertia: f64,
+    /// Viscous coefficient of forward movement, N·m·s/rad or N·s/m.
+    pub viscous_forward: f64,
+    /// Viscous coefficient of backward movement.
+    pub viscous_backward: f64,
+    /// Dry friction.
+    pub dry: DryFriction,
+    /// Speed over which the dry friction is smoothed, rad/s or m/s: `v/√(v² + smoothing²)`; 0 for exact stick.
+    pub smoothing: f64,
+}
+
+/// What one degree of freedom did during a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Advance {
+    /// Speed at the end.
+    pub velocity: f64,
+    /// Change of position.
+    pub displacement: f64,
+    /// Energy lost to dry and viscous friction, J.
+    pub dissipated: f64,
+}
+
+/// Advances one degree of freedom that moves at `velocity` by `step` seconds.
+#[inline]
+pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
+    if load.smoothing > 0.0 {
+        return advance_smoothed(velocity, step, load);
+    }
+    if velocity == 0.0 {
+        return start(step, load);
+    }
+    // Mirrored, so that the movement is forward.
+    let forward = velocity > 0.0;
+    let speed = velocity.abs();
+    let sign = if forward { 1.0 } else { -1.0 };
+    let viscous = if forward { load.viscous_forward } else { load.viscous_backward };
+    let level = (if forward { load.dry.forward } else { load.dry.backward }).max(0.0);
+    let driving = sign * load.force;
+
+    let half = 0.5 * step * viscous;
+    let sliding = ((load.inertia - half) * speed + step * (driving - level)) / (load.inertia + half);
+    if sliding >= 0.0 {
+        let mean = 0.5 * (speed + sliding);
+        let displacement = step * mean;
+        return Advance {
+            velocity: sign * sliding,
+            displacement: sign * displacement,
+            dissipated: (level + viscous * mean) * displacement,
+        };
+    }
+    // Stops within the step.
+    let mean = 0.5 * speed;
+    let stopping_time = (load.inertia * speed / (level - driving + viscous * mean)).min(step);
+    let displacement = stopping_time * mean;
+    let rest = start(step - stopping_time, load);
+    Advance {
+        velocity: rest.velocity,
+        displacement: sign * displacement + rest.displacement,
+        dissipated: (level + viscous * mean) * displacement + rest.dissipated,
+    }
+}
+
+/// From rest: stays there, or breaks away.
+fn start(step: f64, load: &Load) -> Advance {
+    let (excess, sign, level, viscous) = if load.force >= 0.0 {
+        let level = load.dry.forward_at_rest.max(0.0);
+        (load.force - level, 1.0, level, load.viscous_forward)
+    } else {
+        let level = load.dry.backward_at_rest.max(0.0);
+        (-load.force - level, -1.0, level, load.viscous_backward)
+    };
+    if excess <= 0.0 {
+        return Advance { velocity: 0.0, displacement: 0.0, dissipated: 0.0 };
+    }
+    let speed = step * excess / (load.inertia + 0.5 * step * viscous);
+    let mean = 0.5 * speed;
+    let displacement = step * mean;
+    Advance {
+        velocity: sign * speed,
+        displacement: sign * displacement,
+        dissipated: (level + viscous * mean) * displacement,
+    }
+}
+
+/// Dry friction spread over a small speed, implicit in the new speed: for estimators that need a slope.
+fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
+    let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
+    let half = 0.5 * step * viscous;
+    let (weight, drive) = (load.inertia + half, (load.inertia - half) * velocity + step * load.force);
+    let (forward, backward) = (load.dry.forward.max(0.0), load.dry.backward.max(0.0));
+    let level = |speed: f64| if speed >= 0.0 { forward } else { backward };
+    // The balance grows strictly with the new speed: one root, bracketed by full friction either way.
+    let (mut low, mut high) = ((drive - step * forward) / weight, (drive + step * backward) / weight);
+    let mut speed = velocity.clamp(low, high);
+    for _ in 0..60 {
+        let root = (speed * speed + load.smoothing * load.smoothing).sqrt();
+        let balance = weight * speed - drive + step * level(speed) * speed / root;
+        if balance > 0.0 {
+            high = speed;
+        } else {
+            low = speed;
+        }
+        let slope = weight + step * level(speed) * load.smoothing * load.smoothing / (root * root * root);
+        let newton = speed - balance / slope;
+        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        let change = (next - speed).abs();
+        speed = next;
+        if change <= 1e-13 * (speed.abs() + load.smoothing) {
+            break;
+        }
+    }
+    let mean = 0.5 * (velocity + speed);
+    let displacement = step * mean;
+    let dry = level(speed) * speed / (speed * speed + load.smoothing * load.smoothing).sqrt();
+    Advance { velocity: speed, displacement, dissipated: (dry + viscous * mean) * displacement }
+}
+
+/// Piecewise linear Stribeck friction (fig. 3.2B): falls from the static value up to a corner speed, then rises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stribeck {
+    /// At rest, N·m or N.
+    pub at_rest: f64,
+    /// Fall per speed below the corner, positive for falling.
+    pub falling: f64,
+    /// Corner speed.
+    pub corner: f64,
+    /// Just above the corner.
+    pub above_corner: f64,
+    /// Rise per speed above the corner.
+    pub rising: f64,
+}
+
+impl Stribeck {
+    /// Magnitude at a speed (its sign does not matter); never negative.
+    #[inline]
+    pub fn level(&self, speed: f64) -> f64 {
+        let speed = speed.abs();
+        let level = if speed < self.corner {
+            self.at_rest - self.falling * speed
+        } else {
+            self.above_corner + self.rising * (speed - self.corner)
+        };
+        level.max(0.0)
+    }
+}

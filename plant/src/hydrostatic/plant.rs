@@ -1,0 +1,491 @@
+//! The integrator.
+//!
+//! Position Verlet (drift, kick, drift) with sub-steps: forces are taken at the middle of the step, damping at the mean
+//! speed, dry friction as in [`crate::friction`]. It is of second order, needs no linear solve, and keeps the energy of
+//! linear springs exactly but for a bounded term of `(ω h)²/8`, where explicit Euler feeds the line's mode until
+//! it diverges. The sub-step follows from the highest mode.
+
+use super::{EnergyBalance, ImposedMotion, Input, Parameters, Reading, State, modes::modes};
+use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Site};
+use crate::fluid::Pipe;
+use crate::friction::{Advance, DryFriction, Load, Stribeck, advance};
+use crate::{ParameterError, ParameterSet};
+
+/// Phase of the highest mode per internal step, rad.
+const PHASE_PER_STEP: f64 = 0.15;
+/// Decay of the fastest damping per internal step.
+const DECAY_PER_STEP: f64 = 0.2;
+/// Longest internal step, s.
+const LONGEST_STEP_S: f64 = 0.25e-3;
+
+/// Effects by the site at which they act.
+#[derive(Clone, Debug, Default)]
+struct Sited {
+    drive: Vec<Box<dyn Effect>>,
+    master: Vec<Box<dyn Effect>>,
+    line: Vec<Box<dyn Effect>>,
+    slave: Vec<Box<dyn Effect>>,
+    sensor: Vec<Box<dyn Effect>>,
+}
+
+/// What follows from the parameters and stays.
+#[derive(Clone, Debug)]
+struct Constants {
+    half_line_n_per_m: f64,
+    displacement: [f64; 2],
+    inertia: [f64; 2],
+    fluid_mass_kg: f64,
+    pipe: Pipe,
+    piston: Stribeck,
+    slave: Stribeck,
+    longest_step_s: f64,
+}
+
+/// The transmission, moving.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    parameters: Parameters,
+    constants: Constants,
+    effects: Sited,
+    state: State,
+    /// Change of the four speeds over the last internal step: extrapolates the mean speed of the next.
+    increments: [f64; 4],
+    reading: Reading,
+    energy: EnergyBalance,
+    stored_at_start_j: f64,
+}
+
+/// What the lines do to the masses in one internal step.
+#[derive(Clone, Copy, Default)]
+struct Coupling {
+    /// Force on the piston's coordinate, per line and end.
+    piston: [[f64; 2]; 2],
+    /// Force on the fluid, against its coordinate.
+    fluid: [[f64; 2]; 2],
+    /// The declared law's damper and spring.
+    damper: [[f64; 2]; 2],
+    spring: [[f64; 2]; 2],
+}
+
+impl Plant {
+    /// A plant at rest at zero.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect.
+    pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
+        parameters.check()?;
+        let mut real = parameters;
+        let mut extra = [0.0; 2];
+        let (mut stiffer, mut rate) = (1.0, 0.0_f64);
+        let mut sited = Sited::default();
+        for mut effect in effects {
+            effect.check()?;
+            effect.modify(&mut real);
+            effect.prepare(&real);
+            let demand = effect.demand();
+            stiffer *= demand.stiffness_factor.max(1.0);
+            rate = rate.max(demand.rate_rad_s);
+            match effect.site() {
+                Site::Drive => sited.drive.push(effect),
+                Site::Master => {
+                    extra[0] += effect.extra_inertia();
+                    sited.master.push(effect);
+                }
+                Site::Line => sited.line.push(effect),
+                Site::Slave => {
+                    extra[1] += effect.extra_inertia();
+                    sited.slave.push(effect);
+                }
+                Site::Sensor => sited.sensor.push(effect),
+            }
+        }
+        let displacement = [real.master_displacement_m_per_rad(), real.slave_displacement_m_per_rad()];
+        let inertia = [real.master_inertia_kg_m2() + extra[0], real.slave_inertia_kg_m2() + extra[1]];
+        let highest = modes(&real, extra[0], extra[1])[3] * f64::sqrt(stiffer);
+        let fluid_mass_kg = real.fluid_mass_kg();
+        let decay = 2.0
+            * real.port_damping_n_s_per_m
+            * (1.0 / fluid_mass_kg + displacement[0].powi(2) / inertia[0] + displacement[1].powi(2) / inertia[1]);
+        let longest_step_s =
+            LONGEST_STEP_S.min(PHASE_PER_STEP / highest.max(rate)).min(DECAY_PER_STEP / decay.max(1e-9));
+        let constants = Constants {
+            half_line_n_per_m: 2.0 * real.line_stiffness_n_per_m(),
+            displacement,
+            inertia,
+            fluid_mass_kg,
+            pipe: real.pipe(),
+            piston: real.master_piston_friction(),
+            slave: real.slave_friction(),
+            longest_step_s,
+        };
+        Ok(Self {
+            parameters: real,
+            constants,
+            effects: sited,
+            state: State::default(),
+            increments: [0.0; 4],
+            reading: Reading::default(),
+            energy: EnergyBalance::default(),
+            stored_at_start_j: 0.0,
+        })
+    }
+
+    /// The parameters with which the plant moves, effects included.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The true state at the end of the last step.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// What the instruments would read at the end of the last step (sensor effects included).
+    pub fn reading(&self) -> &Reading {
+        &self.reading
+    }
+
+    /// Longest internal step, s.
+    pub fn longest_step_s(&self) -> f64 {
+        self.constants.longest_step_s
+    }
+
+    /// Where the energy went since the start, or since the last [`Plant::set_state`].
+    pub fn energy(&self) -> EnergyBalance {
+        EnergyBalance { stored_j: self.stored_j() - self.stored_at_start_j, ..self.energy }
+    }
+
+    /// Puts positions and speeds, and starts the energy balance again; forces are computed with the next step.
+    ///
+    /// The inner state of effects stays.
+    pub fn set_state(&mut self, state: State) {
+        self.state = state;
+        self.increments = [0.0; 4];
+        self.energy = EnergyBalance::default();
+        self.stored_at_start_j = self.stored_j();
+        self.read(0.0, 0.0);
+    }
+
+    /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
+    pub fn step(&mut self, input: Input, dt_s: f64) {
+        let (count, step) = self.sub_steps(dt_s);
+        for _ in 0..count {
+            let (half, mean) = self.middle(step);
+            let moment = self.moment(step, &half, &mean);
+            let motor_torque = self.motor_torque(input.motor_v, &moment);
+            let coupling = self.couple(&half, &mean, &moment);
+            let mut master = self.master_load(&coupling, half[0], mean[0]);
+            let master_own = master.load.force;
+            for effect in &mut self.effects.master {
+                effect.side(&mut master, &moment);
+            }
+            let master_effect = master.load.force - master_own;
+            master.load.force += motor_torque;
+            let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
+            self.energy.dissipated_j += moved.dissipated;
+            self.energy.effects_j -= master_effect * moved.displacement;
+            self.count_input(motor_torque * moved.displacement);
+            self.state.motor_torque_nm = motor_torque;
+            self.finish(step, moved, &coupling, input.hand_torque_nm, &half, &mean, &moment);
+        }
+        self.read(input.motor_v, input.hand_torque_nm);
+    }
+
+    /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
+    /// the slave moves as it must. [`State::motor_torque_nm`] is then the torque that it took.
+    pub fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
+        let (count, step) = self.sub_steps(dt_s);
+        let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
+        for index in 1..=count {
+            let part = index as f64 / count as f64;
+            let (next, speed_next) = cubic(from, speed_from, master, dt_s, part);
+            let (position, speed) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
+            let (mut half, mut mean) = self.middle(step);
+            half[0] = 0.5 * (position + next);
+            mean[0] = (next - position) / step;
+            let moment = self.moment(step, &half, &mean);
+            let coupling = self.couple(&half, &mean, &moment);
+            let mut load = self.master_load(&coupling, half[0], mean[0]);
+            let own = load.load.force;
+            for effect in &mut self.effects.master {
+                effect.side(&mut load, &moment);
+            }
+            let effect_torque = load.load.force - own;
+            let displacement = next - position;
+            let friction = if displacement >= 0.0 {
+                load.load.dry.forward + load.load.viscous_forward * mean[0]
+            } else {
+                -load.load.dry.backward + load.load.viscous_backward * mean[0]
+            };
+            let dissipated = friction * displacement;
+            let kinetic = 0.5 * load.load.inertia * (speed_next * speed_next - speed * speed);
+            self.state.motor_torque_nm = load.load.inertia * (speed_next - speed) / step + friction - load.load.force;
+            self.energy.dissipated_j += dissipated;
+            self.energy.effects_j -= effect_torque * displacement;
+            self.count_input(kinetic + dissipated - load.load.force * displacement);
+            let moved = Advance { velocity: speed_next, displacement, dissipated };
+            self.finish(step, moved, &coupling, hand_torque_nm, &half, &mean, &moment);
+        }
+        self.read(0.0, hand_torque_nm);
+    }
+
+    /// Everything after the master has moved: slave, lines, energy, time.
+    #[allow(clippy::too_many_arguments)]
+    fn finish(
+        &mut self,
+        step: f64,
+        master: Advance,
+        coupling: &Coupling,
+        hand_torque_nm: f64,
+        half: &[f64; 4],
+        mean: &[f64; 4],
+        moment: &Moment,
+    ) {
+        let constants = &self.constants;
+        let transmitted = constants.displacement[1] * (coupling.piston[0][1] + coupling.piston[1][1]);
+        let mut load = SideLoad {
+            side: Side::Slave,
+            position_rad: half[1],
+            velocity_rad_s: mean[1],
+            transmitted_nm: transmitted,
+            load: Load {
+                force: transmitted,
+                inertia: constants.inertia[1],
+                dry: DryFriction::symmetric(constants.slave.level(mean[1]), constants.slave.level(0.0)),
+                smoothing: self.parameters.friction_smoothing_rad_s,
+                ..Load::default()
+            },
+        };
+        for effect in &mut self.effects.slave {
+            effect.side(&mut load, moment);
+        }
+        let slave_effect = load.load.force - transmitted;
+        load.load.force += hand_torque_nm;
+        let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
+        self.energy.dissipated_j += slave.dissipated;
+        self.energy.effects_j -= slave_effect * slave.displacement;
+        self.count_input(hand_torque_nm * slave.displacement);
+
+        let moved = [master.displacement, slave.displacement];
+        let mut lines = [slave; 2];
+        for line in 0..2 {
+            let mut coefficient = self.constants.pipe.coefficient(mean[2 + line]);
+            for effect in &mut self.effects.line {
+                coefficient = effect.fluid(coefficient, moment);
+            }
+            let half_damping = 0.5 * step * coefficient;
+            let mass = self.constants.fluid_mass_kg;
+            let before = self.state.line_velocity_m_s[line];
+            let force = -coupling.fluid[line][0] - coupling.fluid[line][1];
+            let after = ((mass - half_damping) * before + step * force) / (mass + half_damping);
+            let average = 0.5 * (before + after);
+            let displacement = step * average;
+            let dissipated = coefficient * average * displacement;
+            lines[line] = Advance { velocity: after, displacement, dissipated };
+            self.energy.dissipated_j += dissipated;
+            for end in 0..2 {
+                let piston = self.constants.displacement[end] * moved[end];
+                let relative = displacement - piston;
+                let (spring, damper) = (coupling.spring[line][end], coupling.damper[line][end]);
+                self.energy.dissipated_j += damper * relative;
+                self.energy.effects_j += coupling.fluid[line][end] * displacement
+                    - coupling.piston[line][end] * piston
+                    - (spring + damper) * relative;
+            }
+        }
+
+        let state = &mut self.state;
+        let increment = |before: f64, after: f64| if after == 0.0 { 0.0 } else { after - before };
+        self.increments = [
+            increment(state.master_velocity_rad_s, master.velocity),
+            increment(state.slave_velocity_rad_s, slave.velocity),
+            lines[0].velocity - state.line_velocity_m_s[0],
+            lines[1].velocity - state.line_velocity_m_s[1],
+        ];
+        state.time_s += step;
+        state.master_position_rad += master.displacement;
+        state.master_velocity_rad_s = master.velocity;
+        state.slave_position_rad += slave.displacement;
+        state.slave_velocity_rad_s = slave.velocity;
+        for (line, moved) in lines.iter().enumerate() {
+            state.line_position_m[line] += moved.displacement;
+            state.line_velocity_m_s[line] = moved.velocity;
+            state.line_force_master_n[line] = coupling.piston[line][0];
+            state.line_force_slave_n[line] = coupling.piston[line][1];
+        }
+        state.transmitted_torque_nm = transmitted;
+    }
+
+    /// The four links, each once.
+    fn couple(&mut self, half: &[f64; 4], mean: &[f64; 4], moment: &Moment) -> Coupling {
+        let mut coupling = Coupling::default();
+        let (stiffness, damping) = (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
+        for line in 0..2 {
+            for (index, end) in [(0, End::Master), (1, End::Slave)] {
+                let displacement = self.constants.displacement[index];
+                let deflection = half[2 + line] - displacement * half[index];
+                let rate = mean[2 + line] - displacement * mean[index];
+                let (spring, damper) = (stiffness * deflection, damping * rate);
+                coupling.spring[line][index] = spring;
+                coupling.damper[line][index] = damper;
+                let at_end = if index == 0 { &mut self.effects.master } else { &mut self.effects.slave };
+                if self.effects.line.is_empty() && at_end.is_empty() {
+                    coupling.piston[line][index] = spring + damper;
+                    coupling.fluid[line][index] = spring + damper;
+                    continue;
+                }
+                let mut link = Link {
+                    end,
+                    line,
+                    stiffness_n_per_m: stiffness,
+                    displacement_m_per_rad: displacement,
+                    deflection_m: deflection,
+                    rate_m_s: rate,
+                    fluid_velocity_m_s: mean[2 + line],
+                    force_n: 0.0,
+                    fluid_force_n: 0.0,
+                };
+                for effect in self.effects.line.iter_mut().chain(at_end.iter_mut()) {
+                    effect.deflect(&mut link, moment);
+                }
+                link.force_n = stiffness * link.deflection_m + damping * link.rate_m_s;
+                link.fluid_force_n = link.force_n;
+                for effect in self.effects.line.iter_mut().chain(at_end.iter_mut()) {
+                    effect.link(&mut link, moment);
+                }
+                coupling.piston[line][index] = link.force_n;
+                coupling.fluid[line][index] = link.fluid_force_n;
+            }
+        }
+        coupling
+    }
+
+    fn master_load(&self, coupling: &Coupling, position_rad: f64, velocity_rad_s: f64) -> SideLoad {
+        let (parameters, constants) = (&self.parameters, &self.constants);
+        let transmitted = constants.displacement[0] * (coupling.piston[0][0] + coupling.piston[1][0]);
+        let dry = parameters.motor_coulomb_nm;
+        SideLoad {
+            side: Side::Master,
+            position_rad,
+            velocity_rad_s,
+            transmitted_nm: transmitted,
+            load: Load {
+                force: transmitted,
+                inertia: constants.inertia[0],
+                viscous_forward: parameters.motor_viscous_nm_s,
+                viscous_backward: parameters.motor_viscous_nm_s,
+                dry: DryFriction::symmetric(
+                    dry + constants.piston.level(velocity_rad_s),
+                    dry + constants.piston.level(0.0),
+                ),
+                smoothing: parameters.friction_smoothing_rad_s,
+            },
+        }
+    }
+
+    fn motor_torque(&mut self, volts: f64, moment: &Moment) -> f64 {
+        let mut volts = volts;
+        for effect in &mut self.effects.drive {
+            volts = effect.amplifier(volts, moment);
+        }
+        let mut torque = self.parameters.motor_torque_per_volt_nm * volts;
+        for effect in &mut self.effects.drive {
+            torque = effect.motor(torque, moment);
+        }
+        torque
+    }
+
+    /// Positions at the middle of the step, and speeds there as extrapolated.
+    fn middle(&self, step: f64) -> ([f64; 4], [f64; 4]) {
+        let state = &self.state;
+        let positions =
+            [state.master_position_rad, state.slave_position_rad, state.line_position_m[0], state.line_position_m[1]];
+        let speeds = [
+            state.master_velocity_rad_s,
+            state.slave_velocity_rad_s,
+            state.line_velocity_m_s[0],
+            state.line_velocity_m_s[1],
+        ];
+        let half = std::array::from_fn(|index| positions[index] + 0.5 * step * speeds[index]);
+        let mean = std::array::from_fn(|index| {
+            let mean = speeds[index] + 0.5 * self.increments[index];
+            // A movement that is about to stop does not count as one the other way.
+            if index < 2 && mean * speeds[index] < 0.0 { 0.0 } else { mean }
+        });
+        (half, mean)
+    }
+
+    fn moment(&self, step: f64, half: &[f64; 4], mean: &[f64; 4]) -> Moment {
+        Moment {
+            time_s: self.state.time_s + 0.5 * step,
+            step_s: step,
+            master_position_rad: half[0],
+            master_velocity_rad_s: mean[0],
+            slave_position_rad: half[1],
+            slave_velocity_rad_s: mean[1],
+        }
+    }
+
+    fn sub_steps(&self, dt_s: f64) -> (usize, f64) {
+        if dt_s.is_nan() || dt_s <= 0.0 {
+            return (0, 0.0);
+        }
+        let count = (dt_s / self.constants.longest_step_s - 1e-9).ceil().max(1.0);
+        (count as usize, dt_s / count)
+    }
+
+    fn count_input(&mut self, work: f64) {
+        self.energy.input_j += work;
+        self.energy.throughput_j += work.abs();
+    }
+
+    fn stored_j(&self) -> f64 {
+        let (state, constants) = (&self.state, &self.constants);
+        let mut energy = 0.5 * constants.inertia[0] * state.master_velocity_rad_s.powi(2)
+            + 0.5 * constants.inertia[1] * state.slave_velocity_rad_s.powi(2);
+        for line in 0..2 {
+            energy += 0.5 * constants.fluid_mass_kg * state.line_velocity_m_s[line].powi(2);
+            for (displacement, position) in
+                constants.displacement.iter().zip([state.master_position_rad, state.slave_position_rad])
+            {
+                let deflection = state.line_position_m[line] - displacement * position;
+                energy += 0.5 * constants.half_line_n_per_m * deflection * deflection;
+            }
+        }
+        energy
+    }
+
+    fn read(&mut self, motor_v: f64, hand_torque_nm: f64) {
+        let state = &self.state;
+        self.reading = Reading {
+            motor_v,
+            master_rad: state.master_position_rad,
+            slave_rad: state.slave_position_rad,
+            slave_torque_nm: hand_torque_nm,
+        };
+        if self.effects.sensor.is_empty() {
+            return;
+        }
+        let moment = Moment {
+            time_s: state.time_s,
+            step_s: 0.0,
+            master_position_rad: state.master_position_rad,
+            master_velocity_rad_s: state.master_velocity_rad_s,
+            slave_position_rad: state.slave_position_rad,
+            slave_velocity_rad_s: state.slave_velocity_rad_s,
+        };
+        for effect in &mut self.effects.sensor {
+            effect.sense(&mut self.reading, &moment);
+        }
+    }
+}
+
+/// Cubic from position and speed to position and speed; `part` of the way, 0 to 1.
+fn cubic(from: f64, speed_from: f64, to: ImposedMotion, duration: f64, part: f64) -> (f64, f64) {
+    let (one, two) = (duration * speed_from, duration * to.velocity_rad_s);
+    let change = to.position_rad - from;
+    let (square, cube) = (3.0 * change - 2.0 * one - two, one + two - 2.0 * change);
+    let position = from + part * (one + part * (square + part * cube));
+    let speed = (one + part * (2.0 * square + part * 3.0 * cube)) / duration;
+    (position, speed)
+}
