@@ -4,7 +4,7 @@
 //! channels, the declared model. A protocol (`protocol.toml`) says what it shall do: timed movements.
 //! Both are read whole: every problem is reported at once, with file, line, key, what was expected, what was
 //! found and what to do. The text alone decides; nothing here reads a clock or touches a device, and the only I/O
-//! is [`RigFile::load`].
+//! is [`RigFile::load`] and [`protocol::Protocol::load`].
 //!
 //! ```text
 //! my-rig.toml:31: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; the amplifier's input takes ±10 V
@@ -19,6 +19,7 @@ mod channel;
 mod error;
 mod identity;
 mod model;
+pub mod protocol;
 
 mod rates;
 mod read;

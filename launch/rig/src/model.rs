@@ -1,6 +1,9 @@
 //! The declared model: a kind, and parameters that are known to a tolerance.
 
-use crate::read::{NumberOrSection, Section, bounds};
+use plant::{ParameterInfo, ParameterSet, drive, hydrostatic};
+
+use crate::error::{Problem, RigError};
+use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
 
 /// What stands between motor and handle, as far as the laboratory declares it.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,6 +82,20 @@ impl Parameter {
     }
 }
 
+/// What the motor of a drive makes of a volt: `plant`'s drive begins at the force.
+const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
+    name: "force_per_volt_n",
+    unit: "N/V",
+    minimum: 1e-6,
+    maximum: 1e6,
+    printed: 35.15065,
+    source: "EMPS: Janot, Gautier, Brunot 2019",
+};
+
+fn is_of_the_motor(kind: ModelKind, name: &str) -> bool {
+    kind == ModelKind::Drive && name == FORCE_PER_VOLT.name
+}
+
 /// Tolerance where the file says none.
 const TOLERANCE: f64 = 0.25;
 
@@ -86,6 +103,73 @@ impl Model {
     /// The parameter of that name.
     pub fn parameter(&self, name: &str) -> Option<&Parameter> {
         self.parameters.iter().find(|parameter| parameter.name == name)
+    }
+
+    /// The declared constants of a hydrostatic transmission; those that the file leaves out are as printed.
+    pub(crate) fn hydrostatic(&self, file: &str) -> Result<hydrostatic::Parameters, RigError> {
+        self.fill(ModelKind::Hydrostatic, hydrostatic::Parameters::printed(), file)
+    }
+
+    /// The declared constants of a one-mass drive.
+    pub(crate) fn drive(&self, file: &str) -> Result<drive::Parameters, RigError> {
+        self.fill(ModelKind::Drive, drive::Parameters::default(), file)
+    }
+
+    fn fill<P: ParameterSet>(&self, kind: ModelKind, mut parameters: P, file: &str) -> Result<P, RigError> {
+        let problem = |key: String, expected: String, found: String| RigError::Invalid {
+            problems: vec![Problem {
+                file: file.to_owned(),
+                line: 1,
+                key,
+                expected,
+                found,
+                advice: "take a rig file with that model".to_owned(),
+            }],
+        };
+        if self.kind != kind {
+            let (expected, found) = (format!("the model \"{}\"", kind.name()), format!("\"{}\"", self.kind.name()));
+            return Err(problem("model.kind".to_owned(), expected, found));
+        }
+        for declared in self.parameters.iter().filter(|declared| !is_of_the_motor(kind, &declared.name)) {
+            parameters.set(&declared.name, declared.value).map_err(|error| {
+                let key = format!("model.parameters.{}", declared.name);
+                problem(key, "a value that the model stands for".to_owned(), error.to_string())
+            })?;
+        }
+        Ok(parameters)
+    }
+
+    /// Names and ranges, for the models that `plant` knows.
+    pub(crate) fn check(&self, source: &Source<'_>) {
+        let infos: &[ParameterInfo] = match self.kind {
+            ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
+            ModelKind::Drive => drive::Parameters::NAMES,
+            ModelKind::Cable | ModelKind::Oscillator | ModelKind::Element => return,
+        };
+        let extra = (self.kind == ModelKind::Drive).then_some(FORCE_PER_VOLT);
+        let infos = || infos.iter().chain(extra.iter());
+        for parameter in &self.parameters {
+            let key = format!("model.parameters.{}", parameter.name);
+            let Some(info) = infos().find(|info| info.name == parameter.name) else {
+                let names: Vec<_> = infos().map(|info| info.name).collect();
+                let advice = match nearest(&parameter.name, names.iter().copied()) {
+                    Some(name) => format!("did you mean `{name}`?"),
+                    None => "take it out".to_owned(),
+                };
+                let expected = format!("a parameter of the {} model ({})", self.kind.name(), names.join(", "));
+                source.problem(&key, expected, "an unknown key", advice);
+                continue;
+            };
+            if !(info.minimum..=info.maximum).contains(&parameter.value) {
+                let expected = format!("{} to {} {}", info.minimum, info.maximum, info.unit);
+                let advice = format!("the value is in {}; printed is {}", info.unit, info.printed);
+                source.problem(&key, expected, parameter.value, advice);
+            }
+        }
+        if let Some(info) = extra.filter(|info| self.parameter(info.name).is_none()) {
+            let advice = format!("add {} = {{ value = … }}, in {}", info.name, info.unit);
+            source.problem("model.parameters", format!("`{}`", info.name), "nothing", advice);
+        }
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {

@@ -67,6 +67,11 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// Whether that key stands in the file and was read.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.lines.borrow().contains_key(key)
+    }
+
     /// Notes a problem with a key that was read before.
     pub(crate) fn problem(&self, key: &str, expected: impl Display, found: impl Display, advice: impl Display) {
         self.problem_on(self.line_of(key), key, expected, found, advice);

@@ -101,6 +101,7 @@ impl RigFile {
         self.rates.check(source);
         self.phases.check(&self.rates, source);
         Channel::check_all(&self.channels, source);
+        self.model.check(source);
         for (at, axis) in self.axes.iter().enumerate() {
             axis.check(at, &self.channels, &self.rates, source);
             if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {
@@ -109,6 +110,28 @@ impl RigFile {
                 source.problem(&format!("axes.{at}.name"), expected, found, "names tell axes apart on screens");
             }
         }
+    }
+
+    /// The declared constants of the hydrostatic transmission; those that the file leaves out are as printed.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is of another kind.
+    pub fn hydrostatic_parameters(&self) -> Result<plant::hydrostatic::Parameters, RigError> {
+        self.model.hydrostatic(&self.file_name)
+    }
+
+    /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is of another kind.
+    pub fn drive_parameters(&self) -> Result<plant::drive::Parameters, RigError> {
+        self.model.drive(&self.file_name)
+    }
+
+    /// Force of a drive's motor per volt [N/V]; `None` where the model is of another kind.
+    pub fn force_per_volt(&self) -> Option<f64> {
+        let drive = self.model.kind == crate::ModelKind::Drive;
+        self.model.parameter("force_per_volt_n").filter(|_| drive).map(|parameter| parameter.value)
     }
 
     /// The text as it was read, for recordings.

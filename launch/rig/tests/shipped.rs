@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use rig::protocol::Protocol;
 use rig::{AxisUnit, ChannelKind, HandKind, ModelKind, ParameterSource, RigFile};
 
 fn shipped(name: &str) -> RigFile {
@@ -53,7 +54,7 @@ fn the_emps_carriage_counts_in_metres() {
     assert!((axis.control.position_gain / (160.18 * 243.45) - 1.0).abs() < 1e-3);
     assert!((axis.control.velocity_gain / 243.45 - 1.0).abs() < 1e-3);
     assert_eq!(rig.model.kind, ModelKind::Drive);
-    assert!((rig.model.parameter("offset_n").unwrap().spread() - 10.0).abs() < 1e-12);
+    assert!((rig.model.parameter("force_offset_n").unwrap().spread() - 10.0).abs() < 1e-12);
     assert_eq!(rig.replay.position, "position_m");
 }
 
@@ -64,4 +65,44 @@ fn a_rig_keeps_its_text_and_a_stable_identity() {
     let again = RigFile::parse(rig.text(), rig.file_name()).unwrap();
     assert_eq!(again, rig);
     assert_eq!(rig.identity(), rig::identity(rig.text()));
+}
+
+#[test]
+fn declared_parameters_reach_the_model() {
+    let traced = shipped("hydrostatic.toml").hydrostatic_parameters().unwrap();
+    let printed = shipped("hydrostatic-printed.toml").hydrostatic_parameters().unwrap();
+    assert_eq!(printed, plant::hydrostatic::Parameters::printed());
+    let reference = plant::hydrostatic::Parameters::traced().line_stiffness_factor;
+    assert!((traced.line_stiffness_factor / reference - 1.0).abs() < 1e-6);
+
+    let emps = shipped("emps.toml");
+    assert_eq!(emps.drive_parameters().unwrap().mass_kg, 100.0);
+    assert_eq!(emps.force_per_volt(), Some(35.15065));
+    let error = emps.hydrostatic_parameters().unwrap_err().to_string();
+    assert!(
+        error.ends_with(
+            "model.kind: expected the model \"hydrostatic\", found \"drive\"; take a rig file with that model"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_protocols_fit_the_hydrostatic_rig() {
+    let rig = shipped("hydrostatic.toml");
+    for name in ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml"] {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../protocols").join(name);
+        let protocol = Protocol::load(path).unwrap_or_else(|error| panic!("{error}"));
+        protocol.check_against(&rig).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(format!("{}.toml", protocol.name), name);
+    }
+}
+
+#[test]
+fn a_protocol_in_degrees_does_not_fit_a_carriage() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../protocols/guided-1hz.toml");
+    let error = Protocol::load(path).unwrap().check_against(&shipped("emps.toml")).unwrap_err();
+    assert_eq!(error.problems().len(), 1);
+    assert_eq!(error.problems()[0].key, "segments.0.amplitude_deg");
+    assert!(error.problems()[0].expected.contains("(m)"));
 }
