@@ -1,1 +1,47 @@
 //! The launcher for machines without systemd, and the unit files.
+//!
+//! It reads the same unit files as systemd does ([`units`]) and keeps the processes that they name running:
+//! started in the order of `After=`, waited for until `READY=1`, watched, started again with growing pauses, stopped
+//! in the reverse order. It knows unit files only: neither shared memory nor messages.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), launch::Error> {
+//! let config = launch::Config::new("bench", "/run/farreach/bench", "/usr/local/bin/farreach")
+//!     .with_units(["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"])
+//!     .with_environment("FARREACH_RIG", "/etc/farreach/bench/rig.toml");
+//! let running = launch::start(config)?; // all are ready; the launcher is a process of its own
+//! println!("up, launcher {}", running.launcher.pid);
+//! for unit in launch::status(&running.run_dir)?.units {
+//!     println!("{:12} {:?} {} restarts", unit.name, unit.state, unit.restarts);
+//! }
+//! let report = launch::stop(&running.run_dir)?; // the watchdog first: motor first
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The launcher process is `EXECUTABLE service launcher --run-dir DIR`, whose body is [`launcher_main`]; `up
+//! --foreground` calls [`supervise`] instead of [`start`].
+
+mod client;
+mod config;
+mod control;
+mod error;
+mod identity;
+mod log;
+pub mod machine;
+mod notify;
+mod process;
+mod run_dir;
+mod scheduling;
+mod status;
+mod supervisor;
+pub mod units;
+
+pub use client::{Running, restart, start, status, stop};
+pub use config::Config;
+pub use error::{Error, StartFailure};
+pub use identity::{ProcessIdentity, boot_id};
+pub use run_dir::{Leftover, RunDir};
+pub use scheduling::Scheduling;
+pub use status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop};
+pub use supervisor::{launcher_main, supervise};

@@ -1,0 +1,302 @@
+//! What the command line calls: `start`, `stop`, `status`, `restart`.
+
+use std::io::{BufRead, BufReader};
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::Signal;
+
+use crate::control::{Answer, Request, send};
+use crate::run_dir::LastWords;
+use crate::status::{RigState, Status, StopReport, UnitState};
+use crate::supervisor::{Supervisor, prepare};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, process};
+
+/// How long a living launcher may take to answer before it is taken for hung, in s.
+const ANSWER_SECONDS: u64 = 5;
+/// How often `start` looks whether the rig is up.
+const LOOK_PERIOD: Duration = Duration::from_millis(10);
+
+/// A rig that is up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Running {
+    /// Its directory, absolute.
+    pub run_dir: PathBuf,
+    /// Its launcher's process.
+    pub launcher: ProcessIdentity,
+    /// The status at the moment when all units were ready.
+    pub status: Status,
+}
+
+/// Starts the launcher in a process and session of its own, and waits until all units are ready.
+///
+/// Processes that outlived an earlier launcher of this directory are adopted if they were started with the same
+/// configuration. `config.foreground` is not for this call; see [`crate::supervise`].
+///
+/// # Errors
+/// When the rig is up already, living processes run with other settings, a unit file is wrong, or a unit could not be
+/// brought up: then all is stopped, and the error has the end of the unit's log.
+pub fn start(mut config: Config) -> Result<Running, Error> {
+    config.foreground = false;
+    let config = config.checked()?;
+    let run_dir = RunDir::new(&config.run_dir);
+    let lock = prepare(&config, &run_dir)?;
+    let output = log::open(&run_dir.launcher_log())?;
+    let errors = output.try_clone().map_err(|source| Error::io("open the log", &run_dir.launcher_log(), source))?;
+    let mut command = Command::new(&config.executable);
+    command
+        .args(["service", "launcher", "--run-dir"])
+        .arg(run_dir.path())
+        .current_dir("/")
+        .stdin(Stdio::from(lock))
+        .stdout(output)
+        .stderr(errors);
+    // SAFETY: setsid is one system call; it neither allocates nor locks.
+    unsafe {
+        command.pre_exec(|| {
+            rustix::process::setsid()?;
+            Ok(())
+        });
+    }
+    let mut child = command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
+    drop(command);
+    // Reaped whenever it ends, so that a caller that lives longer than the rig keeps no zombie.
+    let (sender, ended) = mpsc::channel();
+    std::thread::Builder::new()
+        .name("launcher-reaper".to_owned())
+        .spawn(move || {
+            let _ = sender.send(child.wait());
+        })
+        .map_err(|source| Error::system("start a thread", source))?;
+    wait_until_up(&run_dir, &config, &ended)
+}
+
+fn wait_until_up(
+    run_dir: &RunDir,
+    config: &Config,
+    ended: &mpsc::Receiver<std::io::Result<ExitStatus>>,
+) -> Result<Running, Error> {
+    loop {
+        let outcome = ended.recv_timeout(LOOK_PERIOD);
+        if let Ok(status) = outcome {
+            return Err(why_it_ended(run_dir, config, status));
+        }
+        let Ok(Some(status)) = run_dir.last_status() else { continue };
+        // An earlier launcher's status says `up` as well; this one's has a living launcher.
+        if status.state == RigState::Up && status.launcher.is_alive() {
+            return Ok(Running { run_dir: run_dir.path().to_path_buf(), launcher: status.launcher, status });
+        }
+    }
+}
+
+fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitStatus>) -> Error {
+    let words: Option<LastWords> = run_dir.read_json(&run_dir.failure_json()).ok().flatten();
+    let _ = std::fs::remove_file(run_dir.failure_json());
+    match words {
+        Some(LastWords { start_failure: Some(failure), .. }) => Error::Start(failure),
+        Some(LastWords { broken_off: Some(cause), .. }) => Error::BrokenOff { rig: config.rig_name.clone(), cause },
+        Some(words) => Error::Launcher { message: words.message },
+        None => {
+            let exit = status.map_or_else(|error| error.to_string(), |status| status.to_string());
+            let tail = log::tail(&run_dir.launcher_log(), 20);
+            Error::Launcher { message: format!("{exit}. Last lines of {}:\n{tail}", run_dir.launcher_log().display()) }
+        }
+    }
+}
+
+/// What is up in this directory. When the launcher is dead, its last word with what is true of it: the living are
+/// `unsupervised`, the rig is `abandoned`.
+///
+/// # Errors
+/// [`Error::NotUp`] when there is neither a launcher nor a living process.
+pub fn status(run_dir: &Path) -> Result<Status, Error> {
+    let directory = RunDir::new(run_dir);
+    let not_up = || Error::NotUp { run_dir: run_dir.to_path_buf() };
+    let mut status = directory.last_status()?.ok_or_else(not_up)?;
+    if status.launcher.is_alive() {
+        return Ok(status);
+    }
+    status.state = RigState::Abandoned;
+    for unit in &mut status.units {
+        unit.process = unit.process.filter(ProcessIdentity::is_alive);
+        unit.state = if unit.process.is_some() { UnitState::Unsupervised } else { UnitState::Inactive };
+    }
+    if status.units.iter().all(|unit| unit.process.is_none()) {
+        return Err(not_up());
+    }
+    Ok(status)
+}
+
+/// Processes of the rig that outlived its launcher. Meant for when there is no launcher.
+pub(crate) fn leftovers(run_dir: &RunDir) -> Result<Vec<Leftover>, Error> {
+    let mut found: Vec<Leftover> = Vec::new();
+    for unit in run_dir.last_status()?.into_iter().flat_map(|status| status.units) {
+        if let Some(process) = unit.process.filter(ProcessIdentity::is_alive) {
+            found.push(Leftover { unit: unit.name, process });
+        }
+    }
+    for (unit, process) in process::find(run_dir) {
+        if !found.iter().any(|leftover| leftover.process == process) {
+            found.push(Leftover { unit, process });
+        }
+    }
+    Ok(found)
+}
+
+/// Stops all units in the reverse of the order of their start, and the launcher. Where the launcher is dead, or hangs,
+/// the living are found by pid and start time and stopped by this process.
+///
+/// # Errors
+/// [`Error::NotUp`] when there is nothing to stop.
+pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
+    let path = std::path::absolute(run_dir).map_err(|source| Error::io("make absolute", run_dir, source))?;
+    let directory = RunDir::new(path);
+    if directory.is_held()? {
+        match ask_to_stop(&directory) {
+            Ok(report) => return Ok(report),
+            Err(Error::Silent { launcher, .. }) => {
+                // It cannot stop anything any more; the motor must not wait for it.
+                launcher.signal(Signal::KILL);
+            }
+            // It may have ended by itself, or died, while it was asked.
+            Err(_) => {}
+        }
+    }
+    let not_up = || Error::NotUp { run_dir: run_dir.to_path_buf() };
+    if !directory.path().is_dir() {
+        return Err(not_up());
+    }
+    let until = Instant::now() + Duration::from_secs(ANSWER_SECONDS);
+    let lock = loop {
+        match directory.lock()? {
+            Some(lock) => break lock,
+            None if Instant::now() < until => {}
+            None => return Err(directory.already_up("of this directory")),
+        }
+    };
+    let leftovers = leftovers(&directory)?;
+    if leftovers.is_empty() {
+        directory.clean();
+        return Err(not_up());
+    }
+    let cause = "a request to stop, the launcher being dead";
+    match directory.config() {
+        Ok(Some(config)) if config.load_units().is_ok() => {
+            Supervisor::open(config, &directory, lock.into())?.stop_now(cause)
+        }
+        _ => Ok(kill_leftovers(&directory, leftovers, cause)),
+    }
+}
+
+/// Without unit files nobody knows an order or a patience: the last started goes first, and at once.
+fn kill_leftovers(directory: &RunDir, leftovers: Vec<Leftover>, cause: &str) -> StopReport {
+    let status = directory.last_status().ok().flatten();
+    let strays: Vec<ProcessIdentity> = leftovers.into_iter().rev().map(|leftover| leftover.process).collect();
+    for process in &strays {
+        process.signal(Signal::KILL);
+    }
+    directory.clean();
+    StopReport {
+        rig_name: status.map_or_else(String::new, |status| status.rig_name),
+        cause: cause.to_owned(),
+        units: Vec::new(),
+        strays,
+    }
+}
+
+fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
+    let mut connection = Connection::open(directory)?;
+    match connection.ask(&Request::Stop)? {
+        Answer::Done => {}
+        other => return Err(unexpected(&other)),
+    }
+    let units = directory.config()?.map(|config| config.load_units()).transpose()?.unwrap_or_default();
+    // Each may take its time, be killed, and take it again.
+    let patience =
+        units.iter().map(|unit| unit.timeout_stop * 2).sum::<Duration>() + Duration::from_secs(ANSWER_SECONDS);
+    let report = match connection.receive("stop", patience)? {
+        Answer::Stopped { report } => report,
+        other => return Err(unexpected(&other)),
+    };
+    // The report is its last word but one: whoever starts the rig next wants it gone.
+    connection.wait_until_gone(patience);
+    Ok(report)
+}
+
+/// Has one unit started again; stopped first if it runs. A unit that had been given up gets a new chance.
+///
+/// # Errors
+/// When no launcher lives, there is no such unit, or the rig is not up.
+pub fn restart(run_dir: &Path, unit: &str) -> Result<(), Error> {
+    let directory = RunDir::new(run_dir);
+    if !directory.is_held()? {
+        return Err(Error::NotUp { run_dir: run_dir.to_path_buf() });
+    }
+    match Connection::open(&directory)?.ask(&Request::Restart { unit: unit.to_owned() })? {
+        Answer::Done => Ok(()),
+        other => Err(unexpected(&other)),
+    }
+}
+
+fn unexpected(answer: &Answer) -> Error {
+    Error::Refused {
+        reason: match answer {
+            Answer::Refused { reason } => reason.clone(),
+            other => format!("it answered something else: {other:?}"),
+        },
+    }
+}
+
+struct Connection {
+    stream: BufReader<UnixStream>,
+    launcher: ProcessIdentity,
+    socket: PathBuf,
+}
+
+impl Connection {
+    fn open(directory: &RunDir) -> Result<Self, Error> {
+        let socket = directory.control_socket();
+        let text = std::fs::read_to_string(directory.launcher_pid())
+            .map_err(|source| Error::io("read", &directory.launcher_pid(), source))?;
+        let mut numbers = text.split_whitespace();
+        let launcher = (|| {
+            Some(ProcessIdentity { pid: numbers.next()?.parse().ok()?, start_time: numbers.next()?.parse().ok()? })
+        })()
+        .ok_or_else(|| Error::File {
+            path: directory.launcher_pid(),
+            message: format!("found `{}`, expected pid and start time", text.trim()),
+        })?;
+        let stream = UnixStream::connect(&socket).map_err(|source| Error::io("connect to", &socket, source))?;
+        Ok(Self { stream: BufReader::new(stream), launcher, socket })
+    }
+
+    fn ask(&mut self, request: &Request) -> Result<Answer, Error> {
+        send(self.stream.get_mut(), request).map_err(|source| Error::io("write to", &self.socket, source))?;
+        self.receive("answer", Duration::from_secs(ANSWER_SECONDS))
+    }
+
+    fn receive(&mut self, what: &'static str, patience: Duration) -> Result<Answer, Error> {
+        let fail = |source| Error::io("read from", &self.socket, source);
+        self.stream.get_ref().set_read_timeout(Some(patience)).map_err(fail)?;
+        let mut line = String::new();
+        match self.stream.read_line(&mut line) {
+            Ok(_) => serde_json::from_str(&line)
+                .map_err(|error| Error::File { path: self.socket.clone(), message: format!("`{line}`: {error}") }),
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {
+                Err(Error::Silent { launcher: self.launcher, what, seconds: patience.as_secs() })
+            }
+            Err(error) => Err(fail(error)),
+        }
+    }
+
+    fn wait_until_gone(&self, patience: Duration) {
+        let Some(handle) = self.launcher.open() else { return };
+        let timeout = Timespec::try_from(patience).ok();
+        let _ = poll(&mut [PollFd::new(&handle, PollFlags::IN)], timeout.as_ref());
+    }
+}

@@ -1,0 +1,127 @@
+//! The control socket: one JSON object a line, question and answer.
+//!
+//! ```text
+//! -> {"request":"status"}                     <- {"answer":"status","status":{...}}
+//! -> {"request":"restart","unit":"control"}   <- {"answer":"done"}
+//! -> {"request":"stop"}                       <- {"answer":"done"} and, when all is stopped, {"answer":"stopped","report":{...}}
+//! ```
+
+use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+
+use rustix::net::sockopt;
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::status::{Status, StopReport};
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "request", rename_all = "snake_case")]
+pub(crate) enum Request {
+    Status,
+    Restart { unit: String },
+    Stop,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "answer", rename_all = "snake_case")]
+pub(crate) enum Answer {
+    Status { status: Box<Status> },
+    Done,
+    Refused { reason: String },
+    Stopped { report: StopReport },
+}
+
+/// Longest question; who sends more is cut off.
+const LONGEST: usize = 4096;
+/// Most clients at a time.
+const CLIENTS: usize = 16;
+
+pub(crate) struct ControlServer {
+    listener: UnixListener,
+    clients: Vec<Client>,
+}
+
+struct Client {
+    stream: UnixStream,
+    received: Vec<u8>,
+    wants_report: bool,
+    gone: bool,
+}
+
+impl ControlServer {
+    pub(crate) fn bind(path: &Path) -> Result<Self, Error> {
+        let _ = std::fs::remove_file(path);
+        let listener = UnixListener::bind(path).map_err(|source| Error::io("bind", path, source))?;
+        listener.set_nonblocking(true).map_err(|source| Error::io("set up", path, source))?;
+        Ok(Self { listener, clients: Vec::new() })
+    }
+
+    /// What to wait for: the listener, then the clients.
+    pub(crate) fn handles(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        std::iter::once(self.listener.as_fd()).chain(self.clients.iter().map(|client| client.stream.as_fd()))
+    }
+
+    /// Accepts whoever is there and reads what they ask: (client, question).
+    pub(crate) fn receive(&mut self) -> Vec<(usize, Result<Request, String>)> {
+        self.clients.retain(|client| !client.gone);
+        while let Ok((stream, _)) = self.listener.accept() {
+            if self.clients.len() < CLIENTS && stream.set_nonblocking(true).is_ok() && is_ours(&stream) {
+                self.clients.push(Client { stream, received: Vec::new(), wants_report: false, gone: false });
+            }
+        }
+        let mut requests = Vec::new();
+        for (index, client) in self.clients.iter_mut().enumerate() {
+            let mut bytes = [0u8; 1024];
+            loop {
+                match client.stream.read(&mut bytes) {
+                    Ok(0) => client.gone = true,
+                    Ok(count) if client.received.len() + count <= LONGEST => {
+                        client.received.extend_from_slice(&bytes[..count]);
+                        continue;
+                    }
+                    Ok(_) => client.gone = true,
+                    Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                    Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                    Err(_) => client.gone = true,
+                }
+                break;
+            }
+            while let Some(end) = client.received.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = client.received.drain(..=end).collect();
+                let request = serde_json::from_slice(&line).map_err(|error| format!("not a request: {error}"));
+                client.wants_report |= request == Ok(Request::Stop);
+                requests.push((index, request));
+            }
+        }
+        requests
+    }
+
+    pub(crate) fn answer(&mut self, client: usize, answer: &Answer) {
+        if let Some(client) = self.clients.get_mut(client) {
+            client.gone |= send(&mut client.stream, answer).is_err();
+        }
+    }
+
+    /// Tells those who asked for the stop that it is done.
+    pub(crate) fn report(&mut self, report: &StopReport) {
+        for client in self.clients.iter_mut().filter(|client| client.wants_report) {
+            let _ = send(&mut client.stream, &Answer::Stopped { report: report.clone() });
+        }
+    }
+}
+
+/// The directory is ours alone; root may come in nevertheless.
+fn is_ours(stream: &UnixStream) -> bool {
+    let own = rustix::process::geteuid();
+    sockopt::socket_peercred(stream).is_ok_and(|peer| peer.uid == own || peer.uid.is_root())
+}
+
+/// Writes one line. A client that does not read its answer is cut off rather than waited for.
+pub(crate) fn send<T: Serialize>(stream: &mut UnixStream, value: &T) -> io::Result<()> {
+    let mut line = serde_json::to_vec(value)?;
+    line.push(b'\n');
+    stream.write_all(&line)
+}

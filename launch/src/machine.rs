@@ -1,0 +1,466 @@
+//! When to start, kill, restart and stop: a pure state machine. Time (monotonic, from any origin) and what happened
+//! go in, [`Action`]s come out; no clock, no process, no file.
+//!
+//! | what happens | what is done | cleared by |
+//! |---|---|---|
+//! | no `READY=1` within `TimeoutStartSec=` | kill, restart | a start that succeeds |
+//! | ends before `READY=1` | restart | a start that succeeds |
+//! | no `WATCHDOG=1` for `WatchdogSec=` | kill, restart | by itself |
+//! | ends, and `Restart=` says so | restart | by itself |
+//! | [`START_ATTEMPTS`] failed starts in a row while the rig is being brought up | stop all, report | a person |
+//! | `StartLimitBurst=` starts within `StartLimitIntervalSec=` | given up; all is stopped while being brought up | a person: `restart UNIT` |
+//! | an exit code in `RestartPreventExitStatus=` | given up, as above | a person |
+//! | a unit that this one wants and comes after is not ready | its next start waits (`Gated`) | by itself |
+//!
+//! The n-th restart in a row waits `RestartSec=` × 2ⁿ, at most [`BACK_OFF_CAP`] (or `RestartSec=`, if that is longer). A
+//! process that was ready for [`HEALTHY_AFTER`] begins again at `RestartSec=`.
+
+mod policy;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::time::Duration;
+
+pub use policy::Policy;
+use serde::{Deserialize, Serialize};
+
+use crate::status::UnitState;
+use crate::units::Restart;
+
+/// Longest pause before a restart.
+pub const BACK_OFF_CAP: Duration = Duration::from_secs(2);
+/// How long a process must have been ready for its next restart to come at once again.
+pub const HEALTHY_AFTER: Duration = Duration::from_secs(2);
+/// How often the start of a unit is tried while the rig is being brought up.
+pub const START_ATTEMPTS: u32 = 3;
+
+/// How a process ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Exit {
+    /// It returned this code.
+    Code(i32),
+    /// This signal ended it.
+    Signal(i32),
+    /// It was adopted, so the kernel tells its end but not how.
+    Unknown,
+}
+
+impl Exit {
+    /// Whether it counts as an end in good order: code 0, or a signal that asks politely.
+    pub fn is_clean(self) -> bool {
+        match self {
+            Self::Code(code) => code == 0,
+            Self::Signal(signal) => [libc::SIGHUP, libc::SIGINT, libc::SIGTERM, libc::SIGPIPE].contains(&signal),
+            Self::Unknown => false,
+        }
+    }
+}
+
+impl fmt::Display for Exit {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Code(code) => write!(formatter, "exit code {code}"),
+            Self::Signal(signal) => match signal_hook::low_level::signal_name(*signal) {
+                Some(name) => write!(formatter, "signal {signal} ({name})"),
+                None => write!(formatter, "signal {signal}"),
+            },
+            Self::Unknown => write!(formatter, "unknown (the process was adopted)"),
+        }
+    }
+}
+
+/// What the machine wants done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Start this unit's process; then, if that failed, call [`Machine::start_refused`].
+    Start(usize),
+    /// Send the unit's `KillSignal=`.
+    AskToStop(usize),
+    /// Send `SIGKILL`.
+    Kill(usize),
+}
+
+/// Where the whole rig is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Units are being started for the first time.
+    BringUp,
+    /// All have been ready.
+    Up,
+    /// Units are being stopped.
+    Stopping,
+    /// None is left.
+    Down,
+}
+
+/// Why the rig could not be brought up.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Index of the unit.
+    pub unit: usize,
+    /// What happened last.
+    pub reason: String,
+    /// How often it was tried.
+    pub attempts: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Inactive,
+    Starting { deadline: Duration },
+    Ready { since: Duration, pinged: Duration },
+    Killing,
+    BackOff { until: Duration },
+    Stopping { deadline: Duration, killed: bool, then_start: bool },
+    Failed,
+}
+
+#[derive(Debug)]
+struct Slot {
+    policy: Policy,
+    state: State,
+    restarts: u32,
+    failed_starts: u32,
+    back_off_steps: u32,
+    starts: VecDeque<Duration>,
+    reason: Option<String>,
+    stop_asked: Option<Duration>,
+    stop_killed: bool,
+}
+
+/// The state of all units of a rig.
+#[derive(Debug)]
+pub struct Machine {
+    slots: Vec<Slot>,
+    phase: Phase,
+    failure: Option<Failure>,
+}
+
+impl Machine {
+    /// All units inactive, to be brought up.
+    pub fn new(policies: Vec<Policy>) -> Self {
+        let slots = policies
+            .into_iter()
+            .map(|policy| Slot {
+                policy,
+                state: State::Inactive,
+                restarts: 0,
+                failed_starts: 0,
+                back_off_steps: 0,
+                starts: VecDeque::new(),
+                reason: None,
+                stop_asked: None,
+                stop_killed: false,
+            })
+            .collect();
+        Self { slots, phase: Phase::BringUp, failure: None }
+    }
+
+    /// Takes a living process over. One that had not been ready gets the time of a start to show a sign of life; its
+    /// `READY=1` may have been lost, so a `WATCHDOG=1` counts as well.
+    pub fn adopt(&mut self, unit: usize, was_ready: bool, restarts: u32, now: Duration) {
+        let slot = &mut self.slots[unit];
+        slot.restarts = restarts;
+        slot.starts.push_back(now);
+        slot.state = if was_ready {
+            State::Ready { since: now, pinged: now }
+        } else {
+            State::Starting { deadline: now + slot.policy.timeout_start }
+        };
+    }
+
+    /// Where the rig is.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Why it could not be brought up.
+    pub fn failure(&self) -> Option<&Failure> {
+        self.failure.as_ref()
+    }
+
+    /// State of a unit.
+    pub fn state(&self, unit: usize) -> UnitState {
+        match self.slots[unit].state {
+            State::Inactive => UnitState::Inactive,
+            State::Starting { .. } => UnitState::Starting,
+            State::Ready { .. } => UnitState::Ready,
+            State::Killing => UnitState::Killing,
+            State::BackOff { .. } if self.gates_open(unit) => UnitState::BackOff,
+            State::BackOff { .. } => UnitState::Gated,
+            State::Stopping { .. } => UnitState::Stopping,
+            State::Failed => UnitState::Failed,
+        }
+    }
+
+    /// Starts of a unit after its first.
+    pub fn restarts(&self, unit: usize) -> u32 {
+        self.slots[unit].restarts
+    }
+
+    /// Why a unit was, or is to be, started again; or was given up.
+    pub fn reason(&self, unit: usize) -> Option<&str> {
+        self.slots[unit].reason.as_deref()
+    }
+
+    /// When a unit was asked to stop, and whether it had to be killed.
+    pub fn stop_of(&self, unit: usize) -> Option<(Duration, bool)> {
+        self.slots[unit].stop_asked.map(|asked| (asked, self.slots[unit].stop_killed))
+    }
+
+    /// `READY=1` came.
+    pub fn ready(&mut self, unit: usize, now: Duration) {
+        let slot = &mut self.slots[unit];
+        if let State::Starting { .. } = slot.state {
+            slot.failed_starts = 0;
+            slot.state = State::Ready { since: now, pinged: now };
+        }
+    }
+
+    /// `WATCHDOG=1` came; `adopted` as in [`Machine::adopt`].
+    pub fn ping(&mut self, unit: usize, adopted: bool, now: Duration) {
+        if adopted {
+            self.ready(unit, now);
+        }
+        if let State::Ready { pinged, .. } = &mut self.slots[unit].state {
+            *pinged = now;
+        }
+    }
+
+    /// The process could not be started at all.
+    pub fn start_refused(&mut self, unit: usize, reason: String, now: Duration) {
+        self.slots[unit].failed_starts += 1;
+        self.slots[unit].reason = Some(reason);
+        self.start_again(unit, now);
+    }
+
+    /// The process ended.
+    pub fn exited(&mut self, unit: usize, exit: Exit, now: Duration) {
+        let slot = &mut self.slots[unit];
+        match slot.state {
+            State::Stopping { then_start: true, .. } if self.phase != Phase::Stopping => {
+                slot.state = State::BackOff { until: now };
+            }
+            _ if self.phase == Phase::Stopping => slot.state = State::Inactive,
+            State::Stopping { .. } => slot.state = State::Inactive,
+            State::Killing => self.start_again(unit, now),
+            State::Starting { .. } => {
+                slot.failed_starts += 1;
+                slot.reason = Some(format!("it ended before it was ready: {exit}"));
+                if slot.policy.prevents(exit) { self.give_up(unit) } else { self.start_again(unit, now) }
+            }
+            State::Ready { since, .. } => {
+                slot.reason = Some(format!("it ended: {exit}"));
+                if now.saturating_sub(since) >= HEALTHY_AFTER {
+                    slot.back_off_steps = 0;
+                }
+                let wanted = slot.policy.restart == Restart::Always || !exit.is_clean();
+                if wanted && !slot.policy.prevents(exit) {
+                    self.start_again(unit, now);
+                } else if wanted || self.phase == Phase::BringUp {
+                    // While the rig is brought up, those after it would wait for ever.
+                    self.give_up(unit);
+                } else {
+                    slot.state = State::Inactive;
+                }
+            }
+            State::Inactive | State::BackOff { .. } | State::Failed => {}
+        }
+    }
+
+    /// A person wants this unit started again; it is stopped first if it runs. Clears what was counted against it.
+    ///
+    /// # Errors
+    /// While the rig is not up.
+    pub fn restart(&mut self, unit: usize, now: Duration) -> Result<Vec<Action>, &'static str> {
+        if self.phase != Phase::Up {
+            return Err("the rig is not up: it is being started or stopped");
+        }
+        let slot = &mut self.slots[unit];
+        slot.back_off_steps = 0;
+        slot.failed_starts = 0;
+        slot.starts.clear();
+        slot.reason = Some("a restart was asked for".to_owned());
+        Ok(match slot.state {
+            State::Ready { .. } | State::Starting { .. } => {
+                slot.state =
+                    State::Stopping { deadline: now + slot.policy.timeout_stop, killed: false, then_start: true };
+                vec![Action::AskToStop(unit)]
+            }
+            State::Inactive | State::BackOff { .. } | State::Failed => {
+                slot.state = State::BackOff { until: now };
+                Vec::new()
+            }
+            State::Killing | State::Stopping { .. } => Vec::new(),
+        })
+    }
+
+    /// Stop everything, in the reverse of the order of the start.
+    pub fn stop_all(&mut self) {
+        if self.phase != Phase::Down {
+            self.phase = Phase::Stopping;
+        }
+    }
+
+    /// What is due at `now`. Call it after every event, and again at [`Machine::next_deadline`].
+    pub fn tick(&mut self, now: Duration) -> Vec<Action> {
+        let mut actions = Vec::new();
+        for unit in 0..self.slots.len() {
+            self.enforce(unit, now, &mut actions);
+        }
+        match self.phase {
+            Phase::BringUp | Phase::Up => self.start_due(now, &mut actions),
+            Phase::Stopping => self.stop_due(now, &mut actions),
+            Phase::Down => {}
+        }
+        actions
+    }
+
+    /// When [`Machine::tick`] has something to do although nothing happens before.
+    pub fn next_deadline(&self) -> Option<Duration> {
+        (0..self.slots.len())
+            .filter_map(|unit| match self.slots[unit].state {
+                State::Starting { deadline } | State::Stopping { deadline, .. } => Some(deadline),
+                State::Ready { pinged, .. } => self.slots[unit].policy.watchdog.map(|watchdog| pinged + watchdog),
+                State::BackOff { until } if self.gates_open(unit) => Some(until),
+                _ => None,
+            })
+            .min()
+    }
+
+    /// Kills what is over its time.
+    fn enforce(&mut self, unit: usize, now: Duration, actions: &mut Vec<Action>) {
+        let stopping = self.phase == Phase::Stopping;
+        let slot = &mut self.slots[unit];
+        match slot.state {
+            State::Starting { deadline } if now >= deadline && !stopping => {
+                slot.failed_starts += 1;
+                slot.reason = Some(format!("it was not ready within {:?}", slot.policy.timeout_start));
+                slot.state = State::Killing;
+                actions.push(Action::Kill(unit));
+            }
+            State::Ready { since, pinged } if !stopping => {
+                let Some(watchdog) = slot.policy.watchdog.filter(|watchdog| now >= pinged + *watchdog) else { return };
+                if now.saturating_sub(since) >= HEALTHY_AFTER.max(watchdog * 2) {
+                    slot.back_off_steps = 0;
+                }
+                slot.reason = Some(format!("its watchdog was silent for {watchdog:?}"));
+                slot.state = State::Killing;
+                actions.push(Action::Kill(unit));
+            }
+            State::Stopping { deadline, killed, then_start } if now >= deadline => {
+                if killed {
+                    // Not even SIGKILL ended it: it hangs in the kernel. The others must not wait for it.
+                    slot.reason = Some("it outlived SIGKILL".to_owned());
+                    slot.state = State::Failed;
+                } else {
+                    slot.stop_killed = true;
+                    slot.state = State::Stopping { deadline: now + slot.policy.timeout_stop, killed: true, then_start };
+                    actions.push(Action::Kill(unit));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn start_due(&mut self, now: Duration, actions: &mut Vec<Action>) {
+        for unit in 0..self.slots.len() {
+            let due = match self.slots[unit].state {
+                State::Inactive if self.phase == Phase::BringUp => {
+                    self.slots[unit].policy.after.iter().all(|&before| self.is_ready(before))
+                }
+                State::BackOff { until } => now >= until && self.gates_open(unit),
+                _ => false,
+            };
+            if !due {
+                continue;
+            }
+            let slot = &mut self.slots[unit];
+            slot.restarts += u32::from(!matches!(slot.state, State::Inactive));
+            slot.starts.push_back(now);
+            slot.state = State::Starting { deadline: now + slot.policy.timeout_start };
+            actions.push(Action::Start(unit));
+        }
+        if self.phase == Phase::BringUp && (0..self.slots.len()).all(|unit| self.is_ready(unit)) {
+            self.phase = Phase::Up;
+        }
+    }
+
+    fn stop_due(&mut self, now: Duration, actions: &mut Vec<Action>) {
+        for unit in 0..self.slots.len() {
+            if let State::BackOff { .. } = self.slots[unit].state {
+                self.slots[unit].state = State::Inactive;
+            }
+        }
+        for unit in 0..self.slots.len() {
+            let running = matches!(self.slots[unit].state, State::Starting { .. } | State::Ready { .. });
+            let blocked = (0..self.slots.len())
+                .any(|later| self.slots[later].policy.after.contains(&unit) && self.has_process(later));
+            if running && !blocked {
+                let slot = &mut self.slots[unit];
+                slot.stop_asked = Some(now);
+                slot.state =
+                    State::Stopping { deadline: now + slot.policy.timeout_stop, killed: false, then_start: false };
+                actions.push(Action::AskToStop(unit));
+            }
+        }
+        if !(0..self.slots.len()).any(|unit| self.has_process(unit)) {
+            self.phase = Phase::Down;
+        }
+    }
+
+    fn is_ready(&self, unit: usize) -> bool {
+        matches!(self.slots[unit].state, State::Ready { .. })
+    }
+
+    fn has_process(&self, unit: usize) -> bool {
+        !matches!(self.slots[unit].state, State::Inactive | State::BackOff { .. } | State::Failed)
+    }
+
+    fn gates_open(&self, unit: usize) -> bool {
+        self.slots[unit].policy.gates.iter().all(|&gate| self.is_ready(gate))
+    }
+
+    /// Plans the next start, or gives up.
+    fn start_again(&mut self, unit: usize, now: Duration) {
+        let bring_up = self.phase == Phase::BringUp;
+        let slot = &mut self.slots[unit];
+        if self.phase == Phase::Stopping || self.phase == Phase::Down {
+            slot.state = State::Inactive;
+            return;
+        }
+        let policy = &slot.policy;
+        let pause = policy.restart_delay.saturating_mul(1 << slot.back_off_steps.min(16));
+        let until = now + pause.min(BACK_OFF_CAP.max(policy.restart_delay));
+        slot.starts.retain(|&start| start + policy.start_limit_interval > until);
+        let limited = policy.start_limit_burst > 0 && slot.starts.len() >= policy.start_limit_burst as usize;
+        if limited {
+            let last = slot.reason.take().unwrap_or_default();
+            slot.reason = Some(format!(
+                "started {} times within {:?}, which is the limit; last: {last}",
+                policy.start_limit_burst, policy.start_limit_interval
+            ));
+        }
+        if limited || policy.restart == Restart::No || (bring_up && slot.failed_starts >= START_ATTEMPTS) {
+            self.give_up(unit);
+            return;
+        }
+        slot.back_off_steps += 1;
+        slot.state = State::BackOff { until };
+    }
+
+    fn give_up(&mut self, unit: usize) {
+        let slot = &mut self.slots[unit];
+        slot.state = State::Failed;
+        if self.phase == Phase::BringUp {
+            self.failure = Some(Failure {
+                unit,
+                reason: slot.reason.clone().unwrap_or_default(),
+                attempts: slot.failed_starts.max(1),
+            });
+            self.phase = Phase::Stopping;
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! One process of a unit: started or adopted, watched through a pidfd, so that a recycled pid is never hit.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, Stdio};
+
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open, pidfd_send_signal};
+
+use crate::machine::Exit;
+use crate::scheduling::ChildSetup;
+use crate::units::Unit;
+use crate::{Config, Error, ProcessIdentity, RunDir, log};
+
+/// In every process's environment: by these two a process is known as the rig's even if no status names it.
+const UNIT_VARIABLE: &str = "FARREACH_UNIT";
+const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
+
+pub(crate) struct Process {
+    pub(crate) identity: ProcessIdentity,
+    handle: OwnedFd,
+    child: Option<Child>,
+}
+
+impl Process {
+    /// Starts the process of a unit: output to its log, a process group of its own, its limits and its class.
+    pub(crate) fn start(unit: &Unit, config: &Config, run_dir: &RunDir) -> Result<Self, Error> {
+        let log_path = run_dir.log(&unit.name);
+        let _ = log::rotate(&log_path, log::LIMIT);
+        let output = log::open(&log_path)?;
+        let errors = output.try_clone().map_err(|source| Error::io("open the log", &log_path, source))?;
+        let mut command = Command::new(&config.executable);
+        command
+            .args(&unit.exec_start[1..])
+            .envs(environment(unit, config, run_dir))
+            .env_remove("WATCHDOG_PID")
+            .current_dir("/")
+            .stdin(Stdio::null())
+            .stdout(output)
+            .stderr(errors)
+            // So that Ctrl-C at a terminal reaches the launcher alone, which then stops them in their order.
+            .process_group(0);
+        if unit.watchdog.is_none() {
+            command.env_remove("WATCHDOG_USEC");
+        }
+        let setup = ChildSetup::of(unit);
+        // SAFETY: `apply` makes system calls on numbers that it owns; it neither allocates nor locks.
+        unsafe {
+            command.pre_exec(move || {
+                setup.apply();
+                Ok(())
+            });
+        }
+        let child = command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
+        let pid = i32::try_from(child.id()).unwrap_or(i32::MAX);
+        if let Some(score) = unit.oom_score_adjust {
+            // Refused to lower it without CAP_SYS_RESOURCE; the status says so.
+            let _ = fs::write(format!("/proc/{pid}/oom_score_adj"), score.to_string());
+        }
+        // The child is not reaped before `exit`, so its pid is its own until then.
+        match Self::of_child(pid) {
+            Ok((identity, handle)) => Ok(Self { identity, handle, child: Some(child) }),
+            Err(error) => {
+                let mut child = child;
+                let _ = child.kill();
+                let _ = child.wait();
+                Err(error)
+            }
+        }
+    }
+
+    fn of_child(pid: i32) -> Result<(ProcessIdentity, OwnedFd), Error> {
+        let raw = Pid::from_raw(pid).ok_or_else(|| Error::system("read a pid", io::Error::other("pid 0")))?;
+        let handle = pidfd_open(raw, PidfdFlags::NONBLOCK)
+            .map_err(|source| Error::system("open a pidfd (Linux 5.10 or later is needed)", source))?;
+        // A child that has ended already is a zombie, which has no identity; its handle tells.
+        let identity = ProcessIdentity::of(pid).unwrap_or(ProcessIdentity { pid, start_time: 0 });
+        Ok((identity, handle))
+    }
+
+    /// Takes over a living process that somebody else started; `None` when it is gone.
+    pub(crate) fn adopt(identity: ProcessIdentity) -> Option<Self> {
+        Some(Self { identity, handle: identity.open()?, child: None })
+    }
+
+    /// Readable when the process has ended.
+    pub(crate) fn handle(&self) -> BorrowedFd<'_> {
+        self.handle.as_fd()
+    }
+
+    /// Sends a signal, and wakes a stopped process so that it can obey.
+    pub(crate) fn ask_to_stop(&self, signal: Signal) {
+        let _ = pidfd_send_signal(&self.handle, signal);
+        let _ = pidfd_send_signal(&self.handle, Signal::CONT);
+    }
+
+    pub(crate) fn kill(&self) {
+        let _ = pidfd_send_signal(&self.handle, Signal::KILL);
+    }
+
+    /// How it ended. Call when [`Process::handle`] is readable. What it left in its process group is killed.
+    pub(crate) fn exit(self) -> Exit {
+        let Some(mut child) = self.child else { return Exit::Unknown };
+        if let Some(group) = Pid::from_raw(self.identity.pid) {
+            // Before the child is reaped: until then nobody else can have its pid, or a group of that number.
+            let _ = kill_process_group(group, Signal::KILL);
+        }
+        match child.wait() {
+            Ok(status) => match (status.code(), status.signal()) {
+                (Some(code), _) => Exit::Code(code),
+                (None, Some(signal)) => Exit::Signal(signal),
+                (None, None) => Exit::Unknown,
+            },
+            Err(_) => Exit::Unknown,
+        }
+    }
+}
+
+fn environment(unit: &Unit, config: &Config, run_dir: &RunDir) -> BTreeMap<String, std::ffi::OsString> {
+    let mut variables: BTreeMap<String, std::ffi::OsString> = BTreeMap::new();
+    let installed = unit.runtime_directory.as_ref().map(|relative| format!("/run/{relative}"));
+    for (name, value) in &unit.environment {
+        let rest = installed.as_ref().and_then(|installed| value.strip_prefix(installed.as_str()));
+        let value = match rest {
+            Some("") => run_dir.path().into(),
+            Some(rest) if rest.starts_with('/') => run_dir.path().join(&rest[1..]).into(),
+            _ => value.into(),
+        };
+        variables.insert(name.clone(), value);
+    }
+    variables.extend(config.environment.iter().map(|(name, value)| (name.clone(), value.into())));
+    if installed.is_some() {
+        variables.insert("RUNTIME_DIRECTORY".to_owned(), run_dir.path().into());
+    }
+    if let Some(watchdog) = unit.watchdog {
+        variables.insert("WATCHDOG_USEC".to_owned(), watchdog.as_micros().to_string().into());
+    }
+    variables.insert(SOCKET_VARIABLE.to_owned(), run_dir.notify_socket().into());
+    variables.insert(UNIT_VARIABLE.to_owned(), unit.name.clone().into());
+    variables
+}
+
+/// Living processes of this rig by their environment, with their units. It finds one whose launcher died between
+/// starting it and writing that down.
+pub(crate) fn find(run_dir: &RunDir) -> Vec<(String, ProcessIdentity)> {
+    let mut socket = format!("{SOCKET_VARIABLE}=").into_bytes();
+    socket.extend(run_dir.notify_socket().as_os_str().as_bytes());
+    let own = i32::try_from(std::process::id()).unwrap_or(0);
+    let mut found = Vec::new();
+    let Ok(entries) = fs::read_dir("/proc") else { return found };
+    for pid in entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok()) {
+        let Some(identity) = ProcessIdentity::of(pid).filter(|identity| identity.pid != own) else { continue };
+        // Those of other users cannot be read, and are not ours.
+        let Ok(environment) = fs::read(format!("/proc/{pid}/environ")) else { continue };
+        let mut variables = environment.split(|byte| *byte == 0);
+        if !variables.clone().any(|variable| variable == socket) {
+            continue;
+        }
+        let prefix = format!("{UNIT_VARIABLE}=");
+        let unit = variables.find_map(|variable| variable.strip_prefix(prefix.as_bytes()));
+        if let Some(unit) = unit {
+            found.push((String::from_utf8_lossy(unit).into_owned(), identity));
+        }
+    }
+    found
+}

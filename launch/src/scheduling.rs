@@ -1,0 +1,168 @@
+//! Scheduling class, cores and limits: asked for between fork and exec, read back from the kernel afterwards.
+
+use std::fs;
+
+use rustix::process::{Pid, Resource, Rlimit, getrlimit, setrlimit};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use serde::{Deserialize, Serialize};
+
+use crate::units::{Limit, SchedulingPolicy, Unit};
+
+/// What was asked for and what the kernel granted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Scheduling {
+    /// The unit's class and priority.
+    pub asked: SchedulingPolicy,
+    /// What the process has, as read back; `None` when it could not be read.
+    pub granted: Option<SchedulingPolicy>,
+    /// Cores on which it may run, as read back.
+    pub cores: Vec<usize>,
+    /// What was asked for and refused, in words; empty when all was granted.
+    pub refused: Vec<String>,
+}
+
+/// What the child does to itself between fork and exec. Plain numbers: nothing there may allocate or lock.
+#[derive(Clone, Copy)]
+pub(crate) struct ChildSetup {
+    memlock: Option<Limit>,
+    rtprio: Option<Limit>,
+    policy: SchedulingPolicy,
+    cores: Option<CpuSet>,
+}
+
+impl ChildSetup {
+    pub(crate) fn of(unit: &Unit) -> Self {
+        let available = sched_getaffinity(None).ok();
+        let mut cores = CpuSet::new();
+        for &core in &unit.cpu_affinity {
+            if core < CpuSet::MAX_CPU && available.is_none_or(|available| available.is_set(core)) {
+                cores.set(core);
+            }
+        }
+        Self {
+            memlock: unit.limit_memlock,
+            rtprio: unit.limit_rtprio,
+            policy: unit.scheduling,
+            // On a machine with fewer cores, any core is better than none.
+            cores: (cores.count() > 0).then_some(cores),
+        }
+    }
+
+    /// Asks for everything and goes on without what is refused. System calls only: it runs between fork and exec.
+    pub(crate) fn apply(&self) {
+        raise(Resource::Memlock, self.memlock);
+        raise(Resource::Rtprio, self.rtprio);
+        let granted = match self.policy {
+            SchedulingPolicy::Other => true,
+            SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
+            SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
+        };
+        // Without its class a loop had better be moved to whatever core is free than wait in line on one.
+        if let (true, Some(cores)) = (granted, &self.cores) {
+            let _ = sched_setaffinity(None, cores);
+        }
+    }
+}
+
+/// Sets a limit, or as much of it as this user may have.
+fn raise(resource: Resource, limit: Option<Limit>) {
+    let Some(limit) = limit else { return };
+    let wanted = match limit {
+        Limit::Infinity => None,
+        Limit::Value(value) => Some(value),
+    };
+    if setrlimit(resource, Rlimit { current: wanted, maximum: wanted }).is_err() {
+        let maximum = getrlimit(resource).maximum;
+        let current = match (wanted, maximum) {
+            (Some(wanted), Some(maximum)) => Some(wanted.min(maximum)),
+            (None, maximum) => maximum,
+            (wanted, None) => wanted,
+        };
+        let _ = setrlimit(resource, Rlimit { current, maximum });
+    }
+}
+
+fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: the pointer is to a live, initialised sched_param that the kernel only reads; pid 0 is the caller.
+    unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
+}
+
+/// What the kernel says of a process. The caller sees to it that the pid is still the process's.
+fn granted(pid: i32) -> Option<SchedulingPolicy> {
+    let mut parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: the pointer is to a live sched_param that the kernel writes; a pid that is gone gives an error.
+    let policy = unsafe {
+        if libc::sched_getparam(pid, &raw mut parameters) != 0 {
+            return None;
+        }
+        libc::sched_getscheduler(pid)
+    };
+    match policy & !libc::SCHED_RESET_ON_FORK {
+        libc::SCHED_FIFO => Some(SchedulingPolicy::Fifo(parameters.sched_priority)),
+        libc::SCHED_RR => Some(SchedulingPolicy::Rr(parameters.sched_priority)),
+        policy if policy >= 0 => Some(SchedulingPolicy::Other),
+        _ => None,
+    }
+}
+
+fn cores(pid: i32) -> Vec<usize> {
+    let Some(pid) = Pid::from_raw(pid) else { return Vec::new() };
+    let Ok(set) = sched_getaffinity(Some(pid)) else { return Vec::new() };
+    (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect()
+}
+
+/// The soft limit in a line of `/proc/PID/limits`, or `None` if it is not there.
+fn soft_limit<'a>(limits: &'a str, name: &str) -> Option<&'a str> {
+    limits.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()
+}
+
+impl Scheduling {
+    /// Reads back what a process of this unit has.
+    pub(crate) fn read(unit: &Unit, pid: i32) -> Self {
+        let mut refused = Vec::new();
+        let granted = granted(pid);
+        if unit.scheduling.is_realtime() && granted != Some(unit.scheduling) {
+            let has = granted.map_or_else(|| "unknown".to_owned(), |granted| granted.to_string());
+            refused.push(format!("CPUSchedulingPolicy={}: it has {has}", unit.scheduling));
+        }
+        let cores = cores(pid);
+        if !unit.cpu_affinity.is_empty() && cores != unit.cpu_affinity {
+            refused.push(format!("CPUAffinity={:?}: it may run on {cores:?}", unit.cpu_affinity));
+        }
+        let limits = fs::read_to_string(format!("/proc/{pid}/limits")).unwrap_or_default();
+        for (key, name, wanted) in [
+            ("LimitMEMLOCK", "Max locked memory", unit.limit_memlock),
+            ("LimitRTPRIO", "Max realtime priority", unit.limit_rtprio),
+        ] {
+            let (Some(wanted), Some(has)) = (wanted, soft_limit(&limits, name)) else { continue };
+            let wanted = match wanted {
+                Limit::Infinity => "unlimited".to_owned(),
+                Limit::Value(value) => value.to_string(),
+            };
+            if has != wanted {
+                refused.push(format!("{key}={wanted}: it has {has}"));
+            }
+        }
+        if let Some(wanted) = unit.oom_score_adjust {
+            let has = fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap_or_default();
+            if has.trim() != wanted.to_string() {
+                refused.push(format!("OOMScoreAdjust={wanted}: it has {}", has.trim()));
+            }
+        }
+        Self { asked: unit.scheduling, granted, cores, refused }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn limits_of_proc() {
+        let text = "Limit                     Soft Limit           Hard Limit           Units     \n\
+                    Max locked memory         8388608              unlimited            bytes     \n\
+                    Max realtime priority     0                    0                    \n";
+        assert_eq!(super::soft_limit(text, "Max locked memory"), Some("8388608"));
+        assert_eq!(super::soft_limit(text, "Max realtime priority"), Some("0"));
+        assert_eq!(super::soft_limit(text, "Max nonsense"), None);
+    }
+}

@@ -1,0 +1,147 @@
+//! What the launcher says of the rig: `status.json`, and the report of a stop.
+
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{ProcessIdentity, Scheduling};
+
+/// State of the whole rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RigState {
+    /// Units are being started for the first time.
+    Starting,
+    /// All have been ready; what dies is started again.
+    Up,
+    /// Units are being stopped.
+    Stopping,
+    /// All are stopped.
+    Down,
+    /// The launcher is dead; see the units for who lives on.
+    Abandoned,
+}
+
+/// State of one unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UnitState {
+    /// Not started, or ended by itself in good order.
+    Inactive,
+    /// Started, `READY=1` not yet come.
+    Starting,
+    /// Ready.
+    Ready,
+    /// Killed by the launcher, its end not yet seen.
+    Killing,
+    /// Waiting for its next start.
+    BackOff,
+    /// Waiting for its next start until a unit that it needs is ready again.
+    Gated,
+    /// Asked to stop.
+    Stopping,
+    /// Given up; `restart UNIT` tries again.
+    Failed,
+    /// Alive, but its launcher is dead (only in the answer of [`crate::status`]).
+    Unsupervised,
+}
+
+impl UnitState {
+    /// Whether there is, or may be, a process.
+    pub fn has_process(self) -> bool {
+        matches!(self, Self::Starting | Self::Ready | Self::Killing | Self::Stopping | Self::Unsupervised)
+    }
+}
+
+/// One unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitStatus {
+    /// Short name.
+    pub name: String,
+    /// State.
+    pub state: UnitState,
+    /// Its process, if it has one.
+    pub process: Option<ProcessIdentity>,
+    /// Whether the process was taken over from a launcher that died.
+    pub adopted: bool,
+    /// When it came into this state, in ms since 1970 (UTC).
+    pub since_unix_ms: u64,
+    /// Starts after the first.
+    pub restarts: u32,
+    /// How the process before this one ended: `exit code 1`, `signal 9 (SIGKILL)`.
+    pub last_exit: Option<String>,
+    /// Why it was, or is to be, started again.
+    pub restart_reason: Option<String>,
+    /// What scheduling was asked for and what was granted.
+    pub scheduling: Option<Scheduling>,
+    /// The process's own words (`STATUS=`).
+    pub status_text: Option<String>,
+    /// Its log file.
+    pub log: PathBuf,
+}
+
+/// The rig: what `status.json` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// State.
+    pub state: RigState,
+    /// Why it is stopping or broken off.
+    pub cause: Option<String>,
+    /// The launcher's process.
+    pub launcher: ProcessIdentity,
+    /// Boot of the machine in which the start times hold.
+    pub boot_id: String,
+    /// When the launcher started, in ms since 1970 (UTC).
+    pub since_unix_ms: u64,
+    /// When this was written, in ms since 1970 (UTC); at least each 200 ms.
+    pub updated_unix_ms: u64,
+    /// The units in the order of their start.
+    pub units: Vec<UnitStatus>,
+}
+
+impl Status {
+    /// The unit of this name.
+    pub fn unit(&self, name: &str) -> Option<&UnitStatus> {
+        self.units.iter().find(|unit| unit.name == name)
+    }
+}
+
+/// How one unit was stopped.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitStop {
+    /// Short name.
+    pub name: String,
+    /// How its process ended; `None` when there was none to stop.
+    pub exit: Option<String>,
+    /// Whether it had to be killed: it did not end within `TimeoutStopSec=`.
+    pub killed: bool,
+    /// From the first signal to its end, in ms.
+    pub took_ms: u64,
+}
+
+/// What a stop did, in the order in which the units ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StopReport {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// What asked for it.
+    pub cause: String,
+    /// The units.
+    pub units: Vec<UnitStop>,
+    /// Processes of the rig that no status knew of (their launcher died while starting them), ended as well.
+    pub strays: Vec<ProcessIdentity>,
+}
+
+/// Wall clock, in ms since 1970 (UTC).
+pub(crate) fn unix_ms() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
+    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
+}
+
+/// `2026-01-02T03:04:05Z` from ms since 1970.
+pub(crate) fn utc(unix_ms: u64) -> String {
+    humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_millis(unix_ms)).to_string()
+}

@@ -1,0 +1,439 @@
+//! The launcher's loop: it joins the [`Machine`] to processes, sockets and files.
+
+mod report;
+
+use std::fs::File;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::Signal;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::control::{Answer, ControlServer, Request};
+use crate::log::{self, Journal};
+use crate::machine::{Action, Exit, Machine, Phase, Policy};
+use crate::notify::{NotifySocket, Word};
+use crate::process::{self, Process};
+use crate::run_dir::LastWords;
+use crate::status::{StopReport, UnitState, UnitStop, unix_ms};
+use crate::units::{StopSignal, Unit};
+use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, boot_id};
+
+/// `status.json` is written at least this often.
+const STATUS_PERIOD: Duration = Duration::from_millis(200);
+/// Log lengths are looked at this often.
+const ROTATE_PERIOD: Duration = Duration::from_secs(1);
+
+/// Body of `service launcher --run-dir DIR`: reads `launch.json` of that directory and supervises until stopped.
+///
+/// # Errors
+/// As [`supervise`]; the cause is also left in `failure.json` for [`crate::start`].
+pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
+    let run_dir =
+        RunDir::new(std::path::absolute(run_dir).map_err(|source| Error::io("make absolute", run_dir, source))?);
+    let supervised = || {
+        let lock = match run_dir.inherited_lock()? {
+            Some(lock) => lock,
+            None => run_dir.lock()?.ok_or_else(|| run_dir.already_up("of this directory"))?.into(),
+        };
+        let config = run_dir.config()?.ok_or_else(|| Error::NotUp { run_dir: run_dir.path().to_path_buf() })?;
+        Supervisor::open(config, &run_dir, lock)?.until_stopped()
+    };
+    match supervised() {
+        Ok(_) => Ok(()),
+        Err(error) => {
+            let words = LastWords {
+                message: error.to_string(),
+                start_failure: if let Error::Start(failure) = &error { Some(failure.clone()) } else { None },
+                broken_off: if let Error::BrokenOff { cause, .. } = &error { Some(cause.clone()) } else { None },
+            };
+            run_dir.write_json(&run_dir.failure_json(), &words)?;
+            Err(error)
+        }
+    }
+}
+
+/// Launches in this very process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or [`crate::stop`]
+/// ends it. For `up --foreground`; [`crate::start`] does it in a process of its own.
+///
+/// # Errors
+/// When the rig is up already, a unit file is wrong, or a unit cannot be brought up (all is stopped then).
+pub fn supervise(config: Config) -> Result<StopReport, Error> {
+    let config = config.checked()?;
+    let run_dir = RunDir::new(&config.run_dir);
+    let lock = prepare(&config, &run_dir)?;
+    Supervisor::open(config, &run_dir, lock.into())?.until_stopped()
+}
+
+/// Locks the run directory and writes `launch.json`, after a look at who is still alive in it.
+pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> {
+    config.load_units()?;
+    run_dir.create()?;
+    let lock = run_dir.lock()?.ok_or_else(|| run_dir.already_up(&config.rig_name))?;
+    let leftovers = crate::client::leftovers(run_dir)?;
+    let same = run_dir.config()?.is_some_and(|earlier| config.same_processes(&earlier));
+    if !leftovers.is_empty() && !same {
+        return Err(Error::OtherSettings { rig: config.rig_name.clone(), leftovers });
+    }
+    if leftovers.is_empty() {
+        let _ = std::fs::remove_file(run_dir.status_json());
+    }
+    let _ = std::fs::remove_file(run_dir.failure_json());
+    run_dir.write_json(&run_dir.launch_json(), config)?;
+    Ok(lock)
+}
+
+/// One unit beside its state in the machine.
+struct Supervised {
+    unit: Unit,
+    process: Option<Process>,
+    adopted: bool,
+    state: UnitState,
+    since_unix_ms: u64,
+    last_exit: Option<Exit>,
+    scheduling: Option<Scheduling>,
+    status_text: Option<String>,
+}
+
+pub(crate) struct Supervisor {
+    config: Config,
+    run_dir: RunDir,
+    /// Held for as long as this lives.
+    _lock: OwnedFd,
+    origin: Instant,
+    identity: ProcessIdentity,
+    boot_id: String,
+    since_unix_ms: u64,
+    machine: Machine,
+    units: Vec<Supervised>,
+    notify: NotifySocket,
+    control: ControlServer,
+    journal: Journal,
+    cause: Option<String>,
+    /// Whether it was asked to stop before all had been ready.
+    broken_off: bool,
+    stopped: Vec<UnitStop>,
+    strays: Vec<ProcessIdentity>,
+    written: Option<Duration>,
+    status_unwritten: bool,
+    rotated: Duration,
+}
+
+impl Supervisor {
+    /// Opens the sockets and adopts whom an earlier launcher left alive.
+    pub(crate) fn open(config: Config, run_dir: &RunDir, lock: OwnedFd) -> Result<Self, Error> {
+        let units = config.load_units()?;
+        let identity = ProcessIdentity::own()
+            .ok_or_else(|| Error::system("read /proc/self/stat", std::io::Error::other("/proc is not there")))?;
+        let pid_line = format!("{} {}\n", identity.pid, identity.start_time);
+        run_dir.write(&run_dir.launcher_pid(), pid_line.as_bytes())?;
+        let mut supervisor = Self {
+            machine: Machine::new(Policy::of(&units)),
+            units: units
+                .into_iter()
+                .map(|unit| Supervised {
+                    unit,
+                    process: None,
+                    adopted: false,
+                    state: UnitState::Inactive,
+                    since_unix_ms: unix_ms(),
+                    last_exit: None,
+                    scheduling: None,
+                    status_text: None,
+                })
+                .collect(),
+            notify: NotifySocket::bind(&run_dir.notify_socket())?,
+            control: ControlServer::bind(&run_dir.control_socket())?,
+            journal: Journal::new(run_dir.launcher_log(), config.foreground)?,
+            config,
+            run_dir: run_dir.clone(),
+            _lock: lock,
+            origin: Instant::now(),
+            identity,
+            boot_id: boot_id(),
+            since_unix_ms: unix_ms(),
+            cause: None,
+            broken_off: false,
+            stopped: Vec::new(),
+            strays: Vec::new(),
+            written: None,
+            status_unwritten: false,
+            rotated: Duration::ZERO,
+        };
+        supervisor.journal.say(&format!("launcher of rig {}, {identity}", supervisor.config.rig_name));
+        supervisor.adopt()?;
+        supervisor.write_status();
+        Ok(supervisor)
+    }
+
+    /// Runs until all is stopped. Signals that ask to end stop all first.
+    pub(crate) fn until_stopped(self) -> Result<StopReport, Error> {
+        let (reader, writer) = UnixStream::pair().map_err(|source| Error::system("make a socket pair", source))?;
+        for stream in [&reader, &writer] {
+            stream.set_nonblocking(true).map_err(|source| Error::system("set up a socket pair", source))?;
+        }
+        let mut registered = Vec::new();
+        for signal in [SIGTERM, SIGINT, SIGHUP] {
+            let writer = writer.try_clone().map_err(|source| Error::system("copy a socket", source))?;
+            let id = signal_hook::low_level::pipe::register(signal, writer)
+                .map_err(|source| Error::system("listen for signals", source))?;
+            registered.push(id);
+        }
+        let outcome = self.run(Some(&reader));
+        for id in registered {
+            signal_hook::low_level::unregister(id);
+        }
+        outcome
+    }
+
+    /// Stops all and returns; for `stop` where no launcher lives.
+    pub(crate) fn stop_now(mut self, cause: &str) -> Result<StopReport, Error> {
+        self.stop_all(cause);
+        self.broken_off = false;
+        self.run(None)
+    }
+
+    fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    fn adopt(&mut self) -> Result<(), Error> {
+        let now = self.now();
+        let earlier = self.run_dir.last_status()?;
+        for status in earlier.into_iter().flat_map(|status| status.units) {
+            let Some(process) = status.process.and_then(Process::adopt) else { continue };
+            let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == status.name) else {
+                continue;
+            };
+            let supervised = &mut self.units[index];
+            self.machine.adopt(index, status.state == UnitState::Ready, status.restarts, now);
+            self.journal.say(&format!("{}: adopted {}", status.name, process.identity));
+            supervised.scheduling = Some(Scheduling::read(&supervised.unit, process.identity.pid));
+            supervised.process = Some(process);
+            supervised.adopted = true;
+            supervised.state = self.machine.state(index);
+            supervised.since_unix_ms = status.since_unix_ms;
+            supervised.status_text = status.status_text;
+        }
+        self.end_strays();
+        Ok(())
+    }
+
+    /// Ends processes that carry this rig's marks, but belong to no unit's process that is known.
+    fn end_strays(&mut self) {
+        for (unit, identity) in process::find(&self.run_dir) {
+            let known =
+                self.units.iter().any(|supervised| supervised.unit.name == unit && supervised.process.is_some());
+            if !known && identity.signal(Signal::KILL) {
+                self.journal.say(&format!("{unit}: {identity} was in no status: killed"));
+                self.strays.push(identity);
+            }
+        }
+    }
+
+    fn run(mut self, signals: Option<&UnixStream>) -> Result<StopReport, Error> {
+        loop {
+            let phase = self.machine.phase();
+            let now = self.now();
+            let actions = self.machine.tick(now);
+            let acted = !actions.is_empty();
+            for action in actions {
+                self.perform(action);
+            }
+            if self.machine.phase() != phase {
+                self.journal.say(&format!("rig {}: {:?}", self.config.rig_name, self.machine.phase()));
+            }
+            let changed = self.follow_states() || acted || self.machine.phase() != phase;
+            if changed || self.written.is_none_or(|written| self.now() >= written + STATUS_PERIOD) {
+                self.write_status();
+            }
+            if self.machine.phase() == Phase::Down {
+                return self.finish();
+            }
+            if acted {
+                // A start that was refused is due for more.
+                continue;
+            }
+            self.wait(signals)?;
+            self.hear_signals(signals);
+            self.hear_notifications();
+            self.see_exits();
+            self.hear_requests();
+            if self.now() >= self.rotated + ROTATE_PERIOD {
+                self.rotated = self.now();
+                for supervised in &self.units {
+                    let _ = log::rotate(&self.run_dir.log(&supervised.unit.name), log::LIMIT);
+                }
+            }
+        }
+    }
+
+    fn perform(&mut self, action: Action) {
+        match action {
+            Action::Start(index) => {
+                let supervised = &mut self.units[index];
+                supervised.adopted = false;
+                supervised.status_text = None;
+                match Process::start(&supervised.unit, &self.config, &self.run_dir) {
+                    Ok(process) => {
+                        self.journal.say(&format!("{}: started, {}", supervised.unit.name, process.identity));
+                        supervised.scheduling = Some(Scheduling::read(&supervised.unit, process.identity.pid));
+                        supervised.process = Some(process);
+                    }
+                    Err(error) => {
+                        self.journal.say(&format!("{}: {error}", supervised.unit.name));
+                        let now = self.now();
+                        self.machine.start_refused(index, error.to_string(), now);
+                    }
+                }
+                // At once: whoever comes after a launcher that dies now finds the process here.
+                self.follow_states();
+                self.write_status();
+            }
+            Action::AskToStop(index) => {
+                let supervised = &self.units[index];
+                self.journal.say(&format!("{}: asked to stop", supervised.unit.name));
+                if let Some(process) = &supervised.process {
+                    process.ask_to_stop(match supervised.unit.kill_signal {
+                        StopSignal::Terminate => Signal::TERM,
+                        StopSignal::Interrupt => Signal::INT,
+                    });
+                }
+            }
+            Action::Kill(index) => {
+                let supervised = &self.units[index];
+                let why = self.machine.reason(index).unwrap_or("it did not stop in time");
+                self.journal.say(&format!("{}: killed: {why}", supervised.unit.name));
+                if let Some(process) = &supervised.process {
+                    process.kill();
+                }
+            }
+        }
+    }
+
+    /// Sleeps until something happens or is due.
+    fn wait(&self, signals: Option<&UnixStream>) -> Result<(), Error> {
+        let now = self.now();
+        let status_due = self.written.map_or(now, |written| written + STATUS_PERIOD);
+        let due = self.machine.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
+        // One millisecond more, so that what is due is due when it wakes.
+        let left = due.saturating_sub(now) + Duration::from_millis(1);
+        let timeout = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
+        let processes = self.units.iter().filter_map(|supervised| supervised.process.as_ref());
+        let mut handles: Vec<PollFd<'_>> = std::iter::once(self.notify.handle())
+            .chain(signals.map(AsFd::as_fd))
+            .chain(self.control.handles())
+            .chain(processes.map(Process::handle))
+            .map(|handle| PollFd::from_borrowed_fd(handle, PollFlags::IN))
+            .collect();
+        match poll(&mut handles, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+            Err(source) => Err(Error::system("wait for processes", source)),
+        }
+    }
+
+    fn hear_signals(&mut self, signals: Option<&UnixStream>) {
+        let Some(mut signals) = signals else { return };
+        let mut bytes = [0u8; 16];
+        if std::io::Read::read(&mut signals, &mut bytes).is_ok_and(|count| count > 0) {
+            self.stop_all("a signal to the launcher");
+        }
+    }
+
+    fn hear_notifications(&mut self) {
+        while let Some((pid, words)) = self.notify.receive() {
+            let sender = self
+                .units
+                .iter()
+                .position(|supervised| supervised.process.as_ref().is_some_and(|process| process.identity.pid == pid));
+            // NotifyAccess=main: the word of anybody else does not count.
+            let Some(index) = sender else { continue };
+            let now = self.now();
+            for word in words {
+                match word {
+                    Word::Ready => {
+                        self.machine.ready(index, now);
+                        let supervised = &mut self.units[index];
+                        supervised.scheduling = Some(Scheduling::read(&supervised.unit, pid));
+                    }
+                    Word::Alive => self.machine.ping(index, self.units[index].adopted, now),
+                    Word::Status(text) => self.units[index].status_text = Some(text),
+                }
+            }
+        }
+    }
+
+    fn see_exits(&mut self) {
+        for index in 0..self.units.len() {
+            let Some(process) = &self.units[index].process else { continue };
+            let handle = process.handle();
+            let mut ended = [PollFd::from_borrowed_fd(handle, PollFlags::IN)];
+            let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+            if !matches!(poll(&mut ended, Some(&at_once)), Ok(1)) {
+                continue;
+            }
+            let Some(process) = self.units[index].process.take() else { continue };
+            let exit = process.exit();
+            let now = self.now();
+            self.machine.exited(index, exit, now);
+            let supervised = &mut self.units[index];
+            supervised.last_exit = Some(exit);
+            supervised.scheduling = None;
+            self.journal.say(&format!("{}: ended: {exit}", supervised.unit.name));
+            if self.machine.phase() == Phase::Stopping {
+                let (asked, killed) = self.machine.stop_of(index).unwrap_or((now, false));
+                self.stopped.push(UnitStop {
+                    name: supervised.unit.name.clone(),
+                    exit: Some(exit.to_string()),
+                    killed,
+                    took_ms: u64::try_from(now.saturating_sub(asked).as_millis()).unwrap_or(u64::MAX),
+                });
+            }
+        }
+    }
+
+    fn hear_requests(&mut self) {
+        for (client, request) in self.control.receive() {
+            let answer = match request {
+                Err(reason) => Answer::Refused { reason },
+                Ok(Request::Status) => Answer::Status { status: Box::new(self.status()) },
+                Ok(Request::Stop) => {
+                    self.stop_all("a request to stop");
+                    Answer::Done
+                }
+                Ok(Request::Restart { unit }) => self.restart(&unit),
+            };
+            self.control.answer(client, &answer);
+        }
+    }
+
+    fn restart(&mut self, name: &str) -> Answer {
+        let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == name) else {
+            let known: Vec<&str> = self.units.iter().map(|supervised| supervised.unit.name.as_str()).collect();
+            return Answer::Refused { reason: format!("no unit `{name}`; there are: {}", known.join(", ")) };
+        };
+        let now = self.now();
+        match self.machine.restart(index, now) {
+            Err(reason) => Answer::Refused { reason: reason.to_owned() },
+            Ok(actions) => {
+                for action in actions {
+                    self.perform(action);
+                }
+                Answer::Done
+            }
+        }
+    }
+
+    fn stop_all(&mut self, cause: &str) {
+        if self.cause.is_none() {
+            self.journal.say(&format!("stopping: {cause}"));
+            let broken_off = self.machine.phase() == Phase::BringUp;
+            self.cause = Some(cause.to_owned());
+            self.broken_off |= broken_off;
+        }
+        self.machine.stop_all();
+    }
+}
