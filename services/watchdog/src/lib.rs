@@ -1,1 +1,3 @@
 //! The safety watchdog: interlocks and the enable line.
+
+pub mod machine;

@@ -1,0 +1,369 @@
+//! The watchdog's core: states, faults, tokens. Pure: the loop around it passes messages, verbs and the time,
+//! and publishes what comes out.
+//!
+//! ```text
+//!            reset (no fault stands)      arm           enable (new epoch)
+//!  Faulted ─────────────────────────> Disarmed ──> Armed ──────────────────> Enabled
+//!     ^  ^           fault               │  ^        │ disarm                   │ │
+//!     │  └───────────────────────────────┘  └────────┴──────────────────────────┘ │
+//!   start          Tripped <──────────── fault while Armed or Enabled; estop ──────┘
+//!                     └─ reset (no fault stands) ─> Disarmed
+//! ```
+//!
+//! Nothing enables by itself: a fault that goes away leaves Faulted or Tripped standing until a person resets.
+//!
+//! Use, once a cycle: every received message to [`Machine::observe_sample`] and [`Machine::observe_command`], every
+//! received verb to [`Machine::command`], then read the clock and call [`Machine::step`]. Publish each
+//! step's token exactly once, so that its sequence is the one that the publisher stamps.
+
+mod config;
+mod faults;
+mod refusal;
+mod speed;
+mod watch;
+
+pub use config::{AxisLimits, Config};
+pub use faults::{Effect, FaultSet, PRIORITY, effect};
+use ipc_types::{AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState};
+pub use refusal::Refusal;
+use watch::{CommandWatch, SampleWatch, age_ns, lacks_realtime, takes_volts};
+
+/// Tokens whose time of issue is remembered, to measure the age of an echo.
+const ISSUED: usize = 256;
+const CAUSES: usize = TripCause::ALL.len();
+
+/// Processes that do not publish but must be there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Peers {
+    /// Whoever restarts what dies (launcher or systemd) is there.
+    pub launcher_alive: bool,
+    /// The keeper is there.
+    pub keeper_alive: bool,
+}
+
+/// A change of state between two steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StateChange {
+    /// State after the step before.
+    pub from: WatchdogState,
+    /// State now.
+    pub to: WatchdogState,
+    /// Cause of the last fault or trip.
+    pub cause: TripCause,
+}
+
+/// What one step yields.
+#[derive(Clone, Copy, Debug)]
+pub struct Outputs {
+    /// The token to publish.
+    pub token: EnableToken,
+    /// Whether to toggle the enable line in this cycle.
+    pub toggle_line: bool,
+    /// What to tell as an event.
+    pub event: Option<StateChange>,
+}
+
+/// The watchdog's state machine. See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    config: Config,
+    state: WatchdogState,
+    told: WatchdogState,
+    cause: TripCause,
+    samples: SampleWatch,
+    commands: CommandWatch,
+    /// Momentary faults since the last step.
+    momentary: FaultSet,
+    /// Until when each momentary fault counts as standing.
+    held_until_ns: [u64; CAUSES],
+    standing: FaultSet,
+    epoch: u64,
+    seen_epoch: u64,
+    enabled_ns: u64,
+    gate_opened: bool,
+    /// When power was last given away: by then the gate must write 0 V.
+    unpowered_ns: Option<u64>,
+    sequence: u64,
+    issued_ns: [u64; ISSUED],
+    last_step_ns: Option<u64>,
+}
+
+impl Machine {
+    /// A machine that has just started: faulted, and nothing seen yet.
+    pub const fn new(config: Config) -> Self {
+        Self {
+            config,
+            state: WatchdogState::Faulted,
+            told: WatchdogState::Faulted,
+            cause: TripCause::Started,
+            samples: SampleWatch::new(),
+            commands: CommandWatch { newest: None },
+            momentary: FaultSet::NONE,
+            held_until_ns: [0; CAUSES],
+            standing: FaultSet::NONE,
+            epoch: 0,
+            seen_epoch: 0,
+            enabled_ns: 0,
+            gate_opened: false,
+            unpowered_ns: None,
+            sequence: 0,
+            issued_ns: [0; ISSUED],
+            last_step_ns: None,
+        }
+    }
+
+    /// Present state.
+    pub const fn state(&self) -> WatchdogState {
+        self.state
+    }
+
+    /// Cause of the last fault or trip.
+    pub const fn cause(&self) -> TripCause {
+        self.cause
+    }
+
+    /// Faults that stood at the last step.
+    pub const fn standing(&self) -> FaultSet {
+        self.standing
+    }
+
+    /// Takes a received sample in.
+    pub fn observe_sample(&mut self, sample: &Sample) {
+        let faults = self.samples.observe(sample, &self.config);
+        self.momentary.merge(faults);
+        if sample.session != self.config.session {
+            return;
+        }
+        self.seen_epoch = self.seen_epoch.max(sample.epoch);
+        if self.state == WatchdogState::Enabled {
+            let open = sample.gate_state == GateState::Open.code();
+            if sample.epoch == self.epoch && open {
+                self.gate_opened = true;
+            } else {
+                // Before it opened, only a sample that knows our epoch can say that it was burnt.
+                let waiting = sample.epoch < self.epoch
+                    || (sample.epoch == self.epoch && sample.gate_state == GateState::Closed.code());
+                self.momentary.insert_if(self.gate_opened || !waiting, TripCause::GateBurnt);
+            }
+        }
+    }
+
+    /// Takes a received command in.
+    pub fn observe_command(&mut self, command: &MotorCommand) {
+        let faults = self.commands.observe(command, &self.config);
+        self.momentary.merge(faults);
+    }
+
+    /// Does a verb, or says why not.
+    ///
+    /// # Errors
+    /// A [`Refusal`]; the state is then what it was.
+    pub fn command(&mut self, verb: Verb, now_ns: u64) -> Result<WatchdogState, Refusal> {
+        // What came since the last step counts as well.
+        self.standing.merge(self.momentary);
+        match verb {
+            Verb::Estop => self.trip(TripCause::EmergencyStop, now_ns),
+            Verb::Disarm => {
+                // Where there is no power and no readiness, nothing is left to take away.
+                if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
+                    self.leave(WatchdogState::Disarmed, now_ns);
+                }
+            }
+            Verb::Reset => {
+                if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
+                    return Err(self.wrong_state(WatchdogState::Tripped));
+                }
+                self.refuse_standing(|effect| effect == Effect::Trips)?;
+                self.state = WatchdogState::Disarmed;
+            }
+            Verb::Arm => self.arm(now_ns)?,
+            Verb::Enable => self.enable(now_ns)?,
+        }
+        Ok(self.state)
+    }
+
+    /// One cycle. `now_ns` is CLOCK_MONOTONIC, read after the last receive.
+    pub fn step(&mut self, now_ns: u64, peers: Peers) -> Outputs {
+        self.judge(now_ns, peers);
+        let cause = match self.state {
+            WatchdogState::Armed | WatchdogState::Enabled => self.standing.first(|effect| effect != Effect::Blocks),
+            WatchdogState::Disarmed => self.standing.first(|effect| effect == Effect::Trips),
+            WatchdogState::Faulted | WatchdogState::Tripped => None,
+        };
+        if let Some(cause) = cause {
+            if self.state == WatchdogState::Disarmed {
+                self.cause = cause;
+                self.state = WatchdogState::Faulted;
+            } else {
+                self.trip(cause, now_ns);
+            }
+        }
+        let event =
+            (self.state != self.told).then_some(StateChange { from: self.told, to: self.state, cause: self.cause });
+        self.told = self.state;
+        let token = self.token(now_ns);
+        self.issued_ns[self.sequence as usize % ISSUED] = now_ns;
+        self.sequence += 1;
+        Outputs { token, toggle_line: self.state == WatchdogState::Enabled, event }
+    }
+
+    /// Finds out which faults stand now.
+    fn judge(&mut self, now_ns: u64, peers: Peers) {
+        let config = &self.config;
+        let mut standing = FaultSet::NONE;
+        let mut momentary = std::mem::take(&mut self.momentary);
+
+        let gap_ns = self.last_step_ns.map(|last| now_ns.checked_sub(last));
+        momentary.insert_if(
+            gap_ns.is_some_and(|gap| gap.is_none_or(|gap| gap > config.token_life_ns)),
+            TripCause::WatchdogLate,
+        );
+        self.last_step_ns = Some(now_ns);
+        let unpowered_ns = *self.unpowered_ns.get_or_insert(now_ns);
+
+        if let Some(sample) = &self.samples.newest {
+            let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
+            momentary.insert_if(age.is_none(), TripCause::SampleBackwards);
+            standing.insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::AcquisitionLost);
+            standing.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
+            standing.insert_if(!takes_volts(sample), TripCause::NoOutput);
+            standing.insert_if(lacks_realtime(sample, self.commands.newest.as_ref(), config), TripCause::NotRealtime);
+            // The gate must write 0 V soon after leave is withdrawn: watched here, so that it is not its own judge.
+            let overdue = self.state != WatchdogState::Enabled
+                && now_ns.saturating_sub(unpowered_ns) > config.echo_lost_ns
+                && sample.output_v.iter().any(|&volts| volts != 0.0);
+            standing.insert_if(overdue, TripCause::VoltageLimit);
+        } else {
+            standing.insert(TripCause::AcquisitionLost);
+        }
+        if let Some(command) = &self.commands.newest {
+            let age = age_ns(now_ns, command, command.computed_ns, config);
+            momentary.insert_if(age.is_none(), TripCause::CommandBackwards);
+            standing.insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
+            let answer_ns = now_ns.saturating_sub(command.sample_time_ns);
+            standing.insert_if(answer_ns > config.echo_lost_ns, TripCause::CommandStale);
+            standing.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
+        } else {
+            standing.insert(TripCause::ControlLost);
+        }
+        standing.insert_if(!peers.launcher_alive, TripCause::LauncherLost);
+        standing.insert_if(!peers.keeper_alive, TripCause::KeeperLost);
+        standing.insert_if(
+            self.state == WatchdogState::Enabled
+                && !self.gate_opened
+                && now_ns.saturating_sub(self.enabled_ns) > config.gate_open_ns,
+            TripCause::GateNotOpen,
+        );
+
+        for &cause in PRIORITY {
+            let held_until_ns = &mut self.held_until_ns[usize::from(cause.code())];
+            if momentary.contains(cause) {
+                *held_until_ns = now_ns.saturating_add(config.hold_ns);
+            }
+            standing.insert_if(momentary.contains(cause) || now_ns < *held_until_ns, cause);
+        }
+        self.standing = standing;
+    }
+
+    fn arm(&mut self, now_ns: u64) -> Result<(), Refusal> {
+        if self.state != WatchdogState::Disarmed {
+            return Err(self.wrong_state(WatchdogState::Disarmed));
+        }
+        self.refuse_standing(|_| true)?;
+        let sample = self.samples.newest.as_ref().ok_or(Refusal::Standing(TripCause::AcquisitionLost))?;
+        if sample.backend == ipc_types::Backend::Hardware.code() && !self.config.line_or_override {
+            return Err(Refusal::NoEnableLine);
+        }
+        let still_ns = self.unpowered_ns.map_or(0, |since| now_ns.saturating_sub(since));
+        if still_ns > self.config.echo_lost_ns {
+            if sample.gate_state == GateState::Open.code() {
+                return Err(Refusal::GateOpen);
+            }
+            if sample.motor_power == 1 && self.config.line_or_override {
+                return Err(Refusal::MotorPowered);
+            }
+        }
+        match self.samples.at_rest(&self.config) {
+            None => Err(Refusal::SpeedUnknown),
+            Some(false) => Err(Refusal::Moving),
+            Some(true) => {
+                self.state = WatchdogState::Armed;
+                Ok(())
+            }
+        }
+    }
+
+    fn enable(&mut self, now_ns: u64) -> Result<(), Refusal> {
+        if self.state != WatchdogState::Armed {
+            return Err(self.wrong_state(WatchdogState::Armed));
+        }
+        self.refuse_standing(|_| true)?;
+        // The clock makes it rise over restarts of the watchdog; what samples show makes sure.
+        let above = self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
+        self.epoch = now_ns.max(above);
+        self.enabled_ns = now_ns;
+        self.gate_opened = false;
+        self.state = WatchdogState::Enabled;
+        Ok(())
+    }
+
+    fn refuse_standing(&self, counts: impl Fn(Effect) -> bool) -> Result<(), Refusal> {
+        // Before the first step nothing is known, and nothing is no leave.
+        if self.last_step_ns.is_none() {
+            return Err(Refusal::Standing(TripCause::Started));
+        }
+        self.standing.first(counts).map_or(Ok(()), |cause| Err(Refusal::Standing(cause)))
+    }
+
+    const fn wrong_state(&self, expected: WatchdogState) -> Refusal {
+        Refusal::State { expected, found: self.state }
+    }
+
+    fn trip(&mut self, cause: TripCause, now_ns: u64) {
+        self.cause = cause;
+        self.leave(WatchdogState::Tripped, now_ns);
+    }
+
+    fn leave(&mut self, to: WatchdogState, now_ns: u64) {
+        if self.state == WatchdogState::Enabled {
+            self.unpowered_ns = Some(now_ns);
+        }
+        self.state = to;
+    }
+
+    /// Whether the token that a peer echoes is too old, or one that we never issued.
+    fn echo_lost(&self, echoed: u64, now_ns: u64) -> bool {
+        match self.sequence.checked_sub(echoed) {
+            // Tokens issued so far have sequences below `sequence`.
+            None | Some(0) => true,
+            Some(behind) if behind > ISSUED as u64 => true,
+            Some(_) => now_ns.saturating_sub(self.issued_ns[echoed as usize % ISSUED]) > self.config.echo_lost_ns,
+        }
+    }
+
+    fn token(&self, now_ns: u64) -> EnableToken {
+        let enabled = self.state == WatchdogState::Enabled;
+        EnableToken {
+            session: self.config.session,
+            incarnation: self.config.incarnation,
+            sequence: self.sequence,
+            time_ns: now_ns,
+            epoch: self.epoch,
+            watchdog_incarnation: self.config.incarnation,
+            acquisition_incarnation: self.samples.newest.as_ref().map_or(0, |sample| sample.incarnation),
+            control_incarnation: self.commands.newest.as_ref().map_or(0, |command| command.incarnation),
+            issued_ns: now_ns,
+            valid_until_ns: now_ns.saturating_add(if enabled { self.config.token_life_ns } else { 0 }),
+            sample_tick: self.samples.newest.as_ref().map_or(0, |sample| sample.tick),
+            faults: self.standing.bits(),
+            enabled: u8::from(enabled),
+            state: self.state.code(),
+            cause: self.cause.code(),
+            profile: self.config.profile.code(),
+            ..EnableToken::default()
+        }
+    }
+}
+
+const _: () = assert!(CAUSES <= 64, "a fault set has one bit for each cause");
+const _: () = assert!(AXES <= 8, "presence bits are a byte");

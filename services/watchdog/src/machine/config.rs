@@ -1,0 +1,92 @@
+//! What the machine needs to know about its rig.
+
+use ipc_types::{AXES, Profile};
+
+/// Limits of one axis; beyond any of them the motor loses power.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisLimits {
+    /// Lowest position, of master and slave [rad or m].
+    pub position_min: f64,
+    /// Highest position, of master and slave [rad or m].
+    pub position_max: f64,
+    /// Highest speed, of master and slave [rad/s or m/s].
+    pub speed_max: f64,
+    /// Speed below which the axis counts as at rest, for `arm` [rad/s or m/s].
+    pub rest_speed: f64,
+    /// Highest motor volts, either sign [V].
+    pub volts_max: f64,
+    /// Highest torque (or force) at the slave, either sign [N·m or N].
+    pub torque_max: f64,
+    /// Whether the rig cannot do without the torque channel: its absence is then a fault.
+    pub torque_needed: bool,
+    /// Furthest that an encoder may move within one tick [counts].
+    pub encoder_jump_counts: u64,
+    /// One count of the master's encoder [rad or m].
+    pub master_count: f64,
+    /// One count of the slave's encoder [rad or m].
+    pub slave_count: f64,
+}
+
+/// What the machine needs to know about its rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Session of the rig.
+    pub session: u64,
+    /// Incarnation of this watchdog.
+    pub incarnation: u64,
+    /// Profile that this watchdog was granted.
+    pub profile: Profile,
+    /// Life of a token; also the longest time between two steps of the watchdog itself [ns].
+    pub token_life_ns: u64,
+    /// Silence after which acquisition or control is lost [ns].
+    pub peer_lost_ns: u64,
+    /// Time that the gate has to open after `enable` [ns].
+    pub gate_open_ns: u64,
+    /// Oldest token that a sample or a command may echo, and oldest sample that a command may answer [ns].
+    pub echo_lost_ns: u64,
+    /// How long a momentary fault (a backward step, an encoder jump) counts as standing [ns].
+    pub hold_ns: u64,
+    /// Length over which speed is measured [ns].
+    pub speed_window_ns: u64,
+    /// How far ahead of our clock a message's time may be [ns].
+    pub future_ns: u64,
+    /// Axes of the rig.
+    pub axes: usize,
+    /// Limits of each axis.
+    pub limits: [AxisLimits; AXES],
+    /// Whether the card drops the motor when the enable line stands still, or a person recorded in the rig file
+    /// that it does without.
+    pub line_or_override: bool,
+}
+
+impl Config {
+    /// The times of a profile: token 5 ms, peer 8 ms with real-time scheduling, 40 and 60 ms without.
+    pub fn for_profile(
+        profile: Profile,
+        session: u64,
+        incarnation: u64,
+        axes: usize,
+        limits: [AxisLimits; AXES],
+        line_or_override: bool,
+    ) -> Self {
+        let (token_life_ns, peer_lost_ns) = match profile {
+            Profile::Realtime => (5_000_000, 8_000_000),
+            Profile::BestEffort => (40_000_000, 60_000_000),
+        };
+        Self {
+            session,
+            incarnation,
+            profile,
+            token_life_ns,
+            peer_lost_ns,
+            gate_open_ns: peer_lost_ns * 5 / 2,
+            echo_lost_ns: token_life_ns + peer_lost_ns,
+            hold_ns: 2 * peer_lost_ns,
+            speed_window_ns: 8_000_000,
+            future_ns: 1_000_000,
+            axes: axes.min(AXES),
+            limits,
+            line_or_override,
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Sets of faults, what each does, and which one names a trip when several come at once.
+
+use ipc_types::TripCause;
+
+/// A set of [`TripCause`]s: one bit for each code, as in the token's `faults`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FaultSet(u64);
+
+/// What a standing fault does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effect {
+    /// Trips from Armed and Enabled, faults from Disarmed, refuses `reset` while it stands.
+    Trips,
+    /// Trips from Armed and Enabled and refuses `arm`; changes nothing in Disarmed, where it is no danger.
+    TripsWhenArmed,
+    /// Refuses `arm` and `enable`; trips nothing.
+    Blocks,
+}
+
+/// Every fault, most telling first: the first one in this list that stands is the cause of a trip. What names a
+/// culprit comes before what merely follows from it.
+pub const PRIORITY: &[TripCause] = &[
+    TripCause::EmergencyStop,
+    TripCause::WatchdogLate,
+    TripCause::SessionMismatch,
+    TripCause::AcquisitionChanged,
+    TripCause::ControlChanged,
+    TripCause::SampleBackwards,
+    TripCause::CommandBackwards,
+    TripCause::SensorInvalid,
+    TripCause::EncoderJump,
+    TripCause::PositionLimit,
+    TripCause::SpeedLimit,
+    TripCause::TorqueLimit,
+    TripCause::VoltageLimit,
+    TripCause::AcquisitionLost,
+    TripCause::ControlLost,
+    TripCause::LauncherLost,
+    TripCause::CommandStale,
+    TripCause::GateBurnt,
+    TripCause::GateNotOpen,
+    TripCause::EchoLost,
+    TripCause::NotRealtime,
+    TripCause::NoOutput,
+    TripCause::KeeperLost,
+];
+
+/// What `cause` does while it stands.
+pub const fn effect(cause: TripCause) -> Effect {
+    match cause {
+        TripCause::NotRealtime | TripCause::NoOutput => Effect::TripsWhenArmed,
+        // The keeper only holds services open: those that run go on, and its restart brings it back.
+        TripCause::KeeperLost => Effect::Blocks,
+        _ => Effect::Trips,
+    }
+}
+
+impl FaultSet {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+
+    /// The bits, as in the token.
+    pub const fn bits(self) -> u64 {
+        self.0
+    }
+
+    /// Whether `cause` is in the set.
+    pub const fn contains(self, cause: TripCause) -> bool {
+        self.0 & (1 << cause.code()) != 0
+    }
+
+    /// Adds `cause`.
+    pub const fn insert(&mut self, cause: TripCause) {
+        self.0 |= 1 << cause.code();
+    }
+
+    /// Adds `cause` where `stands`.
+    pub const fn insert_if(&mut self, stands: bool, cause: TripCause) {
+        if stands {
+            self.insert(cause);
+        }
+    }
+
+    /// Adds all of `other`.
+    pub const fn merge(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+
+    /// The most telling one for which `counts` holds.
+    pub fn first(self, counts: impl Fn(Effect) -> bool) -> Option<TripCause> {
+        PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(effect(cause)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cause_has_its_place() {
+        for &cause in TripCause::ALL {
+            let places = PRIORITY.iter().filter(|&&other| other == cause).count();
+            let expected = usize::from(!matches!(cause, TripCause::None | TripCause::Started));
+            assert_eq!(places, expected, "{cause}");
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Why a verb was not done.
+
+use ipc_types::{TripCause, WatchdogState};
+use thiserror::Error;
+
+/// Why the watchdog refuses a verb, in words a person can act on (its `Display`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// A fault stands.
+    #[error("a fault stands: {0}; mend it, then `reset`")]
+    Standing(TripCause),
+    /// The verb needs another state first.
+    #[error("the watchdog is {found}, expected {expected}; {}", self.text())]
+    State {
+        /// State that the verb needs.
+        expected: WatchdogState,
+        /// Present state.
+        found: WatchdogState,
+    },
+    /// The machine moves.
+    #[error("the machine moves; let it come to rest, then `arm`")]
+    Moving,
+    /// The speed is not known yet.
+    #[error("the speed is not known yet: too few samples since acquisition started; try again")]
+    SpeedUnknown,
+    /// The gate is open without our leave.
+    #[error("acquisition's gate is open without leave from this watchdog; is there a second one?")]
+    GateOpen,
+    /// The card reports motor power although the enable line stands still.
+    #[error("the card reports motor power on although the enable line stands still; check the relay")]
+    MotorPowered,
+    /// A real card without an enable line and without a recorded override.
+    #[error("the card has no enable line and the rig file records no override")]
+    NoEnableLine,
+    /// No higher epoch is left.
+    #[error("no higher enable epoch is left (a forged one was seen); take the rig down and up")]
+    EpochExhausted,
+}
+
+impl Refusal {
+    /// What to do, without formatting.
+    pub const fn text(&self) -> &'static str {
+        match self {
+            Self::Standing(cause) => cause.text(),
+            Self::State { found: WatchdogState::Faulted | WatchdogState::Tripped, .. } => "`reset` first",
+            Self::State { expected: WatchdogState::Armed, .. } => "`arm` first",
+            Self::State { .. } => "`disarm` first",
+            Self::Moving => "the machine moves",
+            Self::SpeedUnknown => "the speed is not known yet",
+            Self::GateOpen => "the gate is open without leave",
+            Self::MotorPowered => "the motor is powered although the enable line stands still",
+            Self::NoEnableLine => "the card has no enable line",
+            Self::EpochExhausted => "no higher enable epoch is left",
+        }
+    }
+}

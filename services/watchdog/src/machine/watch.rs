@@ -1,0 +1,183 @@
+//! What the machine remembers of the messages that it saw, and what is wrong with each.
+
+use ipc_types::{AXES, Backend, Message, MotorCommand, Profile, Sample, TripCause};
+
+use super::config::Config;
+use super::faults::FaultSet;
+use super::speed::SpeedWindow;
+
+/// The samples, as the machine saw them.
+#[derive(Clone, Debug)]
+pub(super) struct SampleWatch {
+    pub(super) newest: Option<Sample>,
+    master: [SpeedWindow; AXES],
+    slave: [SpeedWindow; AXES],
+}
+
+impl SampleWatch {
+    pub(super) const fn new() -> Self {
+        Self { newest: None, master: [SpeedWindow::new(); AXES], slave: [SpeedWindow::new(); AXES] }
+    }
+
+    /// Takes a sample in; the faults that it shows.
+    pub(super) fn observe(&mut self, sample: &Sample, config: &Config) -> FaultSet {
+        let mut faults = FaultSet::NONE;
+        if sample.session != config.session {
+            faults.insert(TripCause::SessionMismatch);
+            return faults;
+        }
+        match &self.newest {
+            Some(last) if last.incarnation == sample.incarnation => {
+                if sample.sequence <= last.sequence || sample.tick <= last.tick {
+                    faults.insert(TripCause::SampleBackwards);
+                    return faults;
+                }
+                faults.insert_if(jumped(last, sample, config), TripCause::EncoderJump);
+            }
+            Some(_) => {
+                faults.insert(TripCause::AcquisitionChanged);
+                self.master = [SpeedWindow::new(); AXES];
+                self.slave = [SpeedWindow::new(); AXES];
+            }
+            None => {}
+        }
+        faults.merge(measured(sample, config));
+        for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
+            for (window, position, present, count) in [
+                (&mut self.master[axis], sample.master_position[axis], sample.master_present, limits.master_count),
+                (&mut self.slave[axis], sample.slave_position[axis], sample.slave_present, limits.slave_count),
+            ] {
+                if present & (1 << axis) != 0 && position.is_finite() {
+                    window.push(sample.scan_time_ns, position);
+                    let speed = window.at_least(config.speed_window_ns, count).unwrap_or(0.0);
+                    faults.insert_if(beyond(speed, limits.speed_max), TripCause::SpeedLimit);
+                }
+            }
+        }
+        self.newest = Some(*sample);
+        faults
+    }
+
+    /// Whether every axis's master is at rest; `None` where its speed is not known.
+    pub(super) fn at_rest(&self, config: &Config) -> Option<bool> {
+        let mut rest = true;
+        for (window, limits) in self.master.iter().zip(&config.limits).take(config.axes) {
+            rest &= window.at_least(config.speed_window_ns, limits.master_count)? <= limits.rest_speed;
+        }
+        Some(rest)
+    }
+}
+
+/// The commands, as the machine saw them.
+#[derive(Clone, Debug)]
+pub(super) struct CommandWatch {
+    pub(super) newest: Option<MotorCommand>,
+}
+
+impl CommandWatch {
+    /// Takes a command in; the faults that it shows.
+    pub(super) fn observe(&mut self, command: &MotorCommand, config: &Config) -> FaultSet {
+        let mut faults = FaultSet::NONE;
+        if command.session != config.session {
+            faults.insert(TripCause::SessionMismatch);
+            return faults;
+        }
+        match &self.newest {
+            Some(last) if last.incarnation != command.incarnation => faults.insert(TripCause::ControlChanged),
+            Some(last) if command.sequence <= last.sequence || command.sample_tick < last.sample_tick => {
+                faults.insert(TripCause::CommandBackwards);
+                return faults;
+            }
+            _ => {}
+        }
+        let volts_beyond =
+            command.volts.iter().enumerate().any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
+        faults.insert_if(volts_beyond, TripCause::VoltageLimit);
+        self.newest = Some(*command);
+        faults
+    }
+}
+
+/// Age of a message, counted from the older of two times; `None` if either lies in the future.
+pub(super) fn age_ns(now_ns: u64, message: &impl Message, other_ns: u64, config: &Config) -> Option<u64> {
+    let latest_ns = message.time_ns().max(other_ns);
+    (latest_ns <= now_ns.saturating_add(config.future_ns))
+        .then(|| now_ns.saturating_sub(message.time_ns().min(other_ns)))
+}
+
+/// Whether the card behind a sample can take volts at all.
+pub(super) fn takes_volts(sample: &Sample) -> bool {
+    matches!(Backend::from_code(sample.backend), Some(Backend::Simulated | Backend::Hardware))
+}
+
+/// Whether a real card stands behind a sample and somebody lacks real-time scheduling.
+pub(super) fn lacks_realtime(sample: &Sample, command: Option<&MotorCommand>, config: &Config) -> bool {
+    let realtime = Profile::Realtime.code();
+    sample.backend == Backend::Hardware.code()
+        && (config.profile != Profile::Realtime
+            || sample.profile != realtime
+            || command.is_some_and(|command| command.profile != realtime))
+}
+
+/// Volts that an axis may get; none on axes that the rig lacks.
+fn volts_max(axis: usize, config: &Config) -> f64 {
+    if axis < config.axes { config.limits[axis].volts_max } else { 0.0 }
+}
+
+/// True also where the value or the limit is not a number.
+fn beyond(value: f64, limit: f64) -> bool {
+    !matches!(value.abs().partial_cmp(&limit), Some(std::cmp::Ordering::Less | std::cmp::Ordering::Equal))
+}
+
+/// What is wrong with the measured values themselves.
+fn measured(sample: &Sample, config: &Config) -> FaultSet {
+    let mut faults = FaultSet::NONE;
+    for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
+        let bit = 1 << axis;
+        faults.insert_if(sample.master_present & bit == 0, TripCause::SensorInvalid);
+        faults.insert_if(limits.torque_needed && sample.torque_present & bit == 0, TripCause::SensorInvalid);
+        for (value, present) in
+            [(sample.master_position[axis], sample.master_present), (sample.slave_position[axis], sample.slave_present)]
+        {
+            if present & bit != 0 {
+                faults.insert_if(!value.is_finite(), TripCause::SensorInvalid);
+                let inside = (limits.position_min..=limits.position_max).contains(&value);
+                faults.insert_if(value.is_finite() && !inside, TripCause::PositionLimit);
+            }
+        }
+        if sample.torque_present & bit != 0 {
+            let torque = sample.slave_torque[axis];
+            faults.insert_if(!torque.is_finite(), TripCause::SensorInvalid);
+            faults.insert_if(torque.is_finite() && beyond(torque, limits.torque_max), TripCause::TorqueLimit);
+        }
+        if sample.motor_present & bit != 0 {
+            let volts = sample.motor_v[axis];
+            faults.insert_if(!volts.is_finite(), TripCause::SensorInvalid);
+            // A replayed record shows volts of another day: they reach no motor.
+            let live = takes_volts(sample) && volts.is_finite();
+            faults.insert_if(live && beyond(volts, limits.volts_max), TripCause::VoltageLimit);
+        }
+    }
+    let output_beyond = sample.output_v.iter().enumerate().any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
+    faults.insert_if(output_beyond, TripCause::VoltageLimit);
+    for (channel, volts) in sample.analog_v.iter().enumerate() {
+        let present = sample.analog_present & (1 << channel) != 0;
+        faults.insert_if(present && !volts.is_finite(), TripCause::SensorInvalid);
+    }
+    faults
+}
+
+/// Whether an encoder moved further than the machine can in the ticks between two samples.
+fn jumped(last: &Sample, sample: &Sample, config: &Config) -> bool {
+    let ticks = u128::from(sample.tick - last.tick);
+    config.limits.iter().enumerate().take(config.axes).any(|(axis, limits)| {
+        let allowed = u128::from(limits.encoder_jump_counts) * ticks;
+        let bit = 1 << axis;
+        [
+            (last.master_counts[axis], sample.master_counts[axis], last.master_present & sample.master_present),
+            (last.slave_counts[axis], sample.slave_counts[axis], last.slave_present & sample.slave_present),
+        ]
+        .into_iter()
+        .any(|(before, after, present)| present & bit != 0 && u128::from(before.abs_diff(after)) > allowed)
+    })
+}

@@ -1,0 +1,733 @@
+//! The watchdog's safety requirements (docs/safety-case.md): the fault table, the verbs, and properties.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod properties;
+
+use ipc_types::{
+    AXES, Backend, EnableToken, GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
+};
+use watchdog::machine::{AxisLimits, Config, Machine, Outputs, Peers, Refusal};
+
+const MS: u64 = 1_000_000;
+const SESSION: u64 = 11;
+const COUNT: f64 = std::f64::consts::TAU / 4000.0;
+
+fn config(profile: Profile) -> Config {
+    let limits = AxisLimits {
+        position_min: -1.0,
+        position_max: 1.0,
+        speed_max: 20.0,
+        rest_speed: 0.2,
+        volts_max: 5.0,
+        torque_max: 10.0,
+        torque_needed: false,
+        encoder_jump_counts: 20,
+        master_count: COUNT,
+        slave_count: COUNT,
+    };
+    Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], true)
+}
+
+/// A rig in good order around the machine: a card, a gate, a control, all of them obedient.
+struct World {
+    machine: Machine,
+    now: u64,
+    peers: Peers,
+    sample: Sample,
+    command: MotorCommand,
+    token: EnableToken,
+    acquisition_runs: bool,
+    control_runs: bool,
+    gate_obeys: bool,
+}
+
+impl World {
+    fn new(profile: Profile) -> Self {
+        let sample = Sample {
+            session: SESSION,
+            incarnation: 21,
+            axes: 1,
+            master_present: 1,
+            slave_present: 1,
+            torque_present: 1,
+            motor_present: 1,
+            analog_present: 1,
+            backend: Backend::Simulated.code(),
+            profile: profile.code(),
+            ..Sample::default()
+        };
+        let command =
+            MotorCommand { session: SESSION, incarnation: 41, profile: profile.code(), ..MotorCommand::default() };
+        Self {
+            machine: Machine::new(config(profile)),
+            now: 1_000 * MS,
+            peers: Peers { launcher_alive: true, keeper_alive: true },
+            sample,
+            command,
+            token: EnableToken::default(),
+            acquisition_runs: true,
+            control_runs: true,
+            gate_obeys: true,
+        }
+    }
+
+    fn sample_now(&mut self) {
+        self.sample.sequence += 1;
+        self.sample.tick += 1;
+        self.sample.time_ns = self.now;
+        self.sample.scan_time_ns = self.now;
+        self.sample.token_sequence = self.token.sequence;
+        if self.gate_obeys {
+            self.sample.epoch = self.token.epoch;
+            let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
+            self.sample.gate_state = state.code();
+        }
+        self.machine.observe_sample(&self.sample);
+    }
+
+    fn command_now(&mut self) {
+        self.command.sequence += 1;
+        self.command.time_ns = self.now;
+        self.command.computed_ns = self.now;
+        self.command.sample_time_ns = self.sample.scan_time_ns;
+        self.command.sample_tick = self.sample.tick;
+        self.command.token_sequence = self.token.sequence;
+        self.machine.observe_command(&self.command);
+    }
+
+    fn step(&mut self) -> Outputs {
+        let output = self.machine.step(self.now, self.peers);
+        assert_eq!(output.token.enabled == 1, self.machine.state() == WatchdogState::Enabled);
+        assert_eq!(output.toggle_line, self.machine.state() == WatchdogState::Enabled);
+        assert_eq!(output.token.state, self.machine.state().code());
+        self.token = output.token;
+        output
+    }
+
+    /// One millisecond: two samples, a command, a step.
+    fn cycle(&mut self) -> Outputs {
+        for _ in 0..2 {
+            self.now += MS / 2;
+            if self.acquisition_runs {
+                self.sample_now();
+            }
+        }
+        if self.control_runs {
+            self.command_now();
+        }
+        self.step()
+    }
+
+    fn cycles(&mut self, count: usize) {
+        for _ in 0..count {
+            self.cycle();
+        }
+    }
+
+    fn verb(&mut self, verb: Verb) -> Result<WatchdogState, Refusal> {
+        self.machine.command(verb, self.now)
+    }
+
+    /// A world that was brought into `state` the lawful way.
+    fn in_state(profile: Profile, state: WatchdogState) -> Self {
+        let mut world = Self::new(profile);
+        world.cycles(30);
+        let verbs: &[Verb] = match state {
+            WatchdogState::Faulted => &[],
+            WatchdogState::Disarmed => &[Verb::Reset],
+            WatchdogState::Armed => &[Verb::Reset, Verb::Arm],
+            WatchdogState::Enabled => &[Verb::Reset, Verb::Arm, Verb::Enable],
+            WatchdogState::Tripped => &[Verb::Estop],
+        };
+        for &verb in verbs {
+            world.verb(verb).unwrap_or_else(|refusal| panic!("{verb:?}: {refusal}"));
+        }
+        world.cycles(30);
+        assert_eq!(world.machine.state(), state);
+        world
+    }
+}
+
+/// One row of the fault table: how it comes, how it goes, and what it does.
+struct Fault {
+    cause: TripCause,
+    begin: fn(&mut World),
+    end: fn(&mut World),
+    /// Cycles (of 1 ms) until it must have acted, realtime and best-effort.
+    within: [usize; 2],
+}
+
+fn faults() -> Vec<Fault> {
+    let once: fn(&mut World) = |_| {};
+    vec![
+        Fault {
+            cause: TripCause::AcquisitionLost,
+            begin: |w| {
+                w.acquisition_runs = false;
+                w.control_runs = true;
+            },
+            end: |w| w.acquisition_runs = true,
+            within: [9, 61],
+        },
+        Fault {
+            cause: TripCause::ControlLost,
+            begin: |w| w.control_runs = false,
+            end: |w| w.control_runs = true,
+            within: [9, 61],
+        },
+        Fault {
+            cause: TripCause::AcquisitionChanged,
+            begin: |w| {
+                w.sample.incarnation = 22;
+                w.sample.sequence = 0;
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::ControlChanged,
+            begin: |w| {
+                w.command.incarnation = 42;
+                w.command.sequence = 0;
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::CommandStale,
+            begin: |w| {
+                w.control_runs = false;
+                w.command_now();
+                for _ in 0..120 {
+                    w.now += MS / 2;
+                    w.sample_now();
+                    w.now += MS / 2;
+                    w.sample_now();
+                    w.command.sequence += 1;
+                    (w.command.time_ns, w.command.computed_ns) = (w.now, w.now);
+                    w.command.token_sequence = w.token.sequence;
+                    w.machine.observe_command(&w.command);
+                    w.step();
+                }
+            },
+            end: |w| w.control_runs = true,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::CommandBackwards,
+            begin: |w| w.command.sequence -= 2,
+            end: |w| w.command.sequence += 4,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::CommandBackwards,
+            begin: |w| {
+                let tick = w.command.sample_tick;
+                w.command.sequence += 1;
+                w.command.sample_tick -= 1;
+                w.machine.observe_command(&w.command);
+                w.command.sample_tick = tick;
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SampleBackwards,
+            begin: |w| {
+                let sequence = w.sample.sequence;
+                w.sample.sequence -= 1;
+                w.machine.observe_sample(&w.sample);
+                w.sample.sequence = sequence;
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SampleBackwards,
+            begin: |w| {
+                w.sample.sequence += 1;
+                w.machine.observe_sample(&w.sample);
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::PositionLimit,
+            begin: |w| w.sample.master_position[0] = 1.001,
+            end: |w| w.sample.master_position[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::PositionLimit,
+            begin: |w| w.sample.slave_position[0] = -1.001,
+            end: |w| w.sample.slave_position[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SpeedLimit,
+            begin: |w| {
+                // 25 rad/s for 10 ms, each tick below what the encoder may jump; back to rest at once.
+                for tick in 0..20 {
+                    w.now += MS / 2;
+                    w.sample.master_position[0] = f64::from(tick) * 25.0 * 5e-4;
+                    w.sample_now();
+                    if tick % 2 == 1 {
+                        w.command_now();
+                        w.step();
+                    }
+                }
+            },
+            end: once,
+            within: [2, 2],
+        },
+        Fault {
+            cause: TripCause::VoltageLimit,
+            begin: |w| w.command.volts[0] = -5.01,
+            end: |w| w.command.volts[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::VoltageLimit,
+            begin: |w| w.command.volts[0] = f64::NAN,
+            end: |w| w.command.volts[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::VoltageLimit,
+            begin: |w| w.sample.motor_v[0] = 5.01,
+            end: |w| w.sample.motor_v[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::VoltageLimit,
+            begin: |w| w.sample.output_v[2] = 0.1,
+            end: |w| w.sample.output_v[2] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::TorqueLimit,
+            begin: |w| w.sample.slave_torque[0] = -10.1,
+            end: |w| w.sample.slave_torque[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault { cause: TripCause::EncoderJump, begin: |w| w.sample.master_counts[0] += 21, end: once, within: [1, 1] },
+        Fault {
+            cause: TripCause::EncoderJump,
+            begin: |w| w.sample.slave_counts[0] = i64::MIN,
+            end: |w| w.sample.slave_counts[0] = 0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SensorInvalid,
+            begin: |w| w.sample.master_present = 0,
+            end: |w| w.sample.master_present = 1,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SensorInvalid,
+            begin: |w| w.sample.slave_position[0] = f64::NAN,
+            end: |w| w.sample.slave_position[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SensorInvalid,
+            begin: |w| w.sample.slave_torque[0] = f64::INFINITY,
+            end: |w| w.sample.slave_torque[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SensorInvalid,
+            begin: |w| w.sample.analog_v[0] = f64::NAN,
+            end: |w| w.sample.analog_v[0] = 0.0,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::LauncherLost,
+            begin: |w| w.peers.launcher_alive = false,
+            end: |w| w.peers.launcher_alive = true,
+            within: [1, 1],
+        },
+        Fault { cause: TripCause::WatchdogLate, begin: |w| w.now += 41 * MS, end: once, within: [1, 1] },
+        Fault { cause: TripCause::WatchdogLate, begin: |w| w.now -= 3 * MS, end: |w| w.now += 9 * MS, within: [1, 1] },
+        Fault {
+            cause: TripCause::SessionMismatch,
+            begin: |w| w.machine.observe_sample(&Sample { session: 12, ..w.sample }),
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SessionMismatch,
+            begin: |w| w.machine.observe_command(&MotorCommand { session: 12, ..w.command }),
+            end: once,
+            within: [1, 1],
+        },
+    ]
+}
+
+#[test]
+fn sr_11_fault_table() {
+    for (column, profile) in [Profile::Realtime, Profile::BestEffort].into_iter().enumerate() {
+        for (row, fault) in faults().iter().enumerate() {
+            for (before, after) in [
+                (WatchdogState::Disarmed, WatchdogState::Faulted),
+                (WatchdogState::Armed, WatchdogState::Tripped),
+                (WatchdogState::Enabled, WatchdogState::Tripped),
+                (WatchdogState::Tripped, WatchdogState::Tripped),
+                (WatchdogState::Faulted, WatchdogState::Faulted),
+            ] {
+                let what = format!("row {row}: {} from {before}, {profile}", fault.cause);
+                let mut world = World::in_state(profile, before);
+                (fault.begin)(&mut world);
+                let mut refused = false;
+                let mut stood = false;
+                for _ in 0..fault.within[column] {
+                    world.cycle();
+                    if world.machine.standing().contains(fault.cause) {
+                        stood = true;
+                        refused |= matches!(world.verb(Verb::Reset), Err(Refusal::Standing(_)));
+                    }
+                }
+                assert!(stood, "{what}: the token does not show it");
+                assert_eq!(world.machine.state(), after, "{what}");
+                if before != after {
+                    assert_eq!(world.machine.cause(), fault.cause, "{what}");
+                }
+                assert!(refused, "{what}: reset while it stands");
+                // It goes away: nothing happens by itself, and then a person can bring the rig back.
+                (fault.end)(&mut world);
+                world.cycles(200);
+                assert_eq!(world.machine.state(), after, "{what}: left the state by itself");
+                assert!(matches!(world.verb(Verb::Enable), Err(Refusal::State { .. })), "{what}");
+                for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
+                    world.verb(verb).unwrap_or_else(|refusal| panic!("{what}: {verb:?}: {refusal}"));
+                }
+                world.cycles(50);
+                assert_eq!(world.machine.state(), WatchdogState::Enabled, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn sr_12_gate_burnt_trips() {
+    for (state, epoch_offset) in [(GateState::Burnt, 0), (GateState::Closed, 0), (GateState::Open, 1)] {
+        let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+        world.gate_obeys = false;
+        world.sample.gate_state = state.code();
+        world.sample.epoch += epoch_offset;
+        world.cycle();
+        assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateBurnt));
+    }
+}
+
+#[test]
+fn sr_12_gate_burnt_before_it_opened_trips_an_earlier_burnt_epoch_does_not() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
+    world.gate_obeys = false;
+    world.sample.gate_state = GateState::Burnt.code();
+    world.verb(Verb::Enable).unwrap();
+    world.cycles(5);
+    assert_eq!(world.machine.state(), WatchdogState::Enabled);
+    world.sample.epoch = world.token.epoch;
+    world.cycle();
+    assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateBurnt));
+}
+
+#[test]
+fn sr_12_gate_that_does_not_open_trips() {
+    for (profile, within) in [(Profile::Realtime, 20), (Profile::BestEffort, 150)] {
+        let mut world = World::in_state(profile, WatchdogState::Armed);
+        world.gate_obeys = false;
+        world.verb(Verb::Enable).unwrap();
+        world.cycles(within);
+        assert_eq!(world.machine.state(), WatchdogState::Enabled);
+        world.cycle();
+        assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateNotOpen));
+    }
+}
+
+#[test]
+fn sr_13_lost_echo_trips() {
+    for (profile, within) in [(Profile::Realtime, 13), (Profile::BestEffort, 100)] {
+        for from_sample in [true, false] {
+            let mut world = World::in_state(profile, WatchdogState::Enabled);
+            let old = world.token.sequence;
+            let mut cycles = 0;
+            while world.machine.state() == WatchdogState::Enabled {
+                world.now += MS;
+                let token = world.token.sequence;
+                if from_sample {
+                    world.token.sequence = old;
+                }
+                world.sample_now();
+                world.token.sequence = if from_sample { token } else { old };
+                world.command_now();
+                world.token.sequence = token;
+                world.step();
+                cycles += 1;
+            }
+            assert_eq!((world.machine.cause(), cycles), (TripCause::EchoLost, within + 1), "{profile}");
+        }
+    }
+}
+
+#[test]
+fn sr_13_an_echo_of_a_token_that_was_never_issued_trips() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+    world.token.sequence += 1;
+    world.cycle();
+    assert_eq!(world.machine.cause(), TripCause::EchoLost);
+}
+
+#[test]
+fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
+    for who in 0..3 {
+        let mut world = World::new(Profile::Realtime);
+        if who == 0 {
+            world.machine = Machine::new(Config { profile: Profile::BestEffort, ..config(Profile::Realtime) });
+        }
+        world.sample.backend = Backend::Hardware.code();
+        world.sample.profile = if who == 1 { Profile::BestEffort } else { Profile::Realtime }.code();
+        world.command.profile = if who == 2 { Profile::BestEffort } else { Profile::Realtime }.code();
+        world.cycles(30);
+        assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
+        assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::NotRealtime)));
+        world.cycles(5);
+        assert_eq!(world.machine.state(), WatchdogState::Disarmed);
+    }
+}
+
+#[test]
+fn sr_14_a_card_that_cannot_take_volts_never_arms() {
+    for backend in [Backend::Replay.code(), Backend::Null.code(), 200] {
+        let mut world = World::new(Profile::Realtime);
+        world.sample.backend = backend;
+        world.cycles(30);
+        world.verb(Verb::Reset).unwrap();
+        assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::NoOutput)));
+    }
+}
+
+#[test]
+fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
+    for (line, expected) in [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))] {
+        let mut world = World::new(Profile::Realtime);
+        world.machine = Machine::new(Config { line_or_override: line, ..config(Profile::Realtime) });
+        world.sample.backend = Backend::Hardware.code();
+        world.cycles(30);
+        world.verb(Verb::Reset).unwrap();
+        assert_eq!(world.verb(Verb::Arm), expected);
+    }
+}
+
+#[test]
+fn sr_15_keeper_lost_blocks_arming_and_trips_nothing() {
+    for state in [WatchdogState::Disarmed, WatchdogState::Armed, WatchdogState::Enabled] {
+        let mut world = World::in_state(Profile::Realtime, state);
+        world.peers.keeper_alive = false;
+        world.cycles(100);
+        assert_eq!(world.machine.state(), state);
+        assert!(world.machine.standing().contains(TripCause::KeeperLost));
+        if state != WatchdogState::Enabled {
+            world.verb(Verb::Disarm).unwrap();
+            assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::KeeperLost)));
+        }
+    }
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
+    world.peers.keeper_alive = false;
+    world.cycle();
+    assert_eq!(world.verb(Verb::Enable), Err(Refusal::Standing(TripCause::KeeperLost)));
+}
+
+#[test]
+fn sr_16_verbs_in_each_state() {
+    use WatchdogState::{Armed, Disarmed, Enabled, Faulted, Tripped};
+    for (state, reset, arm, enable, disarm) in [
+        (Faulted, Some(Disarmed), None, None, Some(Faulted)),
+        (Disarmed, Some(Disarmed), Some(Armed), None, Some(Disarmed)),
+        (Armed, None, None, Some(Enabled), Some(Disarmed)),
+        (Enabled, None, None, None, Some(Disarmed)),
+        (Tripped, Some(Disarmed), None, None, Some(Tripped)),
+    ] {
+        for (verb, expected) in [
+            (Verb::Reset, reset),
+            (Verb::Arm, arm),
+            (Verb::Enable, enable),
+            (Verb::Disarm, disarm),
+            (Verb::Estop, Some(Tripped)),
+        ] {
+            let mut world = World::in_state(Profile::Realtime, state);
+            let answer = world.verb(verb);
+            assert_eq!(answer.ok(), expected, "{verb:?} in {state}");
+            if let Err(refusal) = answer {
+                assert_eq!(world.machine.state(), state);
+                assert!(!refusal.text().is_empty() && !refusal.to_string().is_empty());
+            }
+            let output = world.cycle();
+            let to = expected.unwrap_or(state);
+            let event = (to != state).then_some((state, to));
+            assert_eq!(output.event.map(|change| (change.from, change.to)), event, "{verb:?} in {state}");
+            assert_eq!(world.machine.state(), to);
+        }
+    }
+}
+
+#[test]
+fn sr_16_estop_latches() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+    world.verb(Verb::Estop).unwrap();
+    let output = world.cycle();
+    assert_eq!((output.token.enabled, output.token.cause), (0, TripCause::EmergencyStop.code()));
+    world.cycles(500);
+    assert_eq!(world.machine.state(), WatchdogState::Tripped);
+}
+
+#[test]
+fn sr_16_arms_at_rest_only() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Disarmed);
+    let mut position = 0.0;
+    let mut moving = |world: &mut World| {
+        for _ in 0..20 {
+            position += 0.5 * 5e-4;
+            world.sample.master_position[0] = (position / COUNT).floor() * COUNT;
+            world.now += MS / 2;
+            world.sample_now();
+            world.command_now();
+            world.step();
+        }
+    };
+    moving(&mut world);
+    assert_eq!(world.verb(Verb::Arm), Err(Refusal::Moving));
+    world.cycles(20);
+    assert_eq!(world.verb(Verb::Arm), Ok(WatchdogState::Armed));
+    let mut world = World::new(Profile::Realtime);
+    world.cycles(2);
+    world.verb(Verb::Reset).unwrap();
+    assert_eq!(world.verb(Verb::Arm), Err(Refusal::SpeedUnknown));
+}
+
+#[test]
+fn sr_16_refuses_to_arm_a_gate_or_a_motor_that_is_on_without_leave() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Disarmed);
+    world.sample.motor_power = 1;
+    world.cycle();
+    assert_eq!(world.verb(Verb::Arm), Err(Refusal::MotorPowered));
+    world.sample.motor_power = 0;
+    world.gate_obeys = false;
+    world.sample.gate_state = GateState::Open.code();
+    world.cycle();
+    assert_eq!(world.verb(Verb::Arm), Err(Refusal::GateOpen));
+}
+
+#[test]
+fn sr_16_volts_that_outlive_the_leave_are_a_fault() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+    world.sample.output_v[0] = 1.0;
+    world.cycles(5);
+    world.verb(Verb::Disarm).unwrap();
+    world.cycles(13);
+    assert_eq!(world.machine.state(), WatchdogState::Disarmed);
+    world.cycle();
+    assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Faulted, TripCause::VoltageLimit));
+}
+
+#[test]
+fn sr_17_nothing_is_allowed_before_the_first_step() {
+    let mut machine = Machine::new(config(Profile::Realtime));
+    for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
+        assert!(machine.command(verb, MS).is_err());
+    }
+    let output = machine.step(MS, Peers { launcher_alive: true, keeper_alive: true });
+    assert_eq!((output.token.enabled, output.token.state), (0, WatchdogState::Faulted.code()));
+    assert_eq!(output.token.cause, TripCause::Started.code());
+    assert_eq!(machine.command(Verb::Reset, MS), Err(Refusal::Standing(TripCause::AcquisitionLost)));
+}
+
+#[test]
+fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
+    for (profile, life) in [(Profile::Realtime, 5 * MS), (Profile::BestEffort, 40 * MS)] {
+        let mut world = World::in_state(profile, WatchdogState::Enabled);
+        let token = world.cycle().token;
+        assert_eq!((token.session, token.incarnation, token.watchdog_incarnation), (SESSION, 31, 31));
+        assert_eq!((token.acquisition_incarnation, token.control_incarnation), (21, 41));
+        assert_eq!((token.issued_ns, token.valid_until_ns), (world.now, world.now + life));
+        assert_eq!((token.sample_tick, token.faults), (world.sample.tick, 0));
+    }
+}
+
+#[test]
+fn sr_18_epochs_rise_over_restarts_and_above_any_that_was_seen() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+    let first = world.token.epoch;
+    // Another watchdog: a new machine in front of the same rig.
+    world.machine = Machine::new(config(Profile::Realtime));
+    world.cycles(300);
+    for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
+        world.verb(verb).unwrap();
+    }
+    let second = world.cycle().token.epoch;
+    assert!(second > first);
+    world.verb(Verb::Disarm).unwrap();
+    world.gate_obeys = false;
+    world.sample.epoch = second + 1_000_000_000_000;
+    world.cycles(100);
+    for verb in [Verb::Arm, Verb::Enable] {
+        world.verb(verb).unwrap();
+    }
+    assert!(world.cycle().token.epoch > world.sample.epoch);
+    world.verb(Verb::Estop).unwrap();
+    world.sample.epoch = u64::MAX;
+    world.cycles(100);
+    world.verb(Verb::Reset).unwrap();
+    world.verb(Verb::Arm).unwrap();
+    assert_eq!(world.verb(Verb::Enable), Err(Refusal::EpochExhausted));
+}
+
+#[test]
+fn sr_19_stopping_any_party_ends_in_a_trip() {
+    // Acquisition, control, watchdog: each stopped for 70 ms and let go again.
+    for party in 0..3 {
+        for profile in [Profile::Realtime, Profile::BestEffort] {
+            let mut world = World::in_state(profile, WatchdogState::Enabled);
+            match party {
+                0 => world.acquisition_runs = false,
+                1 => world.control_runs = false,
+                _ => world.now += 70 * MS,
+            }
+            if party < 2 {
+                world.cycles(70);
+            }
+            (world.acquisition_runs, world.control_runs) = (true, true);
+            world.cycles(500);
+            assert_eq!(world.machine.state(), WatchdogState::Tripped, "party {party}, {profile}");
+        }
+    }
+}
+
+#[test]
+fn sr_19_two_controls_that_alternate_trip_and_cannot_be_reset() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+    for cycle in 0..100 {
+        // Slowly enough that most cycles see but one of them.
+        if cycle % 7 == 0 {
+            world.command.incarnation = if world.command.incarnation == 41 { 42 } else { 41 };
+        }
+        world.cycle();
+        assert_eq!(world.machine.state(), WatchdogState::Tripped);
+        assert_eq!(world.verb(Verb::Reset), Err(Refusal::Standing(TripCause::ControlChanged)));
+    }
+    world.cycles(20);
+    assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
+}
+
+#[test]
+fn sr_19_best_effort_jitter_trips_nothing() {
+    let mut world = World::in_state(Profile::BestEffort, WatchdogState::Enabled);
+    for cycle in 0..1000u64 {
+        // Up to 20 ms late, the messages too.
+        world.now += (cycle * 7919) % 21 * MS;
+        world.cycle();
+        assert_eq!(world.machine.state(), WatchdogState::Enabled, "{}", world.machine.cause());
+    }
+    assert!(world.sample.time_ns() > 0);
+}
