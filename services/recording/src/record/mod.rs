@@ -1,1 +1,303 @@
-//! Measured records.
+//! A measured record, column by column, as identification and replay use it.
+//!
+//! Comes from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]); SI units, one value per
+//! sampling instant, uniform in time. Whatever is wrong with the data is an error that names file, row and column;
+//! a record is never patched silently. What cannot be told from the data alone (a channel that never
+//! changes, one that sticks at its extreme) is a [`Finding`]: the record is usable, and somebody should look.
+
+mod csv_file;
+mod findings;
+mod grid;
+mod samples;
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+pub use csv_file::{from_csv, from_csv_text, write_csv};
+pub use findings::{Finding, FindingKind};
+pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording};
+
+use crate::mcap_read::ReadError;
+
+/// Name of the time column.
+pub const TIME: &str = "t_s";
+
+/// A measured record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    /// File name, for reports.
+    pub name: String,
+    /// Sampling instants, uniform within the tolerance asked for [s].
+    pub time_s: Vec<f64>,
+    /// Values by name of the column, each as long as the time; the unit is in the name.
+    pub columns: BTreeMap<String, Vec<f64>>,
+    /// Mean time between two samples [s].
+    pub sampling_s: f64,
+    /// What somebody should look at.
+    pub findings: Vec<Finding>,
+}
+
+impl Record {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+    /// Whether it has no samples (a record that was read never is empty).
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+    /// One column.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.get(name).map(Vec::as_slice)
+    }
+    /// One column that must be there.
+    ///
+    /// # Errors
+    /// [`RecordError::MissingColumn`].
+    pub fn need(&self, name: &str) -> Result<&[f64], RecordError> {
+        self.column(name).ok_or_else(|| RecordError::MissingColumn {
+            file: PathBuf::from(&self.name),
+            column: name.to_owned(),
+            found: self.columns.keys().cloned().collect::<Vec<_>>().join(", "),
+        })
+    }
+}
+
+/// What to do where samples are missing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Gaps {
+    /// Refuse the record.
+    #[default]
+    Refuse,
+    /// Keep the longest run without a gap and report the rest as a finding.
+    LongestRun,
+}
+
+/// What a record must fulfil.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Columns that must be there (time is needed always).
+    pub required: Vec<String>,
+    /// What to do about gaps.
+    pub gaps: Gaps,
+    /// Largest deviation of a time step from the median one, as a fraction of it.
+    pub time_tolerance: f64,
+    /// Fewest rows.
+    pub rows_min: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { required: Vec::new(), gaps: Gaps::Refuse, time_tolerance: 0.02, rows_min: 10 }
+    }
+}
+
+impl Options {
+    /// These columns are needed.
+    #[must_use]
+    pub fn requiring(mut self, columns: &[&str]) -> Self {
+        self.required.extend(columns.iter().map(|&name| name.to_owned()));
+        self
+    }
+    /// See [`Gaps`].
+    #[must_use]
+    pub fn gaps(mut self, gaps: Gaps) -> Self {
+        self.gaps = gaps;
+        self
+    }
+}
+
+/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of a recording, from 1.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file cannot be read.
+    #[error("{}: cannot read: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] ReadError),
+    /// Not a table.
+    #[error("{}: row {row}: not a CSV table: {what}", file.display())]
+    Table {
+        /// The file.
+        file: PathBuf,
+        /// Row.
+        row: u64,
+        /// What the reader said.
+        what: String,
+    },
+    /// The first line is not a header.
+    #[error("{}: row 1: expected a header with the columns' names, found {found}; put a line such as `t_s,motor_v,master_rad` first", file.display())]
+    NoHeader {
+        /// The file.
+        file: PathBuf,
+        /// What is there.
+        found: String,
+    },
+    /// A column stands there twice.
+    #[error("{}: row 1: column `{column}` stands there twice (columns {first} and {second}); rename or remove one", file.display())]
+    DuplicateColumn {
+        /// The file.
+        file: PathBuf,
+        /// Its name.
+        column: String,
+        /// First place, from 1.
+        first: usize,
+        /// Second place, from 1.
+        second: usize,
+    },
+    /// A column that is needed is not there.
+    #[error("{}: column `{column}` is missing; found {found}", file.display())]
+    MissingColumn {
+        /// The file.
+        file: PathBuf,
+        /// Its name.
+        column: String,
+        /// What is there.
+        found: String,
+    },
+    /// A cell that is not a finite number.
+    #[error("{}: row {row}, column `{column}`: expected a finite number, found {found}", file.display())]
+    Cell {
+        /// The file.
+        file: PathBuf,
+        /// Row.
+        row: u64,
+        /// Column.
+        column: String,
+        /// What is there.
+        found: String,
+    },
+    /// Time stands still or runs backwards.
+    #[error("{}: row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the rows or remove the repeated ones", file.display())]
+    TimeBackwards {
+        /// The file.
+        file: PathBuf,
+        /// Row.
+        row: u64,
+        /// Time in the row before [s].
+        before: f64,
+        /// Time in this row [s].
+        after: f64,
+    },
+    /// Samples are missing.
+    #[error("{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or allow the longest run without a gap", file.display())]
+    Gap {
+        /// The file.
+        file: PathBuf,
+        /// Row behind the first gap.
+        row: u64,
+        /// Time before it [s].
+        before: f64,
+        /// Time behind it [s].
+        after: f64,
+        /// Samples that are missing there.
+        missing: u64,
+        /// Sampling time [s].
+        sampling_s: f64,
+        /// Number of gaps in the record.
+        gaps: usize,
+    },
+    /// Sampling is not uniform.
+    #[error("{}: row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} %, found {found_s} s; resample the record uniformly", file.display())]
+    NotUniform {
+        /// The file.
+        file: PathBuf,
+        /// Row.
+        row: u64,
+        /// Median step [s].
+        expected_s: f64,
+        /// Step that was found [s].
+        found_s: f64,
+        /// Tolerance [%].
+        tolerance_percent: f64,
+    },
+    /// Not enough rows.
+    #[error("{}: expected at least {expected} rows, found {found}", file.display())]
+    TooFewRows {
+        /// The file.
+        file: PathBuf,
+        /// Fewest.
+        expected: usize,
+        /// What is there.
+        found: usize,
+    },
+    /// The recording has no such axis, or none of its channels.
+    #[error("{}: axis {axis}: {what}", file.display())]
+    Axis {
+        /// The file.
+        file: PathBuf,
+        /// Axis, from 0.
+        axis: usize,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+/// Raw columns on their way to a [`Record`]: everything read, nothing judged yet.
+struct Draft {
+    file: PathBuf,
+    time_s: Vec<f64>,
+    /// the row of each sample, for messages
+    rows: Vec<u64>,
+    columns: BTreeMap<String, Vec<f64>>,
+    findings: Vec<Finding>,
+}
+
+impl Draft {
+    fn finish(mut self, options: &Options) -> Result<Record, RecordError> {
+        for name in &options.required {
+            if !self.columns.contains_key(name) {
+                return Err(RecordError::MissingColumn {
+                    file: self.file,
+                    column: name.clone(),
+                    found: if self.columns.is_empty() {
+                        "no other column than the time".to_owned()
+                    } else {
+                        self.columns.keys().cloned().collect::<Vec<_>>().join(", ")
+                    },
+                });
+            }
+        }
+        for (name, values) in
+            std::iter::once((TIME, &self.time_s)).chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
+        {
+            if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+                return Err(RecordError::Cell {
+                    file: self.file.clone(),
+                    row: self.rows.get(at).copied().unwrap_or(0),
+                    column: name.to_owned(),
+                    found: values[at].to_string(),
+                });
+            }
+        }
+        let too_few = |file: PathBuf, found| RecordError::TooFewRows { file, expected: options.rows_min, found };
+        if self.time_s.len() < options.rows_min.max(2) {
+            return Err(too_few(self.file, self.time_s.len()));
+        }
+        let (kept, sampling_s, cut) = grid::uniform(&self.file, &self.time_s, &self.rows, options)?;
+        self.findings.extend(cut);
+        if kept.len() < options.rows_min.max(2) {
+            return Err(too_few(self.file, kept.len()));
+        }
+        let first_row = self.rows.get(kept.start).copied().unwrap_or(0);
+        let cut = |values: Vec<f64>| if kept.len() == values.len() { values } else { values[kept.clone()].to_vec() };
+        let time_s = cut(self.time_s);
+        let columns: BTreeMap<String, Vec<f64>> =
+            self.columns.into_iter().map(|(name, values)| (name, cut(values))).collect();
+        for (name, values) in &columns {
+            self.findings.extend(findings::judge(name, values, first_row));
+        }
+        Ok(Record { name: file_name(&self.file), time_s, columns, sampling_s, findings: self.findings })
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,217 @@
+//! The thread that owns the file. It may wait for the disk; nobody waits for it.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError};
+use std::time::Duration;
+
+use ipc_types::LossCounters;
+use recording::mcap_write::{Start, WriteError, Writer, key};
+
+use crate::queue::{Queue, Slot};
+use crate::sink::{Outcome, Shared, StartRequest};
+use crate::state::{self, State};
+
+/// How long the thread sleeps when there is nothing to do. The queue holds seconds, so this need not be short.
+const NAP: Duration = Duration::from_millis(5);
+/// Messages written between two looks at the clock and the commands.
+const BATCH: usize = 512;
+/// Most parts of one recording: a logger that restarts more often has another problem.
+const PARTS: u32 = 10_000;
+
+/// Opens the file of a recording; replaced in tests.
+pub type Opener = Box<dyn Fn(&Path, &Start, u64) -> Result<Writer, WriteError> + Send>;
+
+/// Opens a real file.
+pub(crate) fn open_file(path: &Path, start: &Start, now_ns: u64) -> Result<Writer, WriteError> {
+    Writer::create(path, start, now_ns)
+}
+
+#[derive(Debug)]
+pub(crate) enum Command {
+    Start { generation: u32, request: StartRequest },
+    Stop { losses: Vec<LossCounters> },
+    Quit { losses: Vec<LossCounters> },
+}
+
+struct Disk<'a> {
+    queue: &'a Queue,
+    shared: &'a Shared,
+    outbox: &'a Sender<Outcome>,
+    state_directory: Option<&'a Path>,
+    opener: &'a Opener,
+    writer: Option<Writer>,
+    generation: u32,
+    /// taken out of the queue too early: it belongs to a recording whose start has not been read yet
+    held: Option<Slot>,
+}
+
+pub(crate) fn run(
+    queue: &Queue,
+    shared: &Shared,
+    inbox: &Receiver<Command>,
+    outbox: &Sender<Outcome>,
+    state_directory: Option<&Path>,
+    opener: &Opener,
+) {
+    let mut disk = Disk { queue, shared, outbox, state_directory, opener, writer: None, generation: 0, held: None };
+    loop {
+        let worked = disk.drain(BATCH);
+        disk.tick();
+        match inbox.try_recv() {
+            Ok(Command::Start { generation, request }) => disk.start(generation, &request),
+            Ok(Command::Stop { losses }) => disk.stop(losses, true),
+            Ok(Command::Quit { losses }) => return disk.stop(losses, false),
+            Err(TryRecvError::Disconnected) => return disk.stop(Vec::new(), false),
+            // `send` unparks, so that a command does not wait for the nap to end
+            Err(TryRecvError::Empty) if worked == 0 => std::thread::park_timeout(NAP),
+            Err(TryRecvError::Empty) => {}
+        }
+    }
+}
+
+impl Disk<'_> {
+    fn now_ns(&self) -> u64 {
+        self.shared.now_ns.load(Ordering::Relaxed)
+    }
+
+    fn report(&self, outcome: Outcome) {
+        // The other end is gone only while the process ends: then there is nobody to tell.
+        let _ = self.outbox.send(outcome);
+    }
+
+    /// Writes what waits, at most `most` messages; returns how many.
+    fn drain(&mut self, most: usize) -> usize {
+        for done in 0..most {
+            let Some(slot) = self.held.take().or_else(|| self.queue.pop()) else { return done };
+            // generations wrap: "later" is what lies less than half the circle ahead
+            let ahead = slot.generation.wrapping_sub(self.generation);
+            if ahead != 0 && ahead < u32::MAX / 2 {
+                self.held = Some(slot);
+                return done;
+            }
+            self.write(&slot);
+        }
+        most
+    }
+
+    fn write(&mut self, slot: &Slot) {
+        let topic = usize::from(slot.topic);
+        let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation) else {
+            // its file could not be made, or is closed
+            if let Some(refused) = self.shared.refused.get(topic) {
+                refused.fetch_add(1, Ordering::Relaxed);
+            }
+            return;
+        };
+        let sound = writer.error().is_none();
+        let result = writer.write(topic, slot.message());
+        self.publish(topic);
+        if let Err(error) = result
+            && sound
+            && self.writer.as_ref().is_some_and(|writer| writer.error().is_some())
+        {
+            self.failed(&error);
+        }
+    }
+
+    fn failed(&self, error: &WriteError) {
+        if let Some(writer) = &self.writer {
+            self.publish_all();
+            self.report(Outcome::Failed { path: writer.path().to_owned(), error: error.to_string() });
+        }
+    }
+
+    fn publish(&self, topic: usize) {
+        let (Some(writer), Some(written), Some(refused)) =
+            (&self.writer, self.shared.written.get(topic), self.shared.refused.get(topic))
+        else {
+            return;
+        };
+        written.store(writer.written_of(topic), Ordering::Relaxed);
+        refused.store(writer.refused_of(topic), Ordering::Relaxed);
+    }
+
+    fn publish_all(&self) {
+        (0..self.shared.written.len()).for_each(|topic| self.publish(topic));
+    }
+
+    fn tick(&mut self) {
+        let now_ns = self.now_ns();
+        if let Some(writer) = &mut self.writer
+            && let Err(error) = writer.tick(now_ns)
+        {
+            self.failed(&error);
+        }
+    }
+
+    fn start(&mut self, generation: u32, request: &StartRequest) {
+        self.generation = generation;
+        let mut part = request.part.max(1);
+        let opened = loop {
+            let path = state::part_path(&request.path, part);
+            let start = Start { realtime_offset_ns: request.realtime_offset_ns, metadata: request.metadata.clone() }
+                .with(key::PART, &part.to_string());
+            match (self.opener)(&path, &start, self.now_ns()) {
+                // part 1 is never guessed: a recording of that name is somebody's data
+                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS => part += 1,
+                other => break other,
+            }
+        };
+        match opened {
+            Ok(writer) => {
+                let path = writer.path().to_owned();
+                self.writer = Some(writer);
+                self.keep(request, part);
+                self.report(Outcome::Started { path });
+            }
+            Err(error) => {
+                self.report(Outcome::NotStarted { path: request.path.clone(), error: error.to_string() });
+            }
+        }
+    }
+
+    fn keep(&self, request: &StartRequest, part: u32) {
+        let Some(directory) = self.state_directory else { return };
+        let state = State {
+            session: request.session,
+            path: request.path.clone(),
+            part,
+            metadata: request.metadata.clone(),
+            realtime_offset_ns: request.realtime_offset_ns,
+        };
+        if let Err(error) = state::save(directory, &state) {
+            self.report(Outcome::StateNotKept { error: error.to_string() });
+        }
+    }
+
+    /// Everything pushed before the command is in the queue already: writes it, then ends the file.
+    fn stop(&mut self, mut losses: Vec<LossCounters>, forget: bool) {
+        while self.drain(BATCH) > 0 {}
+        if forget
+            && let Some(directory) = self.state_directory
+            && let Err(error) = state::clear(directory)
+        {
+            self.report(Outcome::StateNotKept { error: error.to_string() });
+        }
+        let Some(writer) = self.writer.take() else { return };
+        for loss in &mut losses {
+            let topic = loss.topic as usize;
+            loss.written = writer.written_of(topic);
+            loss.refused = writer.refused_of(topic);
+        }
+        let (path, refused) = (writer.path().to_owned(), writer.refused());
+        match writer.finish(&losses) {
+            Ok(summary) => self.report(Outcome::Stopped(summary)),
+            Err(error) => {
+                let refused = match &error {
+                    WriteError::DiskFull { refused, .. }
+                    | WriteError::Disk { refused, .. }
+                    | WriteError::Poisoned { refused, .. } => *refused,
+                    _ => refused,
+                };
+                self.report(Outcome::StoppedWithError { path, error: error.to_string(), refused });
+            }
+        }
+    }
+}

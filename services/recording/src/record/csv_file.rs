@@ -1,0 +1,110 @@
+//! Records from and to CSV files.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use super::{Draft, Options, Record, RecordError, TIME};
+
+/// Reads a CSV file with a header; units by the columns' names, time in `t_s`.
+///
+/// # Errors
+/// [`RecordError`]: the first problem, with row and column.
+pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
+    let file = File::open(path).map_err(|source| RecordError::Io { file: path.to_owned(), source })?;
+    from_csv_text(path, file, options)
+}
+
+/// The same from any reader; `path` names it in messages.
+///
+/// # Errors
+/// As [`from_csv`].
+pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<Record, RecordError> {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(text);
+    let mut row = csv::StringRecord::new();
+    let no_header = |found: String| RecordError::NoHeader { file: path.to_owned(), found };
+    if !reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
+        return Err(no_header("an empty file".to_owned()));
+    }
+    let names: Vec<String> = row.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
+        return Err(no_header(format!("the number {number}")));
+    }
+    for (second, name) in names.iter().enumerate() {
+        if name.is_empty() {
+            return Err(no_header(format!("no name for column {}", second + 1)));
+        }
+        if let Some(first) = names[..second].iter().position(|earlier| earlier == name) {
+            return Err(RecordError::DuplicateColumn {
+                file: path.to_owned(),
+                column: name.clone(),
+                first: first + 1,
+                second: second + 1,
+            });
+        }
+    }
+    let Some(time) = names.iter().position(|name| name == TIME) else {
+        return Err(RecordError::MissingColumn {
+            file: path.to_owned(),
+            column: TIME.to_owned(),
+            found: names.join(", "),
+        });
+    };
+    let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    let mut rows = Vec::new();
+    while reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
+        let line = row.position().map_or(rows.len() as u64 + 2, csv::Position::line);
+        for (index, cell) in row.iter().enumerate() {
+            let value = cell.parse::<f64>().ok().filter(|value| value.is_finite());
+            let Some(value) = value else {
+                return Err(RecordError::Cell {
+                    file: path.to_owned(),
+                    row: line,
+                    column: names[index].clone(),
+                    found: if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{cell}`") },
+                });
+            };
+            values[index].push(value);
+        }
+        rows.push(line);
+    }
+    let time_s = std::mem::take(&mut values[time]);
+    let columns: BTreeMap<String, Vec<f64>> = names
+        .into_iter()
+        .zip(values)
+        .enumerate()
+        .filter(|(index, _)| *index != time)
+        .map(|(_, column)| column)
+        .collect();
+    Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }.finish(options)
+}
+
+fn table_error(path: &Path, error: csv::Error) -> RecordError {
+    let row = error.position().map_or(1, csv::Position::line);
+    let what = match error.into_kind() {
+        csv::ErrorKind::Io(source) => return RecordError::Io { file: path.to_owned(), source },
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("expected {expected_len} cells as in the header, found {len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => "text that is not UTF-8".to_owned(),
+        _ => "cannot be read".to_owned(),
+    };
+    RecordError::Table { file: path.to_owned(), row, what }
+}
+
+/// Writes a record so that reading it back gives the same bits.
+///
+/// # Errors
+/// Those of the output.
+pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
+    let mut writer = csv::Writer::from_writer(output);
+    let to_io = |error: csv::Error| io::Error::other(error.to_string());
+    writer.write_record(std::iter::once(TIME).chain(record.columns.keys().map(String::as_str))).map_err(to_io)?;
+    for (index, time) in record.time_s.iter().enumerate() {
+        let cells = std::iter::once(time).chain(record.columns.values().filter_map(|column| column.get(index)));
+        // the shortest text that reads back as the same number
+        writer.write_record(cells.map(f64::to_string)).map_err(to_io)?;
+    }
+    writer.flush()
+}

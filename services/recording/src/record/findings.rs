@@ -1,0 +1,137 @@
+//! Channels that look dead or saturated.
+
+/// What somebody should look at.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Finding {
+    /// Column.
+    pub column: String,
+    /// What it is.
+    pub kind: FindingKind,
+    /// First row that is meant.
+    pub first_row: u64,
+    /// How many rows.
+    pub rows: u64,
+    /// In words.
+    pub text: String,
+}
+
+/// Kinds of [`Finding`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FindingKind {
+    /// The channel never changes.
+    Dead,
+    /// The channel sticks at its extreme.
+    Saturated,
+    /// Rows were left out because samples are missing.
+    Masked,
+    /// The record was replayed more than once; one pass was kept.
+    Looped,
+    /// Samples came twice; the repeated ones were left out.
+    Repeated,
+    /// The channel was present in a part of the record only; it was left out.
+    Partial,
+}
+
+/// Shortest stay at the extreme that counts [samples].
+const STAY: usize = 5;
+/// Fewest samples at the extreme, all stays together.
+const SAMPLES: usize = 20;
+/// A signal that is cut off runs into its limit at speed; one that comes to rest there slows down first. The step
+/// into the stay must be at least this fraction of the median step ...
+const SPEED: f64 = 0.3;
+/// ... and this many times the smallest step (the resolution of an encoder or converter).
+const RESOLUTION: f64 = 3.0;
+
+pub(super) fn judge(column: &str, values: &[f64], first_row: u64) -> Vec<Finding> {
+    let Some(&first) = values.first() else { return Vec::new() };
+    if values.iter().all(|&value| value == first) {
+        return vec![Finding {
+            column: column.to_owned(),
+            kind: FindingKind::Dead,
+            first_row,
+            rows: values.len() as u64,
+            text: format!("never changes: {first} throughout; a dead channel, or one that was at rest"),
+        }];
+    }
+    let mut steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|&step| step > 0.0).collect();
+    let smallest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let middle = steps.len() / 2;
+    let (_, &mut median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
+    let fast = (SPEED * median).max(RESOLUTION * smallest);
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mut found = Vec::new();
+    for (extreme, name) in [(low, "lowest"), (high, "highest")] {
+        let (mut rows, mut longest, mut first_at) = (0, 0, None);
+        let mut at = 0;
+        while at < values.len() {
+            if values[at] != extreme {
+                at += 1;
+                continue;
+            }
+            let start = at;
+            while at < values.len() && values[at] == extreme {
+                at += 1;
+            }
+            let into = if start > 0 { (values[start] - values[start - 1]).abs() } else { 0.0 };
+            let out = values.get(at).map_or(0.0, |next| (next - extreme).abs());
+            if at - start >= STAY && into.max(out) >= fast {
+                rows += at - start;
+                longest = longest.max(at - start);
+                first_at = first_at.or(Some(start));
+            }
+        }
+        if let Some(start) = first_at.filter(|_| rows >= SAMPLES) {
+            found.push(Finding {
+                column: column.to_owned(),
+                kind: FindingKind::Saturated,
+                first_row: first_row + start as u64,
+                rows: rows as u64,
+                text: format!(
+                    "sticks at its {name} value, {extreme}, in {rows} of {} samples, up to {longest} in a row, and runs into it at speed: saturated",
+                    values.len()
+                ),
+            });
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wave(n: usize) -> Vec<f64> {
+        (0..n).map(|i| (i as f64 * 0.01).sin()).collect()
+    }
+
+    #[test]
+    fn a_clipped_wave_is_saturated_and_a_whole_one_is_not() {
+        assert_eq!(judge("x", &wave(5000), 2), vec![]);
+        let clipped: Vec<f64> = wave(5000).iter().map(|v| v.min(0.8)).collect();
+        let found = judge("x", &clipped, 2);
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].kind, found[0].first_row), (FindingKind::Saturated, 2 + 93));
+    }
+
+    #[test]
+    fn a_movement_that_comes_to_rest_at_its_end_is_not_saturated() {
+        // minimum jerk up, rest, and down, read by an encoder
+        let shape = |s: f64| s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        let values: Vec<f64> = (0..4000)
+            .map(|i| match i {
+                0..1000 => shape(i as f64 / 1000.0),
+                1000..3000 => 1.0,
+                _ => shape((4000 - i) as f64 / 1000.0),
+            })
+            .map(|v| (v * 2000.0).round() / 2000.0)
+            .collect();
+        assert_eq!(judge("x", &values, 2), vec![]);
+    }
+
+    #[test]
+    fn a_constant_is_dead() {
+        assert_eq!(judge("x", &[0.25; 50], 2)[0].kind, FindingKind::Dead);
+    }
+}

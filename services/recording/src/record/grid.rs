@@ -1,0 +1,80 @@
+//! Is the time uniform, and where is something missing?
+
+use std::ops::Range;
+use std::path::Path;
+
+use super::{Finding, FindingKind, Gaps, Options, RecordError};
+
+/// From this multiple of the median step on, a step is a gap and no jitter.
+const GAP: f64 = 1.5;
+
+/// The rows to keep, the mean sampling time over them [s], and a finding where rows were left out.
+pub(super) fn uniform(
+    file: &Path,
+    time_s: &[f64],
+    rows: &[u64],
+    options: &Options,
+) -> Result<(Range<usize>, f64, Option<Finding>), RecordError> {
+    let row = |index: usize| rows.get(index).copied().unwrap_or(index as u64 + 1);
+    let steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if let Some(at) = steps.iter().position(|&step| step <= 0.0) {
+        return Err(RecordError::TimeBackwards {
+            file: file.to_owned(),
+            row: row(at + 1),
+            before: time_s[at],
+            after: time_s[at + 1],
+        });
+    }
+    let mut sorted = steps.clone();
+    let middle = sorted.len() / 2;
+    let (_, &mut median, _) = sorted.select_nth_unstable_by(middle, f64::total_cmp);
+    let gaps: Vec<usize> = (0..steps.len()).filter(|&i| steps[i] >= GAP * median).collect();
+    let missing = |at: usize| (steps[at] / median).round() as u64 - 1;
+    if let (Some(&at), Gaps::Refuse) = (gaps.first(), options.gaps) {
+        return Err(RecordError::Gap {
+            file: file.to_owned(),
+            row: row(at + 1),
+            before: time_s[at],
+            after: time_s[at + 1],
+            missing: missing(at),
+            sampling_s: median,
+            gaps: gaps.len(),
+        });
+    }
+    let (mut kept, mut start) = (0..0, 0);
+    for end in gaps.iter().map(|&at| at + 1).chain([time_s.len()]) {
+        if end - start > kept.len() {
+            kept = start..end;
+        }
+        start = end;
+    }
+    for at in kept.start..kept.end.saturating_sub(1) {
+        if (steps[at] - median).abs() > options.time_tolerance * median {
+            return Err(RecordError::NotUniform {
+                file: file.to_owned(),
+                row: row(at + 1),
+                expected_s: median,
+                found_s: steps[at],
+                tolerance_percent: options.time_tolerance * 100.0,
+            });
+        }
+    }
+    let span = time_s[kept.end - 1] - time_s[kept.start];
+    let sampling_s = if kept.len() > 1 { span / (kept.len() - 1) as f64 } else { median };
+    let finding = (!gaps.is_empty()).then(|| Finding {
+        column: super::TIME.to_owned(),
+        kind: FindingKind::Masked,
+        first_row: row(kept.start),
+        rows: (time_s.len() - kept.len()) as u64,
+        text: format!(
+            "{} gaps, {} samples missing: kept rows {} to {}, left out {} of {}",
+            gaps.len(),
+            gaps.iter().map(|&at| missing(at)).sum::<u64>(),
+            row(kept.start),
+            row(kept.end - 1),
+            time_s.len() - kept.len(),
+            time_s.len(),
+        ),
+    });
+    Ok((kept, sampling_s, finding))
+}

@@ -1,0 +1,215 @@
+//! Records from farreach's own recordings.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use ipc_types::{ANALOG, AXES, Backend, SAMPLE, Sample};
+
+use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
+use crate::mcap_read::Recording;
+
+/// How the channels of an axis are named in the record; `None` leaves a channel out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ColumnNames {
+    /// Motor volts at the card's output [V].
+    pub motor: Option<String>,
+    /// Position of the master [rad or m].
+    pub master: Option<String>,
+    /// Position of the slave [rad or m].
+    pub slave: Option<String>,
+    /// Torque or force of the hand [N·m or N].
+    pub torque: Option<String>,
+}
+
+impl ColumnNames {
+    /// `motor_v, master_rad, slave_rad, slave_torque_nm`.
+    pub fn rotary() -> Self {
+        Self::named(["motor_v", "master_rad", "slave_rad", "slave_torque_nm"])
+    }
+    /// `motor_v, master_m, slave_m, slave_force_n`.
+    pub fn linear() -> Self {
+        Self::named(["motor_v", "master_m", "slave_m", "slave_force_n"])
+    }
+    /// One mass that moves along a line: `motor_v, position_m, force_n`.
+    pub fn one_mass_linear() -> Self {
+        Self { slave: None, ..Self::named(["motor_v", "position_m", "", "force_n"]) }
+    }
+    /// One mass that turns: `motor_v, position_rad, torque_nm`.
+    pub fn one_mass_rotary() -> Self {
+        Self { slave: None, ..Self::named(["motor_v", "position_rad", "", "torque_nm"]) }
+    }
+    fn named([motor, master, slave, torque]: [&str; 4]) -> Self {
+        let name = |text: &str| Some(text.to_owned());
+        Self { motor: name(motor), master: name(master), slave: name(slave), torque: name(torque) }
+    }
+}
+
+/// Which part of the samples makes the record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleColumns {
+    /// Axis, from 0.
+    pub axis: usize,
+    /// Names of its channels.
+    pub names: ColumnNames,
+    /// Further analog channels as read, in volts: channel and name of the column.
+    pub analog: Vec<(usize, String)>,
+    /// Scan rate by the rig file [Hz]; `None`: taken from scan times and ticks.
+    pub scan_hz: Option<f64>,
+}
+
+impl SampleColumns {
+    /// Axis 0 with these names.
+    pub fn new(names: ColumnNames) -> Self {
+        Self { axis: 0, names, analog: Vec::new(), scan_hz: None }
+    }
+}
+
+/// Reads the samples of a recording.
+///
+/// # Errors
+/// As [`from_recording`], and those of opening the file.
+pub fn from_mcap(path: &Path, columns: &SampleColumns, options: &Options) -> Result<Record, RecordError> {
+    from_recording(&Recording::open(path)?, columns, options)
+}
+
+/// Reads the samples of an open recording. Values are taken bit by bit. Time is that within the replayed record
+/// where acquisition replayed one, else the tick's: 0 at the first sample.
+///
+/// # Errors
+/// [`RecordError`]: the first problem, with the sample's number as row. A damaged chunk is an error too.
+pub fn from_recording(
+    recording: &Recording,
+    columns: &SampleColumns,
+    options: &Options,
+) -> Result<Record, RecordError> {
+    let file = recording.path().to_owned();
+    let wrong = |what: String| RecordError::Axis { file: file.clone(), axis: columns.axis, what };
+    if columns.axis >= AXES {
+        return Err(wrong(format!("expected an axis below {AXES}")));
+    }
+    let mut samples: Vec<(u64, Sample)> = Vec::new();
+    let mut repeated = 0u64;
+    for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
+        let sample = sample?.message;
+        match samples.last() {
+            Some((_, last)) if last.tick == sample.tick => repeated += 1,
+            _ => samples.push((index as u64 + 1, sample)),
+        }
+    }
+    let Some((_, first)) = samples.first().copied() else {
+        return Err(RecordError::TooFewRows { file, expected: options.rows_min, found: 0 });
+    };
+    if columns.axis >= usize::from(first.axes) {
+        return Err(wrong(format!("the recording has {} axes", first.axes)));
+    }
+    let mut findings = Vec::new();
+    if repeated > 0 {
+        findings.push(Finding {
+            column: TIME.to_owned(),
+            kind: FindingKind::Repeated,
+            first_row: 1,
+            rows: repeated,
+            text: format!("{repeated} samples came twice: the repeated ones were left out"),
+        });
+    }
+    let replayed = first.backend == Backend::Replay.code();
+    let time_s = if replayed {
+        findings.extend(one_pass(&mut samples));
+        samples.iter().map(|(_, sample)| sample.record_time_s).collect()
+    } else {
+        let period_s = match columns.scan_hz {
+            Some(hz) => 1.0 / hz,
+            None => period_s(&samples)
+                .ok_or_else(|| wrong("the scan rate cannot be told from the samples: give the rig file".to_owned()))?,
+        };
+        samples
+            .iter()
+            .map(|(row, sample)| match sample.tick.checked_sub(first.tick) {
+                Some(ticks) => Ok(ticks as f64 * period_s),
+                None => Err(RecordError::TimeBackwards {
+                    file: file.clone(),
+                    row: *row,
+                    before: 0.0,
+                    after: -((first.tick - sample.tick) as f64) * period_s,
+                }),
+            })
+            .collect::<Result<_, _>>()?
+    };
+    let mut picked: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let axis = columns.axis;
+    let names = &columns.names;
+    type Read = fn(&Sample, usize) -> f64;
+    type Present = fn(&Sample, usize) -> bool;
+    let channels: [(&Option<String>, Present, Read); 4] = [
+        (&names.motor, |s, i| s.motor_present >> i & 1 == 1, |s, i| s.motor_v[i]),
+        (&names.master, |s, i| s.master_present >> i & 1 == 1, |s, i| s.master_position[i]),
+        (&names.slave, |s, i| s.slave_present >> i & 1 == 1, |s, i| s.slave_position[i]),
+        (&names.torque, |s, i| s.torque_present >> i & 1 == 1, |s, i| s.slave_torque[i]),
+    ];
+    let axis_channels = channels.into_iter().filter_map(|(name, p, r)| Some((name.clone()?, axis, p, r)));
+    let analog: (Present, Read) = (|s, i| s.analog_present >> i & 1 == 1, |s, i| s.analog_v[i]);
+    let further = columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));
+    for (name, index, present, read) in axis_channels.chain(further) {
+        if index >= ANALOG {
+            return Err(wrong(format!("column `{name}`: expected an analog channel below {ANALOG}, found {index}")));
+        }
+        let there = samples.iter().filter(|(_, sample)| present(sample, index)).count();
+        if there == samples.len() {
+            picked.insert(name, samples.iter().map(|(_, sample)| read(sample, index)).collect());
+        } else if there > 0 {
+            findings.push(Finding {
+                column: name,
+                kind: FindingKind::Partial,
+                first_row: 1,
+                rows: there as u64,
+                text: format!("present in {there} of {} samples only: left out", samples.len()),
+            });
+        }
+    }
+    if picked.is_empty() {
+        return Err(wrong("none of its channels is present".to_owned()));
+    }
+    let rows = samples.iter().map(|(row, _)| *row).collect();
+    Draft { file, time_s, rows, columns: picked, findings }.finish(options)
+}
+
+/// A record that was replayed in a loop holds itself several times: keeps the longest pass.
+fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
+    let mut starts = vec![0];
+    starts.extend((1..samples.len()).filter(|&i| samples[i].1.record_time_s < samples[i - 1].1.record_time_s));
+    if starts.len() == 1 {
+        return None;
+    }
+    starts.push(samples.len());
+    let mut best = 0..0;
+    for pair in starts.windows(2) {
+        if pair[1] - pair[0] > best.len() {
+            best = pair[0]..pair[1];
+        }
+    }
+    let all = samples.len();
+    let first_row = samples.get(best.start).map_or(0, |(row, _)| *row);
+    *samples = samples.drain(best).collect();
+    Some(Finding {
+        column: TIME.to_owned(),
+        kind: FindingKind::Looped,
+        first_row,
+        rows: (all - samples.len()) as u64,
+        text: format!(
+            "the record was replayed {} times: kept the longest pass, {} samples",
+            starts.len() - 1,
+            samples.len()
+        ),
+    })
+}
+
+/// The grid's period [s]. Ticks are multiples of it, and its rate is a whole number of Hz, so that the mean over the
+/// recording, rounded, is exact.
+fn period_s(samples: &[(u64, Sample)]) -> Option<f64> {
+    let (_, first) = samples.first()?;
+    let (_, last) = samples.last()?;
+    let ticks = last.tick.checked_sub(first.tick).filter(|&ticks| ticks > 0)?;
+    let span_ns = last.scan_time_ns.checked_sub(first.scan_time_ns).filter(|&span| span > 0)?;
+    let hz = (ticks as f64 / (span_ns as f64 * 1e-9)).round();
+    (hz >= 1.0).then(|| 1.0 / hz)
+}
