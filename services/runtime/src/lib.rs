@@ -1,1 +1,49 @@
-//! Shared memory domain, grid loop, gate, DAQ trait.
+//! What every process is built from: the shared-memory domain, ports with identity and sequence, the grid
+//! loop and its timing, the gate, the command plane, the `Daq` trait, signals and readiness.
+//!
+//! A process is a thin loop round a pure core:
+//!
+//! ```no_run
+//! use ipc_types::{MotorCommand, Process, COMMAND, SAMPLE};
+//! use runtime::{Grid, Service, ServiceError};
+//!
+//! fn main() -> Result<(), ServiceError> {
+//!     let mut service = Service::start(Process::Control, "demo")?;
+//!     let mut samples = service.subscriber(SAMPLE)?;
+//!     let mut commands = service.publisher(COMMAND)?;
+//!     service.enter_loop(70)?;
+//!     let mut grid = Grid::of_rate(500, 200_000);
+//!     while !service.stopping() {
+//!         let Some(wake) = grid.wait() else { continue };
+//!         if let Some(sample) = samples.latest()? {
+//!             let command = MotorCommand { sample_tick: sample.tick, computed_ns: wake.woke_ns, ..Default::default() };
+//!             commands.send(command)?;
+//!         }
+//!         service.beat();
+//!     }
+//!     Ok(())
+//! }
+//! ```
+
+pub mod clock;
+pub mod daq;
+mod domain;
+pub mod gate;
+mod grid;
+mod identity;
+mod locks;
+mod ports;
+pub mod realtime;
+mod request;
+mod service;
+mod sweep;
+mod timing;
+
+pub use domain::{Domain, DomainError, Keeper, RigName};
+pub use grid::{Grid, Wake};
+pub use identity::{Identity, random_u64};
+pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};
+pub use realtime::{Lives, lives};
+pub use request::{RequestError, Server, call};
+pub use service::{Service, ServiceError};
+pub use timing::LoopMeter;

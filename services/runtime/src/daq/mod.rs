@@ -1,0 +1,116 @@
+//! The card as acquisition sees it: batched, so that a late wake yields late samples and not holes.
+
+use ipc_types::{ANALOG, AXES, Backend};
+use thiserror::Error;
+
+pub mod conformance;
+
+/// One scan of a card.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Scan {
+    /// Tick of the acquisition grid.
+    pub tick: u64,
+    /// When the card took it [ns, CLOCK_MONOTONIC].
+    pub time_ns: u64,
+    /// Time within the replayed record [s]; 0 for a live card.
+    pub record_time_s: f64,
+    /// Encoder counts of the master.
+    pub master_counts: [i64; AXES],
+    /// Encoder counts of the slave.
+    pub slave_counts: [i64; AXES],
+    /// Analog inputs [V].
+    pub analog_v: [f64; ANALOG],
+    /// Volts at the motor when the scan was taken [V].
+    pub motor_v: [f64; AXES],
+    /// Values that a record holds in SI units already.
+    pub physical: Physical,
+    /// Digital inputs, one bit each.
+    pub digital_in: u32,
+    /// What of the above is there.
+    pub present: Present,
+    /// Whether the card reports the motor power on.
+    pub motor_power: bool,
+}
+
+/// Values in SI units, from a record: they take the place of counts and volts where present.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Physical {
+    /// Position of the master [rad or m].
+    pub master_position: [f64; AXES],
+    /// Position of the slave [rad or m].
+    pub slave_position: [f64; AXES],
+    /// Torque (or force) of the hand on the slave [N·m or N].
+    pub slave_torque: [f64; AXES],
+    /// One bit an axis: the position of the master is there.
+    pub master: u8,
+    /// One bit an axis: the position of the slave is there.
+    pub slave: u8,
+    /// One bit an axis: the torque is there.
+    pub torque: u8,
+}
+
+/// Presence, one bit an axis or a channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Present {
+    /// Master encoders.
+    pub master: u8,
+    /// Slave encoders.
+    pub slave: u8,
+    /// Motor volts read back.
+    pub motor: u8,
+    /// Analog channels.
+    pub analog: u16,
+}
+
+/// What a card can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capabilities {
+    /// Which kind of card.
+    pub backend: Backend,
+    /// Scans that the card buffers; older ones are dropped, and counted.
+    pub fifo_depth: usize,
+    /// Whether volts can be written.
+    pub accepts_output: bool,
+    /// Whether the outputs hold their last value when the process that wrote them dies.
+    pub holds_on_exit: bool,
+    /// Whether the card drops the motor by itself when the enable line stops toggling.
+    pub enable_line: bool,
+}
+
+/// What a card refused. Carries no text of its own, so that it can be made in a real-time loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum DaqError {
+    /// The link to the card is broken.
+    #[error("the link to the card is broken ({0})")]
+    Link(&'static str),
+    /// A value that is not finite was to be written; 0 V was written instead.
+    #[error("volts that are not finite were refused, 0 V was written")]
+    NotFinite,
+    /// The card has no outputs.
+    #[error("this card has no outputs; only 0 V can be written")]
+    NoOutput,
+}
+
+/// A data acquisition card.
+pub trait Daq {
+    /// What it can do.
+    fn capabilities(&self) -> Capabilities;
+
+    /// Every scan that the card clocked since the last call, oldest first; empty when none is due. The
+    /// ticks rise strictly, from call to call as well.
+    fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError>;
+
+    /// Tells the card that all scans up to `tick` are published, so that a successor goes on behind them.
+    fn taken(&mut self, tick: u64);
+
+    /// Writes volts to the outputs; they hold until the next write.
+    fn write(&mut self, volts: [f64; AXES]) -> Result<(), DaqError>;
+
+    /// Scans that were dropped before they could be read, since this object was made.
+    fn scans_missed(&self) -> u64;
+
+    /// Whether no scan will ever come again (a record at its end).
+    fn finished(&self) -> bool {
+        false
+    }
+}

@@ -1,0 +1,292 @@
+//! Publishers that stamp identity and sequence, subscribers that count what is missing.
+
+use iceoryx2::port::publisher::Publisher as LibraryPublisher;
+use iceoryx2::port::subscriber::Subscriber as LibrarySubscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::*;
+use ipc_types::{
+    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming, LossCounters, Message,
+    MotorCommand, Sample, Setpoint, Topic, TypedTopic,
+};
+use thiserror::Error;
+
+use crate::clock::now_ns;
+use crate::domain::DomainError;
+use crate::identity::Identity;
+
+/// Most nodes on a topic: processes, probes, and those that died a moment ago.
+const NODES: usize = 32;
+
+/// A port could not be made, or does not work any more.
+#[derive(Debug, Error)]
+#[error("topic {topic}: {action}: {reason}")]
+pub struct PortError {
+    topic: &'static str,
+    action: &'static str,
+    reason: String,
+}
+
+fn failed<E: std::fmt::Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> PortError {
+    move |error| PortError { topic, action, reason: format!("{error:?}") }
+}
+
+type Service<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, ()>;
+
+fn service_name(topic: &Topic) -> Result<ServiceName, PortError> {
+    topic.name.try_into().map_err(failed(topic.name, "naming the service"))
+}
+
+fn open<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<T>, PortError> {
+    node.service_builder(&service_name(topic)?)
+        .publish_subscribe::<T>()
+        .open()
+        .map_err(failed(topic.name, "opening (does the keeper run, and is it of this version?)"))
+}
+
+fn hold_typed<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<T>, PortError> {
+    node.service_builder(&service_name(topic)?)
+        .publish_subscribe::<T>()
+        .max_publishers(topic.publishers)
+        .max_subscribers(topic.subscribers)
+        .max_nodes(NODES)
+        .subscriber_max_buffer_size(topic.buffer)
+        .history_size(topic.history)
+        .enable_safe_overflow(true)
+        .open_or_create()
+        .map_err(failed(topic.name, "creating"))
+}
+
+/// Does `$body` with `$T` as the message type of a topic; the one place that knows them all.
+macro_rules! with_type {
+    ($topic:expr, $T:ident => $body:expr) => {
+        match $topic.type_name {
+            name if name == Sample::TYPE_NAME => {
+                type $T = Sample;
+                $body
+            }
+            name if name == MotorCommand::TYPE_NAME => {
+                type $T = MotorCommand;
+                $body
+            }
+            name if name == EnableToken::TYPE_NAME => {
+                type $T = EnableToken;
+                $body
+            }
+            name if name == EnableLine::TYPE_NAME => {
+                type $T = EnableLine;
+                $body
+            }
+            name if name == CardScan::TYPE_NAME => {
+                type $T = CardScan;
+                $body
+            }
+            name if name == CardOutput::TYPE_NAME => {
+                type $T = CardOutput;
+                $body
+            }
+            name if name == Setpoint::TYPE_NAME => {
+                type $T = Setpoint;
+                $body
+            }
+            name if name == Event::TYPE_NAME => {
+                type $T = Event;
+                $body
+            }
+            name if name == Heartbeat::TYPE_NAME => {
+                type $T = Heartbeat;
+                $body
+            }
+            name if name == LoopTiming::TYPE_NAME => {
+                type $T = LoopTiming;
+                $body
+            }
+            name if name == LossCounters::TYPE_NAME => {
+                type $T = LossCounters;
+                $body
+            }
+            name if name == ClockSync::TYPE_NAME => {
+                type $T = ClockSync;
+                $body
+            }
+            other => Err(PortError { topic: $topic.name, action: "looking up the type", reason: other.to_owned() }),
+        }
+    };
+}
+
+/// Creates a topic's service, or joins it, and keeps it open for as long as the result lives.
+pub(crate) fn hold(node: &Node<ipc::Service>, topic: &Topic) -> Result<Box<dyn std::any::Any>, DomainError> {
+    let held: Result<Box<dyn std::any::Any>, PortError> =
+        with_type!(topic, T => hold_typed::<T>(node, topic).map(|service| Box::new(service) as Box<dyn std::any::Any>));
+    held.map_err(|error| DomainError::Library { action: "creating a topic".to_owned(), reason: error.to_string() })
+}
+
+/// Publishes one topic: stamps session, incarnation, sequence and time.
+#[derive(Debug)]
+pub struct Publisher<T: Message> {
+    port: LibraryPublisher<ipc::Service, T, ()>,
+    identity: Identity,
+    sequence: u64,
+    topic: &'static str,
+}
+
+impl<T: Message> Publisher<T> {
+    pub(crate) fn new(node: &Node<ipc::Service>, topic: TypedTopic<T>, identity: Identity) -> Result<Self, PortError> {
+        let port = open::<T>(node, &topic.topic)?
+            .publisher_builder()
+            // The default would block the publisher on a full buffer.
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .max_loaned_samples(1)
+            .create()
+            .map_err(failed(topic.topic.name, "making a publisher"))?;
+        Ok(Self { port, identity, sequence: 0, topic: topic.topic.name })
+    }
+
+    /// Publishes; returns the sequence number that it got.
+    pub fn send(&mut self, mut message: T) -> Result<u64, PortError> {
+        let sequence = self.sequence;
+        message.stamp(self.identity.session, self.identity.incarnation, sequence, now_ns());
+        let loaned = self.port.loan_uninit().map_err(failed(self.topic, "loaning"))?;
+        loaned.write_payload(message).send().map_err(failed(self.topic, "sending"))?;
+        self.sequence += 1;
+        Ok(sequence)
+    }
+
+    /// The sequence number that the next message gets.
+    pub fn next_sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// Connects those that joined since the last message: a late subscriber gets its history only when the
+    /// publisher calls this, or sends. For slow topics.
+    pub fn refresh(&self) -> Result<(), PortError> {
+        self.port.update_connections().map_err(failed(self.topic, "connecting"))
+    }
+}
+
+/// What a subscriber saw of its publishers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Messages received.
+    pub received: u64,
+    /// Messages that are missing in the sequence.
+    pub lost: u64,
+    /// Messages whose sequence went backwards or repeated within an incarnation.
+    pub backwards: u64,
+    /// Changes of the sender's incarnation.
+    pub incarnations: u64,
+}
+
+/// Follows incarnation and sequence of one topic's messages.
+#[derive(Clone, Copy, Debug, Default)]
+struct Follower {
+    counters: Counters,
+    last: Option<(u64, u64)>,
+}
+
+impl Follower {
+    fn observe(&mut self, incarnation: u64, sequence: u64) {
+        self.counters.received += 1;
+        match self.last {
+            Some((known, last)) if known == incarnation => {
+                if sequence > last {
+                    self.counters.lost += sequence - last - 1;
+                } else {
+                    self.counters.backwards += 1;
+                }
+            }
+            Some(_) => self.counters.incarnations += 1,
+            None => {}
+        }
+        self.last = Some((incarnation, sequence));
+    }
+}
+
+/// Subscribes to one topic; reads without blocking.
+#[derive(Debug)]
+pub struct Subscriber<T: Message> {
+    port: LibrarySubscriber<ipc::Service, T, ()>,
+    follower: Follower,
+    topic: &'static str,
+}
+
+impl<T: Message> Subscriber<T> {
+    pub(crate) fn new(node: &Node<ipc::Service>, topic: TypedTopic<T>) -> Result<Self, PortError> {
+        Self::from_table(node, &topic.topic)
+    }
+
+    fn from_table(node: &Node<ipc::Service>, topic: &Topic) -> Result<Self, PortError> {
+        let port = open::<T>(node, topic)?
+            .subscriber_builder()
+            .buffer_size(topic.buffer)
+            .create()
+            .map_err(failed(topic.name, "making a subscriber"))?;
+        Ok(Self { port, follower: Follower::default(), topic: topic.name })
+    }
+
+    /// The next message, oldest first; `None` when there is none.
+    pub fn take(&mut self) -> Result<Option<T>, PortError> {
+        let received = self.port.receive().map_err(failed(self.topic, "receiving"))?;
+        Ok(received.map(|sample| {
+            let message = *sample.payload();
+            self.follower.observe(message.incarnation(), message.sequence());
+            message
+        }))
+    }
+
+    /// The newest message that came since the last call; `None` when none came.
+    pub fn latest(&mut self) -> Result<Option<T>, PortError> {
+        let mut newest = None;
+        while let Some(message) = self.take()? {
+            newest = Some(message);
+        }
+        Ok(newest)
+    }
+
+    /// What was received and what is missing.
+    pub fn counters(&self) -> Counters {
+        self.follower.counters
+    }
+}
+
+/// A subscriber to a topic whose type is known from the table only: hands out bytes (logger, probes).
+pub trait RawSubscriber {
+    /// Hands the bytes of the next message to `sink`; `false` when there is none.
+    fn take(&mut self, sink: &mut dyn FnMut(&[u8])) -> Result<bool, PortError>;
+    /// What was received and what is missing.
+    fn counters(&self) -> Counters;
+}
+
+impl<T: Message> RawSubscriber for Subscriber<T> {
+    fn take(&mut self, sink: &mut dyn FnMut(&[u8])) -> Result<bool, PortError> {
+        let received = self.port.receive().map_err(failed(self.topic, "receiving"))?;
+        Ok(received
+            .map(|sample| {
+                self.follower.observe(sample.payload().incarnation(), sample.payload().sequence());
+                sink(sample.payload().as_bytes());
+            })
+            .is_some())
+    }
+
+    fn counters(&self) -> Counters {
+        Subscriber::counters(self)
+    }
+}
+
+/// Subscribes to a topic of the table by its entry.
+pub fn open_raw(node: &Node<ipc::Service>, topic: &Topic) -> Result<Box<dyn RawSubscriber>, PortError> {
+    with_type!(topic, T => Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_steps_back_and_new_incarnations_are_counted() {
+        let mut follower = Follower::default();
+        for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (1, 9), (1, 8), (2, 0), (2, 1)] {
+            follower.observe(incarnation, sequence);
+        }
+        assert_eq!(follower.counters, Counters { received: 7, lost: 2, backwards: 2, incarnations: 1 });
+    }
+}

@@ -1,0 +1,235 @@
+//! The command plane: request and answer between processes, off the real-time path.
+//!
+//! Payloads are serde types in bincode 2.0.1, the last release that compiles. bincode is unmaintained
+//! (RUSTSEC-2025-0141); this module, the experiment's state file and the learnt-state files are its only users,
+//! and each goes through one `encode` and one `decode`: postcard would replace it there.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::port::server::Server as LibraryServer;
+use iceoryx2::prelude::*;
+use ipc_types::{COMMAND_BYTES, CommandService};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+
+use crate::domain::DomainError;
+
+const NODES: usize = 16;
+
+/// A request could not be made or answered.
+#[derive(Debug, Error)]
+pub enum RequestError {
+    /// No process answers.
+    #[error("{0} does not answer: is the {1} process running? (`farreach status`)")]
+    NobodyServes(&'static str, &'static str),
+    /// It did not answer in time.
+    #[error("{service} did not answer within {limit:?}")]
+    TimedOut {
+        /// The service.
+        service: &'static str,
+        /// The limit.
+        limit: Duration,
+    },
+    /// Too long for the command plane.
+    #[error("{service}: a message of {found} bytes; at most {} fit", COMMAND_BYTES)]
+    TooLong {
+        /// The service.
+        service: &'static str,
+        /// Its length.
+        found: usize,
+    },
+    /// The bytes are not what was expected: another version, most likely.
+    #[error("{service}: cannot {action}: {reason}; are all processes of the same version?")]
+    Codec {
+        /// The service.
+        service: &'static str,
+        /// Encode or decode.
+        action: &'static str,
+        /// Why.
+        reason: String,
+    },
+    /// iceoryx2 refused.
+    #[error("{service}: {action}: {reason}")]
+    Library {
+        /// The service.
+        service: &'static str,
+        /// What was tried.
+        action: &'static str,
+        /// What the library said.
+        reason: String,
+    },
+}
+
+fn failed<E: std::fmt::Debug>(service: &'static str, action: &'static str) -> impl FnOnce(E) -> RequestError {
+    move |error| RequestError::Library { service, action, reason: format!("{error:?}") }
+}
+
+fn encode<M: Serialize>(service: &'static str, message: &M) -> Result<Vec<u8>, RequestError> {
+    let bytes = bincode::serde::encode_to_vec(message, bincode::config::standard())
+        .map_err(|e| RequestError::Codec { service, action: "encode", reason: e.to_string() })?;
+    if bytes.len() > COMMAND_BYTES {
+        return Err(RequestError::TooLong { service, found: bytes.len() });
+    }
+    Ok(bytes)
+}
+
+fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
+    let config = bincode::config::standard().with_limit::<{ 4 * COMMAND_BYTES }>();
+    let (message, used) = bincode::serde::decode_from_slice(bytes, config).map_err(|e| RequestError::Codec {
+        service,
+        action: "decode",
+        reason: e.to_string(),
+    })?;
+    if used != bytes.len() {
+        let reason = format!("{} bytes too many", bytes.len() - used);
+        return Err(RequestError::Codec { service, action: "decode", reason });
+    }
+    Ok(message)
+}
+
+type Factory = iceoryx2::service::port_factory::request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
+
+fn name_of(service: &CommandService) -> Result<ServiceName, RequestError> {
+    service.name.try_into().map_err(failed(service.name, "naming the service"))
+}
+
+fn open(node: &Node<ipc::Service>, service: &CommandService) -> Result<Factory, RequestError> {
+    node.service_builder(&name_of(service)?)
+        .request_response::<[u8], [u8]>()
+        .open()
+        .map_err(failed(service.name, "opening (does the keeper run, and is it of this version?)"))
+}
+
+/// Creates a command service, or joins it, and keeps it open for as long as the result lives.
+pub(crate) fn hold(node: &Node<ipc::Service>, service: &CommandService) -> Result<Box<dyn std::any::Any>, DomainError> {
+    let held = name_of(service).and_then(|name| {
+        node.service_builder(&name)
+            .request_response::<[u8], [u8]>()
+            .max_servers(3)
+            .max_clients(8)
+            .max_nodes(NODES)
+            .open_or_create()
+            .map_err(failed(service.name, "creating"))
+    });
+    match held {
+        Ok(factory) => Ok(Box::new(factory)),
+        Err(error) => {
+            Err(DomainError::Library { action: "creating a command service".to_owned(), reason: error.to_string() })
+        }
+    }
+}
+
+/// Answers requests. Lives in a thread of its own, with a node of its own, never in a real-time loop.
+#[derive(Debug)]
+pub struct Server {
+    port: LibraryServer<ipc::Service, [u8], (), [u8], ()>,
+    service: &'static str,
+}
+
+impl Server {
+    /// Begins to serve.
+    pub fn new(node: &Node<ipc::Service>, service: &CommandService) -> Result<Self, RequestError> {
+        let port = open(node, service)?
+            .server_builder()
+            .initial_max_slice_len(COMMAND_BYTES)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(failed(service.name, "making a server"))?;
+        Ok(Self { port, service: service.name })
+    }
+
+    /// Answers what is waiting; returns how many requests that were. A request that cannot be decoded is
+    /// dropped and reported to `broken`.
+    pub fn poll<Q: DeserializeOwned, A: Serialize>(
+        &self,
+        mut answer: impl FnMut(Q) -> A,
+        mut broken: impl FnMut(RequestError),
+    ) -> Result<usize, RequestError> {
+        let mut count = 0;
+        while let Some(request) = self.port.receive().map_err(failed(self.service, "receiving"))? {
+            count += 1;
+            let done = decode::<Q>(self.service, request.payload()).and_then(|question| {
+                let bytes = encode(self.service, &answer(question))?;
+                let loaned =
+                    request.loan_slice_uninit(bytes.len()).map_err(failed(self.service, "loaning an answer"))?;
+                loaned.write_from_slice(&bytes).send().map_err(failed(self.service, "answering"))
+            });
+            if let Err(error) = done {
+                broken(error);
+            }
+        }
+        Ok(count)
+    }
+}
+
+/// Asks and waits for the answer, at most `limit`.
+pub fn call<Q: Serialize, A: DeserializeOwned>(
+    node: &Node<ipc::Service>,
+    service: &CommandService,
+    question: &Q,
+    limit: Duration,
+) -> Result<A, RequestError> {
+    let bytes = encode(service.name, question)?;
+    let client = open(node, service)?
+        .client_builder()
+        .initial_max_slice_len(COMMAND_BYTES)
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .map_err(failed(service.name, "making a client"))?;
+    let loaned = client.loan_slice_uninit(bytes.len()).map_err(failed(service.name, "loaning a request"))?;
+    let pending = loaned.write_from_slice(&bytes).send().map_err(failed(service.name, "asking"))?;
+    // Without a server the library calls this a success.
+    if pending.number_of_server_connections() == 0 {
+        return Err(RequestError::NobodyServes(service.name, service.owner.text()));
+    }
+    let started = Instant::now();
+    loop {
+        if let Some(response) = pending.receive().map_err(failed(service.name, "waiting for the answer"))? {
+            return decode(service.name, response.payload());
+        }
+        if !pending.is_connected() {
+            return Err(RequestError::NobodyServes(service.name, service.owner.text()));
+        }
+        if started.elapsed() > limit {
+            return Err(RequestError::TimedOut { service: service.name, limit });
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::{LoggerRequest, Verb};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn too_long_is_refused_before_it_is_sent() {
+        let request = LoggerRequest::Start { path: "x".repeat(COMMAND_BYTES), metadata: Vec::new() };
+        assert!(matches!(encode("test", &request), Err(RequestError::TooLong { .. })));
+    }
+
+    #[test]
+    fn surplus_bytes_are_an_error() {
+        let mut bytes = encode("test", &Verb::Arm).unwrap();
+        assert_eq!(decode::<Verb>("test", &bytes).unwrap(), Verb::Arm);
+        bytes.push(0);
+        assert!(matches!(decode::<Verb>("test", &bytes), Err(RequestError::Codec { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn round_trip(path in ".{0,40}", metadata in prop::collection::vec((".{0,9}", ".{0,99}"), 0..4)) {
+            let request = LoggerRequest::Start { path, metadata };
+            let bytes = encode("test", &request).unwrap();
+            prop_assert_eq!(decode::<LoggerRequest>("test", &bytes).unwrap(), request);
+        }
+
+        #[test]
+        fn any_bytes_decode_or_fail_but_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _result = decode::<LoggerRequest>("test", &bytes);
+        }
+    }
+}

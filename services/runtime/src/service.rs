@@ -1,0 +1,240 @@
+//! The frame of a process: joins the domain, asks for timing, says when it is ready, ends on a signal.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::{Node, ipc};
+use ipc_types::{Event, EventKind, Message, Process, Profile, Severity, TypedTopic, event_topic};
+use thiserror::Error;
+
+use crate::domain::{Domain, DomainError, RigName};
+use crate::identity::{Identity, random_u64};
+use crate::ports::{PortError, Publisher, Subscriber};
+use crate::realtime::{self, Lives, lives};
+use crate::request::RequestError;
+
+/// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried again.
+const START_LIMIT: Duration = Duration::from_secs(8);
+/// How often the attendant looks after the loop.
+const ATTEND_EVERY: Duration = Duration::from_millis(50);
+
+/// A process could not be started or cannot go on.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum ServiceError {
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error(transparent)]
+    Request(#[from] RequestError),
+    #[error("signal handler: {0}")]
+    Signal(#[from] std::io::Error),
+    #[error("timing histograms: {0}")]
+    Histogram(#[from] hdrhistogram::CreationError),
+    /// The rig runs in real time and this process may not.
+    #[error(
+        "rig {0} runs in the realtime profile, but SCHED_FIFO was not granted to {1}: \
+         give it LimitRTPRIO (or CAP_SYS_NICE), or start the whole rig without"
+    )]
+    NotRealtime(String, Process),
+}
+
+/// One process of a rig.
+#[derive(Debug)]
+pub struct Service {
+    process: Process,
+    node: Node<ipc::Service>,
+    domain: Domain,
+    identity: Identity,
+    stop: Arc<AtomicBool>,
+    started: Arc<AtomicBool>,
+    beats: Arc<AtomicU64>,
+    events: Option<Publisher<Event>>,
+    profile: Profile,
+    memory_locked: bool,
+}
+
+impl Service {
+    /// Joins the domain of a rig as `process`.
+    pub fn start(process: Process, rig_name: &str) -> Result<Self, ServiceError> {
+        realtime::name_thread(&format!("fr-{}", process.text()));
+        let name: RigName = rig_name.parse()?;
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+        }
+        let started = Arc::new(AtomicBool::new(false));
+        limit_start(process, Arc::clone(&started));
+        let domain = Domain::open(&name)?;
+        let node = domain.node(process.text())?;
+        let identity = Identity { session: domain.session(), incarnation: random_u64() };
+        let events = match event_topic(process) {
+            Some(topic) => Some(Publisher::new(&node, topic, identity)?),
+            None => None,
+        };
+        Ok(Self {
+            process,
+            node,
+            domain,
+            identity,
+            stop,
+            started,
+            beats: Arc::new(AtomicU64::new(0)),
+            events,
+            profile: Profile::BestEffort,
+            memory_locked: false,
+        })
+    }
+
+    /// Which process this is.
+    pub fn process(&self) -> Process {
+        self.process
+    }
+
+    /// Session and incarnation.
+    pub fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// The profile granted; known after [`Service::enter_loop`].
+    pub fn profile(&self) -> Profile {
+        self.profile
+    }
+
+    /// Whether memory is locked; known after [`Service::enter_loop`].
+    pub fn memory_locked(&self) -> bool {
+        self.memory_locked
+    }
+
+    /// Lives and time-outs of the rig's profile.
+    pub fn lives(&self) -> Lives {
+        lives(self.domain.profile())
+    }
+
+    /// The node of the main thread.
+    pub fn node(&self) -> &Node<ipc::Service> {
+        &self.node
+    }
+
+    /// Publishes a topic.
+    pub fn publisher<T: Message>(&self, topic: TypedTopic<T>) -> Result<Publisher<T>, PortError> {
+        Publisher::new(&self.node, topic, self.identity)
+    }
+
+    /// Subscribes to a topic.
+    pub fn subscriber<T: Message>(&self, topic: TypedTopic<T>) -> Result<Subscriber<T>, PortError> {
+        Subscriber::new(&self.node, topic)
+    }
+
+    /// Whether a signal asked the process to end. A loop looks at it at each cycle's edge.
+    pub fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The stop flag, for other threads.
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    /// One sign of progress: the service manager's watchdog is fed only while the loop goes round.
+    pub fn beat(&self) {
+        self.beats.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Asks for real-time scheduling at `priority`, locks memory where allowed, says that the process is
+    /// ready, and looks after it from now on. Call when all ports are made, right before the loop.
+    ///
+    /// Fails if the rig runs in the realtime profile and this process may not.
+    pub fn enter_loop(&mut self, priority: i32) -> Result<Profile, ServiceError> {
+        self.profile = match self.domain.profile() {
+            Profile::BestEffort => {
+                realtime::request_normal();
+                Profile::BestEffort
+            }
+            Profile::Realtime => realtime::request_fifo(priority),
+        };
+        if self.domain.profile() == Profile::Realtime && self.profile != Profile::Realtime {
+            return Err(ServiceError::NotRealtime(self.domain.name().to_string(), self.process));
+        }
+        realtime::tighten_timer_slack();
+        realtime::prefault_stack();
+        self.memory_locked = self.profile == Profile::Realtime && realtime::lock_memory();
+        self.ready()?;
+        Ok(self.profile)
+    }
+
+    /// Says that the process is ready (a slow process, which needs no real-time scheduling).
+    pub fn ready(&mut self) -> Result<(), ServiceError> {
+        self.started.store(true, Ordering::Relaxed);
+        let beats = Arc::clone(&self.beats);
+        let stop = Arc::clone(&self.stop);
+        std::thread::Builder::new().name("attendant".to_owned()).spawn(move || attend(&beats, &stop))?;
+        self.event(EventKind::ProcessStarted, Severity::Info, [0.0; 3], self.profile.text())?;
+        Ok(())
+    }
+
+    /// Publishes an event. Not from within a real-time loop unless something broke the loop's rhythm anyway.
+    pub fn event(
+        &mut self,
+        kind: EventKind,
+        severity: Severity,
+        [a, b, c]: [f64; 3],
+        text: &str,
+    ) -> Result<(), PortError> {
+        if let Some(events) = &mut self.events {
+            events.send(Event { a, b, c, ..Event::new(self.process, kind, severity, text) })?;
+        }
+        Ok(())
+    }
+
+    /// Hands out the publisher of events, for a loop that composes its events itself.
+    pub fn take_events(&mut self) -> Option<Publisher<Event>> {
+        self.events.take()
+    }
+}
+
+/// Ends the process if it is not ready in time.
+fn limit_start(process: Process, started: Arc<AtomicBool>) {
+    let watch = move || {
+        let begun = Instant::now();
+        while begun.elapsed() < START_LIMIT {
+            if started.load(Ordering::Relaxed) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        if !started.load(Ordering::Relaxed) {
+            eprintln!("farreach {process}: not ready after {START_LIMIT:?}; giving up so that it can be started again");
+            std::process::exit(1);
+        }
+    };
+    // Without the thread there is no limit here; the service manager has its own.
+    let _spawned = std::thread::Builder::new().name("start-limit".to_owned()).spawn(watch);
+}
+
+/// Tells the service manager that the process is ready, and that it lives for as long as the loop goes round.
+fn attend(beats: &AtomicU64, stop: &AtomicBool) {
+    use sd_notify::NotifyState;
+    let tell = |states: &[NotifyState<'_>]| {
+        // Nobody listening is the normal case outside a service manager.
+        let _told = sd_notify::notify(states);
+    };
+    tell(&[NotifyState::Ready]);
+    let mut seen = beats.load(Ordering::Relaxed);
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(ATTEND_EVERY);
+        let now = beats.load(Ordering::Relaxed);
+        if now != seen {
+            seen = now;
+            tell(&[NotifyState::Watchdog]);
+        }
+    }
+    tell(&[NotifyState::Stopping]);
+}

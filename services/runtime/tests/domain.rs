@@ -1,0 +1,115 @@
+//! The domain in one process: keeper, ports, history, requests. (One rig: the library's configuration is
+//! process-wide.)
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::time::Duration;
+
+use ipc_types::*;
+use runtime::{Domain, DomainError, Keeper, RequestError, RigName, Server, Service, call};
+
+fn segments(name: &RigName) -> Vec<String> {
+    let mark = name.directory().file_name().unwrap().to_string_lossy().into_owned() + ".";
+    fs::read_dir("/dev/shm")
+        .unwrap()
+        .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
+        .filter(|file| file.starts_with(&mark))
+        .collect()
+}
+
+#[test]
+fn a_rig_from_cold_start_to_clean_end() {
+    let text = format!("rt-{}", std::process::id());
+    let name: RigName = text.parse().unwrap();
+
+    // remains of an earlier rig of that name are wiped
+    fs::create_dir(name.directory()).unwrap();
+    fs::set_permissions(name.directory(), std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
+    let remains = format!("/dev/shm/{}.old.data", name.directory().file_name().unwrap().to_string_lossy());
+    fs::write(&remains, "x").unwrap();
+
+    let mut keeper = Keeper::start(&name).unwrap();
+    assert!(keeper.is_cold());
+    assert!(!fs::exists(&remains).unwrap());
+    assert_eq!(keeper.services(), TOPICS.len() + COMMAND_SERVICES.len());
+    assert!(matches!(Keeper::start(&name), Err(DomainError::AlreadyKept(_))));
+    assert!(!name.remove().unwrap(), "a living rig is not removed");
+
+    // nothing of it is open to others
+    for file in segments(&name) {
+        let mode = std::os::unix::fs::PermissionsExt::mode(&fs::metadata(format!("/dev/shm/{file}")).unwrap().permissions());
+        assert_eq!(mode & 0o077, 0, "{file} has mode {mode:o}");
+    }
+
+    let service = Service::start(Process::Control, &text).unwrap();
+    assert_eq!(service.identity().session, keeper.session());
+    let mut samples = service.subscriber(SAMPLE).unwrap();
+    let mut publisher = service.publisher(SAMPLE).unwrap();
+    for tick in 0..100 {
+        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
+    }
+    for tick in 0..100 {
+        let sample = samples.take().unwrap().unwrap();
+        assert_eq!((sample.tick, sample.sequence, sample.incarnation), (tick, tick, service.identity().incarnation));
+    }
+    assert!(samples.take().unwrap().is_none());
+
+    // a full buffer drops the oldest, and the gap is counted
+    let extra = 10;
+    for tick in 0..(SAMPLE.topic.buffer as u64 + extra) {
+        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
+    }
+    let newest = samples.latest().unwrap().unwrap();
+    assert_eq!(newest.tick, SAMPLE.topic.buffer as u64 + extra - 1);
+    assert_eq!(samples.counters().lost, extra);
+
+    // the card's FIFO outlives its reader; tokens never reach a late joiner
+    let mut scans = service.publisher(CARD_SCAN).unwrap();
+    let mut tokens = service.publisher(TOKEN).unwrap();
+    for tick in 0..700 {
+        scans.send(CardScan { tick, ..CardScan::default() }).unwrap();
+    }
+    tokens.send(EnableToken::default()).unwrap();
+    let mut late_scans = service.subscriber(CARD_SCAN).unwrap();
+    let mut late_tokens = service.subscriber(TOKEN).unwrap();
+    scans.refresh().unwrap();
+    tokens.refresh().unwrap();
+    let first = late_scans.take().unwrap().unwrap();
+    assert_eq!(first.tick, 700 - CARD_FIFO as u64);
+    assert!(late_tokens.take().unwrap().is_none());
+
+    // requests
+    let ask = |limit| call::<_, VerbAnswer>(service.node(), &WATCHDOG_COMMANDS, &Verb::Arm, limit);
+    assert!(matches!(ask(Duration::from_millis(50)), Err(RequestError::NobodyServes(..))));
+    let domain_name = text.clone();
+    let (ready, wait) = std::sync::mpsc::channel();
+    let (finish, finished) = std::sync::mpsc::channel::<()>();
+    let server = std::thread::spawn(move || {
+        let domain = Domain::open(&domain_name.parse().unwrap()).unwrap();
+        let node = domain.node("server").unwrap();
+        let server = Server::new(&node, &WATCHDOG_COMMANDS).unwrap();
+        ready.send(()).unwrap();
+        while finished.try_recv().is_err() {
+            let answer = |verb: Verb| VerbAnswer {
+                done: verb == Verb::Arm,
+                state: WatchdogState::Armed,
+                reason: "r".repeat(500),
+            };
+            server.poll(answer, |error| panic!("{error}")).unwrap();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    });
+    wait.recv().unwrap();
+    let answer = ask(Duration::from_secs(10)).unwrap();
+    assert!(answer.done && answer.reason.len() == 500);
+    finish.send(()).unwrap();
+    server.join().unwrap();
+
+    drop((samples, publisher, scans, tokens, late_scans, late_tokens));
+    drop(service);
+    keeper.clean();
+    assert!(keeper.end().unwrap(), "nothing else is alive");
+    assert_eq!(segments(&name), Vec::<String>::new());
+    assert!(name.remove().unwrap());
+    assert!(!name.directory().exists());
+}
