@@ -9,9 +9,40 @@ use crate::friction::Load;
 use crate::hydrostatic::{Parameters, Reading};
 use std::fmt;
 
-pub mod backlash;
 mod delay_line;
 mod registry;
+
+pub mod amplifier_deadzone;
+pub mod amplifier_lag;
+pub mod amplifier_saturation;
+pub mod asymmetric_friction;
+pub mod backlash;
+pub mod coulomb_friction;
+pub mod encoder_eccentricity;
+pub mod extra_inertia;
+pub mod gravity_imbalance;
+pub mod hand_impedance;
+pub mod leakage;
+pub mod line_compliance;
+pub mod line_damping;
+pub mod load_dependent_friction;
+pub mod mains_hum;
+pub mod nonlinear_stiffness;
+pub mod periodic_disturbance;
+pub mod position_dependent_friction;
+pub mod presliding_hysteresis;
+pub mod quadratic_drag;
+pub mod rectified_sensor;
+pub mod sensor_crosstalk;
+pub mod sensor_drift;
+pub mod sensor_gain;
+pub mod sensor_offset;
+pub mod stribeck_friction;
+pub mod thermal_drift;
+pub mod torque_ripple;
+pub mod transport_delay;
+pub mod viscoelastic_line;
+pub mod viscous_friction;
 
 pub use registry::{EffectError, Entry, LIST, Place, make, parse};
 
@@ -107,6 +138,8 @@ pub struct Link {
     pub deflection_m: f64,
     /// Its rate, m/s.
     pub rate_m_s: f64,
+    /// Fluid displacement, m.
+    pub fluid_position_m: f64,
     /// Fluid speed, m/s.
     pub fluid_velocity_m_s: f64,
     /// Force on the piston's coordinate, N.

@@ -23,7 +23,7 @@ parameter_set! {
         /// Density `ρ`.
         fluid_density_kg_m3: "kg/m^3", 1.0, 2e4, 847.0, "§ 3.2.1";
         /// Stiffness of the whole line over that of the fluid alone: 1 as printed, about 1/14 as traced.
-        line_stiffness_factor: "1", 1e-3, 10.0, 1.0, "§ 3.2.2 neglects bulging, belts, entrained gas";
+        line_stiffness_factor: "1", 1e-6, 10.0, 1.0, "§ 3.2.2 neglects bulging, belts, entrained gas";
         /// Master pulley radius `r_mp`.
         master_pulley_radius_m: "m", 1e-3, 0.5, 0.031, "§ 3.2.1";
         /// Slave pulley radius `r_sp`.

@@ -75,12 +75,15 @@ impl Plant {
     pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
         parameters.check()?;
         let mut real = parameters;
+        // All changes of constants first, so that no effect prepares from half-changed ones.
+        for effect in &effects {
+            effect.check()?;
+            effect.modify(&mut real);
+        }
         let mut extra = [0.0; 2];
         let (mut stiffer, mut rate) = (1.0, 0.0_f64);
         let mut sited = Sited::default();
         for mut effect in effects {
-            effect.check()?;
-            effect.modify(&mut real);
             effect.prepare(&real);
             let demand = effect.demand();
             stiffer *= demand.stiffness_factor.max(1.0);
@@ -283,8 +286,8 @@ impl Plant {
             let dissipated = coefficient * average * displacement;
             lines[line] = Advance { velocity: after, displacement, dissipated };
             self.energy.dissipated_j += dissipated;
-            for end in 0..2 {
-                let piston = self.constants.displacement[end] * moved[end];
+            for (end, angle) in moved.iter().enumerate() {
+                let piston = self.constants.displacement[end] * angle;
                 let relative = displacement - piston;
                 let (spring, damper) = (coupling.spring[line][end], coupling.damper[line][end]);
                 self.energy.dissipated_j += damper * relative;
@@ -341,6 +344,7 @@ impl Plant {
                     displacement_m_per_rad: displacement,
                     deflection_m: deflection,
                     rate_m_s: rate,
+                    fluid_position_m: half[2 + line],
                     fluid_velocity_m_s: mean[2 + line],
                     force_n: 0.0,
                     fluid_force_n: 0.0,

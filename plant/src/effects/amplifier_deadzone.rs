@@ -1,0 +1,27 @@
+//! `amplifier_deadzone`: an amplifier that does nothing for small volts.
+//!
+//! `v → v - clamp(v, -w, w)`.
+
+use super::{Effect, Moment, Site, effect};
+
+effect! {
+    /// An amplifier that does nothing for small volts.
+    pub struct AmplifierDeadzone {
+        /// Half width `w`.
+        half_width: "V (N)", 0.0, 1e4, 0.1, "assumed";
+    }
+}
+
+impl Effect for AmplifierDeadzone {
+    fn id(&self) -> &'static str {
+        "amplifier_deadzone"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
+        volts - volts.clamp(-self.half_width, self.half_width)
+    }
+}

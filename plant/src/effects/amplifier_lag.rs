@@ -1,0 +1,38 @@
+//! `amplifier_lag`: an amplifier that follows late.
+//!
+//! `T v̇ + v = v_in`, exact for held volts.
+
+use super::{Effect, Moment, Parameters, Site, effect};
+
+effect! {
+    /// A first-order lag.
+    pub struct AmplifierLag {
+        /// Time constant `T`.
+        time_constant: "s", 1e-6, 10.0, 5e-3, "assumed: current loop";
+    }
+    state {
+        volts: f64 = 0.0;
+    }
+}
+
+impl Effect for AmplifierLag {
+    fn id(&self) -> &'static str {
+        "amplifier_lag"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn prepare(&mut self, _parameters: &Parameters) {
+        self.volts = 0.0;
+    }
+
+    fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {
+        // The value in the middle of the step, which is what the step uses; then on to its end.
+        let half = (-0.5 * moment.step_s / self.time_constant).exp();
+        let middle = volts + (self.volts - volts) * half;
+        self.volts = volts + (middle - volts) * half;
+        middle
+    }
+}

@@ -1,0 +1,37 @@
+//! `asymmetric_friction`: friction that differs by direction.
+//!
+//! Forward `+(a + a t |q̇|)`, backward `-(a + a t |q̇|)`, on top of the declared friction; the total never falls below
+//! zero. Beside a declared offset only the viscous part is seen. The rig has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Friction that differs by direction.
+    pub struct AsymmetricFriction {
+        /// Half the difference of the dry parts, positive for more forward.
+        difference: "N m (N)", -1e4, 1e4, 0.2, "§ 5.2.2 has -0.05 at the motor";
+        /// Viscous part per dry part `t`.
+        viscous_time: "s/rad (s/m)", 0.0, 10.0, 0.1, "assumed";
+    }
+}
+
+impl Effect for AsymmetricFriction {
+    fn id(&self) -> &'static str {
+        "asymmetric_friction"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        let dry = &mut load.load.dry;
+        dry.forward += self.difference;
+        dry.forward_at_rest += self.difference;
+        dry.backward -= self.difference;
+        dry.backward_at_rest -= self.difference;
+        let viscous = self.difference * self.viscous_time;
+        load.load.viscous_forward = (load.load.viscous_forward + viscous).max(0.0);
+        load.load.viscous_backward = (load.load.viscous_backward - viscous).max(0.0);
+    }
+}

@@ -1,0 +1,27 @@
+//! `coulomb_friction`: dry friction beyond the declared.
+//!
+//! `τ_f = c sgn(q̇)`, up to `c` at rest.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Constant friction.
+    pub struct CoulombFriction {
+        /// Friction.
+        level: "N m (N)", 0.0, 1e4, 0.3, "assumed";
+    }
+}
+
+impl Effect for CoulombFriction {
+    fn id(&self) -> &'static str {
+        "coulomb_friction"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        load.load.dry.add(self.level, self.level);
+    }
+}

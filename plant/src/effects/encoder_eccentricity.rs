@@ -1,0 +1,35 @@
+//! `encoder_eccentricity`: an encoder disc that does not run true.
+//!
+//! `q → q + a sin(n q + φ)` on the slave's encoder, or on the master's (for a drive: its position) where `on_master` is 1;
+//! once (`n = 1`) or twice a turn.
+
+use super::{Effect, Moment, Reading, Site, effect};
+
+effect! {
+    /// A disc that does not run true.
+    pub struct EncoderEccentricity {
+        /// Amplitude `a`.
+        amplitude: "rad (m)", 0.0, 1.0, 0.01, "assumed";
+        /// Waves per turn `n`.
+        order: "1", 1.0, 1000.0, 1.0, "assumed";
+        /// Phase `φ`.
+        phase: "rad", -3.15, 3.15, 0.0, "assumed";
+        /// 1 for the master's encoder, 0 for the slave's.
+        on_master: "1", 0.0, 1.0, 0.0, "choice";
+    }
+}
+
+impl Effect for EncoderEccentricity {
+    fn id(&self) -> &'static str {
+        "encoder_eccentricity"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
+        let position = if self.on_master > 0.5 { &mut reading.master_rad } else { &mut reading.slave_rad };
+        *position += self.amplitude * (self.order * *position + self.phase).sin();
+    }
+}

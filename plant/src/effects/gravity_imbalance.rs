@@ -1,0 +1,29 @@
+//! `gravity_imbalance`: a centre of mass off the axis.
+//!
+//! `τ = -m g l sin(q + φ)`; at `φ = 0` it pulls towards zero.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// A centre of mass off the axis.
+    pub struct GravityImbalance {
+        /// Largest torque `m g l`.
+        torque: "N m (N)", -1e3, 1e3, 0.2, "assumed: 0.2 kg at 0.1 m";
+        /// Angle `φ` from hanging, at zero position.
+        phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+}
+
+impl Effect for GravityImbalance {
+    fn id(&self) -> &'static str {
+        "gravity_imbalance"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        load.load.force -= self.torque * (load.position_rad + self.phase).sin();
+    }
+}

@@ -1,0 +1,40 @@
+//! `hand_impedance`: a hand that rests on the handle and that the torque cell does not see.
+//!
+//! `τ = -k q - b q̇`, and inertia `J`: spring, damper and mass of a limb that holds the slave inboard of the torque
+//! cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b` and the inertia `J = k t_J²`.
+//! Defaults are of the order of a relaxed wrist; assumed.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Spring, damper and mass of a hand.
+    pub struct HandImpedance {
+        /// Stiffness `k`.
+        stiffness: "N m/rad", 0.0, 100.0, 1.0, "relaxed wrist: about 1";
+        /// Damping over stiffness `t_b`.
+        damper_time_s: "s", 0.0, 1.0, 0.03, "assumed";
+        /// Root of inertia over stiffness `t_J`.
+        inertia_time_s: "s", 0.0, 1.0, 0.05, "assumed";
+    }
+}
+
+impl Effect for HandImpedance {
+    fn id(&self) -> &'static str {
+        "hand_impedance"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        load.load.force -= self.stiffness * load.position_rad;
+        let viscous = self.stiffness * self.damper_time_s;
+        load.load.viscous_forward += viscous;
+        load.load.viscous_backward += viscous;
+    }
+
+    fn extra_inertia(&self) -> f64 {
+        self.stiffness * self.inertia_time_s * self.inertia_time_s
+    }
+}

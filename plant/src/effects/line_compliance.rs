@@ -1,0 +1,28 @@
+//! `line_compliance`: more compliance in series than the fluid's.
+//!
+//! `1/K' = (1 + r)/K`: hose bulging, belts, entrained gas, which § 3.2.2 neglects. The traced rig is the printed one with
+//! `r = 13`. Acts like a changed `line_stiffness_factor`.
+
+use super::{Effect, Parameters, Site, effect};
+
+effect! {
+    /// More compliance in series.
+    pub struct LineCompliance {
+        /// Added compliance over the line's own.
+        compliance_ratio: "1", 0.0, 200.0, 1.0, "§ 3.2.2; 13 traces the rig";
+    }
+}
+
+impl Effect for LineCompliance {
+    fn id(&self) -> &'static str {
+        "line_compliance"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn modify(&self, parameters: &mut Parameters) {
+        parameters.line_stiffness_factor /= 1.0 + self.compliance_ratio;
+    }
+}

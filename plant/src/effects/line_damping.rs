@@ -1,0 +1,27 @@
+//! `line_damping`: damping beyond the declared.
+//!
+//! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed `port_damping_n_s_per_m`.
+
+use super::{Effect, Parameters, Site, effect};
+
+effect! {
+    /// Damping beyond the declared.
+    pub struct LineDamping {
+        /// Added damping at each port.
+        damping: "N s/m", 0.0, 1000.0, 20.0, "about 0.1 of critical in the traced line";
+    }
+}
+
+impl Effect for LineDamping {
+    fn id(&self) -> &'static str {
+        "line_damping"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn modify(&self, parameters: &mut Parameters) {
+        parameters.port_damping_n_s_per_m += self.damping;
+    }
+}

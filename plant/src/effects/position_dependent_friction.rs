@@ -1,0 +1,33 @@
+//! `position_dependent_friction`: friction that varies along the stroke.
+//!
+//! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction varies with position";
+//! fig. 5.5 shows it.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Friction that varies along the stroke.
+    pub struct PositionDependentFriction {
+        /// Relative amplitude `a`.
+        amplitude: "1", -1.0, 1.0, 0.3, "fig. 5.5, order of magnitude";
+        /// Waves per radian of angle `n`.
+        order: "1/rad (1/m)", 0.01, 1000.0, 1.0, "assumed";
+        /// Phase `φ`.
+        phase: "rad", -3.15, 3.15, 0.785, "assumed";
+    }
+}
+
+impl Effect for PositionDependentFriction {
+    fn id(&self) -> &'static str {
+        "position_dependent_friction"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        let factor = 1.0 + self.amplitude * (self.order * load.position_rad + self.phase).sin();
+        load.load.dry.scale(factor);
+    }
+}

@@ -1,0 +1,27 @@
+//! `sensor_gain`: a torque cell whose scale is off.
+//!
+//! `τ → (1 + g) τ`.
+
+use super::{Effect, Moment, Reading, Site, effect};
+
+effect! {
+    /// A scale that is off.
+    pub struct SensorGain {
+        /// Relative error `g`.
+        error: "1", -0.99, 10.0, 0.1, "assumed";
+    }
+}
+
+impl Effect for SensorGain {
+    fn id(&self) -> &'static str {
+        "sensor_gain"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
+        reading.slave_torque_nm *= 1.0 + self.error;
+    }
+}

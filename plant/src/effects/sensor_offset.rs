@@ -1,0 +1,27 @@
+//! `sensor_offset`: a torque cell whose zero is off.
+//!
+//! `τ → τ + o`.
+
+use super::{Effect, Moment, Reading, Site, effect};
+
+effect! {
+    /// A zero that is off.
+    pub struct SensorOffset {
+        /// Offset `o`.
+        offset: "N m", -1e3, 1e3, 0.1, "assumed";
+    }
+}
+
+impl Effect for SensorOffset {
+    fn id(&self) -> &'static str {
+        "sensor_offset"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
+        reading.slave_torque_nm += self.offset;
+    }
+}

@@ -1,0 +1,30 @@
+//! `stribeck_friction`: friction that is higher at rest and falls with speed.
+//!
+//! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994).
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Extra friction near rest.
+    pub struct StribeckFriction {
+        /// Extra breakaway `s`.
+        level: "N m (N)", 0.0, 1e4, 0.5, "assumed";
+        /// Speed `v_s` at which 1/e of it is left.
+        speed: "rad/s (m/s)", 1e-4, 100.0, 1.0, "assumed";
+    }
+}
+
+impl Effect for StribeckFriction {
+    fn id(&self) -> &'static str {
+        "stribeck_friction"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        let part = load.velocity_rad_s / self.speed;
+        load.load.dry.add(self.level * (-part * part).exp(), self.level);
+    }
+}

@@ -1,0 +1,43 @@
+//! `thermal_drift`: friction that changes as the machine warms.
+//!
+//! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`, `t` since the start: more
+//! when cold for positive `a`.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Friction that changes as the machine warms.
+    pub struct ThermalDrift {
+        /// Excess when cold `a`.
+        excess: "1", -0.9, 20.0, 0.5, "assumed";
+        /// Time constant `τ`.
+        time_constant_s: "s", 0.1, 1e5, 20.0, "assumed";
+    }
+}
+
+impl Effect for ThermalDrift {
+    fn id(&self) -> &'static str {
+        "thermal_drift"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let factor = self.factor(moment);
+        load.load.dry.scale(factor);
+        load.load.viscous_forward *= factor;
+        load.load.viscous_backward *= factor;
+    }
+
+    fn fluid(&mut self, coefficient: f64, moment: &Moment) -> f64 {
+        coefficient * self.factor(moment)
+    }
+}
+
+impl ThermalDrift {
+    fn factor(&self, moment: &Moment) -> f64 {
+        1.0 + self.excess * (-moment.time_s / self.time_constant_s).exp()
+    }
+}

@@ -1,0 +1,31 @@
+//! `torque_ripple`: torque that varies with the motor's angle.
+//!
+//! `τ += a sin(n q_m + φ)`: cogging; it is there without current.
+
+use super::{Effect, Moment, Site, effect};
+
+effect! {
+    /// Cogging.
+    pub struct TorqueRipple {
+        /// Amplitude `a`.
+        amplitude: "N m (N)", 0.0, 1e3, 0.1, "assumed";
+        /// Periods per turn `n` (per 2π m for a linear drive).
+        order: "1", 1.0, 1e5, 6.0, "assumed: three pole pairs";
+        /// Phase `φ`.
+        phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+}
+
+impl Effect for TorqueRipple {
+    fn id(&self) -> &'static str {
+        "torque_ripple"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn motor(&mut self, torque_nm: f64, moment: &Moment) -> f64 {
+        torque_nm + self.amplitude * (self.order * moment.master_position_rad + self.phase).sin()
+    }
+}

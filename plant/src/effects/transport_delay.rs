@@ -1,0 +1,97 @@
+//! `transport_delay`: dead time.
+//!
+//! - drive: the amplifier acts on the volts of `T` before;
+//! - sensor: all measured channels (not the motor's volts) are those of `T` before;
+//! - line: a lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` stands between the fluid and
+//!   the slave's spring. With force `f` and speed `v` at its two ends, `f₁(t) - Z v₁(t) = f₂(t-T) - Z v₂(t-T)` and
+//!   `f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)`. It neither makes nor loses energy, where a delayed spring force
+//!   would feed the line's mode.
+//!
+//! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
+
+use super::delay_line::DelayLine;
+use super::{Demand, Effect, End, Link, Moment, Parameters, Reading, Site, effect};
+
+effect! {
+    /// Dead time.
+    pub struct TransportDelay {
+        /// Dead time `T`.
+        delay_s: "s", 0.0, 1.0, 5e-3, "10 m of pure fluid take 7 ms, which the model's masses and springs stand for";
+    }
+    state {
+        signals: Vec<DelayLine> = Vec::new();
+        far_position_m: [Option<f64>; 2] = [None; 2];
+        far_velocity_m_s: [f64; 2] = [0.0; 2];
+        impedance_n_s_per_m: f64 = 1.0;
+        spring_rate: f64 = 0.0;
+    }
+}
+
+impl Effect for TransportDelay {
+    fn id(&self) -> &'static str {
+        "transport_delay"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn prepare(&mut self, parameters: &Parameters) {
+        let signals = match self.site {
+            Site::Line => 4,
+            Site::Sensor => 3,
+            _ => 1,
+        };
+        self.signals = vec![DelayLine::new(self.delay_s); signals];
+        self.far_position_m = [None; 2];
+        self.far_velocity_m_s = [0.0; 2];
+        let stiffness = parameters.line_stiffness_n_per_m();
+        self.impedance_n_s_per_m = (stiffness * parameters.fluid_mass_kg()).sqrt();
+        self.spring_rate = 2.0 * stiffness / self.impedance_n_s_per_m;
+    }
+
+    fn demand(&self) -> Demand {
+        Demand { rate_rad_s: if self.site == Site::Line { self.spring_rate } else { 0.0 }, ..Demand::default() }
+    }
+
+    fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {
+        self.signals[0].push(moment.time_s, volts);
+        self.signals[0].past(moment.time_s)
+    }
+
+    fn deflect(&mut self, link: &mut Link, moment: &Moment) {
+        if link.end == End::Master || self.delay_s <= 0.0 {
+            return;
+        }
+        // The far end starts where the fluid is; at the middle of the step it is half a step on.
+        let far = *self.far_position_m[link.line].get_or_insert(link.fluid_position_m);
+        let far_velocity = self.far_velocity_m_s[link.line];
+        link.deflection_m += far + 0.5 * moment.step_s * far_velocity - link.fluid_position_m;
+        link.rate_m_s += far_velocity - link.fluid_velocity_m_s;
+    }
+
+    fn link(&mut self, link: &mut Link, moment: &Moment) {
+        if link.end == End::Master || self.delay_s <= 0.0 {
+            return;
+        }
+        let (line, time, impedance) = (link.line, moment.time_s, self.impedance_n_s_per_m);
+        let (outward, inward) = (2 * line, 2 * line + 1);
+        let far_velocity = (self.signals[outward].past(time) - link.force_n) / impedance;
+        let near_force = impedance * link.fluid_velocity_m_s + self.signals[inward].past(time);
+        self.signals[outward].push(time, near_force + impedance * link.fluid_velocity_m_s);
+        self.signals[inward].push(time, link.force_n - impedance * far_velocity);
+        if let Some(far) = &mut self.far_position_m[line] {
+            *far += moment.step_s * far_velocity;
+        }
+        self.far_velocity_m_s[line] = far_velocity;
+        link.fluid_force_n = near_force;
+    }
+
+    fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
+        let channels = [&mut reading.master_rad, &mut reading.slave_rad, &mut reading.slave_torque_nm];
+        for (signal, channel) in self.signals.iter_mut().zip(channels) {
+            signal.push(moment.time_s, *channel);
+            *channel = signal.past(moment.time_s);
+        }
+    }
+}
