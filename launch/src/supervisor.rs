@@ -34,26 +34,23 @@ const ROTATE_PERIOD: Duration = Duration::from_secs(1);
 pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
     let run_dir =
         RunDir::new(std::path::absolute(run_dir).map_err(|source| Error::io("make absolute", run_dir, source))?);
+    let lock = match run_dir.inherited_lock()? {
+        Some(lock) => lock,
+        None => run_dir.lock()?.ok_or_else(|| run_dir.already_up("of this directory"))?.into(),
+    };
     let supervised = || {
-        let lock = match run_dir.inherited_lock()? {
-            Some(lock) => lock,
-            None => run_dir.lock()?.ok_or_else(|| run_dir.already_up("of this directory"))?.into(),
-        };
         let config = run_dir.config()?.ok_or_else(|| Error::NotUp { run_dir: run_dir.path().to_path_buf() })?;
         Supervisor::open(config, &run_dir, lock)?.until_stopped()
     };
-    match supervised() {
-        Ok(_) => Ok(()),
-        Err(error) => {
-            let words = LastWords {
-                message: error.to_string(),
-                start_failure: if let Error::Start(failure) = &error { Some(failure.clone()) } else { None },
-                broken_off: if let Error::BrokenOff { cause, .. } = &error { Some(cause.clone()) } else { None },
-            };
-            run_dir.write_json(&run_dir.failure_json(), &words)?;
-            Err(error)
-        }
-    }
+    supervised().map(|_| ()).inspect_err(|error| {
+        let words = LastWords {
+            message: error.to_string(),
+            start_failure: if let Error::Start(failure) = error { Some(failure.clone()) } else { None },
+            broken_off: if let Error::BrokenOff { cause, .. } = error { Some(cause.clone()) } else { None },
+        };
+        // If that cannot be written, `start` falls back on the log.
+        let _ = run_dir.write_json(&run_dir.failure_json(), &words);
+    })
 }
 
 /// Launches in this very process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or [`crate::stop`]

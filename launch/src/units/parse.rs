@@ -393,5 +393,15 @@ fn only_target(word: &str, instance: &str) -> Result<(), &'static str> {
 /// As [`parse_service`].
 pub fn parse_target(path: &Path, text: &str, instance: &str) -> Result<Vec<String>, UnitError> {
     let file = File::read(path, text, instance, &["Unit", "Install"])?;
+    const HONOURED: &[&str] = &["Description", "Wants", "WantedBy"];
+    if let Some(other) = file.assignments.iter().find(|assignment| !HONOURED.contains(&assignment.key)) {
+        return Err(UnitError::Key {
+            file: path.to_path_buf(),
+            line: other.line,
+            section: other.section.to_owned(),
+            key: other.key.to_owned(),
+            supported: HONOURED.join(", "),
+        });
+    }
     file.list("Wants", sibling(instance))
 }
