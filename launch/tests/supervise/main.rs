@@ -5,7 +5,7 @@ mod rig;
 
 use std::process::Command;
 
-use launch::units::SchedulingPolicy;
+use launch::units::{SchedulingPolicy, UnitSet};
 use launch::{Error, ProcessIdentity, RigState, RunDir, UnitState};
 use rig::{Rig, until};
 use rustix::process::Signal;
@@ -43,6 +43,51 @@ fn started_in_order_and_stopped_in_reverse() {
     assert_eq!(rig.left_behind(), [""; 0]);
     assert!(matches!(rig.stop(), Err(Error::NotUp { .. })));
     assert!(matches!(launch::status(rig.run_dir()), Err(Error::NotUp { .. })));
+}
+
+#[test]
+fn the_units_that_come_with_the_binary_start_keeper_first_and_stop_motor_first() {
+    let mut rig = Rig::new();
+    rig.config.units_directory = None;
+    rig.config.units = vec!["watchdog".to_owned(), "simulator".to_owned()];
+    rig.config.units.extend(UnitSet::embedded().target("test").unwrap());
+    rig.start().unwrap();
+    let order = ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
+    assert_eq!(rig.events(&["ready"]), order.map(|name| format!("{name} ready")));
+    let status = rig.status();
+    for unit in &status.units {
+        let scheduling = unit.scheduling.as_ref().unwrap();
+        let has_asked = scheduling.granted == Some(scheduling.asked);
+        let says_refused = scheduling.refused.iter().any(|text| text.starts_with("CPUSchedulingPolicy="));
+        assert_ne!(has_asked, says_refused, "{}: {scheduling:?}", unit.name);
+    }
+    let report = rig.stop().unwrap();
+    let stopped: Vec<&str> = report.units.iter().map(|unit| unit.name.as_str()).collect();
+    assert_eq!(stopped, order.into_iter().rev().collect::<Vec<_>>());
+}
+
+#[test]
+fn what_the_processes_are_told() {
+    let mut rig = Rig::new();
+    rig.unit(
+        "c",
+        &[("Environment", "RIG=%i LOGS=/run/farreach/%i/logs BOTH=unit"), ("RuntimeDirectory", "farreach/%i")],
+    );
+    rig.config.environment.insert("BOTH".to_owned(), "configuration".to_owned());
+    rig.start().unwrap();
+    let environment = std::fs::read(format!("/proc/{}/environ", rig.process("c").pid)).unwrap();
+    let has = |name: &str, value: &str| {
+        let wanted = format!("{name}={value}");
+        assert!(environment.split(|byte| *byte == 0).any(|variable| variable == wanted.as_bytes()), "{wanted}");
+    };
+    let run_dir = rig.run_dir().to_str().unwrap();
+    has("RIG", "test");
+    has("LOGS", &format!("{run_dir}/logs"));
+    has("RUNTIME_DIRECTORY", run_dir);
+    has("BOTH", "configuration");
+    has("WATCHDOG_USEC", "30000000");
+    has("NOTIFY_SOCKET", &format!("{run_dir}/notify.sock"));
+    rig.stop().unwrap();
 }
 
 #[test]
