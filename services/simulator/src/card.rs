@@ -1,0 +1,209 @@
+//! The card without a clock.
+
+use ipc_types::{ANALOG, AXES, CardScan};
+use plant::effects::{EffectError, parse};
+use plant::hydrostatic::{Input, Plant};
+use plant::sensors::{TorqueCell, TorqueCellParameters};
+use plant::{ParameterError, ParameterSet};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use rig::{Axis, ChannelKind, HandKind, ModelKind, RigFile};
+use thiserror::Error;
+
+/// The virtual card cannot be made from this rig file.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum CardError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error("plant: {0}")]
+    Parameter(#[from] ParameterError),
+    #[error("--effect: {0}")]
+    Effect(#[from] EffectError),
+    /// No plant for that.
+    #[error(
+        "{file}: the virtual card has a plant for model kind \"hydrostatic\" with one axis; found kind \"{kind}\" with \
+         {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
+    )]
+    NoPlant { file: String, kind: &'static str, axes: usize },
+}
+
+/// Bandwidth of the optical torque cell [Hz]: none is printed; well above the hand's.
+const TORQUE_CELL_HZ: f64 = 200.0;
+
+/// The card.
+#[derive(Debug)]
+pub struct Card {
+    plant: Plant,
+    axis: Axis,
+    torque_cell: Option<(usize, TorqueCell)>,
+    emg: Vec<usize>,
+    other: Vec<usize>,
+    emg_rms_v: f64,
+    analog_noise_v: f64,
+    encoder_noise_counts: f64,
+    hand_damping: f64,
+    hand_stiffness: f64,
+    generator: Pcg64Mcg,
+    period_s: f64,
+    line_ns: u64,
+    dac_v: [f64; AXES],
+    toggles: Option<u64>,
+    toggled_ns: Option<u64>,
+    output_sequence: u64,
+    output_incarnation: u64,
+    taken_tick: u64,
+}
+
+impl Card {
+    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only: no model is told of them.
+    /// `line_ns` is how long after the enable line's last toggle the motor keeps its power.
+    pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
+        let axis = match rig.axes.as_slice() {
+            [axis] if rig.model.kind == ModelKind::Hydrostatic => axis.clone(),
+            axes => {
+                let file = rig.file_name().to_owned();
+                return Err(CardError::NoPlant { file, kind: rig.model.kind.name(), axes: axes.len() });
+            }
+        };
+        let mut parameters = rig.hydrostatic_parameters()?;
+        let simulation = &rig.simulation;
+        let hand = simulation.hand;
+        let held = hand.kind == HandKind::Passive;
+        if held {
+            let handle = parameters.slave_handle_inertia_kg_m2;
+            parameters.set("slave_handle_inertia_kg_m2", handle + hand.inertia)?;
+        }
+        let effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+        let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
+            rig.channels.iter().filter(|channel| wanted(channel.kind)).map(|channel| channel.index).collect()
+        };
+        let torque_cell = axis.torque.as_ref().map(|torque| {
+            let range = rig.channels.iter().find(|channel| channel.index == torque.channel);
+            let cell = TorqueCellParameters {
+                volts_per_nm: torque.volts_per_unit,
+                offset_v: torque.offset_v,
+                noise_v: simulation.torque_noise_v,
+                bandwidth_hz: TORQUE_CELL_HZ,
+                limit_v: range.map_or(10.0, |channel| channel.range_v),
+            };
+            (torque.channel, TorqueCell::new(cell, simulation.seed))
+        });
+        Ok(Self {
+            plant: Plant::new(parameters, effects)?,
+            axis,
+            torque_cell,
+            emg: channels(|kind| kind == ChannelKind::Emg),
+            other: channels(|kind| kind == ChannelKind::Other),
+            emg_rms_v: simulation.emg_rms_v,
+            analog_noise_v: simulation.analog_noise_v,
+            encoder_noise_counts: simulation.encoder_noise_counts,
+            hand_damping: if held { hand.damping } else { 0.0 },
+            hand_stiffness: if held { hand.stiffness } else { 0.0 },
+            generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
+            period_s: 1.0 / f64::from(rig.rates.acquisition_hz),
+            line_ns,
+            dac_v: [0.0; AXES],
+            toggles: None,
+            toggled_ns: None,
+            output_sequence: 0,
+            output_incarnation: 0,
+            taken_tick: 0,
+        })
+    }
+
+    /// Writes the DACs; they hold until the next write. A value that is not finite is written as 0 V.
+    pub fn write(&mut self, volts: [f64; AXES], sequence: u64, incarnation: u64) {
+        self.dac_v = volts.map(|v| if v.is_finite() { v } else { 0.0 });
+        self.output_sequence = sequence;
+        self.output_incarnation = incarnation;
+    }
+
+    /// Takes note that scans up to `tick` were taken out of the FIFO and published.
+    pub fn taken(&mut self, tick: u64) {
+        self.taken_tick = self.taken_tick.max(tick);
+    }
+
+    /// Highest tick that was taken.
+    pub fn taken_tick(&self) -> u64 {
+        self.taken_tick
+    }
+
+    /// The enable line's level changed for the `toggles`-th time at `time_ns`. The same count again is no edge.
+    pub fn enable_line(&mut self, toggles: u64, time_ns: u64) {
+        if self.toggles.replace(toggles).is_some_and(|before| before != toggles) {
+            self.toggled_ns = Some(self.toggled_ns.map_or(time_ns, |before| before.max(time_ns)));
+        }
+    }
+
+    fn noise(&mut self, deviation: f64) -> f64 {
+        let sample: f64 = StandardNormal.sample(&mut self.generator);
+        deviation * sample
+    }
+
+    /// Whether the motor has power at `time_ns`.
+    fn powered(&self, time_ns: u64) -> bool {
+        self.toggled_ns.is_some_and(|toggled| time_ns.saturating_sub(toggled) <= self.line_ns)
+    }
+
+    /// One period of the card: takes a scan at `time_ns`, then lets the plant run to the next one on the volts
+    /// that reach the motor now.
+    pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
+        let powered = self.powered(time_ns);
+        let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
+        let reading = *self.plant.reading();
+        let mut scan = CardScan {
+            tick,
+            scan_time_ns: time_ns,
+            taken_tick: self.taken_tick,
+            dac_v: self.dac_v,
+            motor_v,
+            output_sequence: self.output_sequence,
+            output_incarnation: self.output_incarnation,
+            line_age_ns: self.toggled_ns.map_or(u64::MAX, |toggled| time_ns.saturating_sub(toggled)),
+            motor_power: u8::from(powered),
+            axes: 1,
+            ..CardScan::default()
+        };
+        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an edge.
+        let count = 1.0 / self.axis.master.counts_per_unit;
+        let jitter = self.noise(self.encoder_noise_counts * count);
+        scan.master_counts[0] = self.axis.master.counts(reading.master_rad + jitter).round() as i64;
+        if let Some(slave) = self.axis.slave {
+            let jitter = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
+            scan.slave_counts[0] = slave.counts(reading.slave_rad + jitter).round() as i64;
+        }
+        if let Some((channel, cell)) = &mut self.torque_cell
+            && let Some(volts) = scan.analog_v.get_mut(*channel)
+        {
+            *volts = cell.read(reading.slave_torque_nm, self.period_s);
+        }
+        // A relaxed arm: EMG at a twentieth of full activity.
+        for index in 0..self.emg.len() {
+            let volts = self.noise(0.05 * self.emg_rms_v);
+            self.set_analog(&mut scan, self.emg[index], volts);
+        }
+        for index in 0..self.other.len() {
+            let volts = self.noise(self.analog_noise_v);
+            self.set_analog(&mut scan, self.other[index], volts);
+        }
+        let state = self.plant.state();
+        let hand_torque_nm =
+            -self.hand_stiffness * state.slave_position_rad - self.hand_damping * state.slave_velocity_rad_s;
+        self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
+        scan
+    }
+
+    fn set_analog(&self, scan: &mut CardScan, channel: usize, volts: f64) {
+        debug_assert!(channel < ANALOG);
+        if let Some(value) = scan.analog_v.get_mut(channel) {
+            *value = volts;
+        }
+    }
+
+    /// The plant's state, for tests.
+    pub fn state(&self) -> &plant::hydrostatic::State {
+        self.plant.state()
+    }
+}

@@ -1,0 +1,98 @@
+//! The process: clocks the card on the grid.
+
+use std::path::PathBuf;
+
+use ipc_types::{
+    CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, LoopTiming, Process, Severity, TypedTopic, timing_topic,
+};
+use rig::RigFile;
+use runtime::clock::now_ns;
+use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use thiserror::Error;
+
+use crate::card::{Card, CardError};
+
+/// Scans that the card catches up with after it was not run for a while; a real card is never late.
+const CATCH_UP: u64 = 4096;
+/// Real-time priority: below acquisition, above control.
+const PRIORITY: i32 = 75;
+
+/// What the process is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// Its rig file.
+    pub rig_file: PathBuf,
+    /// Effects for the plant that no model is told of: `ID[@SITE][=SIZE]`.
+    pub effects: Vec<String>,
+}
+
+/// Why the process ended.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum SimulatorError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error(transparent)]
+    Card(#[from] CardError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("{0} has no topic for its timing")]
+    NoTopic(Process),
+}
+
+/// Runs the virtual card until a signal ends it.
+pub fn run(options: &Options) -> Result<(), SimulatorError> {
+    let rig = RigFile::load(&options.rig_file)?;
+    let mut service = Service::start(Process::Simulator, &options.rig_name)?;
+    let mut card = Card::new(&rig, &options.effects, service.lives().line_ns)?;
+    let timing_topic: TypedTopic<LoopTiming> =
+        timing_topic(Process::Simulator).ok_or(SimulatorError::NoTopic(Process::Simulator))?;
+    let mut scans = service.publisher(CARD_SCAN)?;
+    let mut timings = service.publisher(timing_topic)?;
+    let mut outputs = service.subscriber(CARD_OUTPUT)?;
+    let mut lines = service.subscriber(ENABLE_LINE)?;
+    let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
+    let profile = service.enter_loop(PRIORITY)?;
+    let mut meter = LoopMeter::new(Process::Simulator, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let mut last_tick = None;
+    while !service.stopping() {
+        let Some(wake) = grid.wait() else { continue };
+        while let Some(line) = lines.take()? {
+            card.enable_line(line.toggles, line.time_ns.min(wake.woke_ns));
+        }
+        while let Some(output) = outputs.take()? {
+            card.write(output.volts, output.sequence, output.incarnation);
+            card.taken(output.taken_tick);
+        }
+        // A card's clock never misses: what is due since the last wake is clocked now.
+        let mut first = last_tick.map_or(wake.tick, |tick: u64| tick + 1);
+        if wake.tick - first >= CATCH_UP {
+            let lost = wake.tick - first - CATCH_UP + 1;
+            first += lost;
+            service.event(
+                EventKind::CardFault,
+                Severity::Error,
+                [lost as f64, 0.0, 0.0],
+                "the virtual card was not run for too long; scans were skipped",
+            )?;
+        }
+        for tick in first..=wake.tick {
+            let mut scan = card.clock(tick, grid.wake_time(tick));
+            scan.profile = profile.code();
+            scans.send(scan)?;
+        }
+        last_tick = Some(wake.tick);
+        let end = now_ns();
+        meter.record(&wake, end);
+        if let Some(timing) = meter.due(&grid, end) {
+            timings.send(timing)?;
+        }
+        service.beat();
+    }
+    service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+    Ok(())
+}

@@ -1,0 +1,108 @@
+//! The virtual card: conformance, and what a real card does when the others die.
+#![allow(clippy::unwrap_used)]
+
+use rig::RigFile;
+use runtime::daq::Daq;
+use runtime::daq::conformance::{self, Bench};
+use simulator::{Card, LockStepDaq};
+
+const LINE_NS: u64 = 5_000_000;
+const TICK_NS: u64 = 500_000;
+
+fn rig() -> RigFile {
+    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+}
+
+struct LockStepBench(LockStepDaq);
+
+impl Bench for LockStepBench {
+    fn reset(&mut self) {
+        self.0 = LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap();
+    }
+    fn advance(&mut self, ticks: u64) {
+        self.0.advance(ticks);
+    }
+    fn now_ns(&self) -> u64 {
+        self.0.now_ns()
+    }
+    fn daq(&mut self) -> &mut dyn Daq {
+        &mut self.0
+    }
+}
+
+#[test]
+fn the_lock_step_card_conforms() {
+    let mut bench = LockStepBench(LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap());
+    conformance::check(&mut bench).unwrap();
+}
+
+#[test]
+fn the_motor_has_power_only_while_the_line_toggles() {
+    let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
+    card.write([2.0, 0.0, 0.0], 1, 7);
+    let time = |tick: u64| tick * TICK_NS;
+    // never toggled
+    assert_eq!(card.clock(100, time(100)).motor_power, 0);
+    // one message with any count is no edge yet; it takes a change
+    card.enable_line(8, time(100));
+    assert_eq!(card.clock(101, time(101)).motor_power, 0);
+    for tick in 102..110 {
+        card.enable_line(tick, time(tick));
+        let scan = card.clock(tick, time(tick));
+        assert_eq!((scan.motor_power, scan.motor_v[0], scan.dac_v[0]), (1, 2.0, 2.0));
+    }
+    // the line stops (held level repeats the same count): power lasts 5 ms = 10 ticks from the last edge, no longer
+    let dead: Vec<u64> = (110..140)
+        .filter(|tick| {
+            card.enable_line(109, time(*tick));
+            let scan = card.clock(*tick, time(*tick));
+            assert_eq!(scan.dac_v[0], 2.0, "the DAC holds whoever dies");
+            assert_eq!(scan.motor_v[0], if scan.motor_power == 1 { 2.0 } else { 0.0 });
+            scan.motor_power == 0
+        })
+        .collect();
+    assert_eq!(dead, (120..140).collect::<Vec<_>>());
+}
+
+#[test]
+fn volts_move_the_handle_and_counts_say_so() {
+    let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
+    card.write([2.5, 0.0, 0.0], 1, 7);
+    let mut scan = None;
+    for tick in 1..=1000 {
+        card.enable_line(tick, tick * TICK_NS);
+        scan = Some(card.clock(tick, tick * TICK_NS));
+    }
+    let scan = scan.unwrap();
+    let state = *card.state();
+    assert!(state.master_position_rad > 0.1, "{}", state.master_position_rad);
+    let master = rig().axes[0].master.position(scan.master_counts[0]);
+    // the scan is of the state one period before, at most one count and the noise away
+    let slack = 3.0 / rig().axes[0].master.counts_per_unit + state.master_velocity_rad_s.abs() * 0.5e-3;
+    assert!((master - state.master_position_rad).abs() <= slack, "{master} against {}", state.master_position_rad);
+}
+
+#[test]
+fn an_effect_changes_the_plant_and_an_unknown_one_is_refused() {
+    let travel = |effects: &[String]| {
+        let mut card = Card::new(&rig(), effects, LINE_NS).unwrap();
+        card.write([2.5, 0.0, 0.0], 1, 7);
+        for tick in 1..=1000 {
+            card.enable_line(tick, tick * TICK_NS);
+            card.clock(tick, tick * TICK_NS);
+        }
+        card.state().master_position_rad
+    };
+    let plain = travel(&[]);
+    let rubbing = travel(&["coulomb_friction@master=1.0".to_owned()]);
+    assert!(rubbing < 0.8 * plain, "{rubbing} against {plain}");
+    let error = Card::new(&rig(), &["gremlins".to_owned()], LINE_NS).unwrap_err().to_string();
+    assert!(error.contains("gremlins") && error.contains("backlash"), "{error}");
+}
+
+#[test]
+fn not_finite_volts_are_written_as_zero() {
+    let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
+    card.write([f64::NAN, f64::INFINITY, 1.0], 1, 7);
+    assert_eq!(card.clock(1, TICK_NS).dac_v, [0.0, 0.0, 1.0]);
+}
