@@ -1,1 +1,25 @@
 //! Holds the model against measured data and names what it lacks.
+//!
+//! Given a rig file (the declared model, its nominal values and tolerances) and measured records, identify fits the
+//! declared parameters within their tolerances, finds the residual, adds the listed effects that the records demand one
+//! by one, and reports the error before and after on rows that took no part in fitting or choosing. It
+//! says as readily that nothing is missing, or that something is missing that has no name here.
+//!
+//! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of model behind
+//! [`models::Model`], [`effects`] one file for each effect. Files are read and written in [`run`] only.
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
+
+mod args;
+pub mod effects;
+pub mod error;
+pub mod filter;
+pub mod input;
+pub mod inverse;
+pub mod models;
+pub mod outcome;
+pub mod page;
+pub mod regression;
+mod run;
+
+pub use args::Args;
+pub use run::run;

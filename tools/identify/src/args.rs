@@ -1,0 +1,43 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+/// Holds the declared model against measured records and names what it lacks.
+///
+/// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a drive: t_s,
+/// force_n, position_m (or torque_nm, position_rad). With one record, blocks of it fit, select and report;
+/// with three or more, whole records do, in the order given unless --fit, --select and --report-on say otherwise.
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n\n\
+    Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
+)]
+pub struct Args {
+    /// Rig file with the declared model
+    #[arg(long, value_name = "RIG.toml")]
+    pub rig: PathBuf,
+    /// Measured records
+    #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]
+    pub records: Vec<PathBuf>,
+    /// Writes a page with figures and tables into this folder (index.html)
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Writes the result for programs
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Candidates fitted at a time [default: one a processor]
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<usize>,
+    /// Seed of the split into blocks
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// A record that fits parameters (repeatable)
+    #[arg(long, value_name = "RECORD")]
+    pub fit: Vec<PathBuf>,
+    /// A record that chooses effects (repeatable)
+    #[arg(long, value_name = "RECORD")]
+    pub select: Vec<PathBuf>,
+    /// A record on which errors are reported (repeatable)
+    #[arg(long, value_name = "RECORD")]
+    pub report_on: Vec<PathBuf>,
+}

@@ -1,0 +1,119 @@
+//! Why data or a rig file cannot be used.
+
+/// Everything here ends the program with exit code 1.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifyError {
+    /// The rig file declares a model that this program cannot hold against data.
+    #[error("{file}: [model] kind = \"{kind}\": expected one of {known}; identify has no such model")]
+    Kind {
+        /// The rig file.
+        file: String,
+        /// What it declares.
+        kind: String,
+        /// What there is.
+        known: String,
+    },
+    /// A declared parameter is missing.
+    #[error(
+        "{file}: [model.parameters]: expected `{name}` for a model of kind `{kind}`, found {found}; add it with its value and tolerance"
+    )]
+    Parameter {
+        /// The rig file.
+        file: String,
+        /// The model's kind.
+        kind: &'static str,
+        /// The parameter.
+        name: &'static str,
+        /// What is declared.
+        found: String,
+    },
+    /// A declared value makes no sense.
+    #[error("{file}: [model.parameters] {name} = {value}: expected {expected}")]
+    Value {
+        /// The rig file.
+        file: String,
+        /// The parameter.
+        name: &'static str,
+        /// What is declared.
+        value: f64,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// A column is missing.
+    #[error("{file}: expected a column {expected}, found {found}; SI units, names as in `farreach identify --help`")]
+    Column {
+        /// The record.
+        file: String,
+        /// What was wanted.
+        expected: String,
+        /// The columns that are there.
+        found: String,
+    },
+    /// One value cannot be used.
+    #[error("{file}, row {row}, column `{column}`: found {found}, expected {expected}; {advice}")]
+    Cell {
+        /// The record.
+        file: String,
+        /// Row of data, the first below the header being 1.
+        row: usize,
+        /// The column.
+        column: String,
+        /// What is there.
+        found: String,
+        /// What would do.
+        expected: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A column as a whole cannot be used.
+    #[error("{file}, column `{column}`: {found}; {advice}")]
+    Channel {
+        /// The record.
+        file: String,
+        /// The column.
+        column: String,
+        /// What is wrong.
+        found: String,
+        /// What to do.
+        advice: String,
+    },
+    /// Too little data.
+    #[error("{file}: {found}, expected {expected}; record for longer")]
+    Short {
+        /// The record.
+        file: String,
+        /// What is there.
+        found: String,
+        /// What would do.
+        expected: String,
+    },
+    /// `--fit`, `--select`, `--report-on` do not fit together.
+    #[error("{what}; {advice}")]
+    Roles {
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A record could not be read.
+    #[error("{file}: {reason}")]
+    Read {
+        /// The record.
+        file: String,
+        /// What the reader said.
+        reason: String,
+    },
+    /// The equations could not be solved.
+    #[error(
+        "{file}: the columns {columns} cannot be told apart in the rows that take part in the fit; excite the machine more"
+    )]
+    Singular {
+        /// The records.
+        file: String,
+        /// The columns of the regression.
+        columns: String,
+    },
+}
+
+/// What the functions of this crate return.
+pub type Result<T> = std::result::Result<T, IdentifyError>;

@@ -1,0 +1,193 @@
+//! The result, as other programs read it (`--json`).
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+/// The verdict in one word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Effects were found that the model lacks.
+    Effect,
+    /// Nothing is missing that these records could show.
+    None,
+    /// Something is missing, and the records cannot tell two effects apart.
+    Ambiguous,
+    /// Something is missing that no listed effect explains.
+    Unlisted,
+}
+
+/// Everything that identify found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Outcome {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Effects in the order in which they were added.
+    pub effects: Vec<FoundEffect>,
+    /// What the data cannot tell from the last effect added that had a rival.
+    pub ambiguous_with: Vec<Named>,
+    /// Whether something is left that no listed effect explains.
+    pub remains: bool,
+    /// What that depends on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unlisted: Option<UnlistedTable>,
+    /// Errors on the reporting rows, per channel.
+    pub error: BTreeMap<String, ChannelError>,
+    /// Declared parameters, as fitted beside the effects.
+    pub parameters: Vec<FittedParameter>,
+    /// What was used for what.
+    pub records: Roles,
+    /// What to measure next.
+    pub next_experiment: NextExperiment,
+    /// Error after each step, on the rows of each role and on all rows: to be compared with publications.
+    pub steps: Vec<StepError>,
+    /// How all candidates did, round by round.
+    pub candidates: Vec<CandidateGain>,
+    /// Notes on the data that a reader should know.
+    pub notes: Vec<String>,
+    /// Wall time [s].
+    pub seconds: f64,
+}
+
+/// An effect by name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Named {
+    /// Id.
+    pub id: String,
+    /// Site.
+    pub site: String,
+}
+
+/// An effect that was added.
+#[derive(Clone, Debug, Serialize)]
+pub struct FoundEffect {
+    /// Id.
+    pub id: String,
+    /// Site.
+    pub site: String,
+    /// Its parameters.
+    pub parameters: Vec<EffectParameter>,
+    /// Block t of its gain on the selecting rows.
+    pub t: f64,
+    /// Fall of the root-mean-square residual on the selecting rows [%].
+    pub gain_percent: f64,
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct EffectParameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard deviation; `null` for shapes, which are searched and have none.
+    pub std: Option<f64>,
+    /// Unit.
+    pub unit: String,
+}
+
+/// What is left, as a function of one variable.
+#[derive(Clone, Debug, Serialize)]
+pub struct UnlistedTable {
+    /// At which balance.
+    pub site: String,
+    /// Of which variable.
+    pub depends_on: String,
+    /// Abscissa, value, standard deviation.
+    pub table: Vec<[f64; 3]>,
+}
+
+/// Root-mean-square error of one channel on the reporting rows.
+#[derive(Clone, Debug, Serialize)]
+pub struct ChannelError {
+    /// Of the declared model, fitted within its tolerances.
+    pub before: f64,
+    /// With the effects.
+    pub after: f64,
+    /// What no model can explain; `null` without repeated records.
+    pub floor: Option<f64>,
+    /// Unit of the three.
+    pub unit: String,
+    /// `before` in percent of the channel's root mean square.
+    pub before_percent: f64,
+    /// `after`, likewise.
+    pub after_percent: f64,
+}
+
+/// A declared parameter.
+#[derive(Clone, Debug, Serialize)]
+pub struct FittedParameter {
+    /// Name, as in the rig file.
+    pub name: String,
+    /// Declared value; `null` for what only the fit knows (the smoothing speed of the sign).
+    pub declared: Option<f64>,
+    /// Fitted value.
+    pub fitted: f64,
+    /// Standard deviation; `null` where it stands at the edge of its tolerance or is a shape.
+    pub std: Option<f64>,
+    /// Unit.
+    pub unit: String,
+    /// Whether the records say more about it than its declaration.
+    pub identifiable: bool,
+    /// Whether it stands at the edge of its tolerance.
+    pub at_tolerance: bool,
+}
+
+/// What was used for what; rows of one record as `file[from..to s]`.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Roles {
+    /// To fit parameters.
+    pub fit: Vec<String>,
+    /// To choose effects.
+    pub select: Vec<String>,
+    /// To report errors.
+    pub report: Vec<String>,
+}
+
+/// What to measure next.
+#[derive(Clone, Debug, Serialize)]
+pub struct NextExperiment {
+    /// What is open.
+    pub why: String,
+    /// What would settle it.
+    pub what: String,
+}
+
+/// Error after a step, in percent of the force's root mean square on the same rows.
+#[derive(Clone, Debug, Serialize)]
+pub struct StepError {
+    /// `declared`, then the id of each effect as it is added.
+    pub model: String,
+    /// On the rows of each role, parameters from the fitting rows.
+    pub fit_percent: f64,
+    /// See `fit_percent`.
+    pub select_percent: f64,
+    /// See `fit_percent`.
+    pub report_percent: f64,
+    /// Everything fitted to and judged on all rows, as publications do: no held-out figure.
+    pub all_rows_percent: f64,
+    /// Parameters of that fit to all rows: name, value, standard deviation.
+    pub all_rows_parameters: Vec<(String, f64, f64)>,
+}
+
+/// How one candidate did in one round.
+#[derive(Clone, Debug, Serialize)]
+pub struct CandidateGain {
+    /// Round, from 1.
+    pub round: usize,
+    /// Id of the effect, or the variable of a generic function.
+    pub id: String,
+    /// Whether it is a generic function, not a listed effect.
+    pub generic: bool,
+    /// Fall of the root-mean-square residual on the selecting rows [%].
+    pub gain_percent: f64,
+    /// Block t.
+    pub t: f64,
+    /// Selecting blocks that it makes better and worse by more than 1 %.
+    pub blocks_better: usize,
+    /// See `blocks_better`.
+    pub blocks_worse: usize,
+    /// Whether it passes.
+    pub accepted: bool,
+}

@@ -1,0 +1,146 @@
+//! The thin edge: reads files, asks the model, writes files.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+
+use crate::Args;
+use crate::error::{IdentifyError, Result};
+use crate::input::Series;
+use crate::inverse::split::Role;
+use crate::models::{ALL, Options};
+use crate::outcome::Outcome;
+use crate::page::{sentences, short};
+
+/// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
+/// rig file cannot be used (the reason goes to stderr).
+///
+/// # Errors
+/// Where the page or the JSON file cannot be written.
+pub fn run(args: Args) -> anyhow::Result<i32> {
+    let started = std::time::Instant::now();
+    let (mut outcome, page) = match study(&args) {
+        Ok(result) => result,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            return Ok(1);
+        }
+    };
+    outcome.seconds = started.elapsed().as_secs_f64();
+    let json = serde_json::to_string_pretty(&outcome)?;
+    print_outcome(&outcome);
+    if let Some(path) = &args.json {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
+        }
+        std::fs::write(path, &json).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    if let Some(folder) = &args.report {
+        let path = folder.join("index.html");
+        let page = page
+            .details("The result as written by --json", &json)
+            .footer(concat!("farreach identify ", env!("CARGO_PKG_VERSION")));
+        page.write(&path)?;
+        println!("page: {}", path.display());
+    }
+    Ok(0)
+}
+
+fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page)> {
+    let rig = rig::RigFile::load(&args.rig)?;
+    let model = ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
+        file: args.rig.display().to_string(),
+        kind: rig.model.kind.name().to_owned(),
+        known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
+    })?;
+    let records = records(args)?;
+    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed };
+    Ok(model.identify(&args.rig.display().to_string(), &rig.model, &records, options)?)
+}
+
+/// All records with the roles that the command line fixes.
+fn records(args: &Args) -> Result<Vec<Series>> {
+    let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
+    for (paths, role) in [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)] {
+        asked.extend(paths.iter().map(|p| (p, Some(role))));
+    }
+    for (i, (path, _)) in asked.iter().enumerate() {
+        if asked[..i].iter().any(|(other, _)| other == path) {
+            return Err(IdentifyError::Roles {
+                what: format!("{} plays two parts", path.display()),
+                advice: "a record that fits or selects must not report: give each record one part",
+            });
+        }
+    }
+    let fixed = !asked.is_empty();
+    for path in &args.records {
+        if asked.iter().all(|(other, _)| *other != path) {
+            asked.push((path, None));
+        }
+    }
+    if fixed {
+        share_out(&mut asked)?;
+    }
+    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path)? })).collect()
+}
+
+/// Gives the records without a part the parts that nobody plays: fit first, then report, then select.
+fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
+    let played = |role| asked.iter().any(|(_, r)| *r == Some(role));
+    let missing: Vec<Role> =
+        [Role::Select, Role::Report, Role::Fit].into_iter().filter(|role| !played(*role)).collect();
+    let free = asked.iter().filter(|(_, r)| r.is_none()).count();
+    if free < missing.len() {
+        let names: Vec<String> = missing.iter().map(|r| format!("{r:?}").to_lowercase()).collect();
+        return Err(IdentifyError::Roles {
+            what: format!("no record is left to {}", names.join(", ")),
+            advice: "name records with --fit, --select and --report-on, or give more of them",
+        });
+    }
+    let mut left = free;
+    for slot in asked.iter_mut().filter(|(_, r)| r.is_none()) {
+        // The last ones take the rarer parts; the others fit.
+        let from_end = left;
+        left -= 1;
+        slot.1 = Some(missing.get(from_end - 1).copied().unwrap_or(Role::Fit));
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Series> {
+    let file = path.display().to_string();
+    let wrong = |reason: String| IdentifyError::Read { file: file.clone(), reason };
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
+    let mut lines = text.lines();
+    let header = lines.next().ok_or_else(|| wrong("is empty".into()))?;
+    let mut columns: Vec<(String, Vec<f64>)> = header.split(',').map(|n| (n.trim().to_owned(), Vec::new())).collect();
+    for (row, line) in lines.enumerate() {
+        for (column, cell) in columns.iter_mut().zip(line.split(',')) {
+            column.1.push(cell.trim().parse().map_err(|_| wrong(format!("row {}: `{cell}` is no number", row + 1)))?);
+        }
+    }
+    Ok(Series { file, columns, role: None })
+}
+
+fn print_outcome(outcome: &Outcome) {
+    let words: Vec<&str> = outcome
+        .effects
+        .iter()
+        .map(|e| crate::effects::find(&e.id).map_or(e.id.as_str(), |effect| effect.words()))
+        .collect();
+    let (_, sentence, detail) = sentences(&words, outcome);
+    println!("{sentence}\n{detail}");
+    for s in &outcome.steps {
+        println!("  {:24} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);
+    }
+    for p in &outcome.parameters {
+        let std = p.std.map_or("–".to_owned(), short);
+        println!("  {:32} {:>10} ± {std} {}", p.name, short(p.fitted), p.unit);
+    }
+    for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
+        let name = format!("{}: {}", effect.id, p.name);
+        println!("  {name:32} {:>10} ± {} {}", short(p.value), p.std.map_or("–".to_owned(), short), p.unit);
+    }
+    println!("next: {}", outcome.next_experiment.what);
+}
