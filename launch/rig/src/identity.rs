@@ -6,7 +6,11 @@
 /// neither) and fits in ten lines. It tells texts apart; it does not protect against a forger.
 /// Source: Fowler, Noll, Vo, <http://www.isthe.com/chongo/tech/comp/fnv/>.
 pub const fn identity(text: &str) -> u64 {
-    let bytes = text.as_bytes();
+    identity_of_bytes(text.as_bytes())
+}
+
+/// [`identity`] of bytes that are no text: also a checksum against damage.
+pub const fn identity_of_bytes(bytes: &[u8]) -> u64 {
     let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
     let mut at = 0;
     while at < bytes.len() {

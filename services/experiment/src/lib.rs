@@ -1,1 +1,4 @@
 //! The experiment runner.
+pub mod player;
+pub mod state;
+pub mod trajectory;

@@ -1,0 +1,456 @@
+//! Plays a protocol: a state machine of which the time is an argument.
+//!
+//! ```text
+//! Idle ──start──> Playing ──end of the last segment──> Holding ──0.5 s──> Idle, passive
+//!                 │  ^ │                                 ^
+//!                 │  │ └─stop──> Stopping ──0.5 s────────┘
+//!                 │  └─ stalled longer than the lease: the segment again, from where the handle is
+//!                 └─ a rest is 0 V already: stop and end go to passive at once
+//! ```
+//!
+//! Each [`Player::step`] returns the setpoint for its instant, with a lease: when the process that publishes it dies,
+//! control ramps to hold by itself. After a restart, [`Player::resume`] goes on at the beginning of the segment that was
+//! interrupted, from where the handle then is.
+
+use std::sync::Arc;
+
+use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
+use rig::protocol::{Movement, Protocol};
+use rig::{ProtocolError, RigFile};
+
+use crate::state::PlayerState;
+use crate::trajectory::{Point, Track, stopping};
+
+/// A protocol made ready for one machine.
+#[derive(Debug)]
+pub struct Program {
+    name: String,
+    text: String,
+    identity: u64,
+    axes: usize,
+    /// Position limits of each axis [rad or m].
+    limits: [(f64, f64); AXES],
+    steps: Vec<Step>,
+    duration_s: f64,
+}
+
+/// One segment as it is played, repeats written out.
+#[derive(Debug)]
+struct Step {
+    label: String,
+    axis: usize,
+    track: Track,
+    /// When it begins, from the start of the protocol [s].
+    begins_s: f64,
+}
+
+impl Program {
+    /// Checks a protocol against a rig and makes it ready.
+    ///
+    /// # Errors
+    /// What [`Protocol::check_against`] finds.
+    pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
+        protocol.check_against(rig)?;
+        let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
+        let mut begins_s = 0.0;
+        let mut steps = Vec::with_capacity(protocol.count());
+        for (index, segment) in protocol.sequence() {
+            let track = tracks[index].clone();
+            let duration_s = track.duration_s();
+            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s });
+            begins_s += duration_s;
+        }
+        let mut limits = [(0.0, 0.0); AXES];
+        for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
+            *limit = (axis.limits.position_min, axis.limits.position_max);
+        }
+        Ok(Self {
+            name: protocol.name.clone(),
+            text: protocol.text().to_owned(),
+            identity: protocol.identity(),
+            axes: rig.axes.len(),
+            limits,
+            steps,
+            duration_s: begins_s,
+        })
+    }
+
+    /// Name of the protocol.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Identity of its text.
+    pub fn identity(&self) -> u64 {
+        self.identity
+    }
+
+    /// Number of segments, repeats counted.
+    pub fn segments(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Name of a segment; empty where there is none.
+    pub fn label(&self, segment: usize) -> &str {
+        self.steps.get(segment).map_or("", |step| &step.label)
+    }
+
+    /// Whole duration [s].
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+}
+
+/// Times of the player.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// How long a setpoint may be followed; also the longest pause between two steps that counts as none [ns].
+    pub lease_ns: u64,
+    /// Time from a stop to rest [ns].
+    pub stop_fade_ns: u64,
+    /// How long the handle is held after the end, before 0 V [ns].
+    pub hold_ns: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { lease_ns: 100_000_000, stop_fade_ns: 500_000_000, hold_ns: 500_000_000 }
+    }
+}
+
+/// What changed in a step; one at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// The protocol began, and with it segment 0.
+    Started,
+    /// The next segment began.
+    Segment(u32),
+    /// The segment began again, after a restart or a pause.
+    Resumed(u32),
+    /// The last segment ended.
+    Done,
+    /// Playing was stopped in this segment.
+    Stopped(u32),
+}
+
+/// What a step returns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// What to publish, identity and sequence left to the publisher; `None` before the first protocol.
+    pub setpoint: Option<Setpoint>,
+    /// What changed; to be told as an event, and the state to be kept.
+    pub change: Option<Change>,
+}
+
+/// Why a kept state cannot be resumed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ResumeError {
+    /// It was kept when nothing was being played.
+    #[error("nothing was being played when the state was kept; start a protocol")]
+    NotRunning,
+    /// It belongs to another text.
+    #[error(
+        "the state is of the protocol {expected:016x}, the text given is {found:016x}; resume with the text in the state"
+    )]
+    OtherProtocol {
+        /// Identity in the state.
+        expected: u64,
+        /// Identity of the program.
+        found: u64,
+    },
+    /// It names a segment that the protocol does not have.
+    #[error("the state names segment {found}, the protocol has {segments}; start it anew")]
+    NoSegment {
+        /// Index in the state.
+        found: u32,
+        /// Number of segments.
+        segments: usize,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// Nothing is played; 0 V if something ever was.
+    Idle,
+    /// The segment begins with the next step, which brings the measured position.
+    Entering { segment: usize, change: Change },
+    /// Playing since `begun_ns`.
+    Playing { segment: usize, begun_ns: u64 },
+    /// Fading to rest at `hold`, with the segment going on underneath.
+    Stopping { segment: usize, begun_ns: u64, stopped_ns: u64 },
+    /// At rest under power.
+    Holding { segment: usize, since_ns: u64 },
+}
+
+/// Plays one protocol at a time.
+#[derive(Clone, Debug)]
+pub struct Player {
+    settings: Settings,
+    program: Option<Arc<Program>>,
+    phase: Phase,
+    /// Where each axis rests, or where the running segment found it [rad or m].
+    rest: [f64; AXES],
+    /// Where each axis was when a stop was asked for [rad or m].
+    hold: [f64; AXES],
+    stop_asked: bool,
+    last_ns: Option<u64>,
+    completed: bool,
+    segment: u32,
+    elapsed_s: f64,
+}
+
+impl Player {
+    /// A player that plays nothing yet.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            program: None,
+            phase: Phase::Idle,
+            rest: [0.0; AXES],
+            hold: [0.0; AXES],
+            stop_asked: false,
+            last_ns: None,
+            completed: false,
+            segment: 0,
+            elapsed_s: 0.0,
+        }
+    }
+
+    /// Whether a protocol is being played (the fade after a stop and the hold after the end are not playing).
+    pub fn is_running(&self) -> bool {
+        matches!(self.phase, Phase::Entering { .. } | Phase::Playing { .. })
+    }
+
+    /// The protocol that is or was played.
+    pub fn program(&self) -> Option<&Arc<Program>> {
+        self.program.as_ref()
+    }
+
+    /// Begins a protocol with the next step. One that is being played is dropped: whoever calls this has asked
+    /// [`Player::is_running`] first.
+    pub fn start(&mut self, program: Arc<Program>) {
+        self.enter(program, 0, Change::Started);
+    }
+
+    /// Goes on where a kept state left off: at the beginning of its segment, with the next step.
+    ///
+    /// # Errors
+    /// [`ResumeError`] where the state does not fit the program; nothing is changed then.
+    pub fn resume(&mut self, state: &PlayerState, program: Arc<Program>) -> Result<(), ResumeError> {
+        if !state.running {
+            return Err(ResumeError::NotRunning);
+        }
+        if state.protocol != program.identity {
+            return Err(ResumeError::OtherProtocol { expected: state.protocol, found: program.identity });
+        }
+        let segment = state.segment as usize;
+        if segment >= program.steps.len() {
+            return Err(ResumeError::NoSegment { found: state.segment, segments: program.steps.len() });
+        }
+        self.enter(program, segment, Change::Resumed(state.segment));
+        Ok(())
+    }
+
+    fn enter(&mut self, program: Arc<Program>, segment: usize, change: Change) {
+        self.program = Some(program);
+        self.phase = Phase::Entering { segment, change };
+        self.stop_asked = false;
+        self.completed = false;
+        self.last_ns = None;
+        self.segment = segment as u32;
+    }
+
+    /// Stops playing with the next step: the movement fades to rest, is held, and power is let go. Does nothing when
+    /// nothing is played.
+    pub fn stop(&mut self) {
+        self.stop_asked = self.is_running();
+    }
+
+    /// What a restarted process needs to go on; `session` is that of the rig.
+    pub fn state(&self, session: u64) -> PlayerState {
+        let program = self.program.as_ref();
+        PlayerState {
+            session,
+            name: program.map_or_else(String::new, |program| program.name.clone()),
+            text: program.map_or_else(String::new, |program| program.text.clone()),
+            protocol: program.map_or(0, |program| program.identity),
+            segment: self.segment,
+            running: self.is_running() && !self.stop_asked,
+        }
+    }
+
+    /// How far it is.
+    pub fn status(&self) -> ExperimentAnswer {
+        ExperimentAnswer {
+            running: self.is_running(),
+            segment: self.segment,
+            segments: self.program.as_ref().map_or(0, |program| program.steps.len() as u32),
+            elapsed_s: self.elapsed_s,
+            duration_s: self.program.as_ref().map_or(0.0, |program| program.duration_s),
+            completed: self.completed,
+            error: String::new(),
+        }
+    }
+
+    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters [rad or m].
+    ///
+    /// Time that goes backwards counts as standing still. A pause longer than the lease means that control has ramped to
+    /// hold meanwhile: the segment begins again from where the handle is.
+    pub fn step(&mut self, now_ns: u64, measured: &[f64; AXES]) -> Output {
+        let Some(program) = self.program.clone() else { return Output { setpoint: None, change: None } };
+        let last_ns = self.last_ns.unwrap_or(now_ns);
+        let now_ns = now_ns.max(last_ns);
+        self.last_ns = Some(now_ns);
+        let paused = now_ns - last_ns > self.settings.lease_ns;
+        let change = self.advance(&program, now_ns, measured, paused);
+        let setpoint = self.setpoint(&program, now_ns, measured);
+        Output { setpoint: Some(setpoint), change }
+    }
+
+    fn advance(&mut self, program: &Program, now_ns: u64, measured: &[f64; AXES], paused: bool) -> Option<Change> {
+        match self.phase {
+            Phase::Idle => None,
+            Phase::Entering { segment, change } => {
+                self.find_axes(program, measured);
+                self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                Some(change)
+            }
+            Phase::Playing { segment, .. } if self.stop_asked && (paused || is_rest(program, segment)) => {
+                self.stop_asked = false;
+                self.find_axes(program, measured);
+                self.phase = Phase::Idle;
+                Some(Change::Stopped(segment as u32))
+            }
+            Phase::Playing { segment, begun_ns } if self.stop_asked => {
+                self.stop_asked = false;
+                self.hold = self.points(program, segment, seconds(begun_ns, now_ns)).map(|point| point.position);
+                self.phase = Phase::Stopping { segment, begun_ns, stopped_ns: now_ns };
+                Some(Change::Stopped(segment as u32))
+            }
+            Phase::Playing { segment, .. } if paused => {
+                self.find_axes(program, measured);
+                self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                Some(Change::Resumed(segment as u32))
+            }
+            Phase::Playing { segment, begun_ns } => self.next_segment(program, segment, begun_ns, now_ns, measured),
+            Phase::Stopping { segment, stopped_ns, .. } => {
+                if now_ns - stopped_ns >= self.settings.stop_fade_ns || paused {
+                    self.rest = self.hold;
+                    self.phase = Phase::Holding { segment, since_ns: now_ns };
+                }
+                None
+            }
+            Phase::Holding { since_ns, .. } => {
+                if now_ns - since_ns >= self.settings.hold_ns {
+                    self.phase = Phase::Idle;
+                }
+                None
+            }
+        }
+    }
+
+    /// Passes the edge between two segments, when it is time. The next one begins at the edge, not at the step after it, so
+    /// that the protocol keeps its time.
+    fn next_segment(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        begun_ns: u64,
+        now_ns: u64,
+        measured: &[f64; AXES],
+    ) -> Option<Change> {
+        let step = program.steps.get(segment)?;
+        let edge_ns = begun_ns + (step.track.duration_s() * 1e9).round() as u64;
+        if now_ns < edge_ns {
+            return None;
+        }
+        if is_rest(program, segment) {
+            self.find_axes(program, measured);
+        } else {
+            self.rest[step.axis] = step.track.at(self.rest[step.axis], step.track.duration_s()).position;
+        }
+        if segment + 1 < program.steps.len() {
+            self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
+            return Some(Change::Segment(segment as u32 + 1));
+        }
+        self.completed = true;
+        self.elapsed_s = program.duration_s;
+        self.phase = match is_rest(program, segment) {
+            true => Phase::Idle,
+            false => Phase::Holding { segment, since_ns: edge_ns },
+        };
+        Some(Change::Done)
+    }
+
+    /// Takes the axes for where they are measured, within their limits; a position that is not finite changes nothing.
+    fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
+        for ((rest, measured), (least, most)) in self.rest.iter_mut().zip(measured).zip(&program.limits) {
+            if measured.is_finite() {
+                *rest = measured.max(*least).min(*most);
+            }
+        }
+    }
+
+    /// All axes at time `t` into a segment.
+    fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
+        let mut points = self.rest.map(Point::at_rest);
+        if let Some(step) = program.steps.get(segment) {
+            points[step.axis] = step.track.at(self.rest[step.axis], t);
+        }
+        points
+    }
+
+    fn setpoint(&mut self, program: &Program, now_ns: u64, measured: &[f64; AXES]) -> Setpoint {
+        let (segment, points, mode) = match self.phase {
+            Phase::Idle => {
+                self.find_axes(program, measured);
+                (self.segment as usize, self.rest.map(Point::at_rest), Mode::Passive)
+            }
+            Phase::Entering { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Passive),
+            Phase::Playing { segment, begun_ns } => {
+                let t = seconds(begun_ns, now_ns);
+                self.elapsed_s =
+                    program.steps.get(segment).map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
+                let mode = program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
+                if mode == Mode::Passive {
+                    self.find_axes(program, measured);
+                }
+                (segment, self.points(program, segment, t), mode)
+            }
+            Phase::Stopping { segment, begun_ns, stopped_ns } => {
+                let moving = self.points(program, segment, seconds(begun_ns, now_ns));
+                let (since, fade) = (seconds(stopped_ns, now_ns), seconds(0, self.settings.stop_fade_ns));
+                let mut points = moving;
+                for (point, hold) in points.iter_mut().zip(self.hold) {
+                    *point = stopping(*point, hold, since, fade);
+                }
+                (segment, points, Mode::Position)
+            }
+            Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),
+        };
+        self.segment = segment as u32;
+        Setpoint {
+            at_ns: now_ns,
+            lease_until_ns: now_ns + self.settings.lease_ns,
+            protocol: program.identity,
+            position: points.map(|point| point.position),
+            velocity: points.map(|point| point.velocity),
+            acceleration: points.map(|point| point.acceleration),
+            peak_speed: points.map(|point| point.peak_speed),
+            segment: segment as u32,
+            segments: program.steps.len() as u32,
+            mode: mode.code(),
+            owner: Process::Experiment.code(),
+            axes: program.axes as u8,
+            ..Setpoint::default()
+        }
+    }
+}
+
+fn is_rest(program: &Program, segment: usize) -> bool {
+    program.steps.get(segment).is_some_and(|step| matches!(step.track.movement(), Movement::Rest { .. }))
+}
+
+fn seconds(from_ns: u64, to_ns: u64) -> f64 {
+    to_ns.saturating_sub(from_ns) as f64 * 1e-9
+}

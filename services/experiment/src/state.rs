@@ -1,0 +1,110 @@
+//! What the experiment process keeps on disk to go on after a restart.
+//!
+//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the state in bincode. bincode is
+//! unmaintained; the version lets another encoding take its place.
+
+use serde::{Deserialize, Serialize};
+
+const MARK: [u8; 4] = *b"FRPS";
+const VERSION: u16 = 1;
+const HEADER: usize = MARK.len() + 2 + 8;
+/// No protocol's text is longer [bytes].
+const LONGEST: usize = 16 << 20;
+
+/// How far a protocol has been played: its text and the segment that was begun.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlayerState {
+    /// Session of the rig; a state of another session is history.
+    pub session: u64,
+    /// Name of the protocol.
+    pub name: String,
+    /// Its text, overrides applied.
+    pub text: String,
+    /// Identity of the text.
+    pub protocol: u64,
+    /// Segment that was begun, repeats counted.
+    pub segment: u32,
+    /// Whether it was being played.
+    pub running: bool,
+}
+
+/// Why bytes are no state.
+#[derive(Debug, thiserror::Error)]
+pub enum StateError {
+    /// Cut off, or something else altogether.
+    #[error(
+        "no state of the experiment: expected {HEADER} bytes that begin with \"FRPS\", found {found}; delete the file"
+    )]
+    NotAState {
+        /// What was found.
+        found: String,
+    },
+    /// Written by another version.
+    #[error(
+        "state of version {found}, this build reads version {VERSION}; delete the file and start the protocol anew"
+    )]
+    Version {
+        /// Version in the file.
+        found: u16,
+    },
+    /// Damaged.
+    #[error(
+        "state is damaged: expected checksum {expected:016x}, found {found:016x}; delete the file and start the protocol anew"
+    )]
+    Checksum {
+        /// Checksum in the file.
+        expected: u64,
+        /// Checksum of the bytes.
+        found: u64,
+    },
+    /// Sound bytes that do not decode, or a state that does not encode.
+    #[error("state cannot be coded: {0}; delete the file and start the protocol anew")]
+    Coding(String),
+}
+
+impl PlayerState {
+    /// The bytes to keep.
+    ///
+    /// # Errors
+    /// [`StateError::Coding`] where the encoder refuses.
+    pub fn encode(&self) -> Result<Vec<u8>, StateError> {
+        let body = bincode::serde::encode_to_vec(self, bincode::config::standard())
+            .map_err(|error| StateError::Coding(error.to_string()))?;
+        let mut bytes = Vec::with_capacity(HEADER + body.len());
+        bytes.extend_from_slice(&MARK);
+        bytes.extend_from_slice(&VERSION.to_le_bytes());
+        bytes.extend_from_slice(&rig::identity_of_bytes(&body).to_le_bytes());
+        bytes.extend_from_slice(&body);
+        Ok(bytes)
+    }
+
+    /// The state in kept bytes.
+    ///
+    /// # Errors
+    /// Each [`StateError`]; a damaged file never yields a state.
+    pub fn decode(bytes: &[u8]) -> Result<Self, StateError> {
+        let not_a_state = || StateError::NotAState { found: format!("{} bytes", bytes.len()) };
+        let (header, body) = bytes.split_at_checked(HEADER).ok_or_else(not_a_state)?;
+        let (mark, header) = header.split_first_chunk::<4>().ok_or_else(not_a_state)?;
+        let (version, checksum) = header.split_first_chunk::<2>().ok_or_else(not_a_state)?;
+        let checksum = checksum.first_chunk::<8>().ok_or_else(not_a_state)?;
+        if *mark != MARK {
+            return Err(StateError::NotAState { found: format!("\"{}\"", mark.escape_ascii()) });
+        }
+        let version = u16::from_le_bytes(*version);
+        if version != VERSION {
+            return Err(StateError::Version { found: version });
+        }
+        let (expected, found) = (u64::from_le_bytes(*checksum), rig::identity_of_bytes(body));
+        if expected != found {
+            return Err(StateError::Checksum { expected, found });
+        }
+        let config = bincode::config::standard().with_limit::<LONGEST>();
+        let (state, read) = bincode::serde::decode_from_slice::<Self, _>(body, config)
+            .map_err(|error| StateError::Coding(error.to_string()))?;
+        if read != body.len() {
+            return Err(StateError::Coding(format!("{} bytes too many", body.len() - read)));
+        }
+        Ok(state)
+    }
+}

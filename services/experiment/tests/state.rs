@@ -1,0 +1,59 @@
+//! The kept state: what was written comes back, and damage is seen.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use experiment::state::{PlayerState, StateError};
+use proptest::prelude::*;
+
+fn state(segment: u32, text: &str) -> PlayerState {
+    PlayerState {
+        session: 7,
+        name: "demo".to_owned(),
+        text: text.to_owned(),
+        protocol: rig::identity(text),
+        segment,
+        running: true,
+    }
+}
+
+proptest! {
+    #[test]
+    fn comes_back(segment: u32, text in ".*") {
+        let state = state(segment, &text);
+        prop_assert_eq!(PlayerState::decode(&state.encode().unwrap()).unwrap(), state);
+    }
+
+    #[test]
+    fn any_flipped_bit_is_an_error(at: prop::sample::Index, bit in 0..8u8) {
+        let mut bytes = state(3, "[protocol]\nname = \"demo\"\n").encode().unwrap();
+        let at = at.index(bytes.len());
+        bytes[at] ^= 1 << bit;
+        prop_assert!(PlayerState::decode(&bytes).is_err());
+    }
+
+    #[test]
+    fn any_cut_is_an_error(at: prop::sample::Index) {
+        let bytes = state(3, "[protocol]\nname = \"demo\"\n").encode().unwrap();
+        prop_assert!(PlayerState::decode(&bytes[..at.index(bytes.len())]).is_err());
+    }
+
+    #[test]
+    fn no_bytes_make_it_panic(bytes: Vec<u8>) {
+        prop_assert!(PlayerState::decode(&bytes).is_err());
+    }
+}
+
+#[test]
+fn says_what_is_wrong() {
+    let error = PlayerState::decode(b"hello").unwrap_err().to_string();
+    assert_eq!(
+        error,
+        "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found 5 bytes; delete the file"
+    );
+    let mut bytes = state(0, "").encode().unwrap();
+    bytes[4] = 9;
+    assert!(matches!(PlayerState::decode(&bytes), Err(StateError::Version { found: 9 })));
+    bytes[4] = 1;
+    *bytes.last_mut().unwrap() ^= 1;
+    let error = PlayerState::decode(&bytes).unwrap_err().to_string();
+    assert!(error.starts_with("state is damaged: expected checksum "), "{error}");
+}
