@@ -1,1 +1,3 @@
 //! The control process and its laws.
+
+pub mod law;

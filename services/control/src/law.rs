@@ -1,0 +1,393 @@
+//! The control law of guided movements (§ 4.1): feedback of the position error in proportion and derivative, feed-forward
+//! against inertia and friction (fig. 4.3A). Pure: time, sample and setpoint are arguments.
+//!
+//! **No bumps.** While it has no power the law follows the hand: its reference is the measured position, its output 0 V. When
+//! power comes, and whenever the target changes otherwise than by moving on (another mode, another
+//! owner, a lapsed lease, a jump), the reference goes on from where it is, with its velocity, comes to rest relative to
+//! the new target and goes there by a minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next the output
+//! therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to the real motion of the hand.
+//!
+//! **No setpoint.** Without one, or after its lease, the law comes to rest and holds. [`Mode::Passive`] takes the output to 0 V
+//! within [`AUTHORITY_S`]. A measured value that is not finite gives 0 V on all axes at once, flagged by `limited`
+//! and mode passive.
+//!
+//! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but the sampling.
+
+mod blend;
+mod estimate;
+mod feedforward;
+
+use blend::{Blend, Motion, stopping_way};
+use estimate::VelocityEstimate;
+use feedforward::Slew;
+pub use feedforward::{REVERSAL, friction};
+use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+
+/// Time in which the output gets or loses its full authority [s].
+pub const AUTHORITY_S: f64 = 0.05;
+/// Time in which the friction feed-forward may change by its peak [s].
+pub const FRICTION_SLEW_S: f64 = 0.01;
+/// Time in which the inertia feed-forward may change by the output limit [s].
+pub const INERTIA_SLEW_S: f64 = 0.02;
+/// A step of the target that would step the feedback by more than this counts as a change of target [V].
+pub const SWITCH_STEP_V: f64 = 0.05;
+/// Longest time in which a moving reference comes to rest when its target is lost [s].
+pub const STOP_S: f64 = 0.25;
+/// Longest time over which a setpoint is extrapolated [s].
+pub const EXTRAPOLATION_S: f64 = 0.1;
+/// Longest time that one step may stand for, however late the loop was [s].
+const LONGEST_STEP_S: f64 = 0.05;
+
+/// Gains and limits of one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisLaw {
+    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts [V/rad or V/m].
+    pub position_gain: f64,
+    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts [V·s/rad or V·s/m].
+    pub velocity_gain: f64,
+    /// Cut-off of the velocity estimate [Hz].
+    pub velocity_filter_hz: f64,
+    /// The output stays within ± this [V].
+    pub output_limit_v: f64,
+    /// Friction feed-forward at the extremes of a movement [V].
+    pub friction_peak_v: f64,
+    /// Friction feed-forward at mid-movement [V].
+    pub friction_floor_v: f64,
+    /// Inertia feed-forward per reference acceleration [V·s²/rad or V·s²/m].
+    pub inertia_v: f64,
+    /// Time in which the reference passes to a new target, where that is near [s].
+    pub ramp_s: f64,
+    /// Highest speed at which the reference catches up with a far target, on top of the target's own [rad/s or m/s].
+    pub catch_up_speed: f64,
+    /// Lowest position to hold at [rad or m].
+    pub position_min: f64,
+    /// Highest position to hold at [rad or m].
+    pub position_max: f64,
+}
+
+impl AxisLaw {
+    /// Gains in encoder counts, as § 4.1 prints them: P [V/count], D [V·s/count].
+    #[must_use]
+    pub fn with_count_gains(self, p_v_per_count: f64, d_v_s_per_count: f64, counts_per_unit: f64) -> Self {
+        Self {
+            position_gain: p_v_per_count * counts_per_unit,
+            velocity_gain: d_v_s_per_count * counts_per_unit,
+            ..self
+        }
+    }
+
+    /// Time in which a moving reference comes to rest when its target is lost or replaced [s].
+    fn stop_s(&self) -> f64 {
+        self.ramp_s.min(STOP_S)
+    }
+}
+
+/// What the law needs to know about its rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LawConfig {
+    /// Axes of the rig.
+    pub axes: usize,
+    /// The law of each axis.
+    pub axis: [AxisLaw; AXES],
+    /// Period of the control loop [s]: what the first step stands for.
+    pub period_s: f64,
+}
+
+/// Whose target the reference follows; a change of it begins a blend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    /// Nobody's: holding.
+    Own,
+    /// A setpoint's.
+    Setpoint { incarnation: u64, protocol: u64, owner: u8, mode: u8 },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    velocity: VelocityEstimate,
+    reference: Motion,
+    target: Motion,
+    /// The time that the target is meant for.
+    target_ns: u64,
+    blend: Option<Blend>,
+    friction: Slew,
+    inertia: Slew,
+}
+
+/// The law. See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Law {
+    config: LawConfig,
+    axis: [Axis; AXES],
+    /// What the reference follows; `None` while it follows the hand.
+    source: Option<Source>,
+    /// 0 (no output) to 1.
+    authority: f64,
+    last_step_ns: Option<u64>,
+    last_sample_ns: u64,
+}
+
+impl Law {
+    /// A law that has seen nothing yet. A limit that is not a positive number counts as 0.
+    pub fn new(mut config: LawConfig) -> Self {
+        config.axes = config.axes.min(AXES);
+        for law in &mut config.axis {
+            for limit in [&mut law.output_limit_v, &mut law.friction_peak_v, &mut law.friction_floor_v] {
+                *limit = if limit.is_finite() { limit.max(0.0) } else { 0.0 };
+            }
+        }
+        Self {
+            config,
+            axis: config.axis.map(|axis| Axis {
+                velocity: VelocityEstimate::new(axis.velocity_filter_hz),
+                reference: Motion::default(),
+                target: Motion::default(),
+                target_ns: 0,
+                blend: None,
+                friction: Slew::default(),
+                inertia: Slew::default(),
+            }),
+            source: None,
+            authority: 0.0,
+            last_step_ns: None,
+            last_sample_ns: 0,
+        }
+    }
+
+    /// Most that the output of an axis changes in a step of `period_s` while the hand rests, whatever happens to
+    /// setpoint, mode and lease, from the moment that power comes until it goes [V]; on top comes the movement of
+    /// the reference itself, `period_s` times (position gain · velocity + velocity gain · acceleration).
+    pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
+        let law = &self.config.axis[axis];
+        SWITCH_STEP_V
+            + period_s
+                * (law.output_limit_v / AUTHORITY_S
+                    + law.friction_peak_v / FRICTION_SLEW_S
+                    + law.output_limit_v / INERTIA_SLEW_S)
+    }
+
+    /// One cycle. `powered`: the sample shows the gate open for the epoch that the newest token names.
+    ///
+    /// The command lacks identity, `token_sequence`, `epoch`, `cycles_missed` and `profile`, which are the loop's.
+    pub fn step(&mut self, now_ns: u64, sample: &Sample, setpoint: Option<&Setpoint>, powered: bool) -> MotorCommand {
+        let elapsed_s = self
+            .last_step_ns
+            .map_or(self.config.period_s, |last| now_ns.saturating_sub(last) as f64 * 1e-9)
+            .clamp(0.0, LONGEST_STEP_S);
+        self.last_step_ns = Some(now_ns);
+        let mut command = MotorCommand {
+            sample_tick: sample.tick,
+            sample_time_ns: sample.scan_time_ns,
+            computed_ns: now_ns,
+            axes: self.config.axes as u8,
+            mode: Mode::Passive.code(),
+            ..MotorCommand::default()
+        };
+        let axes = self.config.axes;
+        let measured =
+            (0..axes).all(|axis| sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0);
+        if !measured {
+            self.let_go();
+            self.axis.iter_mut().for_each(|axis| axis.velocity.reset());
+            command.limited = 1;
+            return command;
+        }
+        let time_ns = sample.scan_time_ns;
+        if time_ns < self.last_sample_ns {
+            // Another acquisition's clock: begin anew from what is measured.
+            self.let_go();
+        }
+        self.last_sample_ns = time_ns;
+        for (axis, &position) in self.axis.iter_mut().zip(&sample.master_position).take(axes) {
+            axis.velocity.update(time_ns, position);
+        }
+
+        let live = setpoint
+            .filter(|setpoint| now_ns <= setpoint.lease_until_ns && usable(setpoint, sample.scan_time_ns, axes));
+        command.lapsed = u8::from(setpoint.is_some() && live.is_none());
+        command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
+        let mode = live.map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
+
+        if !powered || (mode == Mode::Passive && self.authority == 0.0) {
+            self.let_go();
+        } else {
+            let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
+            self.authority += (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
+            self.take_aim(time_ns, sample, live, mode, axes);
+            command.mode = mode.code();
+        }
+        let mut finite = true;
+        for axis in 0..axes {
+            finite &= self.drive(axis, time_ns, sample.master_position[axis], live, elapsed_s, &mut command);
+        }
+        if !finite {
+            // A reference or a gain beyond what numbers can hold: let go on every axis.
+            self.let_go();
+            command.volts = [0.0; AXES];
+            command.feedforward_v = [0.0; AXES];
+            command.reference_position = [0.0; AXES];
+            command.reference_velocity = [0.0; AXES];
+            command.mode = Mode::Passive.code();
+            command.limited = 1;
+        }
+        command
+    }
+
+    /// No output, and the reference follows the hand.
+    fn let_go(&mut self) {
+        self.source = None;
+        self.authority = 0.0;
+        for axis in &mut self.axis {
+            axis.blend = None;
+            axis.friction.reset();
+            axis.inertia.reset();
+        }
+    }
+
+    /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving on.
+    fn take_aim(&mut self, time_ns: u64, sample: &Sample, live: Option<&Setpoint>, mode: Mode, axes: usize) {
+        let source = match live {
+            Some(setpoint) if mode != Mode::Passive => Source::Setpoint {
+                incarnation: setpoint.incarnation,
+                protocol: setpoint.protocol,
+                owner: setpoint.owner,
+                mode: setpoint.mode,
+            },
+            _ => Source::Own,
+        };
+        let begins = self.source.is_none();
+        let changed = self.source != Some(source);
+        self.source = Some(source);
+        for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
+            let law = &self.config.axis[index];
+            let position = sample.master_position[index];
+            let reference = axis.reference_at(time_ns);
+            if begins || !reference.is_finite() {
+                // Power came: from the hand's own motion, so that there is no error to begin with.
+                let speed = law.catch_up_speed.abs();
+                let velocity = axis.velocity.velocity().max(-speed).min(speed);
+                axis.reference = Motion { position, velocity, acceleration: 0.0 };
+                axis.blend = None;
+            } else {
+                axis.reference = reference;
+            }
+            let target = match (source, live) {
+                (Source::Setpoint { .. }, Some(setpoint)) if setpoint.position[index].is_finite() => {
+                    aimed(setpoint, index, mode, time_ns)
+                }
+                _ if changed => axis.resting_place(law),
+                _ => axis.target_at(time_ns),
+            };
+            let step = target.minus(&axis.target_at(time_ns));
+            let jumps = law.position_gain.abs() * step.position.abs() + law.velocity_gain.abs() * step.velocity.abs()
+                > SWITCH_STEP_V;
+            if changed || jumps {
+                let offset = axis.reference.minus(&target);
+                let speed = law.catch_up_speed;
+                let ramps = law.ramp_s > 0.0 && law.ramp_s.is_finite() && speed > 0.0 && offset.is_finite();
+                axis.blend = ramps.then(|| Blend::new(time_ns, &offset, law.stop_s(), law.ramp_s, speed));
+            }
+            axis.target = target;
+            axis.target_ns = time_ns;
+            let offset = axis.blend.and_then(|blend| blend.at(time_ns));
+            if offset.is_none() {
+                axis.blend = None;
+            }
+            axis.reference = target.plus(&offset.unwrap_or_default());
+        }
+    }
+
+    /// Feedback and feed-forward of one axis into the command; false where they are not finite.
+    fn drive(
+        &mut self,
+        index: usize,
+        time_ns: u64,
+        position: f64,
+        live: Option<&Setpoint>,
+        elapsed_s: f64,
+        command: &mut MotorCommand,
+    ) -> bool {
+        let law = &self.config.axis[index];
+        let axis = &mut self.axis[index];
+        let velocity = axis.velocity.velocity();
+        command.velocity[index] = velocity;
+        if self.source.is_none() {
+            axis.reference = Motion::at_rest(position);
+            axis.target = axis.reference;
+            axis.target_ns = time_ns;
+            command.reference_position[index] = position;
+            return true;
+        }
+        let reference = axis.reference;
+        let peak_speed = live.map_or(0.0, |setpoint| setpoint.peak_speed[index].max(0.0));
+        let peak_speed = axis.blend.map_or(peak_speed, |blend| peak_speed.max(blend.peak_speed()));
+        let friction_v = friction(reference.velocity, peak_speed, law.friction_peak_v, law.friction_floor_v);
+        let friction_v = axis.friction.follow(friction_v, law.friction_peak_v * elapsed_s / FRICTION_SLEW_S);
+        let limit_v = law.output_limit_v;
+        let inertia_v = (law.inertia_v * reference.acceleration).max(-limit_v).min(limit_v);
+        let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
+        let feedforward_v = friction_v + inertia_v;
+        let feedback_v =
+            law.position_gain * (reference.position - position) + law.velocity_gain * (reference.velocity - velocity);
+        let wanted_v = feedback_v + feedforward_v;
+        if !wanted_v.is_finite() {
+            return false;
+        }
+        // Limited before it is weighed, so that authority takes the output to 0 V from wherever it is.
+        let limited_v = wanted_v.max(-limit_v).min(limit_v);
+        command.limited |= u8::from(limited_v != wanted_v);
+        command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0);
+        command.volts[index] = self.authority * limited_v;
+        command.feedforward_v[index] = self.authority * feedforward_v;
+        command.reference_position[index] = reference.position;
+        command.reference_velocity[index] = reference.velocity;
+        reference.is_finite()
+    }
+}
+
+impl Axis {
+    /// The target that was last aimed at, moved on to now.
+    fn target_at(&self, time_ns: u64) -> Motion {
+        self.target.after(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
+    }
+
+    /// The reference, moved on to now along target and blend.
+    fn reference_at(&self, time_ns: u64) -> Motion {
+        self.target_at(time_ns).plus(&self.blend.and_then(|blend| blend.at(time_ns)).unwrap_or_default())
+    }
+
+    /// Where a moving reference comes to rest when it slows down evenly, within the limits.
+    fn resting_place(&self, law: &AxisLaw) -> Motion {
+        let way = stopping_way(self.reference.velocity, law.stop_s());
+        Motion::at_rest((self.reference.position + way).max(law.position_min).min(law.position_max))
+    }
+}
+
+/// Whether a setpoint can be followed: in position mode every number that the rig's axes need is one, and a
+/// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position.
+fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
+    let near = time_ns.abs_diff(setpoint.at_ns) as f64 * 1e-9 <= EXTRAPOLATION_S;
+    (0..axes).all(|axis| {
+        let (velocity, acceleration) = (setpoint.velocity[axis], setpoint.acceleration[axis]);
+        let rests = velocity == 0.0 && acceleration == 0.0;
+        setpoint.mode != Mode::Position.code()
+            || (setpoint.position[axis].is_finite()
+                && velocity.is_finite()
+                && acceleration.is_finite()
+                && (near || rests))
+    })
+}
+
+/// Where a setpoint aims at the time of a sample.
+fn aimed(setpoint: &Setpoint, axis: usize, mode: Mode, time_ns: u64) -> Motion {
+    if mode != Mode::Position {
+        return Motion::at_rest(setpoint.position[axis]);
+    }
+    let ahead_s = (i128::from(time_ns) - i128::from(setpoint.at_ns)) as f64 * 1e-9;
+    Motion {
+        position: setpoint.position[axis],
+        velocity: setpoint.velocity[axis],
+        acceleration: setpoint.acceleration[axis],
+    }
+    .after(ahead_s.clamp(-EXTRAPOLATION_S, EXTRAPOLATION_S))
+}

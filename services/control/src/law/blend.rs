@@ -1,0 +1,194 @@
+//! Motion states, and the smooth way from one to another.
+
+/// Position, velocity, acceleration of a reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Motion {
+    pub(super) position: f64,
+    pub(super) velocity: f64,
+    pub(super) acceleration: f64,
+}
+
+impl Motion {
+    pub(super) const fn at_rest(position: f64) -> Self {
+        Self { position, velocity: 0.0, acceleration: 0.0 }
+    }
+
+    pub(super) const fn is_finite(&self) -> bool {
+        self.position.is_finite() && self.velocity.is_finite() && self.acceleration.is_finite()
+    }
+
+    /// The state `time_s` later, with constant acceleration.
+    pub(super) fn after(&self, time_s: f64) -> Self {
+        Self {
+            position: self.position + time_s * (self.velocity + 0.5 * time_s * self.acceleration),
+            velocity: self.velocity + time_s * self.acceleration,
+            acceleration: self.acceleration,
+        }
+    }
+
+    pub(super) fn plus(&self, other: &Self) -> Self {
+        Self {
+            position: self.position + other.position,
+            velocity: self.velocity + other.velocity,
+            acceleration: self.acceleration + other.acceleration,
+        }
+    }
+
+    pub(super) fn minus(&self, other: &Self) -> Self {
+        Self {
+            position: self.position - other.position,
+            velocity: self.velocity - other.velocity,
+            acceleration: self.acceleration - other.acceleration,
+        }
+    }
+}
+
+/// Peak speed of a minimum-jerk movement over its mean speed.
+pub(super) const PEAK_OVER_MEAN: f64 = 1.875;
+
+/// A quintic that begins with a given position, velocity and acceleration and ends at zero with none (from rest it is the
+/// minimum-jerk movement).
+#[derive(Clone, Copy, Debug)]
+struct Quintic {
+    duration_s: f64,
+    /// Coefficients of the powers of `t / duration`.
+    coefficients: [f64; 6],
+}
+
+impl Quintic {
+    fn new(duration_s: f64, begin: &Motion) -> Self {
+        let t = duration_s;
+        let (p, v, a) = (begin.position, begin.velocity * t, begin.acceleration * t * t);
+        let coefficients =
+            [p, v, 0.5 * a, -10.0 * p - 6.0 * v - 1.5 * a, 15.0 * p + 8.0 * v + 1.5 * a, -6.0 * p - 3.0 * v - 0.5 * a];
+        Self { duration_s, coefficients }
+    }
+
+    fn at(&self, time_s: f64) -> Option<Motion> {
+        let t = self.duration_s;
+        let x = time_s / t;
+        if x >= 1.0 {
+            return None;
+        }
+        let [c0, c1, c2, c3, c4, c5] = self.coefficients;
+        Some(Motion {
+            position: c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
+            velocity: (c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))) / t,
+            acceleration: (2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (t * t),
+        })
+    }
+}
+
+/// An offset that begins as told and vanishes. Added to a target, it leads from any motion to the target with no step in
+/// position and velocity (nor in acceleration, where that is moderate).
+///
+/// It has two parts, so that no speed is ever carried over a long way: what moves is brought to rest within a short time,
+/// its speed falling evenly; and the way that then remains is a minimum-jerk movement. The offset is therefore never faster
+/// than at its beginning plus the peak of that movement.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blend {
+    begin_ns: u64,
+    stop: Quintic,
+    way: Quintic,
+    peak_speed: f64,
+}
+
+/// Way on which a motion comes to rest within `stop_s`, its speed falling evenly.
+pub(super) fn stopping_way(velocity: f64, stop_s: f64) -> f64 {
+    0.5 * velocity * stop_s
+}
+
+impl Blend {
+    /// An offset that comes to rest within `stop_s` and goes the rest of its way at no more than `speed`, in `ramp_s` or longer.
+    pub(super) fn new(begin_ns: u64, offset: &Motion, stop_s: f64, ramp_s: f64, speed: f64) -> Self {
+        let stopping = stopping_way(offset.velocity, stop_s);
+        // A high acceleration would first lead away. It only makes the inertia feed-forward, whose change is limited.
+        let largest = 4.0 * speed / stop_s;
+        let begin = Motion {
+            position: -stopping,
+            velocity: offset.velocity,
+            acceleration: offset.acceleration.max(-largest).min(largest),
+        };
+        let way = offset.position + stopping;
+        let way_s = ramp_s.max(PEAK_OVER_MEAN * way.abs() / speed);
+        Self {
+            begin_ns,
+            stop: Quintic::new(stop_s, &begin),
+            way: Quintic::new(way_s, &Motion::at_rest(way)),
+            peak_speed: (PEAK_OVER_MEAN * way.abs() / way_s).max(offset.velocity.abs()),
+        }
+    }
+
+    /// Highest speed that the offset has, for the shape of the friction feed-forward.
+    pub(super) const fn peak_speed(&self) -> f64 {
+        self.peak_speed
+    }
+
+    /// The offset at a time; `None` when it has vanished.
+    pub(super) fn at(&self, time_ns: u64) -> Option<Motion> {
+        let time_s = time_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
+        match (self.stop.at(time_s), self.way.at(time_s)) {
+            (None, None) => None,
+            (stop, way) => Some(stop.unwrap_or_default().plus(&way.unwrap_or_default())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OFFSET: Motion = Motion { position: 0.7, velocity: -2.0, acceleration: 20.0 };
+
+    #[test]
+    fn begins_as_told_and_ends_with_nothing() {
+        let blend = Blend::new(5, &OFFSET, 0.25, 0.4, 2.0);
+        let difference = blend.at(5).unwrap().minus(&OFFSET);
+        assert!(difference.position.abs() < 1e-12 && difference.velocity.abs() < 1e-12);
+        assert!(difference.acceleration.abs() < 1e-9);
+        // Way of 0.7 - 0.25 rad at no more than 2 rad/s.
+        let end_ns = (PEAK_OVER_MEAN * 0.45 / 2.0 * 1e9) as u64;
+        let end = blend.at(end_ns - 10).unwrap();
+        assert!(end.position.abs() < 1e-9 && end.velocity.abs() < 1e-6 && end.acceleration.abs() < 1e-2, "{end:?}");
+        assert!(blend.at(end_ns + 20).is_none());
+    }
+
+    #[test]
+    fn velocity_and_acceleration_are_the_derivatives() {
+        let blend = Blend::new(0, &OFFSET, 0.25, 0.4, 2.0);
+        let step = 1e-4;
+        for k in (1..3999u64).filter(|k| !(2498..=2502).contains(k)) {
+            let [before, here, after] = [k - 1, k, k + 1].map(|k| blend.at(k * 100_000).unwrap());
+            assert!(((after.position - before.position) / (2.0 * step) - here.velocity).abs() < 1e-4);
+            assert!(((after.velocity - before.velocity) / (2.0 * step) - here.acceleration).abs() < 2e-2);
+        }
+    }
+
+    #[test]
+    fn from_rest_it_is_minimum_jerk() {
+        let blend = Blend::new(0, &Motion::at_rest(1.0), 0.25, 1.0, 9.0);
+        let mut peak = 0.0f64;
+        for k in 0..1000u64 {
+            let x = k as f64 / 1000.0;
+            let offset = blend.at(k * 1_000_000).unwrap();
+            let expected = 1.0 - x.powi(3) * (10.0 - 15.0 * x + 6.0 * x * x);
+            assert!((offset.position - expected).abs() < 1e-12);
+            peak = peak.max(offset.velocity.abs());
+        }
+        assert!((peak - PEAK_OVER_MEAN).abs() < 1e-6 && (blend.peak_speed() - PEAK_OVER_MEAN).abs() < 1e-12);
+    }
+
+    #[test]
+    fn never_faster_than_its_beginning_and_its_way_together() {
+        for velocity in [-20.0, -3.0, 0.5, 12.0] {
+            for position in [-3.0, 0.0, 1.0] {
+                let offset = Motion { position, velocity, acceleration: 0.0 };
+                let blend = Blend::new(0, &offset, 0.25, 0.5, 2.0);
+                for k in 0..20_000u64 {
+                    let speed = blend.at(k * 1_000_000).map_or(0.0, |offset| offset.velocity.abs());
+                    assert!(speed <= velocity.abs() + 2.0 + 1e-9, "{speed} of {velocity}");
+                }
+            }
+        }
+    }
+}

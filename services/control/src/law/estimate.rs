@@ -1,0 +1,98 @@
+//! Velocity out of positions.
+
+/// First-order low pass of the difference quotient, discretised exactly for the spacing of the samples that really
+/// came: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. A skipped cycle is a longer Δt, a repeated sample changes
+/// nothing, and 500 Hz and 1 kHz give the same time constant.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VelocityEstimate {
+    cutoff_hz: f64,
+    last: Option<(u64, f64)>,
+    velocity: f64,
+}
+
+/// After a gap this long [s] the difference quotient says nothing about now.
+const GAP_S: f64 = 0.1;
+
+impl VelocityEstimate {
+    pub(super) const fn new(cutoff_hz: f64) -> Self {
+        Self { cutoff_hz, last: None, velocity: 0.0 }
+    }
+
+    pub(super) const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    pub(super) const fn reset(&mut self) {
+        self.last = None;
+        self.velocity = 0.0;
+    }
+
+    /// Takes in a position (finite) at its scan time; the velocity.
+    pub(super) fn update(&mut self, time_ns: u64, position: f64) -> f64 {
+        let Some((last_ns, last_position)) = self.last else {
+            self.last = Some((time_ns, position));
+            return self.velocity;
+        };
+        let Some(elapsed_ns) = time_ns.checked_sub(last_ns) else {
+            // Samples of another clock or another acquisition: begin anew.
+            self.reset();
+            self.last = Some((time_ns, position));
+            return self.velocity;
+        };
+        let elapsed_s = elapsed_ns as f64 * 1e-9;
+        if elapsed_ns == 0 {
+            return self.velocity;
+        }
+        self.last = Some((time_ns, position));
+        if elapsed_s > GAP_S {
+            self.velocity = 0.0;
+        } else {
+            let weight = -(-std::f64::consts::TAU * self.cutoff_hz * elapsed_s).exp_m1();
+            self.velocity += weight * ((position - last_position) / elapsed_s - self.velocity);
+        }
+        self.velocity
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ramp_settles_with_the_time_constant_whatever_the_rate() {
+        for period_ns in [1_000_000u64, 2_000_000] {
+            let mut estimate = VelocityEstimate::new(10.0);
+            let mut time = 0;
+            while time <= 100_000_000 {
+                estimate.update(time, 3.0 * time as f64 * 1e-9);
+                let expected = 3.0 * (1.0 - (-std::f64::consts::TAU * 10.0 * time as f64 * 1e-9).exp());
+                assert!((estimate.velocity() - expected).abs() < 1e-9, "{time}");
+                time += period_ns;
+            }
+        }
+    }
+
+    #[test]
+    fn skipped_and_repeated_samples_do_not_disturb_a_steady_motion() {
+        let mut estimate = VelocityEstimate::new(30.0);
+        for tick in (0..400u64).filter(|tick| tick % 7 != 3) {
+            for _ in 0..1 + tick % 3 {
+                estimate.update(tick * 2_000_000, 2.0 * tick as f64 * 2e-3);
+            }
+        }
+        assert!((estimate.velocity() - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_gap_or_a_step_back_in_time_begins_anew() {
+        let mut estimate = VelocityEstimate::new(30.0);
+        estimate.update(1_000_000_000, 0.0);
+        estimate.update(1_002_000_000, 1.0);
+        assert!(estimate.velocity() > 1.0);
+        estimate.update(2_000_000_000, 50.0);
+        assert_eq!(estimate.velocity(), 0.0);
+        estimate.update(2_002_000_000, 51.0);
+        estimate.update(1_000_000_000, 0.0);
+        assert_eq!(estimate.velocity(), 0.0);
+    }
+}

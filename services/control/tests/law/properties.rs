@@ -1,0 +1,171 @@
+//! Properties of the law over arbitrary samples and setpoints.
+
+use control::law::{AxisLaw, Law, SWITCH_STEP_V};
+use ipc_types::{AXES, Message, Mode, MotorCommand, Sample, Setpoint};
+use proptest::prelude::*;
+
+use super::{SECOND, axis_law, config, sample, setpoint, sine};
+
+/// What may happen to a law over some cycles.
+#[derive(Clone, Debug)]
+enum Act {
+    Sine(f64),
+    Jump(f64, f64),
+    Hold(f64),
+    Passive,
+    Nothing,
+    Lapse,
+    Restart,
+    Owner(u8),
+}
+
+fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
+    let act = prop_oneof![
+        3 => (0.1..2.0f64).prop_map(Act::Sine),
+        2 => (-2.0..2.0f64, -3.0..3.0f64).prop_map(|(position, velocity)| Act::Jump(position, velocity)),
+        2 => (-2.0..2.0f64).prop_map(Act::Hold),
+        1 => Just(Act::Passive),
+        1 => Just(Act::Nothing),
+        1 => Just(Act::Lapse),
+        1 => Just(Act::Restart),
+        1 => any::<u8>().prop_map(Act::Owner),
+    ];
+    prop::collection::vec((act, 1u16..200), 1..12)
+}
+
+/// The setpoint of an act at a time.
+fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
+    let mut aim = match *act {
+        Act::Sine(hertz) => setpoint(now, Mode::Position, sine(now, hertz)),
+        Act::Jump(position, velocity) => {
+            let t = (now - begin) as f64 * 1e-9;
+            setpoint(now, Mode::Position, [position + velocity * t, velocity, 0.0, velocity.abs()])
+        }
+        Act::Hold(position) => setpoint(now, Mode::Hold, [position, 0.0, 0.0, 0.0]),
+        Act::Passive => setpoint(now, Mode::Passive, [0.0; 4]),
+        Act::Lapse => Setpoint { lease_until_ns: begin, ..setpoint(begin, Mode::Position, sine(begin, 1.0)) },
+        Act::Owner(_) => setpoint(now, Mode::Position, sine(now, 0.5)),
+        Act::Nothing | Act::Restart => return None,
+    };
+    aim.owner = owner;
+    Some(aim)
+}
+
+/// Plays acts in front of a hand that does not move; `mirror` turns every position round.
+fn play(acts: &[(Act, u16)], hand: f64, mirror: f64, mut look: impl FnMut(&Law, &MotorCommand, bool)) {
+    let mut law = Law::new(config(axis_law(), 500));
+    let mut now = SECOND;
+    let mut owner = 0;
+    for (act, cycles) in acts {
+        let begin = now;
+        let restart = matches!(act, Act::Restart);
+        match act {
+            Act::Restart => law = Law::new(config(axis_law(), 500)),
+            Act::Owner(by) => owner = *by,
+            _ => {}
+        }
+        for cycle in 0..*cycles {
+            now += 2_000_000;
+            let mut setpoint = aim(act, owner, now, begin);
+            if let Some(setpoint) = &mut setpoint {
+                setpoint.position[0] *= mirror;
+                setpoint.velocity[0] *= mirror;
+                setpoint.acceleration[0] *= mirror;
+            }
+            let command = law.step(now, &sample(now, hand * mirror), setpoint.as_ref(), true);
+            look(&law, &command, restart && cycle == 0);
+        }
+    }
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![4 => -3.0..3.0f64, 2 => any::<f64>(), 1 => Just(f64::NAN), 1 => Just(f64::INFINITY), 1 => Just(f64::MAX)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(500))]
+
+    /// Over restarts, changes of mode and owner, jumps and lapsed leases: the output changes by no more than the stated bound and
+    /// what the reference's own movement asks for, and the reference never jumps.
+    #[test]
+    fn sr_21_nothing_makes_the_output_jump(acts in acts(), hand in -1.5..1.5f64) {
+        let law = axis_law();
+        let mut last: Option<MotorCommand> = None;
+        let mut failed = None;
+        play(&acts, hand, 1.0, |controller, command, restarted| {
+            // A law that was restarted begins at 0 V: the gate saw to that before.
+            let before = last.filter(|_| !restarted);
+            if let Some(before) = before {
+                let moved = (command.reference_position[0] - before.reference_position[0]).abs();
+                let sped = (command.reference_velocity[0] - before.reference_velocity[0]).abs();
+                let bound = controller.step_bound_v(0, 2e-3) + law.position_gain * moved + law.velocity_gain * sped;
+                let step = (command.volts[0] - before.volts[0]).abs();
+                let mode = Mode::from_code(command.mode);
+                // Two sines of 2 Hz in opposite phase, and the speed of catching up.
+                let jumped = moved > 2e-3 * 28.0 + SWITCH_STEP_V / law.position_gain
+                    && mode != Some(Mode::Passive);
+                if step > bound || jumped {
+                    failed = Some((step, bound, moved, *command));
+                }
+            } else if command.volts[0].abs() > 0.05 {
+                failed = Some((command.volts[0], 0.0, 0.0, *command));
+            }
+            last = Some(*command);
+        });
+        prop_assert!(failed.is_none(), "{failed:?}");
+    }
+
+    #[test]
+    fn sr_21_left_and_right_are_alike(acts in acts(), hand in -1.5..1.5f64) {
+        let mut right = vec![];
+        play(&acts, hand, 1.0, |_, command, _| right.push(*command));
+        let mut left = vec![];
+        play(&acts, hand, -1.0, |_, command, _| left.push(*command));
+        for (right, left) in right.iter().zip(&left) {
+            prop_assert!((right.volts[0] + left.volts[0]).abs() < 1e-12);
+            prop_assert!((right.reference_position[0] + left.reference_position[0]).abs() < 1e-12);
+            prop_assert_eq!((right.limited, right.ramping), (left.limited, left.ramping));
+        }
+    }
+
+    /// Whatever is measured and asked for, by numbers of any kind: finite, within the limit.
+    #[test]
+    fn sr_22_any_input_gives_a_finite_output_within_the_limit(
+        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..4, any::<bool>(), -1i64..20_000_000), 1..80),
+    ) {
+        let mut law = Law::new(config(axis_law(), 500));
+        let mut now = SECOND;
+        for (position, aim, mode, powered, step) in cycles {
+            now = now.wrapping_add(step as u64);
+            let mut aim = setpoint(now, Mode::Position, aim);
+            aim.mode = mode;
+            let command = law.step(now, &sample(now, position), Some(&aim), powered);
+            let values = [command.volts, command.feedforward_v, command.reference_position, command.reference_velocity];
+            prop_assert!(values.iter().flatten().all(|value| value.is_finite()), "{command:?}");
+            prop_assert!(command.volts[0].abs() <= 5.0);
+            prop_assert!(powered || command.volts == [0.0; AXES]);
+        }
+    }
+
+    #[test]
+    fn sr_22_arbitrary_bytes_and_gains_are_harmless(
+        bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<Sample>()), any::<u64>(), any::<bool>()), 1..40),
+        gains in [number(), number(), number(), number(), number()],
+    ) {
+        let [position_gain, velocity_gain, inertia_v, friction_peak_v, ramp_s] = gains;
+        let axis = AxisLaw { position_gain, velocity_gain, inertia_v, friction_peak_v, ramp_s, ..axis_law() };
+        let mut law = Law::new(config(axis, 500));
+        for (bytes, now, ours) in bytes {
+            let mut sample = Sample::from_bytes(&bytes).unwrap();
+            let mut setpoint = Setpoint::from_bytes(&bytes[bytes.len() - size_of::<Setpoint>()..]).unwrap();
+            if ours {
+                sample.master_present = 1;
+                sample.master_position[0] = 0.5;
+                setpoint.lease_until_ns = u64::MAX;
+                setpoint.mode %= 3;
+            }
+            let command = law.step(now, &sample, Some(&setpoint), true);
+            prop_assert!(command.volts.iter().all(|volts| volts.is_finite() && volts.abs() <= 5.0), "{command:?}");
+        }
+    }
+}
