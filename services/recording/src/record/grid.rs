@@ -48,13 +48,14 @@ pub(super) fn uniform(
         }
         start = end;
     }
-    for at in kept.start..kept.end.saturating_sub(1) {
-        if (steps[at] - median).abs() > options.time_tolerance * median {
+    let kept_steps = steps.iter().enumerate().take(kept.end.saturating_sub(1)).skip(kept.start);
+    for (at, &step) in kept_steps {
+        if (step - median).abs() > options.time_tolerance * median {
             return Err(RecordError::NotUniform {
                 file: file.to_owned(),
                 row: row(at + 1),
                 expected_s: median,
-                found_s: steps[at],
+                found_s: step,
                 tolerance_percent: options.time_tolerance * 100.0,
             });
         }

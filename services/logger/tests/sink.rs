@@ -1,0 +1,249 @@
+//! The logger's core without shared memory: nothing is lost that is not counted.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use ipc_types::{Message, Sample};
+use logger::sink::{Outcome, Sink, SinkError, StartRequest};
+use logger::state;
+use recording::mcap_read::Recording;
+use recording::mcap_write::{FLUSH_NS, Output, SYNC_NS, Start, Writer, key};
+
+/// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
+const LONG: Duration = Duration::from_secs(60);
+
+fn sample(incarnation: u64, sequence: u64) -> Sample {
+    let mut s = Sample { tick: sequence, axes: 1, ..Sample::default() };
+    s.stamp(5, incarnation, sequence, sequence * 500_000);
+    s
+}
+
+fn push(sink: &mut Sink, incarnation: u64, sequences: impl IntoIterator<Item = u64>) {
+    for sequence in sequences {
+        sink.push(0, sample(incarnation, sequence).as_bytes());
+    }
+}
+
+fn request(path: &Path) -> StartRequest {
+    StartRequest { path: path.to_owned(), session: 5, realtime_offset_ns: 1_000, ..StartRequest::default() }
+}
+
+fn started(sink: &mut Sink) -> PathBuf {
+    match sink.wait(LONG).unwrap() {
+        Outcome::Started { path } => path,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn sequences(path: &Path) -> Vec<u64> {
+    let recording = Recording::open(path).unwrap();
+    recording.messages::<Sample>("sample").unwrap().map(|r| r.unwrap().message.sequence).collect()
+}
+
+#[test]
+fn what_is_pushed_between_start_and_stop_is_in_the_file_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut sink = Sink::new(None).unwrap();
+    push(&mut sink, 1, 0..100);
+    sink.start(request(&path)).unwrap();
+    // at once, before the file is there
+    push(&mut sink, 1, 100..5000);
+    sink.stop().unwrap();
+    push(&mut sink, 1, 5000..5100);
+    assert_eq!(started(&mut sink), path);
+    let Some(Outcome::Stopped(summary)) = sink.wait(LONG) else { panic!("not stopped") };
+    assert_eq!((summary.written, summary.refused), (4900, 0));
+    assert_eq!(sequences(&path), (100..5000).collect::<Vec<_>>());
+    let counters = sink.counters(0);
+    assert_eq!((counters.received, counters.gaps, counters.dropped, counters.written), (5100, 0, 0, 4900));
+    let recording = Recording::open(&path).unwrap();
+    assert!(recording.ended_cleanly());
+    assert_eq!(recording.end_record().unwrap()["sample.received"], "4900");
+    assert!(!sink.recording());
+}
+
+#[test]
+fn one_recording_after_another_and_never_two() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut sink = Sink::new(None).unwrap();
+    assert!(matches!(sink.stop(), Err(SinkError::NotRecording)));
+    assert!(matches!(sink.start(request(Path::new("run.mcap"))), Err(SinkError::RelativePath { .. })));
+    for round in 0..3u64 {
+        let path = dir.path().join(format!("{round}.mcap"));
+        sink.start(request(&path)).unwrap();
+        assert!(matches!(sink.start(request(&path)), Err(SinkError::Recording { .. })));
+        push(&mut sink, 1, round * 50..round * 50 + 50);
+        sink.stop().unwrap();
+        started(&mut sink);
+        assert!(matches!(sink.wait(LONG), Some(Outcome::Stopped(_))));
+        assert_eq!(sequences(&path), (round * 50..round * 50 + 50).collect::<Vec<_>>());
+        assert_eq!(sink.status().written, 50);
+    }
+    sink.start(request(&dir.path().join("1.mcap"))).unwrap();
+    assert!(matches!(sink.wait(LONG), Some(Outcome::NotStarted { .. })));
+    assert!(!sink.recording());
+    assert!(sink.status().error.contains("never overwritten"), "{}", sink.status().error);
+}
+
+#[test]
+fn gaps_duplicates_and_new_incarnations_are_told_apart() {
+    let mut sink = Sink::new(None).unwrap();
+    push(&mut sink, 1, (10..20).chain(25..30).chain([29]));
+    push(&mut sink, 2, 0..10);
+    push(&mut sink, 3, 2..4);
+    sink.push(9_999, &[0; 40]);
+    let counters = sink.counters(0);
+    assert_eq!((counters.received, counters.gaps, counters.topic), (28, 7, 0));
+    assert_eq!(sink.unknown(), 1);
+}
+
+/// An output that stands still while told to, and is full after so many bytes.
+#[derive(Clone, Default)]
+struct Gate {
+    blocked: Arc<AtomicBool>,
+    room: Option<usize>,
+    bytes: Arc<Mutex<Vec<u8>>>,
+    syncs: Arc<AtomicU64>,
+}
+
+impl Write for Gate {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        while self.blocked.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let mut bytes = self.bytes.lock().unwrap();
+        if self.room.is_some_and(|room| bytes.len() + data.len() > room) {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        bytes.extend_from_slice(data);
+        Ok(data.len())
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Output for Gate {
+    fn sync(&mut self) -> io::Result<()> {
+        self.syncs.fetch_add(1, Ordering::SeqCst);
+        Ok(())
+    }
+}
+
+fn gated(gate: &Gate, slots: usize) -> Sink {
+    let gate = gate.clone();
+    let opener =
+        move |path: &Path, start: &Start, now: u64| Writer::to_output(Box::new(gate.clone()), path, start, now);
+    Sink::with(None, slots, Box::new(opener)).unwrap()
+}
+
+#[test]
+fn a_disk_that_stands_still_costs_what_the_queue_cannot_hold_and_that_is_counted() {
+    let gate = Gate::default();
+    let mut sink = gated(&gate, 64);
+    gate.blocked.store(true, Ordering::SeqCst);
+    sink.start(request(Path::new("/x/run.mcap"))).unwrap();
+    push(&mut sink, 1, 0..1000);
+    let lost = sink.counters(0).dropped;
+    assert!((936 - 64..=936).contains(&lost), "{lost}");
+    gate.blocked.store(false, Ordering::SeqCst);
+    sink.stop().unwrap();
+    started(&mut sink);
+    let Some(Outcome::Stopped(summary)) = sink.wait(LONG) else { panic!("not stopped") };
+    assert_eq!(summary.written + lost, 1000);
+    assert_eq!(sink.status().lost, lost);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("x.mcap");
+    std::fs::write(&path, &*gate.bytes.lock().unwrap()).unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    assert!(check.data_lost(), "the file itself says that messages were dropped");
+}
+
+#[test]
+fn a_full_disk_is_reported_once_and_what_it_refuses_is_counted() {
+    let gate = Gate { room: Some(60_000), ..Gate::default() };
+    let mut sink = gated(&gate, 100_000);
+    sink.start(request(Path::new("/x/run.mcap"))).unwrap();
+    started(&mut sink);
+    let mut sent = 0;
+    let outcome = loop {
+        push(&mut sink, 1, sent..sent + 500);
+        sent += 500;
+        sink.tick(sent * 500_000);
+        if let Some(outcome) = sink.wait(Duration::from_millis(20)) {
+            break outcome;
+        }
+        assert!(sent < 90_000, "the disk never was full");
+    };
+    assert!(matches!(outcome, Outcome::Failed { .. }), "{outcome:?}");
+    assert!(sink.status().error.contains("disk is full"));
+    push(&mut sink, 1, sent..sent + 100);
+    sent += 100;
+    sink.stop().unwrap();
+    let Some(Outcome::StoppedWithError { refused, .. }) = sink.wait(LONG) else { panic!("no error") };
+    assert_eq!(sink.status().written + refused, sent, "every message is written or refused");
+    assert!(!sink.recording());
+}
+
+#[test]
+fn flush_and_sync_follow_the_loops_time() {
+    let gate = Gate::default();
+    let mut sink = gated(&gate, 1000);
+    sink.start(request(Path::new("/x/run.mcap"))).unwrap();
+    started(&mut sink);
+    let begun = gate.bytes.lock().unwrap().len();
+    push(&mut sink, 1, 0..10);
+    let wait_for = |what: &dyn Fn() -> bool| {
+        let mut left = 10_000;
+        while !what() && left > 0 {
+            std::thread::sleep(Duration::from_millis(1));
+            left -= 1;
+        }
+        assert!(what());
+    };
+    wait_for(&|| sink.queued() == 0);
+    sink.tick(FLUSH_NS);
+    wait_for(&|| gate.bytes.lock().unwrap().len() > begun);
+    assert_eq!(gate.syncs.load(Ordering::SeqCst), 0);
+    sink.tick(SYNC_NS);
+    wait_for(&|| gate.syncs.load(Ordering::SeqCst) == 1);
+}
+
+#[test]
+fn a_logger_that_comes_back_goes_on_with_the_next_part() {
+    let dir = tempfile::tempdir().unwrap();
+    let states = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let keep = || Some(states.path().to_owned());
+    let mut sink = Sink::new(keep()).unwrap();
+    let mut first = request(&path);
+    first.metadata.insert(key::RIG.to_owned(), "cable".to_owned());
+    sink.start(first).unwrap();
+    push(&mut sink, 1, 0..100);
+    started(&mut sink);
+    // the process ends without a stop: systemd, an upgrade
+    drop(sink);
+    assert_eq!(state::load(states.path(), 6).unwrap(), None, "another session does not go on");
+    for part in 2..4u64 {
+        let kept = state::load(states.path(), 5).unwrap().unwrap();
+        assert_eq!(kept.part as u64, part - 1);
+        let mut sink = Sink::new(keep()).unwrap();
+        sink.start(StartRequest::going_on(kept)).unwrap();
+        push(&mut sink, 1, part * 100..part * 100 + 100);
+        assert_eq!(started(&mut sink), dir.path().join(format!("run.part{part}.mcap")));
+        if part == 3 {
+            sink.stop().unwrap();
+            assert!(matches!(sink.wait(LONG), Some(Outcome::Stopped(_))));
+        }
+    }
+    assert_eq!(state::load(states.path(), 5).unwrap(), None, "a stopped recording is over");
+    let second = Recording::open(&dir.path().join("run.part2.mcap")).unwrap();
+    assert_eq!((second.metadata(key::PART), second.metadata(key::RIG)), (Some("2"), Some("cable")));
+    assert_eq!(second.realtime_offset_ns(), Some(1_000));
+    assert_eq!(sequences(&path), (0..100).collect::<Vec<_>>());
+}

@@ -1,0 +1,221 @@
+//! Measured records: every way in which the data can be wrong is named with its place.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::path::Path;
+
+use common::{PERIOD_NS, sample, start, write_file};
+use ipc_types::{Backend, SAMPLE, Sample};
+use proptest::prelude::*;
+use recording::mcap_write::Writer;
+use recording::record::*;
+
+fn csv(text: &str, options: &Options) -> Result<Record, RecordError> {
+    from_csv_text(Path::new("r.csv"), text.as_bytes(), options)
+}
+
+fn table(rows: usize, mut row: impl FnMut(usize) -> String) -> String {
+    let mut text = "t_s,motor_v,master_rad\n".to_owned();
+    for i in 0..rows {
+        text.push_str(&row(i));
+        text.push('\n');
+    }
+    text
+}
+
+fn good(i: usize) -> String {
+    format!("{:.4},{},{}", i as f64 * 5e-4, (i as f64 * 0.1).sin(), (i as f64 * 0.1).cos())
+}
+
+#[test]
+fn a_sound_table_is_read_column_by_column() {
+    let record = csv(&table(100, good), &Options::default().requiring(&["motor_v"])).unwrap();
+    assert_eq!((record.len(), record.columns.len()), (100, 2));
+    assert!((record.sampling_s - 5e-4).abs() < 1e-12);
+    assert_eq!(record.column("motor_v").unwrap()[7], (0.7000000000000001f64).sin());
+    assert_eq!(record.findings, vec![]);
+}
+
+#[test]
+fn each_fault_is_named_with_row_and_column() {
+    let with = |at: usize, text: &str| table(100, |i| if i == at { text.to_owned() } else { good(i) });
+    let gap = table(100, |i| good(if i < 50 { i } else { i + 3 }));
+    let jitter = with(40, "0.0201,1,1");
+    let cases: Vec<(String, &str)> = vec![
+        (with(10, "0.005,,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found an empty cell"),
+        (with(10, "0.005,1,NaN"), "r.csv: row 12, column `master_rad`: expected a finite number, found `NaN`"),
+        (with(10, "0.005,inf,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found `inf`"),
+        (with(10, "0.005,abc,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found `abc`"),
+        (with(10, "0.005,1"), "r.csv: row 12: not a CSV table: expected 3 cells as in the header, found 2"),
+        (with(10, "0.0045,1,1"), "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0045 s"),
+        (with(10, "0.0001,1,1"), "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0001 s"),
+        (gap, "r.csv: row 52, column `t_s`: 3 samples are missing between 0.0245 s and 0.0265 s"),
+        (jitter, "r.csv: row 42, column `t_s`: expected steps of 0.0005"),
+        (table(3, good), "r.csv: expected at least 10 rows, found 3"),
+        (table(0, good), "r.csv: expected at least 10 rows, found 0"),
+        (String::new(), "r.csv: row 1: expected a header with the columns' names, found an empty file"),
+        (
+            table(20, good).replace("t_s,motor_v,master_rad\n", ""),
+            "expected a header with the columns' names, found the number 0.0000",
+        ),
+        (table(20, good).replace("t_s,", "time,"), "column `t_s` is missing; found time, motor_v, master_rad"),
+        (table(20, good).replace("master_rad", "motor_v"), "column `motor_v` stands there twice (columns 2 and 3)"),
+        (table(20, good).replace("motor_v", ""), "no name for column 2"),
+        (table(20, good).replace("motor_v", "voltage"), "column `motor_v` is missing; found master_rad, voltage"),
+    ];
+    for (text, expected) in cases {
+        let error = csv(&text, &Options::default().requiring(&["motor_v"])).unwrap_err().to_string();
+        assert!(error.contains(expected), "expected: {expected}\nfound:    {error}");
+    }
+    let error = from_csv(Path::new("/no/such.csv"), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("/no/such.csv"), "{error}");
+}
+
+#[test]
+fn a_byte_order_mark_and_blanks_do_no_harm() {
+    let text = format!("\u{feff}{}", table(20, |i| format!(" {} ", good(i).replace(',', " , "))));
+    assert_eq!(csv(&text, &Options::default()).unwrap().len(), 20);
+}
+
+#[test]
+fn the_longest_run_is_kept_where_that_is_allowed_and_reported() {
+    let text = table(100, |i| good(if i < 30 { i } else { i + 3 }));
+    let record = csv(&text, &Options::default().gaps(Gaps::LongestRun)).unwrap();
+    assert_eq!(record.len(), 70);
+    let finding = &record.findings[0];
+    assert_eq!((finding.kind, finding.first_row, finding.rows), (FindingKind::Masked, 32, 30));
+}
+
+#[test]
+fn dead_and_saturated_channels_are_findings() {
+    let text = table(2000, |i| format!("{:.4},0.25,{}", i as f64 * 5e-4, (i as f64 * 0.01).sin().min(0.8)));
+    let record = csv(&text, &Options::default()).unwrap();
+    let kinds: Vec<_> = record.findings.iter().map(|f| (f.column.as_str(), f.kind)).collect();
+    assert_eq!(kinds, [("master_rad", FindingKind::Saturated), ("motor_v", FindingKind::Dead)]);
+}
+
+#[test]
+fn samples_come_out_bit_identical() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 3000);
+    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    assert_eq!(record.len(), 3000);
+    assert_eq!(record.sampling_s, 5e-4);
+    for i in 0..3000 {
+        let s = sample(i as u64);
+        for (name, value) in [
+            ("motor_v", s.motor_v[0]),
+            ("master_rad", s.master_position[0]),
+            ("slave_rad", s.slave_position[0]),
+            ("slave_torque_nm", s.slave_torque[0]),
+        ] {
+            assert_eq!(record.column(name).unwrap()[i].to_bits(), value.to_bits(), "{name} {i}");
+        }
+        assert_eq!(record.time_s[i], i as f64 * 5e-4);
+    }
+}
+
+fn write(path: &Path, samples: impl IntoIterator<Item = Sample>) {
+    let mut writer = Writer::create(path, &start(), 0).unwrap();
+    for sample in samples {
+        writer.write_message(&SAMPLE, &sample).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+}
+
+#[test]
+fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(
+        &path,
+        (0..300).filter(|i| !(100..104).contains(i)).map(|i| {
+            let mut s = sample(i);
+            s.torque_present = 0;
+            s.slave_present = u8::from(i > 150);
+            s
+        }),
+    );
+    let columns = SampleColumns { scan_hz: Some(2000.0), ..SampleColumns::new(ColumnNames::rotary()) };
+    let error = from_mcap(&path, &columns, &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("row 101") && error.contains("4 samples are missing"), "{error}");
+    let record = from_mcap(&path, &columns, &Options::default().gaps(Gaps::LongestRun)).unwrap();
+    assert_eq!(record.len(), 196);
+    assert_eq!(record.columns.keys().collect::<Vec<_>>(), ["master_rad", "motor_v"]);
+    let kinds: Vec<_> = record.findings.iter().map(|f| f.kind).collect();
+    assert_eq!(kinds, [FindingKind::Partial, FindingKind::Masked]);
+    let error = from_mcap(&path, &columns, &Options::default().gaps(Gaps::LongestRun).requiring(&["slave_rad"]));
+    assert!(error.unwrap_err().to_string().contains("column `slave_rad` is missing"));
+    let axis = SampleColumns { axis: 1, ..columns };
+    assert!(matches!(from_mcap(&path, &axis, &Options::default()), Err(RecordError::Axis { .. })));
+}
+
+#[test]
+fn a_replayed_record_keeps_its_own_time_and_one_pass() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let replayed = |i: u64, at: f64| {
+        let mut s = sample(i);
+        s.backend = Backend::Replay.code();
+        s.record_time_s = at;
+        s
+    };
+    write(&path, (0..250).map(|i| replayed(i, (i % 100) as f64 * 0.0016384)));
+    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::one_mass_linear()), &Options::default()).unwrap();
+    assert_eq!(record.len(), 100);
+    assert_eq!(record.time_s[99], 99.0 * 0.0016384);
+    assert_eq!(record.findings[0].kind, FindingKind::Looped);
+    assert!(record.columns.contains_key("position_m"));
+    assert_eq!(record.column("position_m").unwrap()[5], sample(5).master_position[0]);
+}
+
+#[test]
+fn repeated_samples_are_left_out_and_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, (0..100).chain(99..200).map(sample));
+    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    assert_eq!((record.len(), record.findings[0].kind), (200, FindingKind::Repeated));
+    assert_eq!(record.time_s[199], 199.0 * PERIOD_NS as f64 * 1e-9);
+}
+
+#[test]
+fn the_measured_sets_of_others_are_read() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    for (name, rows, sampling_s, column) in
+        [("emps_train.csv", 24_841, 1e-3, "position_m"), ("silverbox_multisine.csv", 65_062, 0.0016384, "output")]
+    {
+        let path = data.join(name);
+        if !path.exists() {
+            eprintln!("SKIPPED: {} is not there", path.display());
+            continue;
+        }
+        let record = from_csv(&path, &Options::default().requiring(&[column])).unwrap();
+        assert_eq!(record.len(), rows);
+        assert!((record.sampling_s / sampling_s - 1.0).abs() < 1e-6, "{}", record.sampling_s);
+        eprintln!("{name}: {:?}", record.findings);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+    #[test]
+    fn csv_keeps_every_bit(values in prop::collection::vec(prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO, 10..60)) {
+        let record = Record {
+            name: "r.csv".into(),
+            time_s: (0..values.len()).map(|i| i as f64 * 5e-4).collect(),
+            columns: [("input".to_owned(), values.clone())].into(),
+            sampling_s: 5e-4,
+            findings: vec![],
+        };
+        let mut text = Vec::new();
+        write_csv(&record, &mut text).unwrap();
+        let back = from_csv_text(Path::new("r.csv"), &text[..], &Options::default()).unwrap();
+        for (a, b) in back.columns["input"].iter().zip(&values) {
+            prop_assert_eq!(a.to_bits(), b.to_bits());
+        }
+        prop_assert_eq!(back.time_s, record.time_s);
+    }
+}

@@ -1,0 +1,127 @@
+//! The command line of `farreach rec`.
+
+use std::path::PathBuf;
+
+use clap::{Subcommand, ValueEnum};
+
+/// Recordings on and off, and what to do with the files.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Command {
+    /// What is in a recording.
+    ///
+    /// Example: farreach rec info run.mcap
+    Info {
+        /// The recording.
+        file: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Reads everything: checksums, schemas, sequences, ticks. Exit code 3 when anything is missing.
+    ///
+    /// Example: farreach rec verify run.mcap
+    Verify {
+        /// The recording.
+        file: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Copies what can be read of a torn or damaged recording into a sound one.
+    ///
+    /// Example: farreach rec recover killed.mcap -o mended.mcap
+    Recover {
+        /// The recording.
+        file: PathBuf,
+        /// The new file; never overwritten.
+        #[arg(short, long)]
+        out: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints messages, one a line.
+    ///
+    /// Example: farreach rec cat run.mcap --topic command --json
+    Cat {
+        /// The recording.
+        file: PathBuf,
+        /// Only this topic (repeatable).
+        #[arg(long)]
+        topic: Vec<String>,
+        /// One JSON object a line, every field; numbers that are not finite as text.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Copies a stretch of time.
+    ///
+    /// Example: farreach rec cut run.mcap --from 0.25 --to 0.75 -o middle.mcap
+    Cut {
+        /// The recording.
+        file: PathBuf,
+        /// From here on [s since the first message].
+        #[arg(long)]
+        from: Option<f64>,
+        /// Up to, but not with, this [s since the first message].
+        #[arg(long)]
+        to: Option<f64>,
+        /// The new file; never overwritten.
+        #[arg(short, long)]
+        out: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Joins recordings in the order of time, such as the parts that a restart of the logger left.
+    ///
+    /// Example: farreach rec merge run.mcap run.part2.mcap -o whole.mcap
+    Merge {
+        /// The recordings.
+        #[arg(required = true, num_args = 1..)]
+        files: Vec<PathBuf>,
+        /// The new file; never overwritten.
+        #[arg(short, long)]
+        out: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Writes a table: the measured record as `farreach identify` reads it, or all fields of one topic.
+    ///
+    /// Example: farreach rec export run.mcap --to csv > run.csv
+    Export {
+        /// The recording.
+        file: PathBuf,
+        /// Format.
+        #[arg(long, value_enum)]
+        to: ExportFormat,
+        /// All fields of this topic instead of the measured record.
+        #[arg(long)]
+        topic: Option<String>,
+        /// Unit of the axis, for the columns' names.
+        #[arg(long, value_enum, default_value_t = LengthUnit::Rad)]
+        unit: LengthUnit,
+        /// Axis, from 0.
+        #[arg(long, default_value_t = 0)]
+        axis: usize,
+        /// The new file, never overwritten; stdout where not given.
+        #[arg(short, long)]
+        out: Option<PathBuf>,
+    },
+}
+
+/// Formats of `farreach rec export`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// Comma-separated values with a header.
+    Csv,
+}
+
+/// Unit of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LengthUnit {
+    /// An axis that turns: `master_rad`, `slave_rad`, `slave_torque_nm`.
+    Rad,
+    /// An axis that moves along a line: `master_m`, `slave_m`, `slave_force_n`.
+    M,
+}

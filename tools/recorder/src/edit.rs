@@ -1,0 +1,95 @@
+//! `recover`, `cut`, `merge`.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use recording::mcap_edit::{EditReport, rewrite};
+use recording::mcap_read::Recording;
+
+use crate::look::grouped;
+use crate::{DATA_LOST, DONE};
+
+pub(crate) fn recover(file: &Path, to: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
+    tell(&report, to, json, true, out)?;
+    Ok(if recording.tail().complete && report.damaged_chunks == 0 { DONE } else { DATA_LOST })
+}
+
+pub(crate) fn cut(
+    file: &Path,
+    from: Option<f64>,
+    until: Option<f64>,
+    to: &Path,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
+    for (name, value) in [("--from", from), ("--to", until)] {
+        if let Some(value) = value.filter(|value| !value.is_finite() || *value < 0.0) {
+            bail!("{name} {value}: expected seconds since the first message, 0 or more");
+        }
+    }
+    if let (Some(from), Some(until)) = (from, until)
+        && from >= until
+    {
+        bail!("--from {from} --to {until}: expected an end after the beginning");
+    }
+    let recording = Recording::open(file)?;
+    let Some((first, last)) = recording.check()?.span_ns() else {
+        bail!("{}: there are no messages to cut", file.display());
+    };
+    let at = |seconds: f64| first.saturating_add((seconds * 1e9).round() as u64);
+    if let Some(from) = from.filter(|&from| at(from) > last) {
+        bail!("--from {from}: {} ends {} s after its first message", file.display(), (last - first) as f64 * 1e-9);
+    }
+    let mut notes = how("cut", &[file]);
+    for (name, value) in [("from_s", from), ("to_s", until)] {
+        notes.extend(value.map(|value| (name.to_owned(), value.to_string())));
+    }
+    let report = rewrite(&[&recording], from.map(at), until.map(at), &notes, to)?;
+    tell(&report, to, json, report.damaged_chunks > 0, out)?;
+    Ok(if report.damaged_chunks > 0 { DATA_LOST } else { DONE })
+}
+
+pub(crate) fn merge(files: &[PathBuf], to: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
+    let recordings = files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
+    let sources: Vec<&Recording> = recordings.iter().collect();
+    let names: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    let report = rewrite(&sources, None, None, &how("merge", &names), to)?;
+    let lost = report.damaged_chunks > 0 || recordings.iter().any(|recording| !recording.tail().complete);
+    tell(&report, to, json, lost, out)?;
+    Ok(if lost { DATA_LOST } else { DONE })
+}
+
+/// Notes for the new file: what was done to what. Names without folders: those are nobody else's business.
+fn how(verb: &str, files: &[&Path]) -> BTreeMap<String, String> {
+    let names: Vec<_> = files.iter().filter_map(|file| file.file_name()).map(|name| name.to_string_lossy()).collect();
+    BTreeMap::from([("edit".to_owned(), verb.to_owned()), ("sources".to_owned(), names.join(", "))])
+}
+
+fn tell(report: &EditReport, to: &Path, json: bool, losses: bool, out: &mut dyn Write) -> anyhow::Result<()> {
+    if json {
+        let mut value = serde_json::to_value(report)?;
+        if let Some(map) = value.as_object_mut() {
+            map.insert("file".to_owned(), to.to_string_lossy().into());
+        }
+        writeln!(out, "{value}")?;
+        return Ok(());
+    }
+    write!(out, "{}: {} messages", to.display(), grouped(report.messages))?;
+    if losses {
+        write!(
+            out,
+            "; {} damaged chunks and {} bytes at the end left out",
+            grouped(report.damaged_chunks),
+            grouped(report.tail_bytes_lost)
+        )?;
+    }
+    writeln!(out)?;
+    if report.attachments_left_out > 0 {
+        eprintln!("{} attachments were not copied", report.attachments_left_out);
+    }
+    Ok(())
+}

@@ -1,0 +1,208 @@
+//! The commands on real files.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use ipc_types::{COMMAND, Message, MotorCommand, SAMPLE, Sample};
+use recorder::{Command, DATA_LOST, DONE};
+use recording::mcap_write::{Start, Writer, key};
+use recording::record::{Options, from_csv};
+
+#[derive(Parser)]
+struct Line {
+    #[command(subcommand)]
+    command: Command,
+}
+
+fn rec(words: &[&str]) -> (i32, String) {
+    let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
+    let mut out = Vec::new();
+    let code = recorder::run_to(&line.command, &mut out).unwrap();
+    (code, String::from_utf8(out).unwrap())
+}
+
+fn fails(words: &[&str]) -> String {
+    let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
+    format!("{:#}", recorder::run_to(&line.command, &mut Vec::new()).unwrap_err())
+}
+
+fn sample(i: u64) -> Sample {
+    let t = i as f64 * 5e-4;
+    let mut s = Sample {
+        tick: 1000 + i,
+        scan_time_ns: (1000 + i) * 500_000,
+        axes: 1,
+        master_present: 1,
+        motor_present: 1,
+        ..Sample::default()
+    };
+    s.master_position[0] = (t * 6.0).sin();
+    s.motor_v[0] = (t * 5.0).cos();
+    s.analog_v[3] = f64::NAN;
+    s.stamp(11, 22, i, (1000 + i) * 500_000 + 80_000);
+    s
+}
+
+fn write(path: &Path, ticks: impl IntoIterator<Item = u64>, end: bool) {
+    let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
+        .with(key::RIG, "hydrostatic")
+        .with(key::PROFILE, "best-effort");
+    let mut writer = Writer::create(path, &start, 0).unwrap();
+    for i in ticks {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+        if i % 4 == 0 {
+            let mut c = MotorCommand { volts: [0.5, 0.0, 0.0], ..MotorCommand::default() };
+            c.stamp(11, 33, i / 4, (1000 + i) * 500_000 + 200_000);
+            writer.write_message(&COMMAND, &c).unwrap();
+        }
+        writer.tick(i * 500_000).unwrap();
+    }
+    if end {
+        writer.finish(&[]).unwrap();
+    } else {
+        std::mem::forget(writer);
+    }
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+    fn text(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+}
+
+#[test]
+fn info_and_verify_of_a_sound_recording() {
+    let dir = Folder::new();
+    write(&dir.path("run.mcap"), 0..2000, true);
+    let (code, text) = rec(&["info", &dir.text("run.mcap")]);
+    assert_eq!(code, DONE);
+    for expected in ["rig hydrostatic, profile best-effort, part 1", "ended in good order", "2000.0", "500.0"] {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    let (code, text) = rec(&["verify", &dir.text("run.mcap")]);
+    assert_eq!(code, DONE, "{text}");
+    assert!(text.contains("nothing lost: 2,500 messages"), "{text}");
+    assert!(text.contains("ticks 1000 to 2999, none missing"), "{text}");
+    let (_, text) = rec(&["info", &dir.text("run.mcap"), "--json"]);
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(value["data_lost"], false);
+    assert_eq!(value["metadata"][0]["values"]["rig"], "hydrostatic");
+}
+
+#[test]
+fn verify_tells_a_killed_logger_and_recover_mends_it() {
+    let dir = Folder::new();
+    write(&dir.path("killed.mcap"), 0..2000, false);
+    let (code, text) = rec(&["verify", &dir.text("killed.mcap")]);
+    assert_eq!(code, DATA_LOST);
+    assert!(text.contains("DATA LOST") && text.contains("without a footer"), "{text}");
+    let (code, text) = rec(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")]);
+    assert_eq!(code, DATA_LOST);
+    assert!(text.contains("messages"), "{text}");
+    let (code, text) = rec(&["verify", &dir.text("mended.mcap")]);
+    assert_eq!(code, DATA_LOST, "mended, but its end is still missing");
+    assert!(text.contains("not ended in good order"), "{text}");
+    assert!(
+        fails(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")]).contains("never overwritten")
+    );
+}
+
+#[test]
+fn verify_counts_what_is_missing() {
+    let dir = Folder::new();
+    write(&dir.path("holes.mcap"), (0..500).chain(510..1000), true);
+    let (code, text) = rec(&["verify", &dir.text("holes.mcap")]);
+    assert_eq!(code, DATA_LOST);
+    assert!(text.contains("sample: 990 messages; 10 missing in 1 places"), "{text}");
+    assert!(text.contains("command: 247 messages; 3 missing in 1 places") || text.contains("2 missing"), "{text}");
+    let (code, json) = rec(&["verify", &dir.text("holes.mcap"), "--json"]);
+    let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((code, &value["ticks"]["missing"]), (DATA_LOST, &serde_json::json!(10)));
+}
+
+#[test]
+fn cat_prints_every_field() {
+    let dir = Folder::new();
+    write(&dir.path("run.mcap"), 0..20, true);
+    let (code, text) = rec(&["cat", &dir.text("run.mcap"), "--topic", "sample", "--json"]);
+    assert_eq!(code, DONE);
+    let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 20);
+    for (i, line) in lines.iter().enumerate() {
+        let s = sample(i as u64);
+        assert_eq!(line["fields"]["master_position"][0].as_f64().unwrap().to_bits(), s.master_position[0].to_bits());
+        assert_eq!(line["fields"]["tick"], s.tick);
+        assert_eq!(line["fields"]["analog_v"][3], "NaN");
+        assert_eq!(line["fields"].as_object().unwrap().len(), Sample::FIELDS.len());
+    }
+    let (_, text) = rec(&["cat", &dir.text("run.mcap")]);
+    assert_eq!(text.lines().count(), 25);
+    assert!(text.lines().next().unwrap().contains(" sample session=11"), "{text}");
+    assert!(fails(&["cat", &dir.text("run.mcap"), "--topic", "smaple"]).contains("no topic `smaple`"));
+}
+
+#[test]
+fn cut_and_merge_give_the_whole_again() {
+    let dir = Folder::new();
+    write(&dir.path("run.mcap"), 0..2000, true);
+    let cut = |from: &str, to: &str, name: &str| {
+        let (code, text) =
+            rec(&["cut", &dir.text("run.mcap"), "--from", from, "--to", to, "-o", &dir.text(name), "--json"]);
+        assert_eq!(code, DONE);
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["messages"].as_u64().unwrap()
+    };
+    assert_eq!(cut("0", "0.25", "a.mcap") + cut("0.25", "9", "b.mcap"), 2500);
+    let (code, _) = rec(&["merge", &dir.text("b.mcap"), &dir.text("a.mcap"), "-o", &dir.text("whole.mcap")]);
+    assert_eq!(code, DONE);
+    let cat = |name: &str| rec(&["cat", &dir.text(name), "--json"]).1;
+    assert_eq!(cat("whole.mcap"), cat("run.mcap"));
+    assert_eq!(rec(&["verify", &dir.text("whole.mcap")]).0, DONE);
+    for (words, expected) in [
+        (["--from", "5", "--to", "6"], "ends 0.9995"),
+        (["--from", "0.5", "--to", "0.25"], "an end after the beginning"),
+        (["--from", "nan", "--to", "1"], "--from NaN"),
+    ] {
+        let mut line = vec!["cut", "RUN"];
+        let (run, out) = (dir.text("run.mcap"), dir.text("never.mcap"));
+        line[1] = &run;
+        line.extend(words);
+        line.extend(["-o", &out]);
+        let error = fails(&line);
+        assert!(error.contains(expected), "{error}");
+    }
+    assert!(!dir.path("never.mcap").exists());
+}
+
+#[test]
+fn export_gives_back_the_record_and_whole_topics() {
+    let dir = Folder::new();
+    write(&dir.path("run.mcap"), 0..200, true);
+    let (code, _) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "-o", &dir.text("run.csv")]);
+    assert_eq!(code, DONE);
+    let record = from_csv(&dir.path("run.csv"), &Options::default().requiring(&["motor_v", "master_rad"])).unwrap();
+    assert_eq!(record.len(), 200);
+    for i in 0..200 {
+        assert_eq!(record.column("master_rad").unwrap()[i].to_bits(), sample(i as u64).master_position[0].to_bits());
+    }
+    let (_, text) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "--topic", "command"]);
+    let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    assert!(header.contains(&"volts_2") && header[0] == "log_time_ns", "{header:?}");
+    assert!(text.lines().all(|line| line.split(',').count() == header.len()));
+    assert_eq!(text.lines().count(), 51);
+    let (_, text) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "--topic", "token"]);
+    assert_eq!(text.lines().count(), 1, "no messages: the header alone");
+    assert!(fails(&["export", &dir.text("run.mcap"), "--to", "csv", "--axis", "1"]).contains("1 axes"));
+    assert!(Line::try_parse_from(["rec", "export", "x", "--to", "mat"]).is_err());
+    fs::write(dir.path("no.mcap"), "nothing").unwrap();
+    assert!(fails(&["info", &dir.text("no.mcap")]).contains("not an MCAP file"));
+}
