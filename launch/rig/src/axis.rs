@@ -42,7 +42,7 @@ impl AxisUnit {
     }
 
     /// SI per unit of the file: degrees become rad, m stays.
-    pub(crate) const fn from_file(self) -> f64 {
+    pub(crate) const fn si_per_file_unit(self) -> f64 {
         match self {
             Self::Radian => std::f64::consts::PI / 180.0,
             Self::Metre => 1.0,
@@ -225,7 +225,7 @@ impl Axis {
     pub(crate) fn read(section: Section<'_>, rates: &Rates) -> Self {
         let name = section.text("name");
         let words = &[("rad", AxisUnit::Radian), ("m", AxisUnit::Metre)];
-        let unit = Unit::new(section.word("unit", words, AxisUnit::Radian));
+        let unit = Unit::new(section.word("unit", words).unwrap_or(AxisUnit::Radian));
         if !section.has("master") {
             section.problem("master", "the encoder at the motor", "nothing", "control needs the master's position");
         }
@@ -252,7 +252,7 @@ impl Axis {
     pub(crate) fn check(&self, at: usize, channels: &[Channel], rates: &Rates, source: &Source<'_>) {
         let path = |key: &str| format!("axes.{at}.{key}");
         let (limits, unit) = (&self.limits, Unit::new(self.unit));
-        let file = |si: f64| si / self.unit.from_file();
+        let file = |si: f64| si / self.unit.si_per_file_unit();
         if limits.position_min >= limits.position_max {
             let expected = format!("more than {} ({})", unit.keys.position_min, file(limits.position_min).round());
             let found = format!("limits the wrong way round: {}", file(limits.position_max).round());
@@ -269,6 +269,11 @@ impl Axis {
                 format!("at least {:.0}, twice what the speed limit allows in one scan", (2.0 * per_scan).ceil());
             let advice = "a lower value takes a fast movement for a broken encoder";
             source.problem(&path("limits.encoder_jump_counts"), expected, limits.encoder_jump_counts, advice);
+        }
+        if self.control.output_limit_v > limits.volts_max {
+            let expected = format!("at most limits.volts_max ({} V)", limits.volts_max);
+            let advice = "control must stay below where the watchdog trips";
+            source.problem(&path("control.output_limit_v"), expected, self.control.output_limit_v, advice);
         }
         let Some(torque) = &self.torque else { return };
         let key = path("torque.channel");
@@ -325,7 +330,7 @@ impl TorqueChannel {
 impl Limits {
     fn read(section: Section<'_>, unit: &Unit, torque: bool) -> Self {
         let (position, speed) = (unit.choose(POSITION_DEG, POSITION_M), unit.choose(SPEED_DEG, SPEED_M));
-        let scale = unit.unit.from_file();
+        let scale = unit.unit.si_per_file_unit();
         let (min, max) = (unit.key(&section, |k| k.position_min), unit.key(&section, |k| k.position_max));
         let torque_key = unit.key(&section, |k| k.torque);
         let torque_bounds = unit.choose(TORQUE, FORCE);
@@ -367,12 +372,11 @@ impl AxisControl {
         };
         let nyquist = f64::from(rates.control_hz) / 2.0;
         let filter = bounds(1.0, nyquist, "at most half the rate of control, or it does not filter");
-        let output = bounds(0.1, limits.volts_max.max(0.1), "at most limits.volts_max, where the watchdog trips");
         let control = Self {
             position_gain: gain("p_v_per_count", 4.5e-3),
             velocity_gain: gain("d_v_s_per_count", 7e-4),
             velocity_filter_hz: section.number_or("velocity_filter_hz", 40.0_f64.min(nyquist), filter),
-            output_limit_v: section.number_or("output_limit_v", limits.volts_max, output),
+            output_limit_v: section.number_or("output_limit_v", limits.volts_max, VOLTS),
             feedforward: Feedforward::read(section.section("feedforward"), unit),
             ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
         };

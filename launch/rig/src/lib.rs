@@ -7,8 +7,9 @@
 //! is [`RigFile::load`] and [`protocol::Protocol::load`].
 //!
 //! ```text
-//! my-rig.toml:31: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; the amplifier's input takes ±10 V
-//! my-rig.toml:40: axes.0.limits.speed_max_degs: expected one of …, found an unknown key; did you mean `speed_max_deg_s`?
+//! rig.toml:51: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; the card puts out ±10 V
+//! rig.toml:52: axes.0.torque.volt_per_nm: expected one of channel, offset_v, volts_per_nm, found an unknown key; did you
+//! mean `volts_per_nm`?
 //! ```
 //!
 //! Degrees and counts exist only in the files. Code sees SI: rad or m by the axis's unit, N·m or N, s, V.

@@ -154,9 +154,9 @@ impl Model {
                 let names: Vec<_> = infos().map(|info| info.name).collect();
                 let advice = match nearest(&parameter.name, names.iter().copied()) {
                     Some(name) => format!("did you mean `{name}`?"),
-                    None => "take it out".to_owned(),
+                    None => format!("the model has {}", names.join(", ")),
                 };
-                let expected = format!("a parameter of the {} model ({})", self.kind.name(), names.join(", "));
+                let expected = format!("a parameter of the {} model", self.kind.name());
                 source.problem(&key, expected, "an unknown key", advice);
                 continue;
             };
@@ -173,7 +173,7 @@ impl Model {
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
-        let kind = section.word("kind", ModelKind::WORDS, ModelKind::Hydrostatic);
+        let kind = section.word("kind", ModelKind::WORDS).unwrap_or(ModelKind::Hydrostatic);
         let table = section.section("parameters");
         let parameters = table.keys().into_iter().map(|name| Parameter::read(&table, name)).collect();
         section.finish();

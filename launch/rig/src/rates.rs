@@ -68,12 +68,12 @@ impl Rates {
         let named = self.named();
         for (index, (key_a, a)) in named.iter().enumerate() {
             for (key_b, b) in &named[index + 1..] {
-                if b > a && b % a != 0 {
+                if b > a && !b.is_multiple_of(*a) {
                     let expected = format!("a multiple of {key_a} ({a} Hz)");
                     let (least, most) = (b / a * a, (b / a + 1) * a);
                     source.problem(key_b, expected, b, format!("take {least} or {most}"));
                     return;
-                } else if b <= a && a % b != 0 {
+                } else if b <= a && !a.is_multiple_of(*b) {
                     let expected = format!("a rate that divides {key_a} ({a} Hz)");
                     source.problem(key_b, expected, b, format!("take {}", divisors_near(*a, *b)));
                     return;
@@ -84,10 +84,13 @@ impl Rates {
 
     pub(crate) fn check(&self, source: &Source<'_>) {
         for (key, rate) in self.named() {
-            if SECOND_NS % u64::from(rate) != 0 {
+            if !SECOND_NS.is_multiple_of(u64::from(rate)) {
                 let advice = "a period must be a whole number of ns: take 250, 500, 1000, 2000 or the like";
                 source.problem(key, "a rate that divides 1e9", rate, advice);
             }
+        }
+        if !source.is_clean() {
+            return;
         }
         self.check_that_they_divide(source);
         if self.control_hz > self.acquisition_hz {
@@ -104,7 +107,7 @@ impl Rates {
 
 /// The rates on either side of `wrong` that divide `rate` and 1e9 [Hz].
 fn divisors_near(rate: u32, wrong: u32) -> String {
-    let fits = |hz: &u32| rate % hz == 0 && SECOND_NS % u64::from(*hz) == 0;
+    let fits = |hz: &u32| rate.is_multiple_of(*hz) && SECOND_NS.is_multiple_of(u64::from(*hz));
     let below = (1..wrong).rev().find(fits);
     let above = (wrong + 1..=rate).find(fits);
     let near: Vec<_> = [below, above].into_iter().flatten().map(|hz| hz.to_string()).collect();

@@ -167,9 +167,9 @@ impl<'s> Section<'s> {
 
     /// Notes a problem with one of the section's keys.
     pub(crate) fn problem(&self, key: &str, expected: impl Display, found: impl Display, advice: impl Display) {
-        let path = self.path(key);
-        let line = self.source.lines.borrow().get(&path).copied().unwrap_or(self.line);
-        self.source.problem_on(line, &path, expected, found, advice);
+        let name = self.table.and_then(|table| table.get_key_value(key)).map(|(name, _)| name);
+        let line = name.map_or(self.line, |name| self.source.line(name.span().start));
+        self.source.problem_on(line, &self.path(key), expected, found, advice);
     }
 
     /// A section within this one; empty where it does not stand in the file.
@@ -334,13 +334,18 @@ impl<'s> Section<'s> {
         found.map(|(_, value)| *value)
     }
 
-    /// One of a few words that must be there.
-    pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)], stand_in: T) -> T {
+    /// One of a few words that must be there; `None` where it is missing or wrong, which is noted.
+    pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Option<T> {
         if !self.has(key) {
             let names: Vec<_> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
             self.required(key, &format!("one of {}", names.join(", ")));
         }
-        self.word_or_none(key, words).unwrap_or(stand_in)
+        self.word_or_none(key, words)
+    }
+
+    /// Takes every key for known, where nobody can say which are.
+    pub(crate) fn know_all(&self) {
+        self.known.borrow_mut().extend(self.keys());
     }
 
     /// True or false, with a default.

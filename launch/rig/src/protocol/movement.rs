@@ -231,18 +231,18 @@ impl Lengths<'_, '_> {
 
     fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key(stem);
-        self.section.number(&key, choose(unit, degrees, metres)) * unit.from_file()
+        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
     }
 
     fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
         let (key, unit) = self.key(stem);
-        self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.from_file())
+        self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.si_per_file_unit())
     }
 
     fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {
         let (key, unit) = self.key(stem);
         let mut values = self.section.numbers(&key, choose(unit, degrees, metres));
-        values.iter_mut().for_each(|value| *value *= unit.from_file());
+        values.iter_mut().for_each(|value| *value *= unit.si_per_file_unit());
         values
     }
 }
@@ -257,7 +257,12 @@ fn choose(unit: AxisUnit, degrees: Bounds, metres: Bounds) -> Bounds {
 impl Movement {
     pub(super) fn read(section: &Section<'_>) -> (Self, Option<AxisUnit>) {
         let mut lengths = Lengths { section, unit: None };
-        let movement = match section.word("kind", MovementKind::WORDS, MovementKind::Rest) {
+        let Some(kind) = section.word("kind", MovementKind::WORDS) else {
+            // the other keys mean something in the kind that was meant
+            section.know_all();
+            return (Self::Rest { duration_s: 1.0 }, None);
+        };
+        let movement = match kind {
             MovementKind::GuidedSine => {
                 let (duration_s, fade_in_s, fade_out_s) = read_times(section);
                 Self::GuidedSine {

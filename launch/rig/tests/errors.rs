@@ -1,0 +1,313 @@
+//! What a person reads who made a mistake: file, line, key, expected, found, what to do.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use rig::RigFile;
+use rig::protocol::{Protocol, with_overrides};
+
+const RIG: &str = include_str!("../../rigs/hydrostatic.toml");
+
+/// The message after one edit of the shipped rig.
+fn rig_error(from: &str, to: &str) -> String {
+    assert_eq!(RIG.matches(from).count(), 1, "the edit must hit one place: {from}");
+    RigFile::parse(&RIG.replace(from, to), "rig.toml").unwrap_err().to_string()
+}
+
+const PROTOCOL: &str = r#"[protocol]
+name = "test"
+
+[[segments]]
+kind = "guided_sine"
+amplitude_deg = 30.0    # to either side
+frequency_hz = 1.0
+duration_s = 10.0
+"#;
+
+fn protocol_error(from: &str, to: &str) -> String {
+    assert_eq!(PROTOCOL.matches(from).count(), 1, "the edit must hit one place: {from}");
+    Protocol::parse(&PROTOCOL.replace(from, to), "p.toml").unwrap_err().to_string()
+}
+
+fn misfit(from: &str, to: &str) -> String {
+    assert_eq!(PROTOCOL.matches(from).count(), 1, "the edit must hit one place: {from}");
+    let rig = RigFile::parse(RIG, "rig.toml").unwrap();
+    let protocol = Protocol::parse(&PROTOCOL.replace(from, to), "p.toml").unwrap();
+    protocol.check_against(&rig).unwrap_err().to_string()
+}
+
+#[test]
+fn unknown_key() {
+    insta::assert_snapshot!(rig_error("speed_max_deg_s = 1500.0", "speed_max_degs = 1500.0"));
+}
+
+#[test]
+fn unknown_section() {
+    insta::assert_snapshot!(rig_error("[phases_us]", "[phase_us]"));
+}
+
+#[test]
+fn unknown_parameter() {
+    insta::assert_snapshot!(rig_error("hose_length_m = {", "hose_lenght_m = {"));
+}
+
+#[test]
+fn unknown_parameter_with_no_like() {
+    let message = rig_error("hose_length_m = {", "colour = {");
+    assert!(
+        message.contains(
+            "colour: expected a parameter of the hydrostatic model, found an unknown key; the model has hose"
+        )
+    );
+}
+
+#[test]
+fn control_beyond_the_limit_on_volts() {
+    insta::assert_snapshot!(rig_error("volts_max = 10.0", "volts_max = 5.0"));
+}
+
+#[test]
+fn unknown_word() {
+    insta::assert_snapshot!(rig_error("kind = \"hydrostatic\"", "kind = \"hydraulic\""));
+}
+
+#[test]
+fn missing_channel() {
+    insta::assert_snapshot!(rig_error("channel = 0  ", "channel = 9  "));
+}
+
+#[test]
+fn channel_of_another_kind() {
+    insta::assert_snapshot!(rig_error("channel = 0  ", "channel = 3  "));
+}
+
+#[test]
+fn channel_twice() {
+    insta::assert_snapshot!(rig_error("index = 7", "index = 6"));
+}
+
+#[test]
+fn sensor_that_saturates_before_its_limit() {
+    insta::assert_snapshot!(rig_error("volts_per_nm = 0.5", "volts_per_nm = 1.0"));
+}
+
+#[test]
+fn limits_the_wrong_way_round() {
+    let edited = RIG.replace("position_min_deg = -120.0", "position_min_deg = 90.0");
+    let edited = edited.replace("position_max_deg = 120.0", "position_max_deg = -90.0");
+    insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
+}
+
+#[test]
+fn limits_in_radians() {
+    let edited = RIG.replace("position_min_deg = -120.0", "position_min_deg = -2.09");
+    let edited = edited.replace("position_max_deg = 120.0", "position_max_deg = 2.09");
+    insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
+}
+
+#[test]
+fn limit_beyond_the_thesis() {
+    insta::assert_snapshot!(rig_error("position_max_deg = 120.0", "position_max_deg = 150.0"));
+}
+
+#[test]
+fn volts_beyond_the_card() {
+    insta::assert_snapshot!(rig_error("volts_max = 10.0", "volts_max = 24"));
+}
+
+#[test]
+fn missing_limit() {
+    insta::assert_snapshot!(rig_error("volts_max = 10.0\n", "\n"));
+}
+
+#[test]
+fn jump_that_a_legal_movement_makes() {
+    insta::assert_snapshot!(rig_error("encoder_jump_counts = 60", "encoder_jump_counts = 5"));
+}
+
+#[test]
+fn key_of_the_other_unit() {
+    insta::assert_snapshot!(rig_error("speed_max_deg_s = 1500.0", "speed_max_m_s = 0.3"));
+}
+
+#[test]
+fn rate_that_does_not_divide() {
+    insta::assert_snapshot!(rig_error("control_hz = 500", "control_hz = 600"));
+}
+
+#[test]
+fn rate_that_does_not_divide_another() {
+    insta::assert_snapshot!(rig_error("control_hz = 500", "control_hz = 625"));
+}
+
+#[test]
+fn rate_without_whole_nanoseconds() {
+    insta::assert_snapshot!(rig_error("acquisition_hz = 2000", "acquisition_hz = 3000"));
+}
+
+#[test]
+fn watchdog_slower_than_control() {
+    insta::assert_snapshot!(rig_error("watchdog_hz = 1000", "watchdog_hz = 250"));
+}
+
+#[test]
+fn overlapping_phases() {
+    // 690 µs is 190 µs modulo the shortest period of 500 µs, and control runs at 200 µs
+    insta::assert_snapshot!(rig_error("watchdog = 350", "watchdog = 690"));
+}
+
+#[test]
+fn overlapping_phases_round_the_end_of_the_period() {
+    insta::assert_snapshot!(rig_error("experiment = 420", "experiment = 490"));
+}
+
+#[test]
+fn phases_against_the_flow_of_data() {
+    insta::assert_snapshot!(rig_error("control = 200", "control = 40"));
+}
+
+#[test]
+fn phase_beyond_the_period() {
+    insta::assert_snapshot!(rig_error("acquisition = 80", "acquisition = 580"));
+}
+
+#[test]
+fn wrong_type() {
+    insta::assert_snapshot!(rig_error("ramp_s = 1.0", "ramp_s = \"1.0\""));
+}
+
+#[test]
+fn not_a_number() {
+    insta::assert_snapshot!(rig_error("offset_v = 0.0", "offset_v = nan"));
+}
+
+#[test]
+fn infinite_parameter() {
+    insta::assert_snapshot!(rig_error("{ value = 847.0,", "{ value = -inf,"));
+}
+
+#[test]
+fn parameter_of_another_magnitude() {
+    insta::assert_snapshot!(rig_error("{ value = 0.031,", "{ value = 31,"));
+}
+
+#[test]
+fn tolerance_in_percent() {
+    insta::assert_snapshot!(rig_error("{ value = 10.0, tolerance = 0.01", "{ value = 10.0, tolerance = 5"));
+}
+
+#[test]
+fn filter_beyond_half_the_rate() {
+    insta::assert_snapshot!(rig_error("velocity_filter_hz = 40.0", "velocity_filter_hz = 300"));
+}
+
+#[test]
+fn no_toml() {
+    insta::assert_snapshot!(rig_error("name = \"hydrostatic\"", "name = hydrostatic"));
+}
+
+#[test]
+fn every_problem_at_once_in_the_order_of_lines() {
+    let edited = RIG.replace("volts_max = 10.0", "volts_max = 24").replace("ramp_s = 1.0", "ramp = 1.0");
+    let edited = edited.replace("seed = 1\n", "seed = -1\n");
+    insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
+}
+
+#[test]
+fn empty_file() {
+    insta::assert_snapshot!(RigFile::parse("", "rig.toml").unwrap_err());
+}
+
+#[test]
+fn missing_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("none.toml");
+    let error = RigFile::load(&path).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("{}: cannot be read: No such file", path.display())), "{error}");
+}
+
+#[test]
+fn protocol_unknown_key() {
+    insta::assert_snapshot!(protocol_error("duration_s = 10.0", "duration = 10.0"));
+}
+
+#[test]
+fn protocol_unknown_kind() {
+    insta::assert_snapshot!(protocol_error("guided_sine", "guidedsine"));
+}
+
+#[test]
+fn protocol_frequency_beyond_the_thesis() {
+    insta::assert_snapshot!(protocol_error("frequency_hz = 1.0", "frequency_hz = 5"));
+}
+
+#[test]
+fn protocol_fades_longer_than_the_movement() {
+    insta::assert_snapshot!(protocol_error("duration_s = 10.0", "duration_s = 10.0\nfade_in_s = 8"));
+}
+
+#[test]
+fn protocol_with_two_units() {
+    insta::assert_snapshot!(protocol_error("duration_s = 10.0", "duration_s = 10.0\ncentre_m = 0.01"));
+}
+
+#[test]
+fn protocol_without_segments() {
+    insta::assert_snapshot!(Protocol::parse("[protocol]\nname = \"x\"\n", "p.toml").unwrap_err());
+}
+
+#[test]
+fn protocol_with_amplitudes_that_do_not_match() {
+    let text = "[protocol]\nname = \"x\"\n[[segments]]\nkind = \"multisine\"\nfrequencies_hz = [1, 2, 3]\namplitudes_deg = [1, 2]\nduration_s = 5\n";
+    insta::assert_snapshot!(Protocol::parse(text, "p.toml").unwrap_err());
+}
+
+#[test]
+fn protocol_beyond_the_limits() {
+    insta::assert_snapshot!(misfit("amplitude_deg = 30.0", "centre_deg = 100\namplitude_deg = 30.0"));
+}
+
+#[test]
+fn protocol_too_fast() {
+    insta::assert_snapshot!(misfit("duration_s = 10.0", "duration_s = 10.0\nfade_in_s = 0.1"));
+}
+
+#[test]
+fn protocol_for_an_axis_that_is_not_there() {
+    insta::assert_snapshot!(misfit("duration_s = 10.0", "duration_s = 10.0\naxis = 2"));
+}
+
+#[test]
+fn overrides_change_values_and_nothing_else() {
+    let text = with_overrides(
+        PROTOCOL,
+        "p.toml",
+        &["segments.0.amplitude_deg=20", "protocol.name=other", "segments.0.label = \"a = b\""],
+    )
+    .unwrap();
+    let protocol = Protocol::parse(&text, "p.toml").unwrap();
+    assert_eq!(protocol.segments[0].movement.range().unwrap().1, 20.0_f64.to_radians());
+    assert_eq!((protocol.name.as_str(), protocol.segments[0].label.as_str()), ("other", "a = b"));
+    assert!(text.contains("amplitude_deg = 20    # to either side"), "{text}");
+    assert_ne!(protocol.identity(), rig::identity(PROTOCOL));
+}
+
+#[test]
+fn overrides_that_miss() {
+    let error = |assignment: &str| with_overrides(PROTOCOL, "p.toml", &[assignment]).unwrap_err().to_string();
+    let wrong = [
+        "amplitude",
+        "segments.1.amplitude_deg=20",
+        "segmets.0.amplitude_deg=20",
+        "segments.0.amplitude_deg=20 °",
+        "segments.0=3",
+        "segments..x=3",
+    ];
+    insta::assert_snapshot!(wrong.map(error).join("\n"));
+}
+
+#[test]
+fn an_override_that_is_no_key_is_found_when_the_text_is_read() {
+    let text = with_overrides(PROTOCOL, "p.toml", &["segments.0.amplitude=20"]).unwrap();
+    let error = Protocol::parse(&text, "p.toml").unwrap_err();
+    assert_eq!(error.problems()[0].key, "segments.0.amplitude");
+    assert_eq!(error.problems()[0].advice, "did you mean `amplitude_deg`?");
+}
