@@ -95,14 +95,9 @@ pub enum IdentifyError {
         /// What to do.
         advice: &'static str,
     },
-    /// A record could not be read.
-    #[error("{file}: {reason}")]
-    Read {
-        /// The record.
-        file: String,
-        /// What the reader said.
-        reason: String,
-    },
+    /// A record could not be read; the text names file, row and column.
+    #[error("{0}")]
+    Read(String),
     /// The equations could not be solved.
     #[error(
         "{file}: the columns {columns} cannot be told apart in the rows that take part in the fit; excite the machine more"

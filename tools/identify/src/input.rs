@@ -12,6 +12,8 @@ pub struct Series {
     pub columns: Vec<(String, Vec<f64>)>,
     /// What the command line fixed.
     pub role: Option<Role>,
+    /// What the reader found odd.
+    pub notes: Vec<String>,
 }
 
 /// Time steps may differ from their median by this share.
@@ -152,7 +154,7 @@ mod tests {
     use super::*;
 
     fn series(time: Vec<f64>) -> Series {
-        Series { file: "a.csv".into(), columns: vec![("t_s".into(), time)], role: None }
+        Series { file: "a.csv".into(), columns: vec![("t_s".into(), time)], role: None, notes: Vec::new() }
     }
 
     #[test]

@@ -37,6 +37,8 @@ pub struct View {
 
 /// Records that get a figure of their own.
 const MOST_FIGURES: usize = 3;
+/// Length of record in the figure of the force [s].
+const DETAIL_S: f64 = 7.0;
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
@@ -140,13 +142,16 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
 
 fn record_figures(page: Page, units: &Units, r: &RecordView) -> Page {
     let minus = |e: &[f64]| -> Vec<f64> { r.force.iter().zip(e).map(|(f, e)| f - e).collect() };
-    let force = Figure::new(format!("Force, {}", r.name), "time / s", format!("force / {}", units.force))
+    // Over a long record three curves are one: a part of it shows how they differ.
+    let start = r.time.first().copied().unwrap_or(0.0);
+    let n = r.time.iter().take_while(|t| **t - start <= DETAIL_S).count();
+    let force = Figure::new("Force", "time / s", format!("force / {}", units.force))
         .colour(Colour::Black)
-        .line("measured", &r.time, &r.force)
+        .line("measured", &r.time[..n], &r.force[..n])
         .colour(Colour::Vermillion)
-        .dashed("declared model", &r.time, &minus(&r.before))
+        .line("declared model", &r.time[..n], &minus(&r.before)[..n])
         .colour(Colour::Blue)
-        .line("with effects", &r.time, &minus(&r.after));
+        .dashed("with effects", &r.time[..n], &minus(&r.after)[..n]);
     let residual = Figure::new("Residual", "time / s", format!("residual / {}", units.force))
         .size(680, 260)
         .colour(Colour::Vermillion)
@@ -154,8 +159,11 @@ fn record_figures(page: Page, units: &Units, r: &RecordView) -> Page {
         .colour(Colour::Blue)
         .line("with effects", &r.time, &r.after)
         .horizontal("", 0.0);
-    page.figure(&force, "Measured force and the force that the measured motion needs by the model.")
-        .figure(&residual, "Measured force less the model's.")
+    page.figure(
+        &force,
+        &format!("{}: measured force, and the force that the measured motion needs by the model.", r.name),
+    )
+    .figure(&residual, &format!("{}: measured force less the model's, whole record.", r.name))
 }
 
 /// Residuals against a variable: mean and standard deviation in forty bins with equal numbers of rows.

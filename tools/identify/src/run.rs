@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
+use recording::record::{ColumnNames, SampleColumns};
+
 use crate::Args;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -108,19 +110,23 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     Ok(())
 }
 
+/// Reads a recording of farreach's (`.mcap`) or a CSV file. The reader refuses holes, gaps and time that runs
+/// backwards; what it merely finds odd goes into the notes.
 fn read(path: &Path) -> Result<Series> {
     let file = path.display().to_string();
-    let wrong = |reason: String| IdentifyError::Read { file: file.clone(), reason };
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let mut lines = text.lines();
-    let header = lines.next().ok_or_else(|| wrong("is empty".into()))?;
-    let mut columns: Vec<(String, Vec<f64>)> = header.split(',').map(|n| (n.trim().to_owned(), Vec::new())).collect();
-    for (row, line) in lines.enumerate() {
-        for (column, cell) in columns.iter_mut().zip(line.split(',')) {
-            column.1.push(cell.trim().parse().map_err(|_| wrong(format!("row {}: `{cell}` is no number", row + 1)))?);
-        }
-    }
-    Ok(Series { file, columns, role: None })
+    let options = recording::record::Options::default();
+    let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let record = if mcap {
+        let columns = SampleColumns::new(ColumnNames::one_mass_linear());
+        recording::record::from_mcap(path, &columns, &options)
+    } else {
+        recording::record::from_csv(path, &options)
+    };
+    let record = record.map_err(|e| IdentifyError::Read(e.to_string()))?;
+    let notes = record.findings.iter().map(|f| format!("{file}: {}", f.text)).collect();
+    let mut columns = vec![(recording::record::TIME.to_owned(), record.time_s)];
+    columns.extend(record.columns);
+    Ok(Series { file, columns, role: None, notes })
 }
 
 fn print_outcome(outcome: &Outcome) {

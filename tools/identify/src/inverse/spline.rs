@@ -52,25 +52,28 @@ impl Variable {
     }
 }
 
-/// A piecewise linear function of one variable, as hat functions over evenly spaced knots.
+/// A piecewise linear function of one variable, as hat functions over knots.
 #[derive(Clone, Debug)]
 pub struct Spline {
     variable: Variable,
-    /// Abscissae of the knots.
+    /// Abscissae of the knots, rising.
     pub knots: Vec<f64>,
 }
 
 impl Spline {
-    /// Knots over the range that the records cover; `None` where the variable does not vary.
+    /// Knots over the range that the records cover, halfway between even spacing (which leaves knots without data that
+    /// then swing freely) and equal numbers of rows (which leaves the ends coarse). `None` where the variable does not
+    /// vary.
     pub fn over<'a>(variable: Variable, records: impl Iterator<Item = &'a Signals>) -> Option<Self> {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for v in records.flat_map(|s| variable.values(s)) {
-            low = low.min(*v);
-            high = high.max(*v);
-        }
+        let mut values: Vec<f64> = records.flat_map(|s| variable.values(s).iter().copied()).collect();
+        values.sort_by(f64::total_cmp);
+        let (low, high) = (*values.first()?, *values.last()?);
         let n = variable.knots();
-        let knots = (0..n).map(|i| low + (high - low) * i as f64 / (n - 1) as f64).collect();
-        (high > low).then_some(Self { variable, knots })
+        let knot = |i: usize| {
+            let share = i as f64 / (n - 1) as f64;
+            0.5 * (low + (high - low) * share) + 0.5 * values[(share * (values.len() - 1) as f64) as usize]
+        };
+        (high > low).then(|| Self { variable, knots: (0..n).map(knot).collect() })
     }
 }
 
@@ -83,12 +86,10 @@ impl InverseEffect for Spline {
     fn columns(&self, signals: &Signals, sign: &[f64], _: &[f64]) -> Vec<Vec<f64>> {
         let values = self.variable.values(signals);
         let n = self.knots.len();
-        let (low, width) = (self.knots[0], self.knots[1] - self.knots[0]);
         let mut columns = vec![vec![0.0; values.len()]; n];
         for (row, value) in values.iter().enumerate() {
-            let at = ((value - low) / width).clamp(0.0, (n - 1) as f64);
-            let left = (at as usize).min(n - 2);
-            let share = at - left as f64;
+            let left = self.knots.partition_point(|k| k <= value).clamp(1, n - 1) - 1;
+            let share = ((value - self.knots[left]) / (self.knots[left + 1] - self.knots[left])).clamp(0.0, 1.0);
             let weight = if self.variable == Variable::PositionByDirection { sign[row] } else { 1.0 };
             columns[left][row] = weight * (1.0 - share);
             columns[left + 1][row] = weight * share;

@@ -71,7 +71,7 @@ impl Model for Drive {
         records: &[Series],
         options: Options,
     ) -> Result<(Outcome, Page)> {
-        let mut notes = Vec::new();
+        let mut notes: Vec<String> = records.iter().flat_map(|r| r.notes.iter().cloned()).collect();
         let (mut balances, mut channel) = (Vec::new(), "force_n");
         for series in records {
             let (balance, name) = prepare(series, declared, &mut notes)?;

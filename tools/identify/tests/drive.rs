@@ -1,0 +1,241 @@
+//! The whole method on records whose truth is known, made by another integrator than any in the project.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use identify::error::IdentifyError;
+use identify::input::Series;
+use identify::models::{ALL, Options};
+use identify::outcome::{Outcome, Verdict};
+
+/// What the synthetic machine really has.
+#[derive(Clone, Copy, Default)]
+struct Truth {
+    coulomb: f64,
+    viscous_difference: f64,
+    stribeck: f64,
+    stribeck_speed: f64,
+    /// A force that depends on position by no listed law: `bump · sin(40 x)²`.
+    bump: f64,
+    mass_factor: f64,
+}
+
+const MASS: f64 = 90.0;
+const VISCOUS: f64 = 210.0;
+const OFFSET: f64 = -3.0;
+
+/// A generator good enough for noise (xorshift64*), summed to be nearly normal.
+struct Noise(u64);
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
+    }
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// A carriage under position control, 500 Hz, 16 s: semi-implicit Euler at 20 kHz (the force too, so that no sample and
+/// hold stands between force and motion), dry friction as an impulse that stops the mass exactly, position in counts of 1e-7 m, force with 0.3 N of noise.
+fn record(truth: Truth, seed: u64) -> Series {
+    let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+    let phase: Vec<f64> = (0..4).map(|_| 6.3 * noise.uniform()).collect();
+    let reference = |t: f64| {
+        let wave = |k: usize, f: f64, a: f64| a * ((6.283 * f * t + phase[k]).sin() - phase[k].sin());
+        wave(0, 0.31, 0.05) + wave(1, 0.83, 0.02) + wave(2, 2.1, 0.004) + wave(3, 4.3, 0.001)
+    };
+    let mass = MASS * if truth.mass_factor > 0.0 { truth.mass_factor } else { 1.0 };
+    let h = 5e-5;
+    let (mut x, mut v) = (0.0f64, 0.0f64);
+    let (mut time, mut position, mut forces) = (Vec::new(), Vec::new(), Vec::new());
+    for i in 0..320_000 {
+        let t = f64::from(i) * h;
+        let speed = (reference(t + 1e-4) - reference(t - 1e-4)) / 2e-4;
+        let force = 3e5 * (reference(t) - x) + 8e3 * (speed - v);
+        if i % 40 == 0 {
+            time.push(t);
+            position.push((x / 1e-7).round() * 1e-7);
+            forces.push(force + 0.3 * noise.normal());
+        }
+        let smooth = VISCOUS * v + truth.viscous_difference * v.abs() + OFFSET + truth.bump * (40.0 * x).sin().powi(2);
+        let free = v + h / mass * (force - smooth);
+        let dry = truth.coulomb
+            + if truth.stribeck > 0.0 { truth.stribeck * (-(v / truth.stribeck_speed).powi(2)).exp() } else { 0.0 };
+        v = free.signum() * (free.abs() - h * dry / mass).max(0.0);
+        x += h * v;
+    }
+    let columns = vec![("t_s".into(), time), ("position_m".into(), position), ("force_n".into(), forces)];
+    Series { file: format!("synthetic-{seed}.csv"), columns, role: None, notes: Vec::new() }
+}
+
+fn rig(mass_tolerance: f64) -> rig::Model {
+    let parameter = |name: &str, value, tolerance, absolute| rig::Parameter {
+        name: name.into(),
+        value,
+        tolerance,
+        tolerance_absolute: absolute,
+        source: rig::ParameterSource::Assumed,
+    };
+    rig::Model {
+        kind: rig::ModelKind::Drive,
+        parameters: vec![
+            parameter("mass_kg", 95.0, mass_tolerance, None),
+            parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
+            parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
+        ],
+    }
+}
+
+fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
+    let model = ALL.iter().find(|m| m.kind() == rig::ModelKind::Drive).unwrap();
+    let (outcome, page) = model.identify("rig.toml", rig, records, Options { jobs: 2, seed: 1 })?;
+    // Every outcome must make a page.
+    page.render().unwrap();
+    Ok(outcome)
+}
+
+fn ids(outcome: &Outcome) -> Vec<&str> {
+    outcome.effects.iter().map(|e| e.id.as_str()).collect()
+}
+
+/// Whether a value lies within `n` of its stated standard deviations of the truth.
+fn within(value: f64, std: f64, truth: f64, n: f64) -> bool {
+    (value - truth).abs() < n * std
+}
+
+fn effect(outcome: &Outcome, name: &str) -> (f64, f64) {
+    let all = outcome.effects.iter().flat_map(|e| &e.parameters);
+    all.filter(|p| p.name == name).map(|p| (p.value, p.std.unwrap_or(f64::NAN))).next().unwrap()
+}
+
+fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
+    let p = outcome.parameters.iter().find(|p| p.name == name).unwrap();
+    (p.fitted, p.std.unwrap_or(f64::NAN))
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_missing() {
+    for seed in 1..=20 {
+        let outcome = identify(&[record(Truth::default(), seed)], &rig(0.25)).unwrap();
+        assert_eq!(outcome.verdict, Verdict::None, "seed {seed}: {:?} {:?}", ids(&outcome), outcome.unlisted);
+        assert!(!outcome.remains);
+        let (mass, std) = declared(&outcome, "mass_kg");
+        assert!(within(mass, std, MASS, 4.5), "seed {seed}: {mass} ± {std}");
+    }
+}
+
+#[test]
+fn coulomb_friction_is_named_and_measured() {
+    let outcome = identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
+    assert_eq!(outcome.verdict, Verdict::Effect, "{:?}", outcome.candidates);
+    assert_eq!(ids(&outcome), ["coulomb_friction"]);
+    let (coulomb, std) = effect(&outcome, "coulomb");
+    assert!(within(coulomb, std, 20.0, 4.0) && std < 1.0, "{coulomb} ± {std}");
+    let (viscous, std) = declared(&outcome, "viscous_friction_n_s_per_m");
+    assert!(within(viscous, std, VISCOUS, 4.0), "{viscous} ± {std}");
+    let (offset, std) = declared(&outcome, "force_offset_n");
+    assert!(within(offset, std, OFFSET, 4.0), "{offset} ± {std}");
+    let error = &outcome.error["force_n"];
+    assert!(error.after < 0.3 * error.before, "{error:?}");
+}
+
+#[test]
+fn asymmetric_friction_is_named_after_coulomb_friction() {
+    let truth = Truth { coulomb: 20.0, viscous_difference: -60.0, ..Truth::default() };
+    let outcome = identify(&[record(truth, 4)], &rig(0.25)).unwrap();
+    assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
+    let (difference, std) = effect(&outcome, "viscous_difference");
+    assert!(within(difference, std, -60.0, 4.0) && std < 6.0, "{difference} ± {std}");
+}
+
+#[test]
+fn stribeck_friction_is_named_after_coulomb_friction() {
+    let truth = Truth { coulomb: 15.0, stribeck: 20.0, stribeck_speed: 0.02, ..Truth::default() };
+    let outcome = identify(&[record(truth, 5)], &rig(0.25)).unwrap();
+    assert_eq!(ids(&outcome), ["coulomb_friction", "stribeck_friction"], "{:?}", outcome.candidates);
+    let (speed, _) = effect(&outcome, "stribeck_speed");
+    assert!((speed / 0.02 - 1.0).abs() < 0.15, "{speed}");
+    let (stribeck, std) = effect(&outcome, "stribeck");
+    assert!((stribeck - 20.0).abs() < 4.0 * std + 2.0, "{stribeck} ± {std}");
+}
+
+#[test]
+fn what_has_no_name_is_said_to_have_none() {
+    let outcome = identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
+    assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?}", outcome.candidates);
+    let unlisted = outcome.unlisted.unwrap();
+    assert_eq!(unlisted.depends_on, "position");
+}
+
+#[test]
+fn a_heavier_mass_is_missing_physics_outside_of_its_tolerance_and_calibration_inside() {
+    let heavy = record(Truth { mass_factor: 1.5, ..Truth::default() }, 7);
+    let outcome = identify(std::slice::from_ref(&heavy), &rig(0.1)).unwrap();
+    assert_eq!(ids(&outcome), ["extra_inertia"], "{:?}", outcome.candidates);
+    let (extra, std) = effect(&outcome, "mass_beyond_declared");
+    assert!(within(extra, std, 1.5 * MASS - 95.0, 4.5), "{extra} ± {std}");
+    let outcome = identify(&[heavy], &rig(0.6)).unwrap();
+    assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
+}
+
+#[test]
+fn whole_records_play_whole_parts() {
+    let records: Vec<Series> = (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
+    let outcome = identify(&records, &rig(0.25)).unwrap();
+    assert_eq!(ids(&outcome), ["coulomb_friction"]);
+    assert_eq!(outcome.records.fit, ["synthetic-1.csv"]);
+    assert_eq!(outcome.records.select, ["synthetic-2.csv"]);
+    assert_eq!(outcome.records.report, ["synthetic-3.csv"]);
+}
+
+#[test]
+fn unusable_data_are_refused_with_a_reason() {
+    let good = record(Truth::default(), 8);
+    let broken = |change: &dyn Fn(&mut Series)| {
+        let mut series = good.clone();
+        change(&mut series);
+        identify(&[series], &rig(0.25)).unwrap_err().to_string()
+    };
+    let scaled = |column: usize, factor: f64| {
+        broken(&move |s: &mut Series| s.columns[column].1.iter_mut().for_each(|v| *v *= factor))
+    };
+    assert!(scaled(1, 1000.0).contains("check the units"), "position in mm");
+    assert!(scaled(2, 1e-3).contains("check the units"), "force in kN");
+    assert!(scaled(2, -1.0).contains("change the sign"));
+    let text = broken(&|s| s.columns[1].1.iter_mut().for_each(|v| *v = 0.1));
+    assert!(text.contains("position_m") && text.contains("never changes"), "{text}");
+    let text = broken(&|s| s.columns[2].1[41] = f64::NAN);
+    assert!(text.contains("row 42") && text.contains("force_n"), "{text}");
+    let text = broken(&|s| s.columns[2].0 = "force".into());
+    assert!(text.contains("force_n or torque_nm") && text.contains("position_m"), "{text}");
+    let text = broken(&|s| s.columns.iter_mut().for_each(|c| c.1.truncate(600)));
+    assert!(text.contains("600 rows"), "{text}");
+}
+
+#[test]
+fn the_measured_emps_record_gives_the_published_figures() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let path = root.join("../shared/data/emps_train.csv");
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there; the measured EMPS record took no part in this test", path.display());
+        return;
+    }
+    let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
+    let mut columns = vec![("t_s".to_owned(), read.time_s)];
+    columns.extend(read.columns);
+    let series = Series { file: "emps_train.csv".into(), columns, role: None, notes: Vec::new() };
+    let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
+    let outcome = identify(&[series], &rig.model).unwrap();
+    assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
+    // Published on all rows: 4.08 % and 3.11 %; 95.1 kg, 203.5 N·s/m, 20.4 N, -3.2 N (symmetric model).
+    let [declared, coulomb, asymmetric] = &outcome.steps[..] else { panic!("{:?}", outcome.steps) };
+    assert!(declared.all_rows_percent > 15.0);
+    assert!((coulomb.all_rows_percent - 4.08).abs() < 0.3, "{}", coulomb.all_rows_percent);
+    assert!((asymmetric.all_rows_percent - 3.11).abs() < 0.3, "{}", asymmetric.all_rows_percent);
+    assert!(asymmetric.report_percent < 0.85 * coulomb.report_percent, "held out too");
+    for (i, published) in [95.1, 203.5, -3.2, 20.4].iter().enumerate() {
+        let (name, value, std) = &coulomb.all_rows_parameters[i];
+        assert!(within(*value, *std, *published, 2.5), "{name}: {value} ± {std}, published {published}");
+    }
+}
