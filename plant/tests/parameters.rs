@@ -95,11 +95,11 @@ fn torque_cell_noise_is_seeded_and_sized() {
 fn drive_approaches_its_terminal_speed_and_stops_with_coulomb_friction() {
     let parameters = drive::Parameters { mass_kg: 95.0, viscous_friction_n_s_per_m: 200.0, force_offset_n: -3.0 };
     let mut plant = drive::Plant::new(parameters.clone(), effects(&["coulomb_friction@slave=20"])).unwrap();
-    let tau = 95.0 / 200.0;
+    let tau: f64 = 95.0 / 200.0;
     for _ in 0..1000 {
         plant.step(117.0, 1e-3);
     }
-    close(plant.state().velocity_m_s, 0.5 * (1.0 - (-1.0 / tau as f64).exp()), 1e-5);
+    close(plant.state().velocity_m_s, 0.5 * (1.0 - (-1.0 / tau).exp()), 1e-5);
     for _ in 0..5000 {
         plant.step(0.0, 1e-3);
     }
