@@ -53,7 +53,7 @@ impl AxisUnit {
 /// An incremental encoder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Encoder {
-    /// Counts per rad or per m, positive [1/rad or 1/m].
+    /// Counts per rad or per m, positive (1/rad or 1/m).
     pub counts_per_unit: f64,
     /// Whether it counts down when the axis moves positive.
     pub inverted: bool,
@@ -64,12 +64,12 @@ impl Encoder {
         if self.inverted { -1.0 } else { 1.0 }
     }
 
-    /// Position of a reading [rad or m].
+    /// Position of a reading (rad or m).
     pub fn position(&self, counts: i64) -> f64 {
         self.sign() * counts as f64 / self.counts_per_unit
     }
 
-    /// Reading at a position, not rounded [counts].
+    /// Reading at a position, not rounded (counts).
     pub fn counts(&self, position: f64) -> f64 {
         self.sign() * position * self.counts_per_unit
     }
@@ -80,19 +80,19 @@ impl Encoder {
 pub struct TorqueChannel {
     /// Analog input, index into `Sample::analog_v`.
     pub channel: usize,
-    /// Sensitivity, with its sign [V/(N·m) or V/N].
+    /// Sensitivity, with its sign (V/(N·m) or V/N).
     pub volts_per_unit: f64,
-    /// Reading at no torque [V].
+    /// Reading at no torque (V).
     pub offset_v: f64,
 }
 
 impl TorqueChannel {
-    /// Torque of a reading [N·m or N].
+    /// Torque of a reading (N·m or N).
     pub fn torque(&self, volts: f64) -> f64 {
         (volts - self.offset_v) / self.volts_per_unit
     }
 
-    /// Reading at a torque [V].
+    /// Reading at a torque (V).
     pub fn volts(&self, torque: f64) -> f64 {
         torque * self.volts_per_unit + self.offset_v
     }
@@ -101,45 +101,45 @@ impl TorqueChannel {
 /// What the watchdog and the gate enforce.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Least position of master and slave [rad or m].
+    /// Least position of master and slave (rad or m).
     pub position_min: f64,
-    /// Greatest position [rad or m].
+    /// Greatest position (rad or m).
     pub position_max: f64,
-    /// Greatest speed, either way [rad/s or m/s].
+    /// Greatest speed, either way (rad/s or m/s).
     pub speed_max: f64,
-    /// Greatest motor volts, either way [V].
+    /// Greatest motor volts, either way (V).
     pub volts_max: f64,
-    /// Greatest torque of the hand, either way [N·m or N]; `None` without a torque channel.
+    /// Greatest torque of the hand, either way (N·m or N); `None` without a torque channel.
     pub torque_max: Option<f64>,
-    /// Most counts that the master encoder can move between two scans [counts].
+    /// Most counts that the master encoder can move between two scans (counts).
     pub encoder_jump_counts: i64,
 }
 
 /// Gains and limits of the control law (§ 4.1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisControl {
-    /// Volts per position error: P of § 4.1 times the encoder's counts [V/rad or V/m].
+    /// Volts per position error: P of § 4.1 times the encoder's counts (V/rad or V/m).
     pub position_gain: f64,
-    /// Volts per velocity error: D of § 4.1 times the encoder's counts [V·s/rad or V·s/m].
+    /// Volts per velocity error: D of § 4.1 times the encoder's counts (V·s/rad or V·s/m).
     pub velocity_gain: f64,
-    /// Cut-off of the velocity estimate's low pass [Hz].
+    /// Cut-off of the velocity estimate's low pass (Hz).
     pub velocity_filter_hz: f64,
-    /// Control stays within ± this, at most the limit on volts [V].
+    /// Control stays within ± this, at most the limit on volts (V).
     pub output_limit_v: f64,
     /// Feed-forward for guided movements.
     pub feedforward: Feedforward,
-    /// Time in which control passes from the measured position to the setpoint [s].
+    /// Time in which control passes from the measured position to the setpoint (s).
     pub ramp_s: f64,
 }
 
 /// Feed-forward of § 4.1, fig. 4.3A: a triangle against friction, a term against inertia.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Feedforward {
-    /// Friction compensation where the movement turns [V].
+    /// Friction compensation where the movement turns (V).
     pub friction_peak_v: f64,
-    /// Friction compensation at peak speed [V].
+    /// Friction compensation at peak speed (V).
     pub friction_floor_v: f64,
-    /// Volts per acceleration [V·s²/rad or V·s²/m].
+    /// Volts per acceleration (V·s²/rad or V·s²/m).
     pub inertia_v: f64,
 }
 

@@ -16,7 +16,7 @@ pub struct Channel {
     pub kind: ChannelKind,
     /// Unit of what the sensor measures, for labels (`V`, `mV`, `N·m`).
     pub unit: String,
-    /// The input's range is ± this [V].
+    /// The input's range is ± this (V).
     pub range_v: f64,
 }
 

@@ -49,11 +49,11 @@ impl ModelKind {
 pub struct Parameter {
     /// Name, as in `plant`.
     pub name: String,
-    /// Nominal value [SI].
+    /// Nominal value (SI).
     pub value: f64,
     /// How well it is known, as a fraction of the value: 0.05 is ±5 %.
     pub tolerance: f64,
-    /// How well it is known in its own unit [SI]; takes the place of `tolerance`, for values near 0.
+    /// How well it is known in its own unit (SI); takes the place of `tolerance`, for values near 0.
     pub tolerance_absolute: Option<f64>,
     /// Where it comes from.
     pub source: ParameterSource,
@@ -76,7 +76,7 @@ impl ParameterSource {
 }
 
 impl Parameter {
-    /// Half the width of the range in which the value is believed to lie [SI].
+    /// Half the width of the range in which the value is believed to lie (SI).
     pub fn spread(&self) -> f64 {
         self.tolerance_absolute.unwrap_or(self.tolerance * self.value.abs())
     }

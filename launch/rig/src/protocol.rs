@@ -29,7 +29,7 @@ use crate::rig_file::RigFile;
 
 /// Most segments that a protocol plays, repeats counted.
 const SEGMENTS: usize = 10_000;
-/// Longest protocol [s].
+/// Longest protocol (s).
 const LONGEST_S: f64 = 86_400.0;
 
 /// A checked protocol.
@@ -133,7 +133,7 @@ impl Protocol {
         self.segments.iter().map(|segment| segment.repeat as usize).sum::<usize>() * self.repeat as usize
     }
 
-    /// Time that it takes, repeats counted [s].
+    /// Time that it takes, repeats counted (s).
     pub fn duration_s(&self) -> f64 {
         let once: f64 = self.segments.iter().map(|s| s.movement.duration_s() * f64::from(s.repeat)).sum();
         once * f64::from(self.repeat)

@@ -4,40 +4,40 @@ use crate::read::{Section, Source};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Two loops closer than this run into each other: a loop takes that long at least [ns].
+/// Two loops closer than this run into each other: a loop takes that long at least (ns).
 const PHASE_GAP_NS: u64 = 20_000;
 
 /// How often each process runs. Each rate divides 1e9, and of any two the slower divides the faster, so that
 /// `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rates {
-    /// Scans of the card, and the gate [Hz].
+    /// Scans of the card, and the gate (Hz).
     pub acquisition_hz: u32,
-    /// The control law [Hz].
+    /// The control law (Hz).
     pub control_hz: u32,
-    /// The interlocks and the enable line [Hz].
+    /// The interlocks and the enable line (Hz).
     pub watchdog_hz: u32,
-    /// Setpoints [Hz].
+    /// Setpoints (Hz).
     pub experiment_hz: u32,
 }
 
 impl Rates {
-    /// Period of acquisition and of the simulated card [ns].
+    /// Period of acquisition and of the simulated card (ns).
     pub const fn acquisition_period_ns(&self) -> u64 {
         SECOND_NS / self.acquisition_hz as u64
     }
 
-    /// Period of control [ns].
+    /// Period of control (ns).
     pub const fn control_period_ns(&self) -> u64 {
         SECOND_NS / self.control_hz as u64
     }
 
-    /// Period of the watchdog [ns].
+    /// Period of the watchdog (ns).
     pub const fn watchdog_period_ns(&self) -> u64 {
         SECOND_NS / self.watchdog_hz as u64
     }
 
-    /// Period of the experiment runner [ns].
+    /// Period of the experiment runner (ns).
     pub const fn experiment_period_ns(&self) -> u64 {
         SECOND_NS / self.experiment_hz as u64
     }
@@ -105,7 +105,7 @@ impl Rates {
     }
 }
 
-/// The rates on either side of `wrong` that divide `rate` and 1e9 [Hz].
+/// The rates on either side of `wrong` that divide `rate` and 1e9 (Hz).
 fn divisors_near(rate: u32, wrong: u32) -> String {
     let fits = |hz: &u32| rate.is_multiple_of(*hz) && SECOND_NS.is_multiple_of(u64::from(*hz));
     let below = (1..wrong).rev().find(fits);
@@ -114,18 +114,18 @@ fn divisors_near(rate: u32, wrong: u32) -> String {
     near.join(" or ")
 }
 
-/// When within its own period each process runs [ns].
+/// When within its own period each process runs (ns).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Phases {
-    /// The simulated card [ns].
+    /// The simulated card (ns).
     pub simulator_ns: u64,
-    /// Acquisition [ns].
+    /// Acquisition (ns).
     pub acquisition_ns: u64,
-    /// Control [ns].
+    /// Control (ns).
     pub control_ns: u64,
-    /// Watchdog [ns].
+    /// Watchdog (ns).
     pub watchdog_ns: u64,
-    /// Experiment runner [ns].
+    /// Experiment runner (ns).
     pub experiment_ns: u64,
 }
 

@@ -130,7 +130,7 @@ impl RigFile {
         self.model.drive(&self.file_name)
     }
 
-    /// Force of a drive's motor per volt [N/V]; `None` where the model is of another kind.
+    /// Force of a drive's motor per volt (N/V); `None` where the model is of another kind.
     pub fn force_per_volt(&self) -> Option<f64> {
         let drive = self.model.kind == crate::ModelKind::Drive;
         self.model.parameter("force_per_volt_n").filter(|_| drive).map(|parameter| parameter.value)
@@ -155,15 +155,15 @@ impl RigFile {
 /// Which column of a measured record is what, for `--replay` and `identify`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replay {
-    /// Time [s].
+    /// Time (s).
     pub time: String,
-    /// Position of the master [rad or m].
+    /// Position of the master (rad or m).
     pub position: String,
-    /// Motor volts [V].
+    /// Motor volts (V).
     pub motor_v: String,
-    /// Position of the slave [rad or m]; need not be in the record.
+    /// Position of the slave (rad or m); need not be in the record.
     pub slave_position: String,
-    /// Torque of the hand at the slave [N·m or N]; need not be in the record.
+    /// Torque of the hand at the slave (N·m or N); need not be in the record.
     pub torque: String,
 }
 

@@ -7,13 +7,13 @@ use crate::read::{Section, bounds};
 pub struct Simulation {
     /// Seed of the noise: the same seed gives the same noise.
     pub seed: u64,
-    /// Standard deviation of an encoder's reading before it is rounded to counts [counts].
+    /// Standard deviation of an encoder's reading before it is rounded to counts (counts).
     pub encoder_noise_counts: f64,
-    /// Standard deviation of the noise on the torque channel [V].
+    /// Standard deviation of the noise on the torque channel (V).
     pub torque_noise_v: f64,
-    /// Standard deviation of the noise on every other analog input [V].
+    /// Standard deviation of the noise on every other analog input (V).
     pub analog_noise_v: f64,
-    /// RMS of the simulated EMG of a fully active muscle [V].
+    /// RMS of the simulated EMG of a fully active muscle (V).
     pub emg_rms_v: f64,
     /// Who holds the handle.
     pub hand: Hand,
@@ -24,11 +24,11 @@ pub struct Simulation {
 pub struct Hand {
     /// Whether there is one.
     pub kind: HandKind,
-    /// Inertia [kg·m² or kg].
+    /// Inertia (kg·m² or kg).
     pub inertia: f64,
-    /// Damping [N·m·s/rad or N·s/m].
+    /// Damping (N·m·s/rad or N·s/m).
     pub damping: f64,
-    /// Stiffness about the position at rest, 0 [N·m/rad or N/m].
+    /// Stiffness about the position at rest, 0 (N·m/rad or N/m).
     pub stiffness: f64,
 }
 

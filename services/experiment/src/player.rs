@@ -28,7 +28,7 @@ pub struct Program {
     text: String,
     identity: u64,
     axes: usize,
-    /// Position limits of each axis [rad or m].
+    /// Position limits of each axis (rad or m).
     limits: [(f64, f64); AXES],
     steps: Vec<Step>,
     duration_s: f64,
@@ -40,7 +40,7 @@ struct Step {
     label: String,
     axis: usize,
     track: Track,
-    /// When it begins, from the start of the protocol [s].
+    /// When it begins, from the start of the protocol (s).
     begins_s: f64,
 }
 
@@ -95,7 +95,7 @@ impl Program {
         self.steps.get(segment).map_or("", |step| &step.label)
     }
 
-    /// Whole duration [s].
+    /// Whole duration (s).
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
@@ -104,11 +104,11 @@ impl Program {
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// How long a setpoint may be followed; also the longest pause between two steps that counts as none [ns].
+    /// How long a setpoint may be followed; also the longest pause between two steps that counts as none (ns).
     pub lease_ns: u64,
-    /// Time from a stop to rest [ns].
+    /// Time from a stop to rest (ns).
     pub stop_fade_ns: u64,
-    /// How long the handle is held after the end, before 0 V [ns].
+    /// How long the handle is held after the end, before 0 V (ns).
     pub hold_ns: u64,
 }
 
@@ -188,9 +188,9 @@ pub struct Player {
     settings: Settings,
     program: Option<Arc<Program>>,
     phase: Phase,
-    /// Where each axis rests, or where the running segment found it [rad or m].
+    /// Where each axis rests, or where the running segment found it (rad or m).
     rest: [f64; AXES],
-    /// Where each axis was when a stop was asked for [rad or m].
+    /// Where each axis was when a stop was asked for (rad or m).
     hold: [f64; AXES],
     stop_asked: bool,
     last_ns: Option<u64>,
@@ -292,7 +292,7 @@ impl Player {
         }
     }
 
-    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters [rad or m].
+    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters (rad or m).
     ///
     /// Time that goes backwards counts as standing still. A pause longer than the lease means that control has ramped to
     /// hold meanwhile: the segment begins again from where the handle is.

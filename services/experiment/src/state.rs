@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 const MARK: [u8; 4] = *b"FRPS";
 const VERSION: u16 = 1;
 const HEADER: usize = MARK.len() + 2 + 8;
-/// No protocol's text is longer [bytes].
+/// No protocol's text is longer (bytes).
 const LONGEST: usize = 16 << 20;
 
 /// How far a protocol has been played: its text and the segment that was begun.

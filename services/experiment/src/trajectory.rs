@@ -13,13 +13,13 @@ use rig::protocol::{Line, MIN_JERK_PEAK_SPEED, Movement};
 /// One axis at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
-    /// Position [rad or m].
+    /// Position (rad or m).
     pub position: f64,
-    /// Velocity [rad/s or m/s].
+    /// Velocity (rad/s or m/s).
     pub velocity: f64,
-    /// Acceleration [rad/s² or m/s²].
+    /// Acceleration (rad/s² or m/s²).
     pub acceleration: f64,
-    /// Peak speed of the movement that it is part of, 0 at a hold: shapes the friction feed-forward [rad/s or m/s].
+    /// Peak speed of the movement that it is part of, 0 at a hold: shapes the friction feed-forward (rad/s or m/s).
     pub peak_speed: f64,
 }
 
@@ -106,12 +106,12 @@ impl Track {
         &self.movement
     }
 
-    /// Whole duration [s].
+    /// Whole duration (s).
     pub fn duration_s(&self) -> f64 {
         self.movement.duration_s()
     }
 
-    /// What control shall do at time `t` into the movement [s].
+    /// What control shall do at time `t` into the movement (s).
     pub fn mode(&self, t: f64) -> Mode {
         match &self.movement {
             Movement::Rest { .. } => Mode::Passive,
@@ -121,7 +121,7 @@ impl Track {
         }
     }
 
-    /// The axis at time `t` [s] into the movement that began at rest at `start` [rad or m]. Before its beginning and
+    /// The axis at time `t` (s) into the movement that began at rest at `start` (rad or m). Before its beginning and
     /// after its end it is at rest.
     pub fn at(&self, start: f64, t: f64) -> Point {
         let t = t.clamp(0.0, self.duration_s());

@@ -16,53 +16,53 @@ pub const MIN_JERK_PEAK_SPEED: f64 = 1.875;
 pub enum Movement {
     /// A sine about a centre.
     GuidedSine {
-        /// Amplitude [rad or m].
+        /// Amplitude (rad or m).
         amplitude: f64,
-        /// Frequency [Hz].
+        /// Frequency (Hz).
         frequency_hz: f64,
-        /// Whole duration, fades included [s].
+        /// Whole duration, fades included (s).
         duration_s: f64,
-        /// Centre [rad or m].
+        /// Centre (rad or m).
         centre: f64,
-        /// Time from the position at the start into the full movement [s].
+        /// Time from the position at the start into the full movement (s).
         fade_in_s: f64,
-        /// Time from the full movement to rest at the centre [s].
+        /// Time from the full movement to rest at the centre (s).
         fade_out_s: f64,
     },
     /// A sum of sines about a centre.
     Multisine {
         /// Its lines.
         lines: Vec<Line>,
-        /// Whole duration, fades included [s].
+        /// Whole duration, fades included (s).
         duration_s: f64,
-        /// Centre [rad or m].
+        /// Centre (rad or m).
         centre: f64,
-        /// Time from the position at the start into the full movement [s].
+        /// Time from the position at the start into the full movement (s).
         fade_in_s: f64,
-        /// Time from the full movement to rest at the centre [s].
+        /// Time from the full movement to rest at the centre (s).
         fade_out_s: f64,
     },
     /// From position to position.
     Steps {
-        /// Where to, in order [rad or m].
+        /// Where to, in order (rad or m).
         positions: Vec<f64>,
-        /// Rest at each [s].
+        /// Rest at each (s).
         dwell_s: f64,
-        /// Time of each movement, minimum jerk [s].
+        /// Time of each movement, minimum jerk (s).
         rise_s: f64,
     },
     /// To a position, and rest there under power.
     Hold {
-        /// Where; `None`: where the handle is [rad or m].
+        /// Where; `None`: where the handle is (rad or m).
         position: Option<f64>,
-        /// Time of the movement there, within the duration [s].
+        /// Time of the movement there, within the duration (s).
         rise_s: f64,
-        /// Whole duration [s].
+        /// Whole duration (s).
         duration_s: f64,
     },
     /// 0 V; the handle stays or is moved by hand.
     Rest {
-        /// Duration [s].
+        /// Duration (s).
         duration_s: f64,
     },
 }
@@ -70,11 +70,11 @@ pub enum Movement {
 /// One sine of a multisine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
-    /// Amplitude [rad or m].
+    /// Amplitude (rad or m).
     pub amplitude: f64,
-    /// Frequency [Hz].
+    /// Frequency (Hz).
     pub frequency_hz: f64,
-    /// Phase at the segment's start [rad].
+    /// Phase at the segment's start (rad).
     pub phase: f64,
 }
 
@@ -120,7 +120,7 @@ impl Movement {
         }
     }
 
-    /// Whole duration [s].
+    /// Whole duration (s).
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::GuidedSine { duration_s, .. }
@@ -131,7 +131,7 @@ impl Movement {
         }
     }
 
-    /// Bounds of the positions that it asks for: with the position at its start, it stays within their hull [rad or m].
+    /// Bounds of the positions that it asks for: with the position at its start, it stays within their hull (rad or m).
     /// `None` where it asks for none.
     pub fn range(&self) -> Option<(f64, f64)> {
         match self {
@@ -149,7 +149,7 @@ impl Movement {
         }
     }
 
-    /// Where it ends when it begins at `start`; `None` where nobody knows [rad or m].
+    /// Where it ends when it begins at `start`; `None` where nobody knows (rad or m).
     pub fn end(&self, start: Option<f64>) -> Option<f64> {
         match self {
             Self::GuidedSine { centre, .. } | Self::Multisine { centre, .. } => Some(*centre),
@@ -159,7 +159,7 @@ impl Movement {
         }
     }
 
-    /// A speed that it never passes when it begins at rest at `start` [rad/s or m/s].
+    /// A speed that it never passes when it begins at rest at `start` (rad/s or m/s).
     ///
     /// For sines this is the sum of what the lines and the fades can do at their worst together.
     pub fn peak_speed_from(&self, start: f64) -> f64 {
@@ -346,7 +346,7 @@ fn read_lines(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Vec<Line>
         .collect()
 }
 
-/// The next number in [0, 1) of the generator SplitMix64 (Steele, Lea, Flood, OOPSLA 2014): the same phases from the same
+/// The next number from 0 to below 1 of the generator SplitMix64 (Steele, Lea, Flood, OOPSLA 2014): the same phases from the same
 /// seed for ever, which a library's generator does not promise over its releases.
 fn unit_random(state: &mut u64) -> f64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
