@@ -40,9 +40,9 @@ impl Noise {
 /// hold stands between force and motion), dry friction as an impulse that stops the mass exactly, position in counts of 1e-7 m, force with 0.3 N of noise.
 fn record(truth: Truth, seed: u64) -> Series {
     let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
-    let phase: Vec<f64> = (0..4).map(|_| 6.3 * noise.uniform()).collect();
+    let phase: Vec<f64> = (0..4).map(|_| std::f64::consts::TAU * noise.uniform()).collect();
     let reference = |t: f64| {
-        let wave = |k: usize, f: f64, a: f64| a * ((6.283 * f * t + phase[k]).sin() - phase[k].sin());
+        let wave = |k: usize, f: f64, a: f64| a * ((std::f64::consts::TAU * f * t + phase[k]).sin() - phase[k].sin());
         wave(0, 0.31, 0.05) + wave(1, 0.83, 0.02) + wave(2, 2.1, 0.004) + wave(3, 4.3, 0.001)
     };
     let mass = MASS * if truth.mass_factor > 0.0 { truth.mass_factor } else { 1.0 };
