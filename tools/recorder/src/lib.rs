@@ -4,12 +4,12 @@
 //!
 //! ```text
 //! $ farreach rec info run.mcap
-//! run.mcap: 104,236 bytes, 2 chunks, written by farreach 0.1.0
+//! run.mcap: 225,601 bytes, 5 chunks, written by farreach 0.1.0
 //!   rig hydrostatic, profile best-effort, part 1
 //!   ended in good order
-//!   topic                count        rate Hz    first s     last s
-//!   command                500          500.0      0.000      0.998
-//!   sample                2000         2000.0      0.000      1.000
+//!   topic                 count        rate Hz    first s     last s
+//!   command                 500          500.0      0.000      0.998
+//!   sample                 2000         2000.0      0.000      1.000
 //!
 //! $ farreach rec verify run.mcap
 //! run.mcap: nothing lost: 2,500 messages, 2 topics with data, every checksum right
@@ -18,21 +18,24 @@
 //! $ farreach rec verify killed.mcap ; echo $?
 //! killed.mcap: DATA LOST
 //!   the file ends without a footer: the writer was stopped before it could end it (0 bytes unreadable)
-//!   sample: ticks 1000 to 2799, none missing
+//!   sample: ticks 1000 to 2800, none missing
 //! 3
 //!
 //! $ farreach rec recover killed.mcap -o mended.mcap ; echo $?
-//! mended.mcap: 2,250 messages; 0 damaged chunks and 0 bytes at the end left out
+//! mended.mcap: 2,252 messages; 0 damaged chunks and 0 bytes at the end left out
 //! 3
 //!
 //! $ farreach rec cat run.mcap --topic command --json | head -n 1
-//! {"topic":"command","log_time_ns":1700000000500700000,"sequence":0,"fields":{"session":11,...}}
+//! {"fields":{"axes":1,"computed_ns":0, ... ,"volts":[0.5,0.0,0.0]},"log_time_ns":1700000000500200000,
+//! "publish_time_ns":1700000000500200000,"sequence":0,"topic":"command"}
 //!
 //! $ farreach rec cut run.mcap --from 0.25 --to 0.75 -o middle.mcap
 //! middle.mcap: 1,250 messages
 //!
 //! $ farreach rec merge run.mcap run.part2.mcap -o whole.mcap
-//! $ farreach rec export run.mcap --to csv > run.csv
+//! $ farreach rec export run.mcap --to csv | head -n 2
+//! t_s,master_rad,motor_v,slave_rad
+//! 0,0,1,-0.15297538471219713
 //! ```
 //!
 //! stdout carries the result, stderr the diagnosis. Exit code 0: done; 1: failed; 3: done, but data is missing.
@@ -90,4 +93,17 @@ fn closed_pipe(error: &anyhow::Error) -> bool {
                 .downcast_ref::<serde_json::Error>()
                 .is_some_and(|e| e.io_error_kind() == Some(std::io::ErrorKind::BrokenPipe))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::closed_pipe;
+
+    #[test]
+    fn a_closed_pipe_is_known_in_any_wrapping() {
+        let pipe = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        assert!(closed_pipe(&anyhow::Error::from(pipe()).context("while writing")));
+        assert!(closed_pipe(&anyhow::Error::from(serde_json::Error::io(pipe()))));
+        assert!(!closed_pipe(&anyhow::anyhow!("something else")));
+    }
 }

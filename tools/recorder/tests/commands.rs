@@ -206,3 +206,31 @@ fn export_gives_back_the_record_and_whole_topics() {
     fs::write(dir.path("no.mcap"), "nothing").unwrap();
     assert!(fails(&["info", &dir.text("no.mcap")]).contains("not an MCAP file"));
 }
+
+/// Takes nothing: the reader at the other end has gone.
+struct Closed;
+
+impl std::io::Write for Closed {
+    fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+        Err(std::io::ErrorKind::BrokenPipe.into())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_closed_pipe_is_passed_on_as_such() {
+    let dir = Folder::new();
+    write(&dir.path("run.mcap"), 0..2000, true);
+    let run = dir.text("run.mcap");
+    for words in [&["cat", &run][..], &["cat", &run, "--json"], &["export", &run, "--to", "csv"], &["info", &run]] {
+        let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
+        let error = recorder::run_to(&line.command, &mut Closed).unwrap_err();
+        let kind = error.chain().find_map(|cause| {
+            let json = cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind);
+            cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind).or(json)
+        });
+        assert_eq!(kind, Some(std::io::ErrorKind::BrokenPipe), "{words:?}: {error:?}");
+    }
+}

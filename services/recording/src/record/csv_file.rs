@@ -99,7 +99,10 @@ fn table_error(path: &Path, error: csv::Error) -> RecordError {
 /// Those of the output.
 pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
     let mut writer = csv::Writer::from_writer(output);
-    let to_io = |error: csv::Error| io::Error::other(error.to_string());
+    let to_io = |error: csv::Error| match error.into_kind() {
+        csv::ErrorKind::Io(error) => error, // its kind matters: a closed pipe is no failure
+        other => io::Error::other(format!("{other:?}")),
+    };
     writer.write_record(std::iter::once(TIME).chain(record.columns.keys().map(String::as_str))).map_err(to_io)?;
     for (index, time) in record.time_s.iter().enumerate() {
         let cells = std::iter::once(time).chain(record.columns.values().filter_map(|column| column.get(index)));
