@@ -215,16 +215,19 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
         Answer::Done => {}
         other => return Err(unexpected(&other)),
     }
-    let units = directory.config()?.map(|config| config.load_units()).transpose()?.unwrap_or_default();
-    // Each may take its time, be killed, and take it again.
-    let patience =
-        units.iter().map(|unit| unit.timeout_stop * 2).sum::<Duration>() + Duration::from_secs(ANSWER_SECONDS);
-    let report = match connection.receive("stop", patience)? {
-        Answer::Stopped { report } => report,
-        other => return Err(unexpected(&other)),
+    // It takes the units' time. But it writes its status all the while: one that does not has come to hang since.
+    let updated = || directory.last_status().ok().flatten().map(|status| status.updated_unix_ms);
+    let mut before = updated();
+    let report = loop {
+        match connection.receive("go on with the stop") {
+            Ok(Answer::Stopped { report }) => break report,
+            Ok(other) => return Err(unexpected(&other)),
+            Err(Error::Silent { .. }) if updated() != before => before = updated(),
+            Err(error) => return Err(error),
+        }
     };
     // The report is its last word but one: whoever starts the rig next wants it gone.
-    connection.wait_until_gone(patience);
+    connection.wait_until_gone();
     Ok(report)
 }
 
@@ -254,6 +257,8 @@ fn unexpected(answer: &Answer) -> Error {
 
 struct Connection {
     stream: BufReader<UnixStream>,
+    /// What has come of the next line.
+    line: String,
     launcher: ProcessIdentity,
     socket: PathBuf,
 }
@@ -272,21 +277,25 @@ impl Connection {
             message: format!("found `{}`, expected pid and start time", text.trim()),
         })?;
         let stream = UnixStream::connect(&socket).map_err(|source| Error::io("connect to", &socket, source))?;
-        Ok(Self { stream: BufReader::new(stream), launcher, socket })
+        Ok(Self { stream: BufReader::new(stream), line: String::new(), launcher, socket })
     }
 
     fn ask(&mut self, request: &Request) -> Result<Answer, Error> {
         send(self.stream.get_mut(), request).map_err(|source| Error::io("write to", &self.socket, source))?;
-        self.receive("answer", Duration::from_secs(ANSWER_SECONDS))
+        self.receive("answer")
     }
 
-    fn receive(&mut self, what: &'static str, patience: Duration) -> Result<Answer, Error> {
+    /// The next answer; may be called again after [`Error::Silent`].
+    fn receive(&mut self, what: &'static str) -> Result<Answer, Error> {
+        let patience = Duration::from_secs(ANSWER_SECONDS);
         let fail = |source| Error::io("read from", &self.socket, source);
         self.stream.get_ref().set_read_timeout(Some(patience)).map_err(fail)?;
-        let mut line = String::new();
-        match self.stream.read_line(&mut line) {
-            Ok(_) => serde_json::from_str(&line)
-                .map_err(|error| Error::File { path: self.socket.clone(), message: format!("`{line}`: {error}") }),
+        match self.stream.read_line(&mut self.line) {
+            Ok(_) => {
+                let line = std::mem::take(&mut self.line);
+                serde_json::from_str(&line)
+                    .map_err(|error| Error::File { path: self.socket.clone(), message: format!("`{line}`: {error}") })
+            }
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {
                 Err(Error::Silent { launcher: self.launcher, what, seconds: patience.as_secs() })
             }
@@ -294,9 +303,9 @@ impl Connection {
         }
     }
 
-    fn wait_until_gone(&self, patience: Duration) {
+    fn wait_until_gone(&self) {
         let Some(handle) = self.launcher.open() else { return };
-        let timeout = Timespec::try_from(patience).ok();
+        let timeout = Timespec::try_from(Duration::from_secs(ANSWER_SECONDS)).ok();
         let _ = poll(&mut [PollFd::new(&handle, PollFlags::IN)], timeout.as_ref());
     }
 }

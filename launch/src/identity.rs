@@ -1,8 +1,9 @@
 //! Who a process is: its pid and its start time, so that a recycled pid is not taken for it.
 
 use std::fmt;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +27,13 @@ impl ProcessIdentity {
     pub fn of(pid: i32) -> Option<Self> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         let (state, start_time) = state_and_start_time(&stat)?;
-        (!matches!(state, 'Z' | 'X' | 'x')).then_some(Self { pid, start_time })
+        let dead = match state {
+            'X' | 'x' => true,
+            // The first thread is a zombie; the process lives, and holds its files and locks, until its last has ended.
+            'Z' => pidfd_open(Pid::from_raw(pid)?, PidfdFlags::NONBLOCK).map_or(true, |handle| has_ended(&handle)),
+            _ => false,
+        };
+        (!dead).then_some(Self { pid, start_time })
     }
 
     /// This process.
@@ -50,6 +57,12 @@ impl ProcessIdentity {
     pub fn signal(&self, signal: Signal) -> bool {
         self.open().is_some_and(|handle| pidfd_send_signal(&handle, signal).is_ok())
     }
+}
+
+/// Whether the process behind a pidfd has ended with all its threads; reaped or not.
+pub(crate) fn has_ended(handle: impl AsFd) -> bool {
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    matches!(poll(&mut [PollFd::new(&handle, PollFlags::IN)], Some(&at_once)), Ok(1))
 }
 
 /// Fields 3 and 22 of `/proc/PID/stat`. The name in field 2 may hold blanks and brackets: what counts is the last `)`.

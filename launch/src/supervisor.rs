@@ -13,6 +13,7 @@ use rustix::process::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::control::{Answer, ControlServer, Request};
+use crate::identity::has_ended;
 use crate::log::{self, Journal};
 use crate::machine::{Action, Exit, Machine, Phase, Policy};
 use crate::notify::{NotifySocket, Word};
@@ -366,10 +367,7 @@ impl Supervisor {
     fn see_exits(&mut self) {
         for index in 0..self.units.len() {
             let Some(process) = &self.units[index].process else { continue };
-            let handle = process.handle();
-            let mut ended = [PollFd::from_borrowed_fd(handle, PollFlags::IN)];
-            let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-            if !matches!(poll(&mut ended, Some(&at_once)), Ok(1)) {
+            if !has_ended(process.handle()) {
                 continue;
             }
             let Some(process) = self.units[index].process.take() else { continue };
