@@ -198,6 +198,19 @@ fn transport_delay_of_line() {
 }
 
 #[test]
+fn transport_delay_of_line_bears_strong_damping() {
+    let mut strong = plant(Parameters::printed(), &["transport_delay@line=0.01", "line_damping=900"]);
+    let mut farthest = 0.0_f64;
+    for index in 0..4000 {
+        strong.step(volts(4.0 * (f64::from(index) * 0.01).sin()), DT_S);
+        farthest = farthest.max(strong.state().slave_position_rad.abs());
+    }
+    assert!(farthest.is_finite() && (0.01..20.0).contains(&farthest), "{farthest}");
+    let energy = strong.energy();
+    assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{energy:?}");
+}
+
+#[test]
 fn line_damping() {
     // Free swing of the slave against the held master: the mode's decay is the sum of fluid's and ports'.
     let rate = |damping: f64, names: &[&str]| {

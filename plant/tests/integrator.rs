@@ -4,7 +4,7 @@
 mod common;
 
 use common::{DT_S, close, frictionless, loose, plant};
-use plant::hydrostatic::{ImposedMotion, Input, Parameters, Plant, State};
+use plant::hydrostatic::{Correction, ImposedMotion, Input, Parameters, Plant, State};
 
 /// Slave and lines against a held master. With the slave as a mass `μ = I_s / 2a²` per line and `k = 2K`:
 /// `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
@@ -295,4 +295,32 @@ fn smoothed_friction_tends_to_the_exact_one() {
     let exact = run(0.0);
     let (near, far) = ((run(1e-4) - exact).abs(), (run(0.5) - exact).abs());
     assert!(near < 5e-3 * exact && far > near, "{exact} {near} {far}");
+}
+
+/// A model that starts elsewhere and is pulled toward another, as an observer does, ends where that one is.
+#[test]
+fn correction_pulls_one_plant_to_another() {
+    let mut truth = plant(Parameters::traced(), &[]);
+    let mut model = plant(Parameters::traced(), &[]);
+    model.set_state(State { master_position_rad: 0.2, slave_position_rad: -0.1, ..State::default() });
+    let omega = 60.0;
+    let mut gaps = Vec::new();
+    for index in 0..4000 {
+        let input = Input { motor_v: 3.0 * (f64::from(index) * 0.004).sin(), hand_torque_nm: 0.0 };
+        truth.step(input, DT_S);
+        model.step(input, DT_S);
+        let (a, b) = (truth.state(), *model.state());
+        let (master, slave) =
+            (a.master_position_rad - b.master_position_rad, a.slave_position_rad - b.slave_position_rad);
+        model.correct(Correction {
+            master_position_rad: 1.4 * omega * DT_S * master,
+            master_velocity_rad_s: omega * omega * DT_S * master,
+            slave_position_rad: 1.4 * omega * DT_S * slave,
+            slave_velocity_rad_s: omega * omega * DT_S * slave,
+        });
+        gaps.push(master.abs().max(slave.abs()));
+    }
+    assert!(gaps[0] > 0.09 && gaps[3999] < 1e-3, "{} {}", gaps[0], gaps[3999]);
+    let energy = model.energy();
+    assert!(energy.defect_j().abs() < 1e-3 * energy.throughput_j, "{energy:?}");
 }

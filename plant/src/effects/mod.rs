@@ -132,6 +132,8 @@ pub struct Link {
     pub line: usize,
     /// Declared stiffness `2K`, N/m.
     pub stiffness_n_per_m: f64,
+    /// Declared damping `D`, N·s/m.
+    pub damping_n_s_per_m: f64,
     /// `α r`: fluid displacement per pulley angle, m/rad.
     pub displacement_m_per_rad: f64,
     /// Fluid less piston displacement, m.

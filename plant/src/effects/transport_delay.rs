@@ -76,7 +76,11 @@ impl Effect for TransportDelay {
         }
         let (line, time, impedance) = (link.line, moment.time_s, self.impedance_n_s_per_m);
         let (outward, inward) = (2 * line, 2 * line + 1);
-        let far_velocity = (self.signals[outward].past(time) - link.force_n) / impedance;
+        // The port's damper sees the new speed of the far end, or strong damping would make it swing.
+        let (damping, before) = (link.damping_n_s_per_m, self.far_velocity_m_s[line]);
+        let arriving = self.signals[outward].past(time);
+        let far_velocity = (arriving - link.force_n + damping * before) / (impedance + damping);
+        link.force_n += damping * (far_velocity - before);
         let near_force = impedance * link.fluid_velocity_m_s + self.signals[inward].past(time);
         self.signals[outward].push(time, near_force + impedance * link.fluid_velocity_m_s);
         self.signals[inward].push(time, link.force_n - impedance * far_velocity);

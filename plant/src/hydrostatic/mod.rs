@@ -25,4 +25,4 @@ mod state;
 pub use parameters::Parameters;
 pub use plant::Plant;
 pub use response::{Response, frequency_response};
-pub use state::{EnergyBalance, ImposedMotion, Input, Reading, State};
+pub use state::{Correction, EnergyBalance, ImposedMotion, Input, Reading, State};

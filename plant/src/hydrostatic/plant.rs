@@ -5,7 +5,7 @@
 //! linear springs exactly but for a bounded term of `(ω h)²/8`, where explicit Euler feeds the line's mode until
 //! it diverges. The sub-step follows from the highest mode.
 
-use super::{EnergyBalance, ImposedMotion, Input, Parameters, Reading, State, modes::modes};
+use super::{Correction, EnergyBalance, ImposedMotion, Input, Parameters, Reading, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Site};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Stribeck, advance};
@@ -169,6 +169,18 @@ impl Plant {
         self.read(0.0, 0.0);
     }
 
+    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a measurement.
+    ///
+    /// The energy that this puts in is left out of the balance.
+    pub fn correct(&mut self, correction: Correction) {
+        let before = self.stored_j();
+        self.state.master_position_rad += correction.master_position_rad;
+        self.state.master_velocity_rad_s += correction.master_velocity_rad_s;
+        self.state.slave_position_rad += correction.slave_position_rad;
+        self.state.slave_velocity_rad_s += correction.slave_velocity_rad_s;
+        self.stored_at_start_j += self.stored_j() - before;
+    }
+
     /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
     pub fn step(&mut self, input: Input, dt_s: f64) {
         let (count, step) = self.sub_steps(dt_s);
@@ -201,7 +213,7 @@ impl Plant {
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
             let part = index as f64 / count as f64;
-            let (next, speed_next) = cubic(from, speed_from, master, dt_s, part);
+            let (next, speed_next) = master.approach(from, speed_from, dt_s, part);
             let (position, speed) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
             let (mut half, mut mean) = self.middle(step);
             half[0] = 0.5 * (position + next);
@@ -341,6 +353,7 @@ impl Plant {
                     end,
                     line,
                     stiffness_n_per_m: stiffness,
+                    damping_n_s_per_m: damping,
                     displacement_m_per_rad: displacement,
                     deflection_m: deflection,
                     rate_m_s: rate,
@@ -482,14 +495,4 @@ impl Plant {
             effect.sense(&mut self.reading, &moment);
         }
     }
-}
-
-/// Cubic from position and speed to position and speed; `part` of the way, 0 to 1.
-fn cubic(from: f64, speed_from: f64, to: ImposedMotion, duration: f64, part: f64) -> (f64, f64) {
-    let (one, two) = (duration * speed_from, duration * to.velocity_rad_s);
-    let change = to.position_rad - from;
-    let (square, cube) = (3.0 * change - 2.0 * one - two, one + two - 2.0 * change);
-    let position = from + part * (one + part * (square + part * cube));
-    let speed = (one + part * (2.0 * square + part * 3.0 * cube)) / duration;
-    (position, speed)
 }

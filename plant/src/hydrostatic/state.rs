@@ -18,6 +18,31 @@ pub struct ImposedMotion {
     pub velocity_rad_s: f64,
 }
 
+impl ImposedMotion {
+    /// Position and speed `part` of the way (0 to 1) along the cubic that leads here from another position and speed.
+    pub(crate) fn approach(self, from: f64, speed_from: f64, duration: f64, part: f64) -> (f64, f64) {
+        let (one, two) = (duration * speed_from, duration * self.velocity_rad_s);
+        let change = self.position_rad - from;
+        let (square, cube) = (3.0 * change - 2.0 * one - two, one + two - 2.0 * change);
+        let position = from + part * (one + part * (square + part * cube));
+        let speed = (one + part * (2.0 * square + part * 3.0 * cube)) / duration;
+        (position, speed)
+    }
+}
+
+/// What an observer adds to the state.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Correction {
+    /// To the master angle, rad.
+    pub master_position_rad: f64,
+    /// To the master speed, rad/s.
+    pub master_velocity_rad_s: f64,
+    /// To the slave angle, rad.
+    pub slave_position_rad: f64,
+    /// To the slave speed, rad/s.
+    pub slave_velocity_rad_s: f64,
+}
+
 /// True state of the plant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {

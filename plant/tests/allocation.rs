@@ -1,0 +1,47 @@
+//! A step allocates nothing, whatever effects there are: the plant runs inside real-time loops.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use plant::hydrostatic::{Input, Parameters, Plant};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static COUNT: Cell<usize> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: hands everything to the system's allocator and only counts besides.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller keeps the contract of `GlobalAlloc::alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the pointer came from `System` through `alloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_step_allocates_nothing() {
+    let mut all = Vec::new();
+    for entry in plant::effects::LIST {
+        for place in entry.sites {
+            all.push(plant::effects::parse(&format!("{}@{}", entry.id, place.site)).unwrap());
+        }
+    }
+    let mut plant = Plant::new(Parameters::traced(), all).unwrap();
+    let before = COUNT.with(Cell::get);
+    assert!(before > 0, "the counter counts");
+    for index in 0..2000 {
+        plant.step(Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 }, 0.5e-3);
+    }
+    assert_eq!(COUNT.with(Cell::get), before);
+    assert!(plant.state().slave_position_rad.is_finite());
+}
