@@ -1,0 +1,165 @@
+//! The process: the loop between card and shared memory.
+
+use std::path::PathBuf;
+
+use ipc_types::{
+    AXES, COMMAND, EventKind, LoopTiming, Process, SAMPLE, Sample, Severity, TOKEN, TypedTopic, timing_topic,
+};
+use rig::RigFile;
+use runtime::clock::now_ns;
+use runtime::daq::{Daq, DaqError};
+use runtime::gate::{Gate, GateConfig, GateOutput};
+use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use thiserror::Error;
+
+use crate::{Converter, NullDaq, ReplayDaq, ReplayError, SimulatedDaq};
+
+/// Real-time priority: above card and control, below the watchdog.
+const PRIORITY: i32 = 80;
+
+/// Which card stands behind acquisition.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Card {
+    /// The simulator process.
+    Simulated,
+    /// A measured record.
+    Replay {
+        /// The record: MCAP or CSV.
+        record: PathBuf,
+        /// Begin again at its end.
+        looped: bool,
+    },
+    /// None.
+    Null,
+}
+
+/// What the process is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// Its rig file.
+    pub rig_file: PathBuf,
+    /// The card.
+    pub card: Card,
+}
+
+/// Why the process ended.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum AcquisitionError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("card: {0}")]
+    Card(#[from] DaqError),
+    #[error("{0} has no topic for its timing")]
+    NoTopic(Process),
+}
+
+/// Runs acquisition until a signal ends it.
+pub fn run(options: &Options) -> Result<(), AcquisitionError> {
+    let rig = RigFile::load(&options.rig_file)?;
+    // A record is read and checked before anything is joined.
+    let replay = match &options.card {
+        Card::Replay { record, looped } => Some(ReplayDaq::open(record, &rig, *looped)?),
+        _ => None,
+    };
+    let mut service = Service::start(Process::Acquisition, &options.rig_name)?;
+    match (&options.card, replay) {
+        (_, Some(mut daq)) => run_loop(&rig, &mut service, &mut daq),
+        (Card::Null, None) => run_loop(&rig, &mut service, &mut NullDaq::new(rig.rates.acquisition_hz)),
+        (_, None) => {
+            let mut daq = SimulatedDaq::new(&service, &rig)?;
+            run_loop(&rig, &mut service, &mut daq)
+        }
+    }
+}
+
+fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(), AcquisitionError> {
+    let timing_topic: TypedTopic<LoopTiming> =
+        timing_topic(Process::Acquisition).ok_or(AcquisitionError::NoTopic(Process::Acquisition))?;
+    let mut samples = service.publisher(SAMPLE)?;
+    let mut timings = service.publisher(timing_topic)?;
+    let mut tokens = service.subscriber(TOKEN)?;
+    let mut commands = service.subscriber(COMMAND)?;
+    let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.acquisition_ns);
+    let converter = Converter::new(rig);
+    let backend = daq.capabilities().backend.code();
+    let mut volts_max = [0.0; AXES];
+    for (limit, axis) in volts_max.iter_mut().zip(&rig.axes) {
+        *limit = axis.limits.volts_max;
+    }
+    let identity = service.identity();
+    let mut gate = Gate::new(GateConfig::for_profile(
+        service.domain().profile(),
+        identity.session,
+        identity.incarnation,
+        rig.axes.len(),
+        volts_max,
+    ));
+    // Whatever a predecessor left in the DACs is taken away before anything else.
+    daq.write([0.0; AXES])?;
+    let profile = service.enter_loop(PRIORITY)?;
+    let mut meter =
+        LoopMeter::new(Process::Acquisition, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let mut told_finished = false;
+    while !service.stopping() {
+        let Some(wake) = grid.wait() else { continue };
+        while let Some(token) = tokens.take()? {
+            gate.observe_token(&token);
+        }
+        while let Some(command) = commands.take()? {
+            gate.observe_command(&command);
+        }
+        let output = gate.step(now_ns(), None, None);
+        if daq.write(output.volts).is_err() {
+            gate.write_failed();
+            daq.write([0.0; AXES])?;
+        }
+        let missed = daq.scans_missed();
+        let mut taken = None;
+        for scan in daq.read_due(wake.woke_ns)? {
+            let mut sample = converter.convert(scan);
+            stamp(&mut sample, &output, gate.state().code());
+            sample.scans_missed = missed;
+            sample.cycles_missed = grid.missed();
+            sample.backend = backend;
+            sample.profile = profile.code();
+            samples.send(sample)?;
+            taken = Some(scan.tick);
+        }
+        if let Some(tick) = taken {
+            daq.taken(tick);
+        }
+        let end = now_ns();
+        meter.record(&wake, end);
+        if let Some(timing) = meter.due(&grid, end) {
+            timings.send(timing)?;
+        }
+        if daq.finished() && !told_finished {
+            told_finished = true;
+            service.event(EventKind::ReplayDone, Severity::Info, [0.0; 3], "the record came to its end")?;
+        }
+        service.beat();
+    }
+    daq.write([0.0; AXES])?;
+    service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+    Ok(())
+}
+
+/// What the gate did, into the sample.
+fn stamp(sample: &mut Sample, output: &GateOutput, state: u8) {
+    sample.output_v = output.volts;
+    sample.epoch = output.epoch;
+    sample.token_sequence = output.token_sequence;
+    sample.command_incarnation = output.command_incarnation;
+    sample.command_sequence = output.command_sequence;
+    sample.gate_state = state;
+    sample.gate_cause = output.cause.code();
+}

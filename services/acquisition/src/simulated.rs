@@ -1,0 +1,117 @@
+//! The virtual card, over shared memory.
+
+use ipc_types::{AXES, Backend, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardOutput, CardScan};
+use rig::RigFile;
+use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
+use runtime::{PortError, Publisher, Service, Subscriber};
+
+/// The simulator process as a card. Its FIFO outlives this object: a successor goes on behind the
+/// scans that this one said it had taken.
+#[derive(Debug)]
+pub struct SimulatedDaq {
+    scans: Subscriber<CardScan>,
+    outputs: Publisher<CardOutput>,
+    present: Present,
+    batch: Vec<CardScan>,
+    converted: Vec<Scan>,
+    last_tick: Option<u64>,
+    taken_tick: u64,
+    missed: u64,
+}
+
+impl SimulatedDaq {
+    /// Joins the virtual card of the service's rig.
+    pub fn new(service: &Service, rig: &RigFile) -> Result<Self, PortError> {
+        let axes = rig.axes.iter().enumerate();
+        let bits = |wanted: fn(&rig::Axis) -> bool| {
+            axes.clone().filter(|(_, axis)| wanted(axis)).fold(0u8, |bits, (index, _)| bits | 1 << index)
+        };
+        Ok(Self {
+            scans: service.subscriber(CARD_SCAN)?,
+            outputs: service.publisher(CARD_OUTPUT)?,
+            present: Present {
+                master: bits(|_| true),
+                slave: bits(|axis| axis.slave.is_some()),
+                motor: bits(|_| true),
+                analog: rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index),
+            },
+            batch: Vec::with_capacity(2 * CARD_FIFO),
+            converted: Vec::with_capacity(2 * CARD_FIFO),
+            last_tick: None,
+            taken_tick: 0,
+            missed: 0,
+        })
+    }
+}
+
+impl Daq for SimulatedDaq {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            backend: Backend::Simulated,
+            fifo_depth: CARD_FIFO,
+            accepts_output: true,
+            holds_on_exit: true,
+            enable_line: true,
+        }
+    }
+
+    fn read_due(&mut self, _now_ns: u64) -> Result<&[Scan], DaqError> {
+        self.batch.clear();
+        self.converted.clear();
+        while self.batch.len() < self.batch.capacity() {
+            match self.scans.take() {
+                Ok(Some(scan)) => self.batch.push(scan),
+                Ok(None) => break,
+                Err(_) => return Err(DaqError::Link("receiving scans")),
+            }
+        }
+        // Scans that a predecessor has published already; the card remembers how far it came.
+        if self.last_tick.is_none()
+            && let Some(newest) = self.batch.last()
+            && newest.taken_tick > 0
+        {
+            self.last_tick = Some(newest.taken_tick);
+        }
+        for scan in &self.batch {
+            if let Some(last) = self.last_tick {
+                if scan.tick <= last {
+                    continue;
+                }
+                self.missed += scan.tick - last - 1;
+            }
+            self.last_tick = Some(scan.tick);
+            self.converted.push(Scan {
+                tick: scan.tick,
+                time_ns: scan.scan_time_ns,
+                master_counts: scan.master_counts,
+                slave_counts: scan.slave_counts,
+                analog_v: scan.analog_v,
+                motor_v: scan.motor_v,
+                digital_in: scan.digital_in,
+                present: self.present,
+                motor_power: scan.motor_power == 1,
+                ..Scan::default()
+            });
+        }
+        Ok(&self.converted)
+    }
+
+    fn taken(&mut self, tick: u64) {
+        self.taken_tick = self.taken_tick.max(tick);
+    }
+
+    fn write(&mut self, volts: [f64; AXES]) -> Result<(), DaqError> {
+        let finite = volts.iter().all(|v| v.is_finite());
+        let output = CardOutput {
+            volts: if finite { volts } else { [0.0; AXES] },
+            taken_tick: self.taken_tick,
+            ..CardOutput::default()
+        };
+        self.outputs.send(output).map_err(|_| DaqError::Link("sending volts"))?;
+        if finite { Ok(()) } else { Err(DaqError::NotFinite) }
+    }
+
+    fn scans_missed(&self) -> u64 {
+        self.missed
+    }
+}
