@@ -1,3 +1,8 @@
 //! The control process and its laws.
+//!
+//! [`law`] is pure; [`run`] is the loop around it: the newest sample and setpoint in, one command out.
 
 pub mod law;
+mod process;
+
+pub use process::{ControlError, Options, law_config, run};

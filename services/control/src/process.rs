@@ -1,0 +1,133 @@
+//! The process: the loop around the law.
+
+use std::path::PathBuf;
+
+use ipc_types::{
+    AXES, COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity, TOKEN, TypedTopic,
+    timing_topic,
+};
+use rig::RigFile;
+use runtime::clock::now_ns;
+use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use thiserror::Error;
+
+use crate::law::{AxisLaw, Law, LawConfig};
+
+/// Real-time priority: below acquisition and card.
+const PRIORITY: i32 = 70;
+/// The reference catches up with a far target at this fraction of the axis's speed limit.
+const CATCH_UP: f64 = 0.2;
+
+/// What the process is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// Its rig file.
+    pub rig_file: PathBuf,
+}
+
+/// Why the process ended.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum ControlError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("{0} has no topic for its timing or events")]
+    NoTopic(Process),
+}
+
+/// Gains and limits of a rig file, as the law wants them.
+pub fn law_config(rig: &RigFile) -> LawConfig {
+    let nothing = AxisLaw {
+        position_gain: 0.0,
+        velocity_gain: 0.0,
+        velocity_filter_hz: 1.0,
+        output_limit_v: 0.0,
+        friction_peak_v: 0.0,
+        friction_floor_v: 0.0,
+        inertia_v: 0.0,
+        ramp_s: 1.0,
+        catch_up_speed: 0.0,
+        position_min: 0.0,
+        position_max: 0.0,
+    };
+    let mut laws = [nothing; AXES];
+    for (law, axis) in laws.iter_mut().zip(&rig.axes) {
+        let control = &axis.control;
+        *law = AxisLaw {
+            position_gain: control.position_gain,
+            velocity_gain: control.velocity_gain,
+            velocity_filter_hz: control.velocity_filter_hz,
+            output_limit_v: control.output_limit_v,
+            friction_peak_v: control.feedforward.friction_peak_v,
+            friction_floor_v: control.feedforward.friction_floor_v,
+            inertia_v: control.feedforward.inertia_v,
+            ramp_s: control.ramp_s,
+            catch_up_speed: CATCH_UP * axis.limits.speed_max,
+            position_min: axis.limits.position_min,
+            position_max: axis.limits.position_max,
+        };
+    }
+    LawConfig { axes: rig.axes.len(), axis: laws, period_s: 1.0 / f64::from(rig.rates.control_hz) }
+}
+
+/// Runs control until a signal ends it.
+pub fn run(options: &Options) -> Result<(), ControlError> {
+    let rig = RigFile::load(&options.rig_file)?;
+    let mut service = Service::start(Process::Control, &options.rig_name)?;
+    let no_topic = || ControlError::NoTopic(Process::Control);
+    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Control).ok_or_else(no_topic)?;
+    let mut samples = service.subscriber(SAMPLE)?;
+    let mut setpoints = service.subscriber(SETPOINT)?;
+    let mut tokens = service.subscriber(TOKEN)?;
+    let mut commands = service.publisher(COMMAND)?;
+    let mut timings = service.publisher(timing_topic)?;
+    let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
+    let mut law = Law::new(law_config(&rig));
+    let identity = service.identity();
+    let profile = service.enter_loop(PRIORITY)?;
+    let mut events = service.take_events().ok_or_else(no_topic)?;
+    let mut meter = LoopMeter::new(Process::Control, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let (mut sample, mut setpoint, mut token) = (None, None, None);
+    while !service.stopping() {
+        let Some(wake) = grid.wait() else { continue };
+        if let Some(newest) = samples.latest()? {
+            if sample.is_none() {
+                let text = "control goes on from the measured position";
+                let told = Event::new(Process::Control, EventKind::ControlResumed, Severity::Info, text);
+                events.send(Event { a: newest.master_position[0], ..told })?;
+            }
+            sample = Some(newest);
+        }
+        setpoint = setpoints.latest()?.or(setpoint);
+        token = tokens.latest()?.or(token);
+        if let Some(sample) = &sample {
+            // Powered means: the gate is open, for the epoch of the newest token, and for our commands.
+            let powered = token.is_some_and(|token| {
+                token.enabled == 1
+                    && token.control_incarnation == identity.incarnation
+                    && sample.epoch == token.epoch
+                    && sample.gate_state == GateState::Open.code()
+            });
+            let mut command = law.step(now_ns(), sample, setpoint.as_ref(), powered);
+            command.token_sequence = token.map_or(0, |token| token.sequence);
+            command.epoch = token.map_or(0, |token| token.epoch);
+            command.cycles_missed = grid.missed();
+            command.profile = profile.code();
+            commands.send(command)?;
+        }
+        let end = now_ns();
+        meter.record(&wake, end);
+        if let Some(timing) = meter.due(&grid, end) {
+            timings.send(timing)?;
+        }
+        service.beat();
+    }
+    events.send(Event::new(Process::Control, EventKind::ProcessEnding, Severity::Info, ""))?;
+    Ok(())
+}

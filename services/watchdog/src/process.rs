@@ -1,0 +1,165 @@
+//! The process: the loop around the machine.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use ipc_types::{
+    AXES, COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, LoopTiming, Process, SAMPLE, Severity, TOKEN, TypedTopic,
+    Verb, WatchdogState, timing_topic,
+};
+use rig::RigFile;
+use runtime::clock::now_ns;
+use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use thiserror::Error;
+
+use crate::attendant::{self, Shared};
+use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers};
+
+/// Real-time priority: above all others.
+const PRIORITY: i32 = 85;
+/// `arm` takes an axis that moves by fewer counts than this within the speed window as at rest.
+const REST_COUNTS: f64 = 3.0;
+
+/// What the process is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// Its rig file.
+    pub rig_file: PathBuf,
+}
+
+/// Why the process ended.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum WatchdogError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("thread: {0}")]
+    Thread(#[from] std::io::Error),
+    #[error("{0} has no topic for its timing or events")]
+    NoTopic(Process),
+}
+
+/// The limits of a rig file, as the machine wants them.
+pub fn axis_limits(rig: &RigFile) -> [AxisLimits; AXES] {
+    let nothing = AxisLimits {
+        position_min: 0.0,
+        position_max: 0.0,
+        speed_max: 0.0,
+        rest_speed: 0.0,
+        volts_max: 0.0,
+        torque_max: 0.0,
+        torque_needed: false,
+        encoder_jump_counts: 0,
+        master_count: 1.0,
+        slave_count: 1.0,
+    };
+    let mut limits = [nothing; AXES];
+    for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
+        let master_count = 1.0 / axis.master.counts_per_unit;
+        *limit = AxisLimits {
+            position_min: axis.limits.position_min,
+            position_max: axis.limits.position_max,
+            speed_max: axis.limits.speed_max,
+            rest_speed: REST_COUNTS * master_count / 8e-3,
+            volts_max: axis.limits.volts_max,
+            torque_max: axis.limits.torque_max.unwrap_or(f64::INFINITY),
+            torque_needed: axis.torque.is_some(),
+            encoder_jump_counts: axis.limits.encoder_jump_counts.unsigned_abs(),
+            master_count,
+            slave_count: axis.slave.map_or(master_count, |slave| 1.0 / slave.counts_per_unit),
+        };
+    }
+    limits
+}
+
+/// Runs the watchdog until a signal ends it.
+pub fn run(options: &Options) -> Result<(), WatchdogError> {
+    let rig = RigFile::load(&options.rig_file)?;
+    let mut service = Service::start(Process::Watchdog, &options.rig_name)?;
+    let no_topic = || WatchdogError::NoTopic(Process::Watchdog);
+    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Watchdog).ok_or_else(no_topic)?;
+    let mut samples = service.subscriber(SAMPLE)?;
+    let mut commands = service.subscriber(COMMAND)?;
+    let mut tokens = service.publisher(TOKEN)?;
+    let mut lines = service.publisher(ENABLE_LINE)?;
+    let mut timings = service.publisher(timing_topic)?;
+    let shared = Arc::new(Shared::new());
+    let attendant = attendant::start(service.domain().name().clone(), Arc::clone(&shared), service.stop_flag())?;
+    let mut grid = Grid::of_rate(rig.rates.watchdog_hz, rig.phases.watchdog_ns);
+    let profile = service.enter_loop(PRIORITY)?;
+    let mut events = service.take_events().ok_or_else(no_topic)?;
+    let mut meter = LoopMeter::new(Process::Watchdog, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let identity = service.identity();
+    let mut machine = Machine::new(Config::for_profile(
+        service.domain().profile(),
+        identity.session,
+        identity.incarnation,
+        rig.axes.len(),
+        axis_limits(&rig),
+        // The virtual card has the enable line; a real one will say so in its capabilities.
+        true,
+    ));
+    let mut toggles = 0;
+    while !service.stopping() {
+        let Some(wake) = grid.wait() else { continue };
+        while let Some(sample) = samples.take()? {
+            machine.observe_sample(&sample);
+        }
+        while let Some(command) = commands.take()? {
+            machine.observe_command(&command);
+        }
+        let peers = Peers {
+            launcher_alive: shared.launcher.load(Ordering::Relaxed),
+            keeper_alive: shared.keeper.load(Ordering::Relaxed),
+        };
+        let now = now_ns();
+        if let Some(verb) = shared.verbs.pop() {
+            // Nobody waits for more than one answer: the queue has a place for it.
+            let _told = shared.answers.push(machine.command(verb, now));
+        }
+        let outputs = machine.step(now, peers);
+        shared.state.store(machine.state().code(), Ordering::Relaxed);
+        let Outputs { mut token, toggle_line, event } = outputs;
+        token.cycles_missed = grid.missed();
+        tokens.send(token)?;
+        if toggle_line {
+            toggles += 1;
+        }
+        lines.send(EnableLine { epoch: token.epoch, toggles, ..EnableLine::default() })?;
+        if let Some(change) = event {
+            let severity = match change.to {
+                WatchdogState::Tripped | WatchdogState::Faulted => Severity::Error,
+                _ => Severity::Info,
+            };
+            let told = Event {
+                a: f64::from(change.from.code()),
+                b: f64::from(change.to.code()),
+                c: f64::from(change.cause.code()),
+                ..Event::new(Process::Watchdog, EventKind::StateChanged, severity, change.cause.text())
+            };
+            events.send(told)?;
+        }
+        let end = now_ns();
+        meter.record(&wake, end);
+        if let Some(timing) = meter.due(&grid, end) {
+            timings.send(timing)?;
+        }
+        service.beat();
+    }
+    // The motor first: leave is withdrawn in good order, and the line stands still.
+    let now = now_ns();
+    let _state = machine.command(Verb::Disarm, now);
+    let peers = Peers { launcher_alive: true, keeper_alive: true };
+    tokens.send(machine.step(now, peers).token)?;
+    events.send(Event::new(Process::Watchdog, EventKind::ProcessEnding, Severity::Info, ""))?;
+    // It ends on the same flag; a panic in it has been printed.
+    let _ended = attendant.join();
+    Ok(())
+}
