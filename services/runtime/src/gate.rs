@@ -170,6 +170,11 @@ impl Gate {
         if !enabled {
             self.burnt_epoch = self.burnt_epoch.max(token.epoch);
         }
+        // An epoch belongs to one watchdog: another one that speaks ends it, also before it opened. Else the sequence of
+        // the first would be forgotten between its messages.
+        if let Some(last) = self.token.filter(|last| last.incarnation != token.incarnation) {
+            self.burnt_epoch = self.burnt_epoch.max(last.epoch);
+        }
         if let Some(last) = self.token.as_mut().filter(|last| last.incarnation == token.incarnation) {
             let backwards = token.sequence <= last.sequence || token.issued_ns < last.issued_ns;
             if backwards || token.epoch < last.epoch {
@@ -208,6 +213,11 @@ impl Gate {
             return self.refuse_command(GateCause::CommandSession);
         }
         if self.open.is_some_and(|open| command.incarnation != open.control) {
+            self.violated(GateCause::CommandSender);
+        }
+        let other = self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
+        if other && self.pending().is_some() {
+            // Two controls speak while leave is given: which of them would get it?
             self.violated(GateCause::CommandSender);
         }
         if let Some(last) = self.command.as_mut().filter(|last| last.incarnation == command.incarnation)

@@ -311,6 +311,35 @@ fn sr_04_two_interleaved_controls_burn_even_if_the_named_one_speaks_last() {
 }
 
 #[test]
+fn sr_04_an_epoch_that_two_watchdogs_speak_in_never_opens() {
+    for enabled in [0, 1] {
+        let mut rig = Rig::new();
+        rig.token.epoch = 3;
+        rig.renew();
+        rig.gate.observe_token(&rig.token);
+        let other = EnableToken { incarnation: 32, watchdog_incarnation: 32, epoch: 2 + enabled, ..rig.token };
+        rig.gate.observe_token(&EnableToken { enabled: enabled as u8, ..other });
+        for _ in 0..20 {
+            rig.renew();
+            assert_ne!(rig.step().state, GateState::Open);
+        }
+        rig.token.epoch = 4;
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Open);
+    }
+}
+
+#[test]
+fn sr_04_two_controls_that_speak_while_an_epoch_waits_burn_it() {
+    let mut rig = Rig::new();
+    rig.renew();
+    rig.gate.step(rig.now, Some(&rig.token), None);
+    rig.renew();
+    rig.gate.observe_command(&MotorCommand { incarnation: 42, ..rig.command });
+    rig.burns(GateCause::CommandSender);
+}
+
+#[test]
 fn sr_04_another_control_named_within_the_epoch_burns() {
     let mut rig = Rig::opened();
     rig.renew();
