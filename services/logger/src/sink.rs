@@ -307,6 +307,11 @@ impl Sink {
         LossCounters { received: tracker.received(), gaps: tracker.gaps(), ..self.losses_of_recording(topic) }
     }
 
+    /// The counters of a topic, all of them of the present or last recording.
+    pub fn losses(&self, topic: usize) -> LossCounters {
+        self.losses_of_recording(topic)
+    }
+
     fn losses_of_recording(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
         let load = |list: &[AtomicU64]| list.get(topic).map_or(0, |value| value.load(Ordering::Relaxed));
@@ -334,6 +339,17 @@ impl Sink {
         }
     }
 
+    /// Ends a file that is open in good order but keeps its state, as dropping does, waits for the disk, and returns what the
+    /// writing thread had to say about it. Nothing can be recorded afterwards.
+    pub fn end(&mut self) -> Vec<Outcome> {
+        self.quit();
+        let mut outcomes = Vec::new();
+        while let Some(outcome) = self.poll() {
+            outcomes.push(outcome);
+        }
+        outcomes
+    }
+
     /// Whether a recording runs or is being ended.
     pub fn recording(&self) -> bool {
         self.recording.is_some()
@@ -345,6 +361,15 @@ impl Sink {
     /// Messages of no known topic.
     pub fn unknown(&self) -> u64 {
         self.unknown
+    }
+
+    fn quit(&mut self) {
+        let losses = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic)).collect();
+        // A thread that is gone has nothing left to end.
+        let _ = self.send(Command::Quit { losses });
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
     }
 
     fn send(&self, command: Command) -> Result<(), SinkError> {
@@ -359,11 +384,7 @@ impl Sink {
 impl Drop for Sink {
     /// Ends a file that is open in good order but keeps its state: a logger that is restarted goes on with the next part.
     fn drop(&mut self) {
-        let losses = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic)).collect();
-        let _ = self.send(Command::Quit { losses });
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.quit();
     }
 }
 
