@@ -1,0 +1,90 @@
+"""Holds a demo's summary.json against what a demo promises.
+
+    summary.py SUMMARY.json [--profile realtime|best-effort]
+
+The bounds are those of docs/safety-case.md, to the motor's 0 V: the longest way is acquisition's death, which the watchdog
+notices after 8 / 60 ms, one cycle later stops the enable line, which drops the motor after 5 / 40 ms. Exit code 1, and what does
+not hold on stderr.
+"""
+
+import argparse
+import json
+import sys
+
+KEYS = (
+    "revision", "profile", "injected", "samples", "samples_lost", "samples_missed", "command_hz", "missed_periods",
+    "wake_late_us", "sample_to_command_us", "trip_ms", "restart_ms", "recording_bytes", "model_error", "identify",
+)  # fmt: skip
+CONTROL_HZ = 500.0  # of the embedded rig
+TRIP_MS = {"realtime": 20.0, "best-effort": 130.0}
+# A best-effort loop skips the periods that the machine does not give it; these are counted, and are no fault.
+RATE_SHARE = {"realtime": 0.001, "best-effort": 0.05}
+
+
+def numbers(value):
+    """All numbers of a list, an object, or nothing but a number."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        return [number for item in value for number in numbers(item)]
+    return [float(value)] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+
+
+def problems(summary, profile):
+    missing = [key for key in KEYS if key not in summary]
+    if missing:
+        yield f"keys missing: {', '.join(missing)}"
+        return
+    found = summary["profile"]
+    if found not in TRIP_MS or (profile and found != profile):
+        yield f"profile: expected {profile or ' or '.join(TRIP_MS)}, found {found!r}"
+        return
+    if not summary["samples"] > 0:
+        yield f"samples: expected some, found {summary['samples']!r}"
+    if summary["samples_lost"] != 0:
+        yield f"samples_lost: expected 0, found {summary['samples_lost']!r}"
+    if found == "realtime" and summary["samples_missed"] != 0:
+        yield f"samples_missed: expected 0 in realtime, found {summary['samples_missed']!r}"
+    trips = numbers(summary["trip_ms"])
+    if not trips:
+        yield "trip_ms: expected at least one, since the demo kills a process under power"
+    for trip in trips:
+        if not 0.0 <= trip <= TRIP_MS[found]:
+            yield f"trip_ms: expected at most {TRIP_MS[found]}, found {trip}"
+    if not numbers(summary["restart_ms"]):
+        yield "restart_ms: expected at least one"
+    rates = numbers(summary["command_hz"])
+    if len(rates) < 1:
+        yield "command_hz: expected one for each incarnation of control"
+    for rate in rates:
+        share = abs(rate / CONTROL_HZ - 1.0)
+        if not share <= RATE_SHARE[found]:
+            yield f"command_hz: expected {CONTROL_HZ} within {RATE_SHARE[found]:.1%}, found {rate}"
+    if not summary["recording_bytes"] > 0:
+        yield "recording_bytes: expected a recording"
+    if not isinstance(summary["identify"], dict) or "verdict" not in summary["identify"]:
+        yield "identify: expected a verdict"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("summary")
+    parser.add_argument("--profile", choices=sorted(TRIP_MS))
+    arguments = parser.parse_args()
+    with open(arguments.summary, encoding="utf-8") as file:
+        summary = json.load(file)
+    found = list(problems(summary, arguments.profile))
+    for problem in found:
+        print(f"{arguments.summary}: {problem}", file=sys.stderr)
+    if found:
+        return 1
+    print(
+        f"{summary['profile']}: {summary['samples']} samples, {summary['samples_lost']} lost, "
+        f"{summary['samples_missed']} missed; trips {summary['trip_ms']} ms, restarts {summary['restart_ms']} ms, "
+        f"command {summary['command_hz']} Hz; identify says {summary['identify']['verdict']!r}"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
