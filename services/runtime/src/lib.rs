@@ -16,8 +16,12 @@
 //!     while !service.stopping() {
 //!         let Some(wake) = grid.wait() else { continue };
 //!         if let Some(sample) = samples.latest()? {
-//!             let command = MotorCommand { sample_tick: sample.tick, computed_ns: wake.woke_ns, ..Default::default() };
-//!             commands.send(command)?;
+//!             commands.send(MotorCommand {
+//!                 sample_tick: sample.tick,
+//!                 sample_time_ns: sample.scan_time_ns,
+//!                 computed_ns: wake.woke_ns,
+//!                 ..Default::default()
+//!             })?;
 //!         }
 //!         service.beat();
 //!     }

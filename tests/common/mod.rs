@@ -1,0 +1,200 @@
+//! A rig of real processes for one test: own name, own directory, taken down whatever happens.
+//!
+//! Whole-system tests take turns through a file lock, because two cores bear one rig in real time, not several.
+//! A test process can join one rig only (the library's configuration is process-wide): a test that
+//! subscribes or publishes itself has a test binary of its own.
+#![allow(dead_code, clippy::unwrap_used, clippy::expect_used)]
+
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::fs::{FlockOperation, flock};
+use runtime::RigName;
+
+/// The units of a simulated rig.
+pub const WORKERS: [&str; 7] = ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
+
+/// A rig under test.
+pub struct TestRig {
+    name: RigName,
+    directory: tempfile::TempDir,
+    _turn: File,
+}
+
+impl TestRig {
+    /// Waits for its turn. `tag` makes the rig's name together with the process id.
+    pub fn new(tag: &str) -> Self {
+        let user = rustix::process::geteuid().as_raw();
+        let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
+        let turn = OpenOptions::new().create(true).truncate(false).write(true).open(path).unwrap();
+        flock(&turn, FlockOperation::LockExclusive).unwrap();
+        let name = format!("{tag}-{}", std::process::id()).parse().unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        Self { name, directory, _turn: turn }
+    }
+
+    pub fn name(&self) -> &RigName {
+        &self.name
+    }
+
+    /// A directory that lives as long as the rig.
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.directory.path().join(file)
+    }
+
+    /// The binary, with the rig's name in its environment.
+    pub fn farreach<I: AsRef<std::ffi::OsStr>>(&self, arguments: impl IntoIterator<Item = I>) -> Command {
+        let mut command = farreach();
+        command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
+        command
+    }
+
+    /// Runs the binary and returns what came of it.
+    pub fn run<I: AsRef<std::ffi::OsStr>>(&self, arguments: impl IntoIterator<Item = I>) -> Output {
+        self.farreach(arguments).output().unwrap()
+    }
+
+    /// Runs the binary, which must succeed; its standard output.
+    pub fn ok<I: AsRef<std::ffi::OsStr>>(&self, arguments: impl IntoIterator<Item = I>) -> String {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{}", told(&output));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Brings the simulated rig up.
+    pub fn up_simulated(&self) {
+        self.ok(["up", "--simulate"]);
+    }
+
+    /// `reset`, `arm`, `enable`; each is tried again while its reason passes by itself (a fault that still
+    /// stands, a machine that still moves).
+    pub fn power_up(&self) {
+        for verb in ["reset", "arm", "enable"] {
+            let mut last = None;
+            let done = wait_for(Duration::from_secs(20), || {
+                let output = self.run([verb]);
+                let done = output.status.success();
+                last = Some(told(&output));
+                done
+            });
+            assert!(done, "{verb}: {}", last.unwrap_or_default());
+        }
+    }
+
+    /// The launcher's view of the rig.
+    pub fn launcher_status(&self) -> launch::Status {
+        launch::status(&self.name.run_directory()).unwrap()
+    }
+
+    /// Where the launcher keeps its files.
+    pub fn run_directory(&self) -> PathBuf {
+        self.name.run_directory()
+    }
+
+    /// Everything of this rig in shared memory.
+    pub fn remains(&self) -> Vec<PathBuf> {
+        shared_memory_of(&self.name)
+    }
+
+    /// Processes of this rig (by their environment).
+    pub fn processes(&self) -> Vec<i32> {
+        processes_of(&self.name)
+    }
+
+    /// Takes the rig down and checks that nothing is left.
+    pub fn down(&self) {
+        self.ok(["down"]);
+        assert_eq!(self.processes(), Vec::<i32>::new(), "processes are left");
+        assert_eq!(self.remains(), Vec::<PathBuf>::new(), "shared memory is left");
+    }
+}
+
+impl Drop for TestRig {
+    fn drop(&mut self) {
+        let _down = self.run(["down"]);
+        for pid in self.processes() {
+            kill(pid, libc::SIGKILL);
+        }
+        std::thread::sleep(Duration::from_millis(50));
+        for path in self.remains() {
+            let _removed = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        }
+    }
+}
+
+/// The binary under test.
+pub fn farreach() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_farreach"))
+}
+
+/// Exit status and both streams, for messages.
+pub fn told(output: &Output) -> String {
+    format!(
+        "{}\n--- stdout\n{}\n--- stderr\n{}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// Everything of a rig in shared memory.
+pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
+    let directory = name.directory();
+    let mark = format!("{}.", directory.file_name().unwrap().to_string_lossy());
+    let mut found: Vec<PathBuf> = std::fs::read_dir("/dev/shm")
+        .unwrap()
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| *path == directory || path.file_name().unwrap().to_string_lossy().starts_with(&mark))
+        .collect();
+    found.sort();
+    found
+}
+
+/// Living processes whose environment names the rig (zombies have none).
+pub fn processes_of(name: &RigName) -> Vec<i32> {
+    let mark = format!("FARREACH_RIG_NAME={name}");
+    let own = std::process::id() as i32;
+    std::fs::read_dir("/proc")
+        .unwrap()
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse::<i32>().ok())
+        .filter(|pid| *pid != own)
+        .filter(|pid| {
+            std::fs::read(format!("/proc/{pid}/environ"))
+                .is_ok_and(|text| text.split(|byte| *byte == 0).any(|entry| entry == mark.as_bytes()))
+        })
+        .collect()
+}
+
+/// Sends a signal.
+pub fn kill(pid: i32, signal: i32) {
+    // SAFETY: sends a signal to a process that the test started.
+    unsafe {
+        libc::kill(pid, signal);
+    }
+}
+
+/// Waits until something holds; `false` if it never did. The limit only ends a test that has failed.
+pub fn wait_for(limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
+    let started = Instant::now();
+    loop {
+        if holds() {
+            return true;
+        }
+        if started.elapsed() > limit {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// A measured record beside the project, where it is there. The test that gets `None` must skip, and says so.
+pub fn measured(file: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(file);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: {} is not there; this test holds farreach against it", path.display());
+    None
+}
