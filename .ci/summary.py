@@ -22,12 +22,8 @@ RATE_SHARE = {"realtime": 0.001, "best-effort": 0.05}
 
 
 def numbers(value):
-    """All numbers of a list, an object, or nothing but a number."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, list):
-        return [number for item in value for number in numbers(item)]
-    return [float(value)] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+    """The numbers of a list; what is no number (null: it did not happen) as NaN, which is within no bound."""
+    return [float(item) if isinstance(item, (int, float)) else float("nan") for item in value]
 
 
 def problems(summary, profile):
@@ -51,10 +47,11 @@ def problems(summary, profile):
     for trip in trips:
         if not 0.0 <= trip <= TRIP_MS[found]:
             yield f"trip_ms: expected at most {TRIP_MS[found]}, found {trip}"
-    if not numbers(summary["restart_ms"]):
-        yield "restart_ms: expected at least one"
+    restarts = numbers(summary["restart_ms"])
+    if not restarts or not all(restart >= 0.0 for restart in restarts):
+        yield f"restart_ms: expected at least one, and no null, found {summary['restart_ms']}"
     rates = numbers(summary["command_hz"])
-    if len(rates) < 1:
+    if not rates:
         yield "command_hz: expected one for each incarnation of control"
     for rate in rates:
         share = abs(rate / CONTROL_HZ - 1.0)
@@ -62,7 +59,7 @@ def problems(summary, profile):
             yield f"command_hz: expected {CONTROL_HZ} within {RATE_SHARE[found]:.1%}, found {rate}"
     if not summary["recording_bytes"] > 0:
         yield "recording_bytes: expected a recording"
-    if not isinstance(summary["identify"], dict) or "verdict" not in summary["identify"]:
+    if summary["identify"] is not None and "verdict" not in summary["identify"]:
         yield "identify: expected a verdict"
 
 
@@ -81,7 +78,8 @@ def main():
     print(
         f"{summary['profile']}: {summary['samples']} samples, {summary['samples_lost']} lost, "
         f"{summary['samples_missed']} missed; trips {summary['trip_ms']} ms, restarts {summary['restart_ms']} ms, "
-        f"command {summary['command_hz']} Hz; identify says {summary['identify']['verdict']!r}"
+        f"command {summary['command_hz']} Hz; identify "
+        + (f"says {summary['identify']['verdict']!r}" if summary["identify"] else "DID NOT RUN")
     )
     return 0
 
