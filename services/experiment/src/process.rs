@@ -1,0 +1,291 @@
+//! The process: samples in, setpoints out, on the grid.
+
+mod desk;
+mod link;
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use ipc_types::{
+    AXES, Event, EventKind, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity,
+    TypedTopic, heartbeat_topic, timing_topic,
+};
+use rig::RigFile;
+use rig::protocol::Protocol;
+use runtime::clock::{MILLISECOND_NS, now_ns};
+use runtime::{Grid, LoopMeter, PortError, Publisher, Service, ServiceError, Subscriber, Wake};
+use thiserror::Error;
+
+use crate::player::{Change, Player, Program, Settings};
+use crate::state::PlayerState;
+
+use desk::{Clerk, Current, Desk};
+use link::{LoopEnd, Note, Order};
+
+/// Real-time priority: below everything that moves or guards the motor; setpoints have a lease.
+const PRIORITY: i32 = 30;
+/// Period of the heartbeat (ns).
+const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
+/// Name of the state's file.
+const STATE: &str = "experiment.state";
+
+/// What the process is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the rig.
+    pub rig_name: String,
+    /// Its rig file.
+    pub rig_file: PathBuf,
+}
+
+/// Why the process ended.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum ExperimentError {
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("{0} lacks a topic for its timing, heartbeat or events")]
+    NoTopic(Process),
+    #[error("{}: cannot keep the experiment's state: {source}", path.display())]
+    StateDirectory { path: PathBuf, source: io::Error },
+    #[error("the thread that answers requests ended")]
+    DeskClosed,
+}
+
+/// Runs the experiment process until a signal ends it.
+///
+/// # Errors
+/// [`ExperimentError`].
+pub fn run(options: &Options) -> Result<(), ExperimentError> {
+    let rig = RigFile::load(&options.rig_file)?;
+    Runner::new(Service::start(Process::Experiment, &options.rig_name)?, &rig)?.run()
+}
+
+/// The experiment process, joined to a rig.
+#[derive(Debug)]
+pub struct Runner {
+    service: Service,
+    samples: Subscriber<Sample>,
+    setpoints: Publisher<Setpoint>,
+    timings: Publisher<LoopTiming>,
+    heartbeats: Publisher<Heartbeat>,
+    player: Player,
+    settings: Settings,
+    link: LoopEnd,
+    grid: Grid,
+    /// newest order taken, and the one that is being played
+    taken: u32,
+    playing: u32,
+    stopping: bool,
+    newest: Option<Sample>,
+    desk: Desk,
+}
+
+impl Runner {
+    /// Joins the topics and takes up the protocol that was being played when an earlier process of this session ended.
+    ///
+    /// # Errors
+    /// Those of the ports. A state that cannot be used is none: it is told as an event.
+    pub fn new(mut service: Service, rig: &RigFile) -> Result<Self, ExperimentError> {
+        let no_topic = || ExperimentError::NoTopic(Process::Experiment);
+        let timing: TypedTopic<LoopTiming> = timing_topic(Process::Experiment).ok_or_else(no_topic)?;
+        let heartbeat = heartbeat_topic(Process::Experiment).ok_or_else(no_topic)?;
+        let directory = service.domain().name().run_directory();
+        fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&directory)
+            .map_err(|source| ExperimentError::StateDirectory { path: directory.clone(), source })?;
+        let file = directory.join(STATE);
+        let settings = Settings::default();
+        let mut player = Player::new(settings);
+        let session = service.identity().session;
+        let current = match take_up(&file, session, rig, &mut player) {
+            Ok(current) => current,
+            Err(reason) => {
+                service.event(EventKind::ProtocolStopped, Severity::Error, [0.0; 3], &reason)?;
+                None
+            }
+        };
+        let (link, desk_end) = link::link();
+        let clerk = Clerk {
+            rig: rig.clone(),
+            session,
+            file,
+            link: desk_end,
+            retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
+            current,
+            trouble: String::new(),
+            last_order: 0,
+        };
+        Ok(Self {
+            samples: service.subscriber(SAMPLE)?,
+            setpoints: service.publisher(SETPOINT)?,
+            timings: service.publisher(timing)?,
+            heartbeats: service.publisher(heartbeat)?,
+            desk: Desk::open(service.domain().name(), clerk)?,
+            grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
+            player,
+            settings,
+            link,
+            taken: 0,
+            playing: 0,
+            stopping: false,
+            newest: None,
+            service,
+        })
+    }
+
+    /// Raise it to end [`Runner::run`]; signals do.
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        self.service.stop_flag()
+    }
+
+    /// Plays what it is asked to until a signal ends it.
+    ///
+    /// # Errors
+    /// Those of the ports, and [`ExperimentError::DeskClosed`].
+    pub fn run(mut self) -> Result<(), ExperimentError> {
+        let profile = self.service.enter_loop(PRIORITY)?;
+        let mut events = self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
+        let mut meter =
+            LoopMeter::new(Process::Experiment, profile, self.service.memory_locked()).map_err(ServiceError::from)?;
+        let mut beat_ns = 0;
+        while !self.service.stopping() {
+            let Some(wake) = self.grid.wait() else { continue };
+            self.cycle(&wake, &mut events)?;
+            if wake.woke_ns >= beat_ns {
+                beat_ns = wake.woke_ns + HEARTBEAT_NS;
+                self.heartbeat(profile)?;
+            }
+            let end = now_ns();
+            meter.record(&wake, end);
+            if let Some(timing) = meter.due(&self.grid, end) {
+                self.timings.send(timing)?;
+                if self.desk.is_closed() {
+                    return Err(ExperimentError::DeskClosed);
+                }
+            }
+            self.service.beat();
+        }
+        events.send(Event::new(Process::Experiment, EventKind::ProcessEnding, Severity::Info, ""))?;
+        Ok(())
+    }
+
+    /// One cycle: allocates, locks and formats nothing.
+    fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
+        if let Some(sample) = self.samples.latest()? {
+            self.newest = Some(sample);
+        }
+        while let Ok(order) = self.link.orders.pop() {
+            match order {
+                Order::Play(number, program) => {
+                    // The desk holds this program and the one before it: nothing is freed here.
+                    self.player.start(program);
+                    (self.taken, self.playing, self.stopping) = (number, number, false);
+                }
+                Order::Stop(number) => {
+                    self.player.stop();
+                    (self.taken, self.stopping) = (number, true);
+                }
+            }
+        }
+        let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
+        let fresh = wake.woke_ns.saturating_sub(sample_ns) <= self.settings.lease_ns;
+        // Without samples nobody knows where the handle is: nothing is played, the lease lapses, control ramps to hold. When
+        // they come back, the player begins the segment again from where the handle then is. A stop is always carried out.
+        if fresh || self.stopping {
+            let output = self.player.step(wake.woke_ns, &measured(self.newest.as_ref().filter(|_| fresh)));
+            if let Some(setpoint) = output.setpoint {
+                self.setpoints.send(setpoint)?;
+            }
+            if let Some(change) = output.change {
+                tell(change, self.player.program().map(AsRef::as_ref), events)?;
+                // A full ring means that the desk stands still for minutes; then only a restart resumes too early.
+                let _ = self.link.notes.push(Note { order: self.playing, change });
+            }
+        }
+        self.link.progress.tell(self.taken, &self.player.status(), sample_ns);
+        Ok(())
+    }
+
+    fn heartbeat(&mut self, profile: Profile) -> Result<(), PortError> {
+        self.heartbeats.send(Heartbeat {
+            lost: self.samples.counters().lost,
+            pid: std::process::id(),
+            source: Process::Experiment.code(),
+            state: u8::from(self.player.is_running()),
+            profile: profile.code(),
+            ..Heartbeat::default()
+        })?;
+        Ok(())
+    }
+}
+
+/// Positions of the masters (rad or m); NaN where there is none.
+fn measured(sample: Option<&Sample>) -> [f64; AXES] {
+    let mut positions = [f64::NAN; AXES];
+    if let Some(sample) = sample {
+        for (axis, (position, measured)) in positions.iter_mut().zip(sample.master_position).enumerate() {
+            if sample.master_present >> axis & 1 == 1 {
+                *position = measured;
+            }
+        }
+    }
+    positions
+}
+
+/// The events of a change. Texts are copied, not formatted.
+fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>) -> Result<(), PortError> {
+    let name = program.map_or("", Program::name);
+    let label = |segment: u32| program.map_or("", |program| program.label(segment as usize));
+    let mut send = |kind, segment: u32, text: &str, b: f64| {
+        let event = Event::new(Process::Experiment, kind, Severity::Info, text);
+        events.send(Event { a: f64::from(segment), b, segment, ..event }).map(|_sequence| ())
+    };
+    match change {
+        Change::Started => {
+            send(EventKind::ProtocolStarted, 0, name, program.map_or(0.0, Program::duration_s))?;
+            send(EventKind::SegmentStarted, 0, label(0), 0.0)
+        }
+        Change::Segment(segment) => send(EventKind::SegmentStarted, segment, label(segment), 0.0),
+        Change::Resumed(segment) => send(EventKind::ProtocolResumed, segment, label(segment), 0.0),
+        Change::Stopped(segment) => send(EventKind::ProtocolStopped, segment, name, 0.0),
+        Change::Done => {
+            let last = program.map_or(0, |program| program.segments().saturating_sub(1) as u32);
+            send(EventKind::ProtocolDone, last, name, 0.0)
+        }
+    }
+}
+
+/// Sets the player to what was being played in this session; `None` where nothing was. A file that cannot be used is
+/// moved aside, so that it is told of once.
+fn take_up(file: &Path, session: u64, rig: &RigFile, player: &mut Player) -> Result<Option<Current>, String> {
+    let bytes = match fs::read(file) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(format!("the kept state cannot be read: {error}")),
+    };
+    let result = PlayerState::decode(&bytes).map_err(|error| error.to_string()).and_then(|state| {
+        if state.session != session || !state.running {
+            return Ok(None);
+        }
+        let protocol = Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
+        let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
+        player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
+        Ok(Some(Current { order: 0, text: state.text, program }))
+    });
+    if result.is_err() {
+        // Nothing better can be done where even that fails: it is then told at each start.
+        let _ = fs::rename(file, file.with_extension("damaged"));
+    }
+    result
+}

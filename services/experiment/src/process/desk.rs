@@ -1,0 +1,246 @@
+//! The thread that answers requests, reads protocols and keeps the state: everything that allocates or waits. It has a
+//! node of its own, since ports stay in the thread that made them.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ipc_types::{EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest};
+use rig::RigFile;
+use rig::protocol::Protocol;
+use runtime::clock::{SECOND_NS, now_ns};
+use runtime::{Domain, RigName, Server, ServiceError};
+
+use crate::player::{Change, Program};
+use crate::state::PlayerState;
+
+use super::link::{DeskEnd, Note, Order, Progress};
+
+/// How often it looks for requests and changes.
+const NAP: Duration = Duration::from_millis(5);
+/// How long the loop may take for an order: it looks at each cycle.
+const TAKE_LIMIT: Duration = Duration::from_secs(1);
+/// Without a sample this young, nobody knows where the handle is (ns).
+const SAMPLE_LIMIT_NS: u64 = SECOND_NS / 2;
+/// Longest error in an answer (bytes).
+const LONGEST_ERROR: usize = 32_768;
+
+/// What is, or was, being played.
+#[derive(Debug)]
+pub(super) struct Current {
+    pub(super) order: u32,
+    pub(super) text: String,
+    pub(super) program: Arc<Program>,
+}
+
+/// What the thread works with.
+#[derive(Debug)]
+pub(super) struct Clerk {
+    pub(super) rig: RigFile,
+    pub(super) session: u64,
+    /// The state's file.
+    pub(super) file: PathBuf,
+    pub(super) link: DeskEnd,
+    pub(super) current: Option<Current>,
+    /// Programs that the loop may still hold: the last one to let go frees the memory, and that must not be the loop.
+    pub(super) retired: Vec<Arc<Program>>,
+    /// Why the state could not be kept; empty if it could.
+    pub(super) trouble: String,
+    pub(super) last_order: u32,
+}
+
+/// Runs the thread. Dropping it ends it, after the last change was kept.
+#[derive(Debug)]
+pub(super) struct Desk {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Desk {
+    /// Starts the thread; returns when it serves.
+    pub(super) fn open(rig: &RigName, mut clerk: Clerk) -> Result<Self, ServiceError> {
+        let (ready, wait) = mpsc::channel();
+        let stop = Arc::new(AtomicBool::new(false));
+        let (name, ending) = (rig.clone(), Arc::clone(&stop));
+        let thread = std::thread::Builder::new().name("experiment-desk".to_owned()).spawn(move || {
+            let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
+                let server = Server::new(&domain.node("experiment-desk")?, &EXPERIMENT_COMMANDS)?;
+                Ok((domain, server))
+            });
+            let (_domain, server) = match opened {
+                Ok(opened) => opened,
+                Err(error) => {
+                    let _ = ready.send(Err(error));
+                    return;
+                }
+            };
+            let _ = ready.send(Ok(()));
+            while !ending.load(Ordering::Relaxed) {
+                clerk.keep_changes();
+                let broken = |error| eprintln!("farreach experiment: request dropped: {error}");
+                if let Err(error) = server.poll(|request| clerk.answer(request), broken) {
+                    eprintln!("farreach experiment: requests are no longer answered: {error}");
+                    return;
+                }
+                std::thread::sleep(NAP);
+            }
+            clerk.keep_changes();
+        })?;
+        // The channel is closed only by a thread that panicked.
+        wait.recv().unwrap_or_else(|_| Err(io::Error::other("the thread that answers requests ended").into()))?;
+        Ok(Self { stop, thread: Some(thread) })
+    }
+
+    /// Whether the thread is gone, which it should not be.
+    pub(super) fn is_closed(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Clerk {
+    fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
+        let result = match request {
+            ExperimentRequest::Run { protocol, name } => self.play(&protocol, &name),
+            ExperimentRequest::Stop => self.stop(),
+            ExperimentRequest::Status => Ok(()),
+        };
+        let mut answer = self.status();
+        if let Err(mut error) = result {
+            if error.len() > LONGEST_ERROR {
+                let mut end = LONGEST_ERROR;
+                while !error.is_char_boundary(end) {
+                    end -= 1;
+                }
+                error.truncate(end);
+            }
+            answer.error = error;
+        }
+        answer
+    }
+
+    fn status(&self) -> ExperimentAnswer {
+        let reading = self.link.progress.read();
+        let program = self.current.as_ref().map(|current| &current.program);
+        ExperimentAnswer {
+            running: reading.running,
+            segment: reading.segment,
+            segments: program.map_or(0, |program| program.segments() as u32),
+            elapsed_s: reading.elapsed_s,
+            duration_s: program.map_or(0.0, |program| program.duration_s()),
+            completed: reading.completed,
+            error: self.trouble.clone(),
+        }
+    }
+
+    fn play(&mut self, text: &str, name: &str) -> Result<(), String> {
+        let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
+        let program = Arc::new(Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?);
+        let reading = self.link.progress.read();
+        if reading.running {
+            let playing = self.current.as_ref().map_or("a protocol", |current| current.program.name());
+            return Err(format!("{playing} is being played: stop it first"));
+        }
+        if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
+            return Err("no samples arrive, so nobody knows where the handle is: is acquisition running? \
+                        (`farreach status`)"
+                .to_owned());
+        }
+        self.keep_changes();
+        let order = self.next_order();
+        self.retired.retain(|program| Arc::strong_count(program) > 1);
+        self.retired.push(Arc::clone(&program));
+        self.current = Some(Current { order, text: text.to_owned(), program: Arc::clone(&program) });
+        self.order(order, Order::Play(order, program))
+    }
+
+    fn stop(&mut self) -> Result<(), String> {
+        if !self.link.progress.read().running {
+            return Err("nothing is being played".to_owned());
+        }
+        let order = self.next_order();
+        self.order(order, Order::Stop(order))?;
+        // The loop stops with the cycle that follows.
+        self.wait_until(|link| !link.progress.read().running)
+    }
+
+    fn next_order(&mut self) -> u32 {
+        self.last_order = if self.last_order == Progress::LAST_ORDER { 1 } else { self.last_order + 1 };
+        self.last_order
+    }
+
+    fn order(&mut self, number: u32, order: Order) -> Result<(), String> {
+        let late = || "the experiment's loop does not take orders: is the machine overloaded?".to_owned();
+        self.link.orders.push(order).map_err(|_| late())?;
+        self.wait_until(|link| link.progress.read().order == number)
+    }
+
+    fn wait_until(&self, done: impl Fn(&DeskEnd) -> bool) -> Result<(), String> {
+        let begun = Instant::now();
+        while !done(&self.link) {
+            if begun.elapsed() > TAKE_LIMIT {
+                return Err("the experiment's loop did not react in time: see `farreach status`".to_owned());
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(())
+    }
+
+    /// Keeps the newest of the changes that the loop told.
+    fn keep_changes(&mut self) {
+        let mut newest = None;
+        while let Ok(note) = self.link.notes.pop() {
+            newest = Some(note);
+        }
+        let (Some(Note { order, change }), Some(current)) = (newest, &self.current) else { return };
+        if order != current.order {
+            return;
+        }
+        let (segment, running) = match change {
+            Change::Started => (0, true),
+            Change::Segment(segment) | Change::Resumed(segment) => (segment, true),
+            Change::Stopped(segment) => (segment, false),
+            Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
+        };
+        let state = PlayerState {
+            session: self.session,
+            name: current.program.name().to_owned(),
+            text: current.text.clone(),
+            protocol: current.program.identity(),
+            segment,
+            running,
+        };
+        self.trouble = match save(&self.file, &state) {
+            Ok(()) => String::new(),
+            Err(reason) => {
+                format!("{}: {reason}; the protocol would not go on after a restart", self.file.display())
+            }
+        };
+    }
+}
+
+/// Writes the state whole or not at all.
+fn save(path: &Path, state: &PlayerState) -> Result<(), String> {
+    let bytes = state.encode().map_err(|error| error.to_string())?;
+    let fresh = path.with_extension("new");
+    let write = || -> io::Result<()> {
+        let mut file = File::create(&fresh)?;
+        file.write_all(&bytes)?;
+        file.sync_all()?;
+        fs::rename(&fresh, path)
+    };
+    write().map_err(|error| error.to_string())
+}

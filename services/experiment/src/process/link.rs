@@ -1,0 +1,141 @@
+//! What passes between the real-time loop and the thread that answers requests. Neither waits for the other: rings of
+//! one writer and one reader that are wait-free on both sides (in a queue for many writers, a writer that is preempted
+//! halfway would hold up the loop), and plain atomics for how far the protocol is.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ipc_types::ExperimentAnswer;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use crate::player::{Change, Program};
+
+/// Orders under way: they are asked for one at a time.
+const ORDERS: usize = 4;
+/// Changes under way: segments last a good part of a second.
+const NOTES: usize = 256;
+
+/// What the loop is told.
+#[derive(Debug)]
+pub(super) enum Order {
+    /// Play this.
+    Play(u32, Arc<Program>),
+    /// Stop playing.
+    Stop(u32),
+}
+
+/// What the loop tells: a change in the playing of an order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Note {
+    /// The order that is being played; 0 for what was resumed at the start.
+    pub(super) order: u32,
+    /// What changed.
+    pub(super) change: Change,
+}
+
+/// How far it is. The fields may be one cycle apart.
+#[derive(Debug, Default)]
+pub(super) struct Progress {
+    /// segment (32 bits), running, completed, and from bit 40 the newest order that was taken
+    word: AtomicU64,
+    elapsed: AtomicU64,
+    sample_ns: AtomicU64,
+}
+
+const RUNNING: u64 = 1 << 32;
+const COMPLETED: u64 = 1 << 33;
+const ORDER_SHIFT: u32 = 40;
+
+/// What [`Progress`] held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reading {
+    pub(super) order: u32,
+    pub(super) running: bool,
+    pub(super) completed: bool,
+    pub(super) segment: u32,
+    /// Time played (s).
+    pub(super) elapsed_s: f64,
+    /// Time of the newest sample (ns, CLOCK_MONOTONIC); 0 before the first.
+    pub(super) sample_ns: u64,
+}
+
+impl Progress {
+    /// Orders are numbered up to here.
+    pub(super) const LAST_ORDER: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
+
+    /// Three stores, for the loop.
+    pub(super) fn tell(&self, order: u32, status: &ExperimentAnswer, sample_ns: u64) {
+        let flag = |set, bit| if set { bit } else { 0 };
+        let word = u64::from(status.segment)
+            | flag(status.running, RUNNING)
+            | flag(status.completed, COMPLETED)
+            | u64::from(order) << ORDER_SHIFT;
+        self.elapsed.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
+        self.sample_ns.store(sample_ns, Ordering::Relaxed);
+        self.word.store(word, Ordering::Release);
+    }
+
+    pub(super) fn read(&self) -> Reading {
+        let word = self.word.load(Ordering::Acquire);
+        Reading {
+            order: (word >> ORDER_SHIFT) as u32,
+            running: word & RUNNING != 0,
+            completed: word & COMPLETED != 0,
+            segment: word as u32,
+            elapsed_s: f64::from_bits(self.elapsed.load(Ordering::Relaxed)),
+            sample_ns: self.sample_ns.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// The loop's ends.
+#[derive(Debug)]
+pub(super) struct LoopEnd {
+    pub(super) orders: Consumer<Order>,
+    pub(super) notes: Producer<Note>,
+    pub(super) progress: Arc<Progress>,
+}
+
+/// The ends of the thread that answers.
+#[derive(Debug)]
+pub(super) struct DeskEnd {
+    pub(super) orders: Producer<Order>,
+    pub(super) notes: Consumer<Note>,
+    pub(super) progress: Arc<Progress>,
+}
+
+pub(super) fn link() -> (LoopEnd, DeskEnd) {
+    let (order_in, order_out) = RingBuffer::new(ORDERS);
+    let (note_in, note_out) = RingBuffer::new(NOTES);
+    let progress = Arc::new(Progress::default());
+    (
+        LoopEnd { orders: order_out, notes: note_in, progress: Arc::clone(&progress) },
+        DeskEnd { orders: order_in, notes: note_out, progress },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_reads_back() {
+        let progress = Progress::default();
+        for (order, segment, running, completed) in
+            [(0, 0, false, false), (1, u32::MAX, true, false), (Progress::LAST_ORDER, 7, false, true)]
+        {
+            let status = ExperimentAnswer {
+                running,
+                segment,
+                segments: 9,
+                elapsed_s: 1.25,
+                duration_s: 2.0,
+                completed,
+                error: String::new(),
+            };
+            progress.tell(order, &status, 42);
+            let expected = Reading { order, running, completed, segment, elapsed_s: 1.25, sample_ns: 42 };
+            assert_eq!(progress.read(), expected);
+        }
+    }
+}
