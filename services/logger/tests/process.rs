@@ -1,0 +1,185 @@
+//! The process on a rig of its own: what is published is on disk, and a restart goes on. (One rig a test binary: the
+//! library's configuration is process-wide.)
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use ipc_types::*;
+use logger::{Logger, LoggerError, Options};
+use recording::mcap_read::Recording;
+use recording::mcap_write::key;
+use rig::RigFile;
+use runtime::{Keeper, RigName, Service, call};
+
+/// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
+const LONG: Duration = Duration::from_secs(60);
+
+struct Running {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<Result<(), LoggerError>>,
+}
+
+impl Running {
+    fn end(self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap().unwrap();
+    }
+}
+
+fn rig() -> RigFile {
+    RigFile::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs/hydrostatic.toml")).unwrap()
+}
+
+fn launch(options: &Options) -> Result<Running, LoggerError> {
+    let options = options.clone();
+    let (ready, wait) = mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let service = Service::start(Process::Logger, &options.rig_name).unwrap();
+        let logger = Logger::new(service, &rig(), &options)?;
+        ready.send(logger.stop_flag()).unwrap();
+        logger.run()
+    });
+    match wait.recv() {
+        Ok(stop) => Ok(Running { stop, thread }),
+        Err(_) => Err(thread.join().unwrap().unwrap_err()),
+    }
+}
+
+fn ask(service: &Service, request: &LoggerRequest) -> LoggerAnswer {
+    call(service.node(), &LOGGER_COMMANDS, request, LONG).unwrap()
+}
+
+fn ticks(path: &Path) -> Vec<u64> {
+    let recording = Recording::open(path).unwrap();
+    recording.messages::<Sample>("sample").unwrap().map(|message| message.unwrap().message.tick).collect()
+}
+
+fn events(path: &Path) -> Vec<(EventKind, String)> {
+    let recording = Recording::open(path).unwrap();
+    let events = recording.messages::<Event>("event/logger").unwrap();
+    events
+        .map(|event| event.unwrap().message)
+        .map(|event| (EventKind::from_code(event.kind).unwrap(), event.text().to_owned()))
+        .collect()
+}
+
+#[test]
+fn the_logger_from_first_message_to_second_part() {
+    let text = format!("lg-{}", std::process::id());
+    let name: RigName = text.parse().unwrap();
+    let keeper = Keeper::start(&name).unwrap();
+    let service = Service::start(Process::Acquisition, &text).unwrap();
+    let mut samples = service.publisher(SAMPLE).unwrap();
+    let mut publish = |ticks: std::ops::Range<u64>| {
+        for tick in ticks {
+            samples.send(Sample { tick, axes: 1, ..Sample::default() }).unwrap();
+        }
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let first = directory.path().join("run.mcap");
+    let options = Options {
+        rig_name: text.clone(),
+        rig_file: PathBuf::from("hydrostatic.toml"),
+        record: Some(first.clone()),
+        metadata: BTreeMap::from([
+            ("subject".to_owned(), "s01".to_owned()),
+            (key::PROFILE.to_owned(), "not for others to say".to_owned()),
+        ]),
+    };
+
+    // a recording that cannot be begun keeps the logger from starting, and says why
+    std::fs::write(&first, "somebody's data").unwrap();
+    let error = launch(&options).err().unwrap();
+    assert!(matches!(error, LoggerError::NotBegun { .. }), "{error}");
+    assert!(error.to_string().contains("never overwritten"), "{error}");
+    std::fs::remove_file(&first).unwrap();
+
+    // recorded from the start; the file is ended in good order when the process ends
+    let logger = launch(&options).unwrap();
+    publish(0..300);
+    let status = ask(&service, &LoggerRequest::Status);
+    assert_eq!(status.recording.as_deref(), Some(first.to_str().unwrap()));
+    logger.end();
+    assert_eq!(ticks(&first), (0..300).collect::<Vec<_>>());
+    let recording = Recording::open(&first).unwrap();
+    let check = recording.check().unwrap();
+    assert!(check.ended_cleanly && !check.data_lost(), "{check:?}");
+    for (key, value) in [
+        ("subject", "s01"),
+        (key::RIG, "hydrostatic"),
+        (key::RIG_FILE, rig().text()),
+        (key::PROFILE, service.domain().profile().text()),
+        (key::PART, "1"),
+        ("rig_name", text.as_str()),
+        ("session", &format!("{:016x}", keeper.session())),
+    ] {
+        assert_eq!(recording.metadata(key), Some(value), "{key}");
+    }
+    assert!(recording.metadata(key::REVISION).is_some());
+    // its own topics are in it, the last words included
+    for topic in ["loss", "clock", "heartbeat/logger", "event/logger"] {
+        assert!(check.topics.iter().any(|found| found.topic == topic && found.count > 0), "{topic}");
+    }
+    let kinds: Vec<_> = events(&first).into_iter().map(|(kind, _)| kind).collect();
+    assert_eq!(kinds, [EventKind::RecordingStarted, EventKind::ProcessStarted, EventKind::ProcessEnding]);
+
+    // started again in the same session it goes on in the next part, not from the start
+    let logger = launch(&options).unwrap();
+    let second = directory.path().join("run.part2.mcap");
+    assert_eq!(ask(&service, &LoggerRequest::Status).recording.as_deref(), Some(second.to_str().unwrap()));
+    publish(300..350);
+    // the answer to a stop means that everything published before is on disk
+    let answer = ask(&service, &LoggerRequest::Stop);
+    assert_eq!((answer.recording, answer.lost, answer.error.as_str()), (None, 0, ""));
+    assert!(answer.written >= 50, "{}", answer.written);
+    assert_eq!(ticks(&second), (300..350).collect::<Vec<_>>());
+    assert_eq!(Recording::open(&second).unwrap().metadata("subject"), Some("s01"));
+    let answer = ask(&service, &LoggerRequest::Stop);
+    assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
+
+    // a person's recording; what comes outside of it is not in it
+    publish(350..360);
+    let third = directory.path().join("third.mcap");
+    let request = |path: &Path| LoggerRequest::Start {
+        path: path.to_str().unwrap().to_owned(),
+        metadata: vec![("subject".to_owned(), "s02".to_owned())],
+    };
+    std::thread::sleep(Duration::from_millis(200)); // the loop takes it before the start
+    let answer = ask(&service, &request(&third));
+    assert_eq!((answer.recording.as_deref(), answer.error.as_str()), (third.to_str(), ""));
+    let answer = ask(&service, &request(&directory.path().join("fourth.mcap")));
+    assert!(answer.error.contains("already recording"), "{}", answer.error);
+    publish(360..400);
+    std::thread::sleep(Duration::from_millis(200));
+    // a hole in the sequence is told of and counted
+    let buffer = SAMPLE.topic.buffer as u64;
+    publish(400..400 + 40 * buffer);
+    std::thread::sleep(Duration::from_millis(1_300)); // losses are told of once a second
+    let answer = ask(&service, &LoggerRequest::Stop);
+    let written = ticks(&third);
+    assert_eq!(written[0], 360);
+    assert_eq!(answer.lost, 40 + 40 * buffer - written.len() as u64);
+    assert!(answer.lost > 0, "the buffer was never full: the test says nothing");
+    let lost: Vec<_> = events(&third).into_iter().filter(|(kind, _)| *kind == EventKind::DataLost).collect();
+    assert!(!lost.is_empty() && lost.iter().all(|(_, text)| text.starts_with("sample: ")), "{lost:?}");
+    assert!(Recording::open(&third).unwrap().check().unwrap().data_lost());
+    let answer = ask(&service, &request(&third));
+    assert!(answer.error.contains("never overwritten") && answer.recording.is_none(), "{answer:?}");
+    logger.end();
+
+    // a person ended the recording of this session: a restart does not begin it again
+    let logger = launch(&options).unwrap();
+    assert_eq!(ask(&service, &LoggerRequest::Status).recording, None);
+    logger.end();
+
+    drop(samples);
+    drop(service);
+    assert!(keeper.end().unwrap(), "nothing else is alive");
+    assert!(name.remove().unwrap());
+}
