@@ -1,1 +1,26 @@
-//! up, down, status, the operator's verbs, run.
+//! What an operator does with a rig: `up`, `down`, `status`, `reset`, `arm`, `enable`, `disarm`, `estop`, `run`.
+//!
+//! ```text
+//! $ farreach up --simulate && farreach reset && farreach arm
+//! $ farreach run guided-1hz
+//! $ farreach down
+//! ```
+//!
+//! [`up`], [`down`], [`RigLink`] and [`run_protocol`] are the same as functions, for programs; [`command`] is the
+//! command line round them. A rig is known by its name: everything of it lies in one directory of shared memory.
+
+pub mod command;
+mod down;
+mod error;
+mod files;
+mod link;
+mod run;
+pub mod status;
+mod up;
+
+pub use down::{Cleaning, Down, down};
+pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
+pub use files::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig, rig_of, running};
+pub use link::{Reader, RigLink, verb};
+pub use run::{Progress, RunOptions, RunOutcome, run_protocol};
+pub use up::{CardChoice, Up, UpOptions, up, up_in_foreground};

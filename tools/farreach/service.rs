@@ -1,0 +1,190 @@
+//! `farreach service NAME`: one process of a rig, as the unit files call it.
+
+use std::path::PathBuf;
+
+use acquisition::AcquisitionError;
+use clap::builder::FalseyValueParser;
+use clap::{Args, Subcommand, ValueEnum};
+use control::ControlError;
+use experiment::ExperimentError;
+use logger::LoggerError;
+use runtime::RigName;
+use simulator::SimulatorError;
+use watchdog::WatchdogError;
+
+use crate::failure::Usage;
+
+/// The processes.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Service {
+    /// Founds the rig's shared memory, holds it open, cleans up after the dead
+    #[command(after_help = "Example:\n  farreach --rig-name bench service keeper")]
+    Keeper,
+    /// The virtual card, with the simulated plant behind it
+    #[command(
+        after_help = "Example:\n  farreach service simulator --rig launch/rigs/hydrostatic.toml --effect sensor_drift"
+    )]
+    Simulator {
+        #[command(flatten)]
+        rig: RigArgument,
+        /// Puts an effect into the plant that no model is told of (repeatable)
+        #[arg(
+            long = "effect",
+            value_name = "ID[@SITE][=SIZE]",
+            env = "FARREACH_EFFECTS",
+            value_delimiter = ',',
+            hide_env_values = true
+        )]
+        effects: Vec<String>,
+    },
+    /// Reads the card, publishes samples, writes the motor's volts through the gate
+    #[command(
+        after_help = "Example:\n  farreach service acquisition --rig launch/rigs/hydrostatic.toml --card replay --replay run.mcap"
+    )]
+    Acquisition {
+        #[command(flatten)]
+        rig: RigArgument,
+        /// What stands behind it
+        #[arg(long, value_enum, env = "FARREACH_CARD", hide_env_values = true)]
+        card: CardKind,
+        /// The measured record, with --card replay
+        #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
+        replay: Option<String>,
+        /// Begins the record again at its end
+        #[arg(
+            long = "loop",
+            env = "FARREACH_REPLAY_LOOP",
+            value_parser = FalseyValueParser::new(),
+            hide_env_values = true
+        )]
+        looped: bool,
+    },
+    /// The control law
+    #[command(after_help = "Example:\n  farreach service control --rig launch/rigs/hydrostatic.toml")]
+    Control(RigArgument),
+    /// Interlocks and the motor's enable line
+    #[command(after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml")]
+    Watchdog(RigArgument),
+    /// Writes all topics to disk
+    #[command(
+        after_help = "Example:\n  farreach service logger --rig launch/rigs/hydrostatic.toml --record /data/run.mcap"
+    )]
+    Logger {
+        #[command(flatten)]
+        rig: RigArgument,
+        /// Records from the start into this file (absolute path)
+        #[arg(long, value_name = "FILE", env = "FARREACH_RECORD", hide_env_values = true)]
+        record: Option<String>,
+        /// What the recording shall say about itself (repeatable)
+        #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+        metadata: Vec<(String, String)>,
+    },
+    /// Plays protocols
+    #[command(after_help = "Example:\n  farreach service experiment --rig launch/rigs/hydrostatic.toml")]
+    Experiment(RigArgument),
+    /// Starts the others and starts them again, where there is no systemd; `farreach up` calls it
+    #[command(after_help = "Example:\n  farreach service launcher --run-dir /dev/shm/farreach-1000-bench/run")]
+    Launcher {
+        /// The rig's run directory, with launch.json
+        #[arg(long, value_name = "DIR")]
+        run_dir: PathBuf,
+    },
+}
+
+/// The rig file of a process.
+#[derive(Debug, Args)]
+pub(crate) struct RigArgument {
+    /// The rig file
+    #[arg(long = "rig", value_name = "FILE", env = "FARREACH_RIG", hide_env_values = true)]
+    file: PathBuf,
+}
+
+/// What stands behind acquisition.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum CardKind {
+    /// The simulator process
+    Simulated,
+    /// A measured record
+    Replay,
+    /// Nothing: samples without data, volts to nowhere
+    Null,
+}
+
+fn key_and_value(text: &str) -> Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or_else(|| "expected KEY=VALUE".to_owned())?;
+    Ok((key.to_owned(), value.to_owned()))
+}
+
+/// `up` sets every variable, if only to nothing.
+fn given(text: Option<String>) -> Option<PathBuf> {
+    text.filter(|text| !text.is_empty()).map(PathBuf::from)
+}
+
+/// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: no restart mends it, and exit code 2 tells the
+/// service manager so.
+pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
+    let rig_name = rig_name.to_string();
+    match service {
+        Service::Keeper => keeper::run(&rig_name)?,
+        Service::Launcher { run_dir } => launch::launcher_main(&run_dir)?,
+        Service::Simulator { rig, effects } => {
+            let effects = effects.into_iter().filter(|effect| !effect.is_empty()).collect();
+            let options = simulator::Options { rig_name, rig_file: rig.file, effects };
+            simulator::run(&options).map_err(|error| match error {
+                SimulatorError::Rig(_) | SimulatorError::Card(_) => usage(&error),
+                other => other.into(),
+            })?;
+        }
+        Service::Acquisition { rig, card, replay, looped } => {
+            let card = match card {
+                CardKind::Simulated => acquisition::Card::Simulated,
+                CardKind::Null => acquisition::Card::Null,
+                CardKind::Replay => {
+                    let record = given(replay).ok_or_else(|| Usage("--card replay: --replay RECORD is missing".to_owned()))?;
+                    acquisition::Card::Replay { record, looped }
+                }
+            };
+            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card }).map_err(|error| {
+                match error {
+                    AcquisitionError::Rig(_) | AcquisitionError::Replay(_) => usage(&error),
+                    other => other.into(),
+                }
+            })?;
+        }
+        Service::Control(rig) => {
+            control::run(&control::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
+                ControlError::Rig(_) => usage(&error),
+                other => other.into(),
+            })?;
+        }
+        Service::Watchdog(rig) => {
+            watchdog::run(&watchdog::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
+                WatchdogError::Rig(_) => usage(&error),
+                other => other.into(),
+            })?;
+        }
+        Service::Logger { rig, record, metadata } => {
+            let options = logger::Options {
+                rig_name,
+                rig_file: rig.file,
+                record: given(record),
+                metadata: metadata.into_iter().collect(),
+            };
+            logger::run(&options).map_err(|error| match error {
+                LoggerError::Rig(_) => usage(&error),
+                other => other.into(),
+            })?;
+        }
+        Service::Experiment(rig) => {
+            experiment::run(&experiment::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
+                ExperimentError::Rig(_) => usage(&error),
+                other => other.into(),
+            })?;
+        }
+    }
+    Ok(operator::DONE)
+}
+
+fn usage(error: &dyn std::error::Error) -> anyhow::Error {
+    Usage(error.to_string()).into()
+}

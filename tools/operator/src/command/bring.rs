@@ -1,0 +1,145 @@
+//! `up` and `down`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use ipc_types::Profile;
+use launch::StopReport;
+use runtime::RigName;
+use serde_json::json;
+
+use super::UpArguments;
+use crate::{CardChoice, Cleaning, DONE, Down, Error, Up, UpOptions};
+
+/// What an unprivileged start costs.
+const BEST_EFFORT: &str = "profile best-effort: real-time scheduling is not granted, so loops may wake some ms late and only \
+    the simulated card is powered (rtprio and memlock in /etc/security/limits.d give the realtime profile)";
+
+pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<i32> {
+    let options = options(arguments, rig_name)?;
+    let mut out = std::io::stdout();
+    if arguments.foreground {
+        let report = crate::up_in_foreground(&options, |rig, backend| {
+            eprintln!("rig {rig_name} ({}, card {backend}) comes up in this terminal; Ctrl-C brings it down", rig.name);
+        })?;
+        print_report(&mut out, &report)?;
+        return Ok(DONE);
+    }
+    let up = crate::up(&options)?;
+    if arguments.json.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&json_of(&up))?)?;
+    } else {
+        print_up(&mut out, &up, rig_name, options.record.as_ref())?;
+    }
+    Ok(DONE)
+}
+
+fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Error> {
+    let card = match (&arguments.replay, arguments.simulate) {
+        (Some(record), _) => Some(CardChoice::Replay { record: record.clone(), looped: arguments.looped }),
+        (None, true) => Some(CardChoice::Simulated { effects: arguments.effects.clone() }),
+        (None, false) => None,
+    };
+    let executable = std::env::current_exe().map_err(|source| Error::Io {
+        doing: "find the executable",
+        path: PathBuf::from("/proc/self/exe"),
+        source,
+    })?;
+    Ok(UpOptions {
+        rig_name: rig_name.clone(),
+        rig: arguments.rig.clone(),
+        card,
+        record: arguments.record.clone(),
+        executable,
+    })
+}
+
+fn json_of(up: &Up) -> serde_json::Value {
+    let pid = |unit: &launch::UnitStatus| unit.process.map(|process| process.pid);
+    let processes: Vec<_> =
+        up.running.status.units.iter().map(|unit| json!({ "name": unit.name, "pid": pid(unit) })).collect();
+    json!({
+        "rig_name": up.running.status.rig_name,
+        "rig": up.rig.name,
+        "rig_file": up.rig_file,
+        "run_dir": up.running.run_dir,
+        "backend": up.backend,
+        "profile": up.profile,
+        "session": format!("{:016x}", up.session),
+        "launcher": up.running.launcher.pid,
+        "processes": processes,
+    })
+}
+
+fn print_up(out: &mut dyn Write, up: &Up, rig_name: &RigName, record: Option<&PathBuf>) -> anyhow::Result<()> {
+    let names: Vec<_> = up.running.status.units.iter().map(|unit| unit.name.as_str()).collect();
+    writeln!(out, "rig {rig_name} is up: {}, card {}, profile {}", up.rig.name, up.backend, up.profile)?;
+    writeln!(out, "  processes  {}", names.join(", "))?;
+    writeln!(out, "  logs       {}", up.running.run_dir.display())?;
+    if let Some(record) = record {
+        writeln!(out, "  recording  {}", record.display())?;
+    }
+    let option = match rig_name.as_str() {
+        "farreach" => String::new(),
+        name => format!(" --rig-name {name}"),
+    };
+    match up.backend {
+        ipc_types::Backend::Replay => writeln!(out, "  next       farreach{option} status")?,
+        _ => writeln!(out, "  next       farreach{option} reset, arm, run PROTOCOL.toml; down ends it all")?,
+    }
+    if up.profile == Profile::BestEffort {
+        eprintln!("{BEST_EFFORT}");
+    }
+    Ok(())
+}
+
+pub(super) fn down(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
+    let down = crate::down(rig_name)?;
+    let mut out = std::io::stdout();
+    if as_json {
+        let value = json!({
+            "rig_name": rig_name.as_str(),
+            "disarmed": down.disarmed,
+            "stopped": down.stopped,
+            "removed": down.cleaning == Cleaning::Removed,
+        });
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        return Ok(DONE);
+    }
+    print_down(&mut out, &down, rig_name)?;
+    Ok(DONE)
+}
+
+fn print_down(out: &mut dyn Write, down: &Down, rig_name: &RigName) -> anyhow::Result<()> {
+    match &down.stopped {
+        None => writeln!(out, "rig {rig_name}: nothing was running")?,
+        Some(report) => {
+            if down.disarmed == Some(true) {
+                writeln!(out, "the watchdog disarmed")?;
+            } else {
+                eprintln!("the watchdog could not be asked to disarm; stopping it takes the motor's power away");
+            }
+            print_report(out, report)?;
+        }
+    }
+    if down.cleaning == Cleaning::InUse {
+        eprintln!(
+            "the rig's shared memory is still in use (a probe?) and was left in {}; the next start cleans it up",
+            rig_name.directory().display()
+        );
+    }
+    Ok(())
+}
+
+fn print_report(out: &mut dyn Write, report: &StopReport) -> anyhow::Result<()> {
+    for unit in &report.units {
+        let Some(exit) = &unit.exit else { continue };
+        let killed = if unit.killed { ", KILLED: it did not end in time" } else { "" };
+        writeln!(out, "stopped {:<12} {exit} after {} ms{killed}", unit.name, unit.took_ms)?;
+    }
+    for stray in &report.strays {
+        writeln!(out, "stopped a stray process of the rig, {stray}")?;
+    }
+    writeln!(out, "rig {} is down", report.rig_name)?;
+    Ok(())
+}

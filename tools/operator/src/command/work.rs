@@ -1,0 +1,129 @@
+//! The operator's verbs, and `run`.
+
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use ipc_types::{LoggerRequest, Verb};
+use runtime::{DomainError, RigName};
+use serde_json::json;
+
+use super::RunArguments;
+use crate::{DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOutcome};
+
+fn link(rig_name: &RigName) -> Result<RigLink, Error> {
+    RigLink::open(rig_name).map_err(|error| match error {
+        Error::Domain(DomainError::NoKeeper(_)) if launch::status(&rig_name.run_directory()).is_err() => {
+            Error::NotUp(rig_name.to_string())
+        }
+        other => other,
+    })
+}
+
+pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Result<i32> {
+    let answer = link(rig_name)?.verb(verb)?;
+    let mut out = std::io::stdout();
+    if as_json {
+        let value = json!({
+            "verb": verb.name(), "done": answer.done, "state": answer.state, "reason": answer.reason,
+        });
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        return Ok(if answer.done { DONE } else { FAILED });
+    }
+    if !answer.done {
+        return Err(Error::Refused { verb, reason: answer.reason, state: answer.state }.into());
+    }
+    writeln!(out, "{}", answer.state)?;
+    Ok(DONE)
+}
+
+pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
+    let options = RunOptions {
+        protocol: arguments.protocol.clone(),
+        overrides: arguments.overrides.clone(),
+        subject: arguments.subject.clone(),
+    };
+    // A wrong file is told without a rig.
+    crate::load_protocol(&options.protocol, &options.overrides)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let link = link(rig_name)?;
+    if link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none()) {
+        eprintln!("nothing is being recorded");
+    }
+    let bar = Bar::new();
+    let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| bar.show(progress));
+    bar.clear();
+    let outcome = outcome?;
+    let mut out = std::io::stdout();
+    if arguments.json.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&json_of(&outcome))?)?;
+    } else {
+        tell(&mut out, &outcome)?;
+    }
+    Ok(if matches!(outcome, RunOutcome::Completed { .. }) { DONE } else { FAILED })
+}
+
+fn json_of(outcome: &RunOutcome) -> serde_json::Value {
+    match outcome {
+        RunOutcome::Completed { elapsed_s } => json!({ "outcome": "completed", "elapsed_s": elapsed_s }),
+        RunOutcome::Stopped { elapsed_s } => json!({ "outcome": "stopped", "elapsed_s": elapsed_s }),
+        RunOutcome::Tripped { state, cause, faults } => {
+            json!({ "outcome": "tripped", "state": state, "cause": cause, "faults": faults })
+        }
+    }
+}
+
+fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
+    match outcome {
+        RunOutcome::Completed { elapsed_s } => {
+            writeln!(out, "completed, {elapsed_s:.1} s; the motor holds (farreach disarm takes its power away)")
+        }
+        RunOutcome::Stopped { elapsed_s } => {
+            eprintln!("farreach: stopped after {elapsed_s:.1} s; control ramps to hold, the motor keeps its power");
+            Ok(())
+        }
+        RunOutcome::Tripped { state, cause, faults } => {
+            let standing: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
+            let standing = if standing.is_empty() { "nothing".to_owned() } else { standing.join(", ") };
+            eprintln!("farreach: the protocol was stopped: the watchdog is {state}, cause {cause}, standing: {standing}");
+            Ok(())
+        }
+    }
+}
+
+/// A bar on a terminal, nothing in a pipe.
+struct Bar(Option<ProgressBar>);
+
+impl Bar {
+    fn new() -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self(None);
+        }
+        let bar = ProgressBar::new(1000);
+        if let Ok(style) = ProgressStyle::with_template("{bar:40} {msg}") {
+            bar.set_style(style);
+        }
+        Self(Some(bar))
+    }
+
+    fn show(&self, progress: &Progress) {
+        let Some(bar) = &self.0 else { return };
+        let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
+        bar.set_position((share * 1000.0) as u64);
+        let away = if progress.away { " (the experiment process is away)" } else { "" };
+        bar.set_message(format!(
+            "{:.1} of {:.1} s, segment {} of {} {}{away}",
+            progress.elapsed_s, progress.duration_s, progress.segment, progress.segments, progress.label
+        ));
+    }
+
+    fn clear(&self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}

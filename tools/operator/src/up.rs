@@ -1,0 +1,227 @@
+//! Bringing a rig up.
+
+use std::path::{Path, PathBuf};
+
+use ipc_types::{Backend, Profile};
+use launch::{Config, StopReport};
+use rig::RigFile;
+use runtime::{Domain, RigName, lives};
+
+use crate::Error;
+use crate::files::{keep_copy, load_rig};
+
+/// What stands behind acquisition.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CardChoice {
+    /// The simulator process, with effects in its plant that no model is told of (`ID[@SITE][=SIZE]`).
+    Simulated {
+        /// The effects; may be empty.
+        effects: Vec<String>,
+    },
+    /// A measured record.
+    Replay {
+        /// The record, MCAP or CSV.
+        record: PathBuf,
+        /// From the beginning again at its end.
+        looped: bool,
+    },
+}
+
+impl CardChoice {
+    /// What the samples will bear.
+    pub fn backend(&self) -> Backend {
+        match self {
+            Self::Simulated { .. } => Backend::Simulated,
+            Self::Replay { .. } => Backend::Replay,
+        }
+    }
+}
+
+/// What to bring up.
+#[derive(Clone, Debug)]
+pub struct UpOptions {
+    /// Name of the rig: its shared memory, its processes.
+    pub rig_name: RigName,
+    /// Rig file: a path, or the name of a shipped one.
+    pub rig: PathBuf,
+    /// The card; `None` is an error that says what there is.
+    pub card: Option<CardChoice>,
+    /// Records from the start into this file.
+    pub record: Option<PathBuf>,
+    /// The `farreach` binary that every process is.
+    pub executable: PathBuf,
+}
+
+/// A rig that is up.
+#[derive(Clone, Debug)]
+pub struct Up {
+    /// What the launcher says of it.
+    pub running: launch::Running,
+    /// The rig file, as it was checked.
+    pub rig: RigFile,
+    /// The copy of it that all processes read.
+    pub rig_file: PathBuf,
+    /// What stands behind acquisition.
+    pub backend: Backend,
+    /// The timing that the machine grants.
+    pub profile: Profile,
+    /// The session, drawn at this start.
+    pub session: u64,
+}
+
+/// Brings a rig up: all is checked before anything starts, and when something does not come up, all is stopped again
+/// and its shared memory removed. Returns when all processes are ready.
+///
+/// # Errors
+/// What is wrong with the files or the card ([`Error::exit_code`] 2), or why a process did not come up.
+pub fn up(options: &UpOptions) -> Result<Up, Error> {
+    let prepared = Prepared::new(options)?;
+    let running = launch::start(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
+    let domain = Domain::open(&options.rig_name)?;
+    Ok(Up {
+        running,
+        rig: prepared.rig,
+        rig_file: prepared.rig_file,
+        backend: prepared.backend,
+        profile: domain.profile(),
+        session: domain.session(),
+    })
+}
+
+/// Brings a rig up and supervises it in this very process, until a signal or [`crate::down`] ends it. `begin` is told
+/// the rig file and the backend when all is checked, before the first process starts.
+///
+/// # Errors
+/// As [`up`].
+pub fn up_in_foreground(options: &UpOptions, begin: impl FnOnce(&RigFile, Backend)) -> Result<StopReport, Error> {
+    let mut prepared = Prepared::new(options)?;
+    begin(&prepared.rig, prepared.backend);
+    prepared.config.foreground = true;
+    let report = launch::supervise(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
+    options.rig_name.remove()?;
+    Ok(report)
+}
+
+/// Checked, and written down in the run directory; nothing runs yet.
+struct Prepared {
+    config: Config,
+    rig_name: RigName,
+    rig: RigFile,
+    rig_file: PathBuf,
+    backend: Backend,
+}
+
+impl Prepared {
+    fn new(options: &UpOptions) -> Result<Self, Error> {
+        let rig = load_rig(&options.rig)?;
+        let card = options.card.as_ref().ok_or(Error::NoCard)?;
+        match card {
+            CardChoice::Simulated { effects } => {
+                // what the simulator process does with it; the line's life does not matter here
+                simulator::Card::new(&rig, effects, lives(Profile::BestEffort).line_ns)?;
+            }
+            CardChoice::Replay { record, looped } => {
+                acquisition::ReplayDaq::open(record, &rig, *looped)?;
+            }
+        }
+        options.rig_name.make_directory()?;
+        let run_dir = options.rig_name.run_directory();
+        make_private(&run_dir)?;
+        let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
+        let config = config(options, card, &run_dir, &rig_file)?;
+        Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, backend: card.backend() })
+    }
+
+    /// The launcher stopped what it had started; what is left of the rig is its directory.
+    fn failed(&self, error: launch::Error) -> Error {
+        if !matches!(error, launch::Error::AlreadyUp { .. } | launch::Error::OtherSettings { .. }) {
+            // The failure is the news; what could not be removed, the next start removes.
+            let _removed = self.rig_name.remove();
+        }
+        error.into()
+    }
+}
+
+fn make_private(run_dir: &Path) -> Result<(), Error> {
+    use std::os::unix::fs::DirBuilderExt;
+    std::fs::DirBuilder::new()
+        .recursive(true)
+        .mode(0o700)
+        .create(run_dir)
+        .map_err(|source| Error::Io { doing: "make the run directory", path: run_dir.to_path_buf(), source })
+}
+
+fn config(options: &UpOptions, card: &CardChoice, run_dir: &Path, rig_file: &Path) -> Result<Config, Error> {
+    let mut units = vec!["keeper", "logger", "acquisition", "control", "experiment", "watchdog"];
+    let mut variables = vec![("FARREACH_RIG", absolute(rig_file)?)];
+    // Every variable is set, if only to nothing: those of the caller's shell must not get in.
+    let (kind, replay, looped, effects) = match card {
+        CardChoice::Simulated { effects } => {
+            units.insert(2, "simulator");
+            ("simulated", String::new(), false, effects.join(","))
+        }
+        CardChoice::Replay { record, looped } => ("replay", absolute(record)?, *looped, String::new()),
+    };
+    variables.push(("FARREACH_CARD", kind.to_owned()));
+    variables.push(("FARREACH_REPLAY", replay));
+    variables.push(("FARREACH_REPLAY_LOOP", looped.to_string()));
+    variables.push(("FARREACH_EFFECTS", effects));
+    variables.push(("FARREACH_RECORD", options.record.as_deref().map(absolute).transpose()?.unwrap_or_default()));
+    let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
+    Ok(variables.into_iter().fold(config, |config, (name, value)| config.with_environment(name, value)))
+}
+
+/// The processes' working directory is `/`.
+fn absolute(path: &Path) -> Result<String, Error> {
+    let found = std::path::absolute(path).map_err(|source| Error::Io {
+        doing: "make absolute",
+        path: path.to_path_buf(),
+        source,
+    })?;
+    found.into_os_string().into_string().map_err(|text| Error::Path(text.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use super::*;
+
+    fn options(card: Option<CardChoice>) -> UpOptions {
+        UpOptions {
+            rig_name: format!("up-{}", std::process::id()).parse().unwrap(),
+            rig: "hydrostatic".into(),
+            card,
+            record: Some("run.mcap".into()),
+            executable: "/bin/farreach".into(),
+        }
+    }
+
+    #[test]
+    fn nothing_is_made_for_what_cannot_come_up() {
+        let wrong = [
+            options(None),
+            options(Some(CardChoice::Simulated { effects: vec!["gremlins".to_owned()] })),
+            options(Some(CardChoice::Replay { record: "/nowhere/record.csv".into(), looped: false })),
+            UpOptions { rig: "/nowhere/rig.toml".into(), ..options(Some(CardChoice::Simulated { effects: vec![] })) },
+        ];
+        for wrong in wrong {
+            let error = up(&wrong).unwrap_err();
+            assert_eq!(error.exit_code(), crate::USAGE, "{error}");
+            assert!(!wrong.rig_name.directory().exists(), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_environment_is_whole_and_absolute() {
+        let card = CardChoice::Replay { record: "record.csv".into(), looped: true };
+        let options = options(Some(card.clone()));
+        let config = config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+        assert!(!config.units.contains(&"simulator".to_owned()));
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(config.environment["FARREACH_REPLAY"], here.join("record.csv").to_str().unwrap());
+        assert_eq!(config.environment["FARREACH_RECORD"], here.join("run.mcap").to_str().unwrap());
+        assert_eq!(config.environment["FARREACH_REPLAY_LOOP"], "true");
+        assert_eq!(config.environment["FARREACH_EFFECTS"], "");
+    }
+}
