@@ -1,0 +1,76 @@
+//! The command line of `farreach probe`.
+
+use clap::{Args, Subcommand};
+
+/// Looks into a running rig and never disturbs it.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Command {
+    /// The topics, or the fields of one with their units.
+    #[command(after_help = "Example:\n  farreach probe list sample")]
+    List {
+        /// Topic whose fields to show.
+        topic: Option<String>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints the messages of a topic as they come.
+    #[command(after_help = "Example:\n  farreach probe echo sample --count 3 --field tick --field master_position[0]")]
+    Echo(EchoArgs),
+    /// How often topics are published, and how evenly.
+    #[command(after_help = "Example:\n  farreach probe hz sample command --seconds 2")]
+    Hz(RateArgs),
+    /// How long messages are under way.
+    #[command(after_help = "Example:\n  farreach probe delay sample command --seconds 2")]
+    Delay(RateArgs),
+    /// All topics and the timing of all loops: redrawn on a terminal, once in a pipe.
+    #[command(after_help = "Example:\n  farreach probe top --seconds 2")]
+    Top(TopArgs),
+}
+
+/// Arguments of `echo`.
+#[derive(Clone, Debug, Args)]
+pub struct EchoArgs {
+    /// Topic, as `farreach probe list` shows it.
+    pub topic: String,
+    /// Ends after so many messages.
+    #[arg(long, value_name = "N")]
+    pub count: Option<u64>,
+    /// One JSON object a line; numbers that are not finite as text.
+    #[arg(long)]
+    pub json: bool,
+    /// Only this field, or one element of it: `volts[0]` (repeatable).
+    #[arg(long = "field", value_name = "FIELD")]
+    pub fields: Vec<String>,
+}
+
+/// Arguments of `hz` and `delay`.
+#[derive(Clone, Debug, Args)]
+pub struct RateArgs {
+    /// Topics; all where none is given.
+    pub topics: Vec<String>,
+    /// How long to measure (s).
+    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
+    pub seconds: f64,
+    /// As JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `top`.
+#[derive(Clone, Debug, Args)]
+pub struct TopArgs {
+    /// Time between two pictures (s).
+    #[arg(long, default_value_t = 1.0, value_parser = seconds)]
+    pub seconds: f64,
+    /// Ends after so many pictures; without it, after one in a pipe, by Ctrl-C on a terminal.
+    #[arg(long, value_name = "N")]
+    pub count: Option<u64>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.1..=86_400.0).contains(&seconds) => Ok(seconds),
+        _ => Err("expected a time from 0.1 to 86400 s".to_owned()),
+    }
+}

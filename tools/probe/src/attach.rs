@@ -1,0 +1,129 @@
+//! Attaching to a rig.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use ipc_types::{TOPICS, Topic};
+use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns, sleep_until};
+use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime};
+
+/// A keeper that is back by then was only restarted (ns).
+const KEEPER_GONE_NS: u64 = 3 * SECOND_NS;
+
+/// A topic by the name that a person gave.
+pub(crate) fn topic(name: &str) -> anyhow::Result<&'static Topic> {
+    ipc_types::find_topic(name).with_context(|| {
+        let names: Vec<_> = TOPICS.iter().map(|topic| topic.name).collect();
+        format!("topic {name}: expected one of {}", names.join(", "))
+    })
+}
+
+/// Topics by their names; all where none is given. Doubles are left out.
+pub(crate) fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
+    if names.is_empty() {
+        return Ok(TOPICS.iter().collect());
+    }
+    let mut found: Vec<&'static Topic> = Vec::new();
+    for name in names {
+        let topic = topic(name)?;
+        if !found.iter().any(|known| known.name == topic.name) {
+            found.push(topic);
+        }
+    }
+    Ok(found)
+}
+
+/// One topic that is listened to.
+pub(crate) struct Feed {
+    pub(crate) topic: &'static Topic,
+    pub(crate) subscriber: Box<dyn RawSubscriber>,
+}
+
+/// A rig that is listened to, until a signal comes or the rig ends.
+pub(crate) struct Attached {
+    pub(crate) feeds: Vec<Feed>,
+    /// When it was attached; what was published before is history (ns, CLOCK_MONOTONIC).
+    pub(crate) since_ns: u64,
+    stop: Arc<AtomicBool>,
+    period_ns: u64,
+    next_ns: u64,
+    look_ns: u64,
+    keeper_seen_ns: u64,
+    domain: Domain,
+}
+
+impl Attached {
+    /// Listens to topics, to be looked at every `period_ns`.
+    pub(crate) fn new(rig: &RigName, topics: &[&'static Topic], period_ns: u64) -> anyhow::Result<Self> {
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))?;
+        }
+        let domain = Domain::open(rig)?;
+        let node = domain.node("probe")?;
+        let mut feeds = Vec::with_capacity(topics.len());
+        for &topic in topics {
+            feeds.push(Feed { topic, subscriber: open_raw(&node, topic)? });
+        }
+        realtime::tighten_timer_slack();
+        let now = now_ns();
+        Ok(Self { feeds, since_ns: now, stop, period_ns, next_ns: now, look_ns: now, keeper_seen_ns: now, domain })
+    }
+
+    /// Whether a signal asked to end.
+    pub(crate) fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Sleeps until the next look, at most until `until_ns`; returns the time. Fails when the rig has ended: a probe that
+    /// stayed would hold its shared memory.
+    pub(crate) fn wait(&mut self, until_ns: u64) -> anyhow::Result<u64> {
+        self.next_ns = (self.next_ns + self.period_ns).max(now_ns()).min(until_ns);
+        sleep_until(self.next_ns);
+        let now = now_ns();
+        if now >= self.look_ns {
+            self.look_ns = now + 500 * MILLISECOND_NS;
+            if self.domain.keeper_lives() {
+                self.keeper_seen_ns = now;
+            } else if now - self.keeper_seen_ns > KEEPER_GONE_NS {
+                bail!("rig {} has ended", self.domain.name());
+            }
+        }
+        Ok(now)
+    }
+
+    /// Hands out everything that waits: index of the feed, bytes, time of receiving (ns).
+    pub(crate) fn drain(&mut self, mut sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
+        for (index, feed) in self.feeds.iter_mut().enumerate() {
+            for _ in 0..feed.topic.buffer {
+                let mut take = |bytes: &[u8]| sink(index, bytes, now_ns());
+                if !feed.subscriber.take(&mut take)? {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Seconds as ns.
+pub(crate) fn ns(seconds: f64) -> u64 {
+    Duration::from_secs_f64(seconds).as_nanos() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_topic_names_those_that_are_known() {
+        let error = topic("sampel").unwrap_err().to_string();
+        assert!(error.contains("sampel") && error.contains("sample, command"), "{error}");
+        let names = ["command".to_owned(), "sample".to_owned(), "command".to_owned()];
+        let found: Vec<_> = topics(&names).unwrap().iter().map(|topic| topic.name).collect();
+        assert_eq!(found, ["command", "sample"]);
+        assert_eq!(topics(&[]).unwrap().len(), TOPICS.len());
+    }
+}

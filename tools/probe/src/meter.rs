@@ -1,0 +1,154 @@
+//! What is measured of one topic.
+
+use hdrhistogram::Histogram;
+use ipc_types::Topic;
+
+use crate::echo::{time_of, word};
+
+/// Longest time that the histograms tell apart (ns).
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// A distribution of times.
+#[derive(Clone, Debug)]
+pub(crate) struct Times(Histogram<u64>);
+
+impl Times {
+    fn new() -> anyhow::Result<Self> {
+        Ok(Self(Histogram::new_with_bounds(100, LONGEST_NS, 2)?))
+    }
+
+    fn record(&mut self, from_ns: u64, to_ns: u64) {
+        self.0.saturating_record(to_ns.saturating_sub(from_ns));
+    }
+
+    /// Number of times.
+    pub(crate) fn count(&self) -> u64 {
+        self.0.len()
+    }
+
+    /// p50, p99, p99.9 and max (µs).
+    pub(crate) fn microseconds(&self) -> [f64; 4] {
+        let quantile = |quantile| self.0.value_at_quantile(quantile) as f64 * 1e-3;
+        [quantile(0.5), quantile(0.99), quantile(0.999), self.0.max() as f64 * 1e-3]
+    }
+}
+
+/// Measures one topic.
+#[derive(Clone, Debug)]
+pub(crate) struct Meter {
+    /// From publishing to receiving.
+    pub(crate) latency: Times,
+    /// From the scan that a message answers to its publishing, where it names one.
+    pub(crate) answer: Option<Times>,
+    answer_offset: usize,
+    /// Messages since the last [`Meter::reset`].
+    pub(crate) count: u64,
+    last: Option<(u64, u64)>,
+    intervals: u64,
+    mean_ns: f64,
+    squares: f64,
+    least_ns: u64,
+    most_ns: u64,
+}
+
+/// Intervals between messages of one incarnation (ms).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Intervals {
+    pub(crate) mean_ms: f64,
+    pub(crate) least_ms: f64,
+    pub(crate) most_ms: f64,
+    pub(crate) deviation_ms: f64,
+}
+
+impl Meter {
+    pub(crate) fn new(topic: &Topic) -> anyhow::Result<Self> {
+        let answered = topic.fields.iter().find(|field| matches!(field.name, "scan_time_ns" | "sample_time_ns"));
+        Ok(Self {
+            latency: Times::new()?,
+            answer: answered.map(|_| Times::new()).transpose()?,
+            answer_offset: answered.map_or(0, |field| field.offset),
+            count: 0,
+            last: None,
+            intervals: 0,
+            mean_ns: 0.0,
+            squares: 0.0,
+            least_ns: u64::MAX,
+            most_ns: 0,
+        })
+    }
+
+    /// Takes note of a message that was received at `received_ns`.
+    pub(crate) fn observe(&mut self, bytes: &[u8], received_ns: u64) {
+        let (incarnation, time_ns) = (word(bytes, 8), time_of(bytes));
+        self.count += 1;
+        self.latency.record(time_ns, received_ns);
+        let answered_ns = word(bytes, self.answer_offset);
+        if let Some(answer) = self.answer.as_mut().filter(|_| answered_ns > 0) {
+            answer.record(answered_ns, time_ns);
+        }
+        if let Some((_, last_ns)) = self.last.filter(|(known, _)| *known == incarnation) {
+            let interval = time_ns.saturating_sub(last_ns);
+            self.intervals += 1;
+            // Welford's recurrence: no difference of large sums
+            let distance = interval as f64 - self.mean_ns;
+            self.mean_ns += distance / self.intervals as f64;
+            self.squares += distance * (interval as f64 - self.mean_ns);
+            self.least_ns = self.least_ns.min(interval);
+            self.most_ns = self.most_ns.max(interval);
+        }
+        self.last = Some((incarnation, time_ns));
+    }
+
+    /// The intervals; `None` before there is one.
+    pub(crate) fn intervals(&self) -> Option<Intervals> {
+        (self.intervals > 0).then(|| Intervals {
+            mean_ms: self.mean_ns * 1e-6,
+            least_ms: self.least_ns as f64 * 1e-6,
+            most_ms: self.most_ns as f64 * 1e-6,
+            deviation_ms: (self.squares / self.intervals as f64).sqrt() * 1e-6,
+        })
+    }
+
+    /// Begins a new interval of counting and of latencies.
+    pub(crate) fn reset(&mut self) {
+        self.count = 0;
+        self.latency.0.reset();
+        if let Some(answer) = &mut self.answer {
+            answer.0.reset();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::{COMMAND, Message, MotorCommand, SETPOINT};
+
+    use super::*;
+
+    fn command(incarnation: u64, sample_time_ns: u64, time_ns: u64) -> MotorCommand {
+        let mut command = MotorCommand { sample_time_ns, ..MotorCommand::default() };
+        command.stamp(1, incarnation, 0, time_ns);
+        command
+    }
+
+    #[test]
+    fn times_and_intervals_are_those_of_the_messages() {
+        let mut meter = Meter::new(&COMMAND.topic).unwrap();
+        assert_eq!(meter.intervals(), None);
+        // intervals of 1, 2 and 3 ms; a restart in between is no interval
+        for (incarnation, time_ms) in [(1, 100), (1, 101), (2, 500), (2, 502), (2, 505)] {
+            let time_ns = time_ms * 1_000_000;
+            meter.observe(command(incarnation, time_ns - 120_000, time_ns).as_bytes(), time_ns + 50_000);
+        }
+        let intervals = meter.intervals().unwrap();
+        assert!((intervals.mean_ms - 2.0).abs() < 1e-9, "{intervals:?}");
+        assert!((intervals.deviation_ms - (2.0f64 / 3.0).sqrt()).abs() < 1e-9, "{intervals:?}");
+        assert_eq!((intervals.least_ms, intervals.most_ms), (1.0, 3.0));
+        assert!((meter.latency.microseconds()[3] - 50.0).abs() < 1.0);
+        assert!((meter.answer.as_ref().unwrap().microseconds()[0] - 120.0).abs() < 1.5);
+        assert_eq!(meter.count, 5);
+        meter.reset();
+        assert_eq!((meter.count, meter.latency.count()), (0, 0));
+        assert!(Meter::new(&SETPOINT.topic).unwrap().answer.is_none());
+    }
+}

@@ -1,0 +1,131 @@
+//! `hz` and `delay`.
+
+use std::io::Write;
+
+use runtime::RigName;
+use runtime::clock::{MILLISECOND_NS, now_ns};
+use serde_json::json;
+
+use crate::args::RateArgs;
+use crate::attach::{self, Attached};
+use crate::echo::time_of;
+use crate::meter::{Meter, Times};
+
+/// `hz` reads the publishers' own times: how often it looks does not matter (ns).
+const HZ_PERIOD_NS: u64 = 10 * MILLISECOND_NS;
+/// `delay` cannot tell less than this (ns).
+const DELAY_PERIOD_NS: u64 = 100_000;
+
+struct Measured {
+    rig: Attached,
+    meters: Vec<Meter>,
+    seconds: f64,
+}
+
+impl Measured {
+    fn new(args: &RateArgs, rig: &RigName, period_ns: u64) -> anyhow::Result<Self> {
+        let topics = attach::topics(&args.topics)?;
+        let mut rig = Attached::new(rig, &topics, period_ns)?;
+        let mut meters = topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?;
+        let (begun, end) = (rig.since_ns, rig.since_ns + attach::ns(args.seconds));
+        while now_ns() < end && !rig.stopping() {
+            rig.wait(end)?;
+            rig.drain(|index, bytes, received_ns| {
+                // history is not news
+                if time_of(bytes) >= begun {
+                    meters[index].observe(bytes, received_ns);
+                }
+            })?;
+        }
+        Ok(Self { rig, meters, seconds: (now_ns() - begun) as f64 * 1e-9 })
+    }
+
+    /// Topics with messages, or that were asked for: silence is an answer.
+    fn rows<'a>(&'a self, args: &'a RateArgs) -> impl Iterator<Item = (&'static str, &'a Meter, u64)> {
+        let all = self.rig.feeds.iter().zip(&self.meters);
+        all.filter(|(_, meter)| meter.count > 0 || !args.topics.is_empty())
+            .map(|(feed, meter)| (feed.topic.name, meter, feed.subscriber.counters().lost))
+    }
+}
+
+pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
+    let measured = Measured::new(args, rig, HZ_PERIOD_NS)?;
+    if args.json {
+        let rows: Vec<_> = measured
+            .rows(args)
+            .map(|(topic, meter, lost)| {
+                let intervals = meter.intervals();
+                json!({
+                    "topic": topic,
+                    "rate_hz": meter.count as f64 / measured.seconds,
+                    "messages": meter.count,
+                    "lost": lost,
+                    "interval_ms": intervals.map(|i| json!({
+                        "mean": i.mean_ms, "min": i.least_ms, "max": i.most_ms, "std": i.deviation_ms,
+                    })),
+                })
+            })
+            .collect();
+        writeln!(out, "{}", serde_json::Value::from(rows))?;
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "{:<21} {:>8} {:>19} {:>10} {:>10} {:>10} {:>11} {:>6}",
+        "topic", "rate Hz", "interval ms: mean", "min", "max", "std", "messages", "lost"
+    )?;
+    for (topic, meter, lost) in measured.rows(args) {
+        let rate = meter.count as f64 / measured.seconds;
+        let intervals = meter.intervals().map_or_else(
+            || format!("{:>19} {:>10} {:>10} {:>10}", "-", "-", "-", "-"),
+            |i| format!("{:>19.3} {:>10.3} {:>10.3} {:>10.3}", i.mean_ms, i.least_ms, i.most_ms, i.deviation_ms),
+        );
+        writeln!(out, "{topic:<21} {rate:>8.1} {intervals} {:>11} {lost:>6}", meter.count)?;
+    }
+    Ok(())
+}
+
+pub(crate) fn delay(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
+    let measured = Measured::new(args, rig, DELAY_PERIOD_NS)?;
+    let mut rows: Vec<(&str, &str, &Times)> = Vec::new();
+    for (topic, meter, _) in measured.rows(args) {
+        rows.push((topic, "published to received here", &meter.latency));
+        if let Some(answer) = meter.answer.as_ref().filter(|answer| answer.count() > 0) {
+            rows.push((topic, "scan to published", answer));
+        }
+    }
+    if args.json {
+        let rows: Vec<_> = rows
+            .iter()
+            .map(|(topic, what, times)| {
+                let [p50, p99, p99_9, max] = times.microseconds();
+                json!({
+                    "topic": topic, "what": what, "messages": times.count(),
+                    "us": (times.count() > 0).then(|| json!({"p50": p50, "p99": p99, "p99_9": p99_9, "max": max})),
+                })
+            })
+            .collect();
+        writeln!(out, "{}", serde_json::Value::from(rows))?;
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "{:<21} {:<27} {:>8} {:>9} {:>9} {:>9} {:>9}",
+        "topic", "delay µs", "messages", "p50", "p99", "p99.9", "max"
+    )?;
+    for (topic, what, times) in rows {
+        write!(out, "{topic:<21} {what:<27} {:>8}", times.count())?;
+        if times.count() == 0 {
+            writeln!(out, " {:>9} {:>9} {:>9} {:>9}", "-", "-", "-", "-")?;
+            continue;
+        }
+        let [p50, p99, p99_9, max] = times.microseconds();
+        writeln!(out, " {p50:>9.0} {p99:>9.0} {p99_9:>9.0} {max:>9.0}")?;
+    }
+    writeln!(
+        out,
+        "received here: this probe looks every {} µs, which is part of the delay; scan to published is the rig's alone",
+        DELAY_PERIOD_NS / 1000
+    )?;
+    Ok(())
+}

@@ -1,0 +1,279 @@
+//! `top`.
+
+use std::collections::VecDeque;
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write};
+
+use ipc_types::{LoopTiming, Message, Process, Profile, TOPICS, Topic};
+use runtime::RigName;
+use runtime::clock::{MILLISECOND_NS, now_ns};
+
+use crate::args::TopArgs;
+use crate::attach::{self, Attached};
+use crate::echo::time_of;
+use crate::meter::Meter;
+
+/// How often it looks; part of the latency that it shows (ns).
+const PERIOD_NS: u64 = MILLISECOND_NS;
+/// Pictures that a rate is taken over, so that a topic of 1 Hz has one.
+const RATE_OVER: usize = 5;
+
+/// What `top` knows.
+struct Board {
+    meters: Vec<Meter>,
+    /// messages and duration (s) of the last pictures, by topic
+    counts: Vec<VecDeque<(u64, f64)>>,
+    timings: Vec<LoopTiming>,
+}
+
+impl Board {
+    fn new(topics: &[&'static Topic]) -> anyhow::Result<Self> {
+        Ok(Self {
+            meters: topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?,
+            counts: vec![VecDeque::new(); topics.len()],
+            timings: Vec::new(),
+        })
+    }
+
+    fn observe(&mut self, index: usize, topic: &Topic, bytes: &[u8], received_ns: u64, since_ns: u64) {
+        if topic.type_name == LoopTiming::TYPE_NAME
+            && let Some(timing) = LoopTiming::from_bytes(bytes)
+        {
+            // the last timing of a process is worth showing even if it is history
+            match self.timings.iter_mut().find(|known| known.source == timing.source) {
+                Some(known) => *known = timing,
+                None => self.timings.push(timing),
+            }
+            self.timings.sort_by_key(|timing| timing.source);
+        }
+        if time_of(bytes) >= since_ns {
+            self.meters[index].observe(bytes, received_ns);
+        }
+    }
+
+    /// Ends the interval of a picture.
+    fn count(&mut self, seconds: f64) {
+        for (meter, counts) in self.meters.iter().zip(&mut self.counts) {
+            counts.push_back((meter.count, seconds));
+            if counts.len() > RATE_OVER {
+                counts.pop_front();
+            }
+        }
+    }
+
+    fn rate(&self, index: usize) -> f64 {
+        let (messages, seconds) =
+            self.counts[index].iter().fold((0, 0.0), |(m, s), (count, duration)| (m + count, s + duration));
+        if seconds > 0.0 { messages as f64 / seconds } else { 0.0 }
+    }
+
+    fn reset(&mut self) {
+        self.meters.iter_mut().for_each(Meter::reset);
+    }
+
+    /// The picture; `feeds` gives name, messages received and lost of each topic.
+    fn picture(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)]) -> String {
+        let mut text = String::new();
+        let mut line = |content: String| {
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{}", content.trim_end());
+        };
+        let profile = self.timings.first().and_then(|timing| Profile::from_code(timing.profile));
+        line(format!("rig {rig}{}", profile.map_or_else(String::new, |profile| format!(", {profile}"))));
+        line(format!(
+            "{:<12} {:>7} {:>7}  {:>31}  {:>23} {:>4}",
+            "loop", "Hz", "missed", "wakes late µs: p50 p99 p99.9 max", "runs µs: p50 p99 max", "mem"
+        ));
+        for timing in &self.timings {
+            let us = |ns: u64| format!("{:.0}", ns as f64 * 1e-3);
+            let process = Process::from_code(timing.source).map_or("?", Process::text);
+            let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
+            let silent = now_ns.saturating_sub(timing.time_ns) > 3_000_000_000;
+            line(format!(
+                "{process:<12} {:>7.0} {:>7}  {:>7} {:>7} {:>7} {:>8}  {:>7} {:>7} {:>7} {:>5}{}",
+                1e9 / timing.period_ns.max(1) as f64,
+                timing.missed_periods,
+                us(late[0]),
+                us(late[1]),
+                us(late[2]),
+                us(late[3]),
+                us(runs[0]),
+                us(runs[1]),
+                us(runs[3]),
+                if timing.memory_locked == 1 { "lock" } else { "-" },
+                if silent { "  SILENT" } else { "" },
+            ));
+        }
+        line(String::new());
+        line(format!(
+            "{:<21} {:>8} {:>9} {:>8} {:>8} {:>8} {:>10} {:>8}",
+            "topic", "rate Hz", "late µs50", "p99", "p99.9", "max", "received", "lost"
+        ));
+        let mut silent = Vec::new();
+        for (index, (name, received, lost)) in feeds.iter().enumerate() {
+            let meter = &self.meters[index];
+            if *received == 0 {
+                silent.push(*name);
+                continue;
+            }
+            let times = if meter.latency.count() == 0 {
+                format!("{:>9} {:>8} {:>8} {:>8}", "-", "-", "-", "-")
+            } else {
+                let [p50, p99, p99_9, max] = meter.latency.microseconds();
+                format!("{p50:>9.0} {p99:>8.0} {p99_9:>8.0} {max:>8.0}")
+            };
+            line(format!("{name:<21} {:>8.1} {times} {received:>10} {lost:>8}", self.rate(index)));
+        }
+        if !silent.is_empty() {
+            line(format!("no message yet: {}", silent.join(", ")));
+        }
+        line(format!("late: published to received here; this probe looks every {} ms", PERIOD_NS / MILLISECOND_NS));
+        text
+    }
+}
+
+pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
+    let topics: Vec<_> = TOPICS.iter().collect();
+    let mut rig = Attached::new(rig_name, &topics, PERIOD_NS)?;
+    let mut board = Board::new(&topics)?;
+    let terminal = std::io::stdout().is_terminal();
+    let mut left = args.count.unwrap_or(if terminal { u64::MAX } else { 1 });
+    let mut screen = Screen::begin(terminal, out)?;
+    let mut begun_ns = rig.since_ns;
+    while left > 0 && !rig.stopping() {
+        let end_ns = begun_ns + attach::ns(args.seconds);
+        while now_ns() < end_ns && !rig.stopping() {
+            rig.wait(end_ns)?;
+            let since_ns = rig.since_ns;
+            rig.drain(|index, bytes, received_ns| {
+                board.observe(index, topics[index], bytes, received_ns, since_ns);
+            })?;
+        }
+        let now = now_ns();
+        board.count((now - begun_ns) as f64 * 1e-9);
+        let feeds: Vec<_> = rig
+            .feeds
+            .iter()
+            .map(|feed| (feed.topic.name, feed.subscriber.counters()))
+            .map(|(name, counters)| (name, counters.received, counters.lost))
+            .collect();
+        screen.show(board.picture(rig_name.as_str(), now, &feeds))?;
+        board.reset();
+        begun_ns = now;
+        left -= 1;
+    }
+    Ok(())
+}
+
+/// Where pictures go: one over the other on a terminal, one after the other in a pipe.
+struct Screen<'a> {
+    out: &'a mut dyn Write,
+    terminal: bool,
+    last: String,
+}
+
+impl<'a> Screen<'a> {
+    fn begin(terminal: bool, out: &'a mut dyn Write) -> std::io::Result<Self> {
+        if terminal {
+            // the other screen, without cursor: what was on the first comes back at the end
+            write!(out, "\x1b[?1049h\x1b[?25l")?;
+        }
+        Ok(Self { out, terminal, last: String::new() })
+    }
+
+    fn show(&mut self, picture: String) -> std::io::Result<()> {
+        if self.terminal {
+            let (width, height) = terminal_size::terminal_size()
+                .map_or((80, 24), |(width, height)| (usize::from(width.0), usize::from(height.0)));
+            write!(self.out, "\x1b[H{}\x1b[J", fit(&picture, width, height))?;
+        } else {
+            self.out.write_all(picture.as_bytes())?;
+        }
+        self.out.flush()?;
+        self.last = picture;
+        Ok(())
+    }
+}
+
+impl Drop for Screen<'_> {
+    fn drop(&mut self) {
+        if self.terminal {
+            // An output that is gone needs no repair.
+            let _ = write!(self.out, "\x1b[?25h\x1b[?1049l{}", self.last);
+            let _ = self.out.flush();
+        }
+    }
+}
+
+/// Cuts a picture to a terminal: lines at its width, and at its height with a word on what is not shown.
+fn fit(picture: &str, width: usize, height: usize) -> String {
+    let total = picture.lines().count();
+    let shown = if total > height { height.saturating_sub(1) } else { total };
+    let mut lines: Vec<String> = picture.lines().take(shown).map(|line| line.chars().take(width).collect()).collect();
+    if total > height {
+        let more = format!("... {} lines more: make the window taller", total - shown);
+        lines.push(more.chars().take(width).collect());
+    }
+    lines.join("\x1b[K\r\n") + "\x1b[K"
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::{COMMAND, MotorCommand, find_topic};
+
+    use super::*;
+
+    #[test]
+    fn rates_losses_and_timing_are_in_the_picture() {
+        let topics: Vec<_> = TOPICS.iter().collect();
+        let mut board = Board::new(&topics).unwrap();
+        let index_of = |name: &str| TOPICS.iter().position(|topic| topic.name == name).unwrap();
+        let command = index_of(COMMAND.topic.name);
+        for cycle in 0..500 {
+            let mut message = MotorCommand::default();
+            message.stamp(1, 2, cycle, 1_000_000 * cycle);
+            board.observe(command, topics[command], message.as_bytes(), 1_000_000 * cycle + 40_000, 0);
+        }
+        let mut timing = LoopTiming {
+            period_ns: 2_000_000,
+            missed_periods: 13,
+            wake_late_ns: [4_000, 9_000, 21_000, 77_000],
+            source: Process::Control.code(),
+            ..LoopTiming::default()
+        };
+        timing.stamp(1, 2, 0, 900_000_000);
+        let index = index_of("timing/control");
+        board.observe(index, find_topic("timing/control").unwrap(), timing.as_bytes(), 900_000_000, 0);
+        board.count(1.0);
+        let feeds: Vec<_> = TOPICS
+            .iter()
+            .map(|topic| match topic.name {
+                "command" => (topic.name, 500, 3),
+                "timing/control" => (topic.name, 1, 0),
+                _ => (topic.name, 0, 0),
+            })
+            .collect();
+        let words = |picture: &str, name: &str| -> Vec<String> {
+            let line = picture.lines().find(|line| line.starts_with(name)).unwrap();
+            line.split_whitespace().map(str::to_owned).collect()
+        };
+        let picture = board.picture("demo", 1_000_000_000, &feeds);
+        assert_eq!(words(&picture, "command "), ["command", "500.0", "40", "40", "40", "40", "500", "3"]);
+        assert_eq!(words(&picture, "control ")[..7], ["control", "500", "13", "4", "9", "21", "77"]);
+        assert!(picture.contains("no message yet: sample, token"), "{picture}");
+        assert!(picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"), "{picture}");
+        // a rate over several pictures, and a loop that fell silent
+        board.reset();
+        board.count(1.0);
+        let picture = board.picture("demo", 9_000_000_000, &feeds);
+        assert_eq!(words(&picture, "command ")[1..3], ["250.0", "-"]);
+        assert!(words(&picture, "control ").contains(&"SILENT".to_owned()));
+    }
+
+    #[test]
+    fn a_picture_fits_its_terminal() {
+        let picture = "one\ntwo µµµ\nthree\n";
+        assert_eq!(fit(picture, 5, 3), "one\x1b[K\r\ntwo µ\x1b[K\r\nthree\x1b[K");
+        assert_eq!(fit(picture, 80, 2), "one\x1b[K\r\n... 2 lines more: make the window taller\x1b[K");
+    }
+}
