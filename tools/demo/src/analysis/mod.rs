@@ -1,0 +1,63 @@
+//! From a recording and the instants of the kills to what is reported: pure functions, no clock, no rig.
+//!
+//! Only the recording is asked, so that whoever has the file can check every number.
+
+mod loss;
+mod model;
+mod percentiles;
+mod timing;
+mod trace;
+
+pub use loss::{Losses, TopicLoss, losses};
+pub use model::{Model, ModelError, model};
+pub use percentiles::Percentiles;
+pub use timing::{
+    Outage, Rate, Timing, WakeLate, command_rates, missed_periods, outage, profile, sample_to_command, wake_late,
+};
+pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
+
+use ipc_types::Process;
+use rig::RigFile;
+
+/// A process that was killed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kill {
+    /// Which.
+    pub process: Process,
+    /// Just before the signal was sent [ns, CLOCK_MONOTONIC].
+    pub at_ns: u64,
+}
+
+/// Everything that is reported of one run.
+#[derive(Debug)]
+pub struct Analysis {
+    /// What was recorded, axis 0.
+    pub trace: Trace,
+    /// What is missing of it.
+    pub losses: Losses,
+    /// How punctual the processes were.
+    pub timing: Timing,
+    /// What each kill did, in order.
+    pub outages: Vec<Outage>,
+    /// The declared model beside it; `None` where the rig file declares none that can be simulated.
+    pub model: Option<Model>,
+}
+
+/// Takes a recording apart.
+///
+/// # Errors
+/// [`ModelError`] where the declared model cannot be simulated although it is of a kind that can.
+pub fn analyse(trace: Trace, kills: &[Kill], rig: &RigFile) -> Result<Analysis, ModelError> {
+    let outages = kills
+        .iter()
+        .enumerate()
+        .map(|(index, kill)| outage(&trace, *kill, kills.get(index + 1).map(|next| next.at_ns)))
+        .collect();
+    Ok(Analysis {
+        losses: losses(&trace),
+        timing: Timing::of(&trace),
+        outages,
+        model: model(&trace.samples, rig)?,
+        trace,
+    })
+}

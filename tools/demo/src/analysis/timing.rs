@@ -1,0 +1,222 @@
+//! Punctuality of the loops, and what a kill did.
+
+use std::collections::BTreeMap;
+
+use ipc_types::{LoopTiming, Process, Profile, WatchdogState};
+use serde::Serialize;
+
+use super::trace::{CommandRow, TokenRow, Trace, is_realtime};
+use super::{Kill, Percentiles};
+
+/// One incarnation of control.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate {
+    /// Which.
+    pub incarnation: u64,
+    /// Commands that it published a second, from its first to its last.
+    pub hz: f64,
+}
+
+/// Rate of each incarnation of control, in the order in which they appeared. Counted by sequence, so that commands that
+/// were lost on their way to the disk do not lower it. One that published a single command has no rate.
+pub fn command_rates(commands: &[CommandRow]) -> Vec<Rate> {
+    let mut spans: Vec<(CommandRow, CommandRow)> = Vec::new();
+    for command in commands {
+        match spans.iter_mut().find(|(first, _)| first.incarnation == command.incarnation) {
+            Some((_, last)) => *last = *command,
+            None => spans.push((*command, *command)),
+        }
+    }
+    let rate = |(first, last): (CommandRow, CommandRow)| {
+        let seconds = last.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
+        let count = last.sequence.saturating_sub(first.sequence) as f64;
+        (seconds > 0.0).then_some(Rate { incarnation: first.incarnation, hz: count / seconds })
+    };
+    spans.into_iter().filter_map(rate).collect()
+}
+
+/// From the scan of a sample to the publishing of the first command that answers it. Commands that answer the same
+/// sample again are left out: while acquisition is down control repeats itself, which the outage shows.
+pub fn sample_to_command(commands: &[CommandRow]) -> Option<Percentiles> {
+    let mut newest: BTreeMap<u64, u64> = BTreeMap::new();
+    let mut times = Vec::with_capacity(commands.len());
+    for command in commands {
+        let before = newest.insert(command.incarnation, command.sample_tick);
+        if command.sample_ns > 0 && before != Some(command.sample_tick) {
+            times.push(command.time_ns.saturating_sub(command.sample_ns));
+        }
+    }
+    Percentiles::of_ns(times)
+}
+
+/// Periods that each process skipped because it woke late, over all its incarnations. What `LoopTiming` said last may be
+/// a second old when a process is killed; its samples, commands and tokens carry the count, too.
+pub fn missed_periods(trace: &Trace) -> BTreeMap<Process, u64> {
+    let mut missed: BTreeMap<(Process, u64), u64> = BTreeMap::new();
+    let mut note = |process, incarnation, count: u64| {
+        let entry = missed.entry((process, incarnation)).or_default();
+        *entry = count.max(*entry);
+    };
+    for timing in &trace.timings {
+        if let Some(process) = Process::from_code(timing.source) {
+            note(process, timing.incarnation, timing.missed_periods);
+        }
+    }
+    for sample in &trace.samples {
+        note(Process::Acquisition, sample.incarnation, sample.cycles_missed);
+    }
+    for command in &trace.commands {
+        note(Process::Control, command.incarnation, command.cycles_missed);
+    }
+    for token in &trace.tokens {
+        note(Process::Watchdog, token.incarnation, token.cycles_missed);
+    }
+    let mut by_process = BTreeMap::new();
+    for ((process, _), count) in missed {
+        *by_process.entry(process).or_default() += count;
+    }
+    by_process
+}
+
+/// How late the loops woke.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WakeLate {
+    /// The worst of all processes, percentile by percentile.
+    #[serde(flatten)]
+    pub worst: Percentiles,
+    /// Each process; where it ran more than once, the worst of its incarnations, percentile by percentile.
+    pub by_process: BTreeMap<Process, Percentiles>,
+}
+
+/// How late the loops woke, since the start of each process, up to its last `LoopTiming`.
+pub fn wake_late(timings: &[LoopTiming]) -> WakeLate {
+    let mut last: BTreeMap<(u8, u64), &LoopTiming> = BTreeMap::new();
+    for timing in timings {
+        last.insert((timing.source, timing.incarnation), timing);
+    }
+    let mut by_process: BTreeMap<Process, Percentiles> = BTreeMap::new();
+    for ((source, _), timing) in last {
+        let Some(process) = Process::from_code(source) else { continue };
+        let found = Percentiles::of_loop(timing.total_wake_late_ns);
+        by_process.entry(process).and_modify(|before| *before = before.worst(found)).or_insert(found);
+    }
+    let worst = by_process.values().copied().reduce(Percentiles::worst).unwrap_or_default();
+    WakeLate { worst, by_process }
+}
+
+/// The profile of a run: real-time only when every process was granted it throughout.
+pub fn profile(trace: &Trace) -> Profile {
+    let realtime = trace.samples.iter().all(|row| is_realtime(row.profile))
+        && trace.commands.iter().all(|row| is_realtime(row.profile))
+        && trace.tokens.iter().all(|row| is_realtime(row.profile))
+        && trace.scans.iter().all(|row| is_realtime(row.profile));
+    if realtime { Profile::Realtime } else { Profile::BestEffort }
+}
+
+/// How punctual the processes were.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Timing {
+    /// What the machine granted.
+    pub profile: Profile,
+    /// Control, by incarnation.
+    pub command_rates: Vec<Rate>,
+    /// Skipped periods by process.
+    pub missed_periods: BTreeMap<Process, u64>,
+    /// Wake lateness.
+    pub wake_late: WakeLate,
+    /// Sample to command; all 0 where there was no command.
+    pub sample_to_command: Percentiles,
+}
+
+impl Timing {
+    /// Of a run.
+    pub fn of(trace: &Trace) -> Self {
+        Self {
+            profile: profile(trace),
+            command_rates: command_rates(&trace.commands),
+            missed_periods: missed_periods(trace),
+            wake_late: wake_late(&trace.timings),
+            sample_to_command: sample_to_command(&trace.commands).unwrap_or_default(),
+        }
+    }
+}
+
+/// What one kill did. Times are ms since the kill.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outage {
+    /// The kill.
+    pub kill: Kill,
+    /// Volts at the motor in the card's last scan before it; not finite where there was none.
+    pub volts_before: f64,
+    /// To the card's first scan at 0 V, if it then stayed at 0 V until power was enabled again.
+    pub trip_ms: Option<f64>,
+    /// To the watchdog's first token that says tripped.
+    pub tripped_ms: Option<f64>,
+    /// Why, a `TripCause`.
+    pub cause: u8,
+    /// To the first valid message of the next incarnation.
+    pub restart_ms: Option<f64>,
+    /// To the first token of a higher epoch.
+    pub enabled_ms: Option<f64>,
+    /// To the card's first scan with volts at the motor after that.
+    pub powered_ms: Option<f64>,
+}
+
+/// What a kill did; `until_ns` is the next kill.
+pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
+    let end = until_ns.unwrap_or(u64::MAX);
+    let after = |time_ns: u64| time_ns >= kill.at_ns && time_ns < end;
+    let ms = |time_ns: u64| (time_ns - kill.at_ns) as f64 * 1e-6;
+
+    let before = |token: &&TokenRow| token.time_ns < kill.at_ns;
+    let epoch = trace.tokens.iter().filter(before).map(|token| token.epoch).max().unwrap_or(0);
+    let tokens = || trace.tokens.iter().filter(|token| after(token.time_ns));
+    let tripped = tokens().find(|token| token.state == WatchdogState::Tripped.code());
+    let enabled_ns = tokens().find(|token| token.enabled && token.epoch > epoch).map(|token| token.time_ns);
+
+    let dark_until = enabled_ns.unwrap_or(end);
+    let scans = || trace.scans.iter().filter(|scan| after(scan.scan_ns));
+    let mut trip_ns = None;
+    for scan in scans().filter(|scan| scan.scan_ns < dark_until) {
+        if scan.motor_v == 0.0 {
+            trip_ns = trip_ns.or(Some(scan.scan_ns));
+        } else {
+            trip_ns = None;
+        }
+    }
+    let powered = scans().find(|scan| scan.scan_ns >= dark_until && scan.motor_v != 0.0);
+    let volts_before = trace.scans.iter().rev().find(|scan| scan.scan_ns < kill.at_ns).map_or(f64::NAN, |s| s.motor_v);
+    Outage {
+        kill,
+        volts_before,
+        trip_ms: trip_ns.map(ms),
+        tripped_ms: tripped.map(|token| ms(token.time_ns)),
+        cause: tripped.map_or(0, |token| token.cause),
+        restart_ms: restart_ns(trace, kill, end).map(ms),
+        enabled_ms: enabled_ns.map(ms),
+        powered_ms: powered.map(|scan| ms(scan.scan_ns)),
+    }
+}
+
+/// First valid message of the next incarnation: a command with finite volts that answers a sample, a sample with a tick.
+fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
+    /// Incarnation, time, valid.
+    type Publication = (u64, u64, bool);
+    fn next(rows: impl DoubleEndedIterator<Item = Publication> + Clone, kill_ns: u64, end: u64) -> Option<u64> {
+        let killed = rows.clone().rev().find(|row| row.1 < kill_ns).map(|row| row.0);
+        let mut rows = rows.filter(|row| row.1 >= kill_ns && row.1 < end);
+        rows.find(|row| row.2 && Some(row.0) != killed).map(|row| row.1)
+    }
+    match kill.process {
+        Process::Control => {
+            let valid = |c: &CommandRow| c.volts.is_finite() && c.sample_ns > 0;
+            next(trace.commands.iter().map(|c| (c.incarnation, c.time_ns, valid(c))), kill.at_ns, end)
+        }
+        Process::Acquisition => {
+            next(trace.samples.iter().map(|s| (s.incarnation, s.time_ns, s.tick > 0)), kill.at_ns, end)
+        }
+        Process::Watchdog => next(trace.tokens.iter().map(|t| (t.incarnation, t.time_ns, true)), kill.at_ns, end),
+        // The others publish too seldom to measure a restart by.
+        _ => None,
+    }
+}

@@ -1,0 +1,372 @@
+//! `report.html`: one page that shows what happened.
+
+use ipc_types::{Process, TripCause};
+use report::{Colour, Figure, Page, Table, Tone};
+use rig::{AxisUnit, RigFile};
+
+use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace};
+use crate::{Outcome, Summary};
+
+/// Wide figures, CSS pixels.
+const WIDTH: u32 = 860;
+
+/// Numbers of a table; a dash where there is none.
+fn ms(value: Option<f64>) -> String {
+    value.map_or("–".to_owned(), |ms| format!("{ms:.1}"))
+}
+
+/// Positions as people read them: degrees, or mm.
+struct Shown {
+    unit: &'static str,
+    factor: f64,
+}
+
+impl Shown {
+    fn of(rig: &RigFile) -> Self {
+        match rig.axes.first().map(|axis| axis.unit) {
+            Some(AxisUnit::Metre) => Self { unit: "mm", factor: 1e3 },
+            _ => Self { unit: "°", factor: 180.0 / std::f64::consts::PI },
+        }
+    }
+
+    fn scale(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
+        values.map(|value| value * self.factor).collect()
+    }
+}
+
+/// The page of one run.
+///
+/// # Errors
+/// Where a figure cannot be drawn.
+pub fn page(analysis: &Analysis, summary: &Summary, outcome: &Outcome, rig: &RigFile) -> report::Result<String> {
+    let shown = Shown::of(rig);
+    let json = serde_json::to_string_pretty(summary).unwrap_or_default();
+    let mut page = Page::new(format!("farreach demo: {}", rig.name))
+        .subtitle(&subtitle(analysis, summary, rig))
+        .verdict(tone(outcome), &sentence(analysis, outcome), &detail(analysis, outcome))
+        .heading("The run")
+        .figure(&overview(analysis, &shown), OVERVIEW);
+    for (index, outage) in analysis.outages.iter().enumerate() {
+        page = self::outage(page, analysis, outage, index, &shown);
+    }
+    if let Some(model) = &analysis.model {
+        page = self::model(page, model, summary, &shown);
+    }
+    tables(page, analysis, summary)
+        .details("summary.json", &json)
+        .footer(&format!("farreach demo {}, revision {}", env!("CARGO_PKG_VERSION"), summary.revision))
+        .render()
+}
+
+fn subtitle(analysis: &Analysis, summary: &Summary, rig: &RigFile) -> String {
+    let seconds = analysis.trace.samples.last().map_or(0.0, |sample| analysis.trace.seconds(sample.scan_ns));
+    format!(
+        "Simulated rig \"{}\", {} timing, {seconds:.1} s at {} Hz, {}. {}",
+        rig.name,
+        summary.profile,
+        rig.rates.acquisition_hz,
+        match &summary.injected {
+            Some(effect) => format!("with {effect} put into the plant that no model is told of"),
+            None => "no effect beyond the declared model put in".to_owned(),
+        },
+        rig.description,
+    )
+}
+
+fn tone(outcome: &Outcome) -> Tone {
+    match outcome {
+        Outcome::Kept => Tone::Good,
+        Outcome::DataLost(_) => Tone::Warning,
+        Outcome::Broken(_) => Tone::Bad,
+    }
+}
+
+fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Kept => {
+            let worst = analysis.outages.iter().filter_map(|outage| outage.trip_ms).fold(0.0, f64::max);
+            format!(
+                "Killed {} times in mid-movement, at 0 V after {worst:.1} ms at most; no sample is missing.",
+                analysis.outages.len()
+            )
+        }
+        Outcome::DataLost(_) => "The motor was safe, but the recording is not whole.".to_owned(),
+        Outcome::Broken(_) => "A promise was broken.".to_owned(),
+    }
+}
+
+fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Kept => {
+            let back = analysis.outages.iter().filter_map(|outage| outage.restart_ms).fold(0.0, f64::max);
+            format!(
+                "The launcher had the dead process back within {back:.0} ms. All {} samples that the card clocked are on disk, \
+                 in one row of ticks without a hole. All numbers here come from the recording.",
+                analysis.losses.samples
+            )
+        }
+        _ => format!("{}.", outcome.reasons().join("; ")),
+    }
+}
+
+const OVERVIEW: &str = "Reference of the guided movement, master (motor) and slave (handle). At each upright line a process was \
+    killed with SIGKILL; the motor then has no power until a person resets, arms and enables, and control starts from the \
+    measured position.";
+
+fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
+    let trace = &analysis.trace;
+    let (time, reference) = reference(trace, shown, f64::NEG_INFINITY, f64::INFINITY);
+    let sample_time: Vec<f64> = trace.samples.iter().map(|sample| trace.seconds(sample.scan_ns)).collect();
+    let mut figure = Figure::new("Movement", "time / s", format!("position / {}", shown.unit))
+        .size(WIDTH, 320)
+        .colour(Colour::Grey)
+        .dashed("reference", &time, &reference)
+        .colour(Colour::Blue)
+        .line("master", &sample_time, &shown.scale(trace.samples.iter().map(|sample| sample.master)))
+        .colour(Colour::Vermillion)
+        .line("slave", &sample_time, &shown.scale(trace.samples.iter().map(|sample| sample.slave)));
+    for outage in &analysis.outages {
+        figure = figure.vertical(format!("{} killed", outage.kill.process), trace.seconds(outage.kill.at_ns));
+    }
+    figure
+}
+
+/// Reference position between two instants (s); a hole where there was no control.
+fn reference(trace: &Trace, shown: &Shown, from: f64, until: f64) -> (Vec<f64>, Vec<f64>) {
+    let (mut time, mut values) = (Vec::new(), Vec::new());
+    let mut before = None;
+    for command in &trace.commands {
+        let at = trace.seconds(command.time_ns);
+        if at < from || at > until {
+            continue;
+        }
+        if before.is_some_and(|before| before != command.incarnation) {
+            time.push(at);
+            values.push(f64::NAN);
+        }
+        before = Some(command.incarnation);
+        time.push(at);
+        values.push(command.reference * shown.factor);
+    }
+    (time, values)
+}
+
+/// Step lines: a value holds until the next.
+fn stairs(points: impl Iterator<Item = (f64, f64)>) -> (Vec<f64>, Vec<f64>) {
+    let (mut x, mut y): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+    for (at, value) in points {
+        if let Some(&last) = y.last()
+            && last != value
+        {
+            x.push(at);
+            y.push(last);
+        }
+        x.push(at);
+        y.push(value);
+    }
+    (x, y)
+}
+
+fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown: &Shown) -> Page {
+    let process = outage.kill.process;
+    let trace = &analysis.trace;
+    let kill_s = trace.seconds(outage.kill.at_ns);
+    // ms since the kill
+    let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
+    let trip = outage.trip_ms.unwrap_or(20.0);
+    let (from, until) = (-(trip.max(10.0)), trip * 2.0 + 10.0);
+    let within = |at: f64| at >= from - 1.0 && at <= until + 1.0;
+
+    let scans: Vec<_> =
+        trace.scans.iter().map(|scan| (since(scan.scan_ns), scan)).filter(|(at, _)| within(*at)).collect();
+    let (motor_x, motor_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.motor_v)));
+    let (dac_x, dac_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.dac_v)));
+    let commands = trace.commands.iter().map(|command| (since(command.time_ns), command.volts));
+    let (command_x, command_y): (Vec<f64>, Vec<f64>) = commands.filter(|(at, _)| within(*at)).unzip();
+    let mut volts =
+        Figure::new(format!("Kill {}: {process}, volts", index + 1), "time since the kill / ms", "volts / V")
+            .size(WIDTH, 280)
+            .x_range(from, until)
+            .colour(Colour::Orange)
+            .scatter("command", &command_x, &command_y)
+            .colour(Colour::Sky)
+            .dashed("held by the DAC", &dac_x, &dac_y)
+            .colour(Colour::Vermillion)
+            .line("at the motor", &motor_x, &motor_y)
+            .vertical("killed", 0.0);
+    if let Some(trip) = outage.trip_ms {
+        volts = volts.colour(Colour::Green).vertical(format!("0 V after {trip:.1} ms"), trip);
+    }
+
+    let states = states(analysis, outage, index, from, until);
+
+    let until_s = kill_s + outage.powered_ms.or(outage.restart_ms).unwrap_or(1000.0) * 1e-3 + 2.0;
+    let from_s = kill_s - 1.0;
+    let (time, reference) = reference(trace, shown, from_s, until_s);
+    let samples: Vec<_> = trace
+        .samples
+        .iter()
+        .map(|sample| (trace.seconds(sample.scan_ns), sample))
+        .filter(|(at, _)| *at >= from_s && *at <= until_s)
+        .collect();
+    let sample_time: Vec<f64> = samples.iter().map(|(at, _)| *at).collect();
+    let mut recovery = Figure::new(
+        format!("Kill {}: {process}, back to the movement", index + 1),
+        "time / s",
+        format!("position / {}", shown.unit),
+    )
+    .size(WIDTH, 280)
+    .x_range(from_s, until_s)
+    .colour(Colour::Grey)
+    .dashed("reference", &time, &reference)
+    .colour(Colour::Blue)
+    .line("master", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| sample.master)))
+    .colour(Colour::Vermillion)
+    .line("slave", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| sample.slave)))
+    .vertical("killed", kill_s);
+    if let Some(back) = outage.restart_ms {
+        recovery = recovery.colour(Colour::Green).vertical("process back", kill_s + back * 1e-3);
+    }
+    if let Some(enabled) = outage.enabled_ms {
+        recovery = recovery.colour(Colour::Purple).vertical("enabled by the operator", kill_s + enabled * 1e-3);
+    }
+    let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
+    page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1))
+        .paragraph(&told(outage, process, cause))
+        .figure(&volts, match process {
+            Process::Acquisition => {
+                "With acquisition dead nobody writes the DAC: it holds its last value, as a real card does. The watchdog stops \
+                 toggling the enable line, and the card itself takes the motor's power."
+            }
+            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one has outlived its time.",
+        })
+        .figure(&states, STATES)
+        .figure(&recovery, "The movement round the kill. The reference goes on from the measured position when power is back.")
+}
+
+const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, 0 faulted), as its tokens say. Lower line: the \
+    gate's (2 burnt, 1 open, 0 closed), as the samples say.";
+
+fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: f64) -> Figure {
+    let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
+    let within = |at: &f64| *at >= from - 1.0 && *at <= until + 1.0;
+    let trace = &analysis.trace;
+    let tokens = trace.tokens.iter().map(|token| (since(token.time_ns), f64::from(token.state)));
+    let (watchdog_x, watchdog_y) = stairs(tokens.filter(|(at, _)| within(at)));
+    // The gate acts when the sample is published, not when the card took the scan.
+    let gates = trace.samples.iter().map(|sample| (since(sample.time_ns), f64::from(sample.gate_state)));
+    let (gate_x, gate_y) = stairs(gates.filter(|(at, _)| within(at)));
+    Figure::new(format!("Kill {}: {}, states", index + 1, outage.kill.process), "time since the kill / ms", "state")
+        .size(WIDTH, 180)
+        .x_range(from, until)
+        .y_range(-0.3, 4.3)
+        .colour(Colour::Blue)
+        .line("watchdog", &watchdog_x, &watchdog_y)
+        .colour(Colour::Green)
+        .dashed("gate", &gate_x, &gate_y)
+        .vertical("killed", 0.0)
+}
+
+fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
+    let mut text = format!("{process} was killed with {:.2} V at the motor. ", outage.volts_before);
+    match outage.trip_ms {
+        Some(trip) => text += &format!("The motor was at 0 V after {trip:.1} ms and stayed there. "),
+        None => text += "The motor was not at 0 V until power was enabled again. ",
+    }
+    if let Some(tripped) = outage.tripped_ms {
+        text += &format!("The watchdog tripped after {tripped:.1} ms ({cause}). ");
+    }
+    match outage.restart_ms {
+        Some(back) => text += &format!("The next {process} published after {back:.0} ms. "),
+        None => text += &format!("No next {process} published. "),
+    }
+    if let Some(powered) = outage.powered_ms {
+        text += &format!("Reset, armed and enabled again, the motor had volts after {:.2} s.", powered * 1e-3);
+    }
+    text
+}
+
+fn model(page: Page, model: &Model, summary: &Summary, shown: &Shown) -> Page {
+    let mut page = page.heading("Measured against the declared model").paragraph(
+        "The declared plant, with the hand that the rig file declares and no effect, was simulated on the volts that reached the motor, \
+         from the positions of the first samples. It runs free: nothing pulls it back to the measurement. Where dry \
+         friction holds a handle a little earlier or later, the difference stays until the next movement, so that the \
+         error says how far the whole run can be foretold, not how good one second of it is.",
+    );
+    if let Some(effect) = &summary.injected {
+        page = page.paragraph(&format!(
+            "The simulated plant had {effect}, of which the model knows nothing: part of the error is its doing."
+        ));
+    }
+    let mut table = Table::new(["channel", "unit", "error, rms", "signal, rms", "error / signal, %"]);
+    for channel in &model.channels {
+        let (factor, label) = match channel.unit {
+            "rad" => (shown.factor, format!("position / {}", shown.unit)),
+            unit => (1.0, format!("torque / {unit}")),
+        };
+        let scaled = |values: &[f64]| values.iter().map(|value| value * factor).collect::<Vec<f64>>();
+        let figure = Figure::new(channel.name, "time / s", label)
+            .size(WIDTH, 240)
+            .colour(Colour::Blue)
+            .line("measured", &model.time_s, &scaled(&channel.measured))
+            .colour(Colour::Vermillion)
+            .dashed("declared model", &model.time_s, &scaled(&channel.declared));
+        page = page.figure(&figure, &format!("{}: {:.4} {} rms apart.", channel.name, channel.error, channel.unit));
+        table = table.row([
+            channel.name.to_owned(),
+            channel.unit.to_owned(),
+            format!("{:.4}", channel.error),
+            format!("{:.4}", channel.size),
+            if channel.size > 0.0 { format!("{:.1}", 100.0 * channel.error / channel.size) } else { "–".to_owned() },
+        ]);
+    }
+    page.table(table, "Error of the declared model by channel.")
+}
+
+fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
+    let mut kills =
+        Table::new(["killed", "V before", "0 V / ms", "tripped / ms", "back / ms", "enabled / ms", "volts again / ms"]);
+    for outage in &analysis.outages {
+        kills = kills.row([
+            outage.kill.process.to_string(),
+            format!("{:.2}", outage.volts_before),
+            ms(outage.trip_ms),
+            ms(outage.tripped_ms),
+            ms(outage.restart_ms),
+            ms(outage.enabled_ms),
+            ms(outage.powered_ms),
+        ]);
+    }
+    let mut timing = Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
+    let row = |name: String, p: &Percentiles, missed: Option<u64>| {
+        let us = |value: f64| format!("{value:.0}");
+        let missed = missed.map_or("–".to_owned(), |count| count.to_string());
+        [name, us(p.p50), us(p.p99), us(p.p99_9), us(p.max), missed]
+    };
+    for (process, late) in &summary.wake_late_us.by_process {
+        timing = timing.row(row(format!("{process} woke late"), late, summary.missed_periods.get(process).copied()));
+    }
+    timing = timing.row(row("sample to command".to_owned(), &summary.sample_to_command_us, None));
+    let mut rates = Table::new(["incarnation of control", "commands / Hz"]);
+    for (index, rate) in analysis.timing.command_rates.iter().enumerate() {
+        rates = rates.row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
+    }
+    let mut disk = Table::new(["topic", "on disk", "lost"]);
+    for topic in &analysis.losses.topics {
+        disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
+    }
+    page.heading("Timing")
+        .table(kills, "Each kill: ms from just before the signal, read from the card's scans, the tokens, and the topic of the process.")
+        .table(timing, "Wake lateness of each loop since its start (of processes that ran twice, the worse), and the time from the card's scan to the first command that answers it.")
+        .table(rates, "Rate of control by incarnation, its downtime excluded.")
+        .heading("Recording")
+        .paragraph(&format!(
+            "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While acquisition was dead, the scans waited \
+             in the card's FIFO for its successor.",
+            summary.samples,
+            summary.samples_lost,
+            summary.samples_missed,
+            summary.recording_bytes as f64 * 1e-6
+        ))
+        .table(disk, "Messages by topic.")
+}

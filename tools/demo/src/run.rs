@@ -1,0 +1,273 @@
+//! From the command line to the three files.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use ipc_types::{Process, Profile};
+use operator::{CardChoice, Cleaning, UpOptions, load_protocol, load_rig};
+use rig::protocol::Protocol;
+use runtime::RigName;
+
+use crate::analysis::{Analysis, Kill, Trace, analyse};
+use crate::console::Console;
+use crate::folder::Folder;
+use crate::session::{Interrupted, Session};
+use crate::{Outcome, Summary, page};
+
+/// Shortest guided movement with room for two kills and what follows them (s).
+const SHORTEST_S: f64 = 14.0;
+const LONGEST_S: f64 = 600.0;
+/// The guided movement among the protocol's segments.
+const GUIDED: usize = 1;
+/// When within the guided movement the kills come, as a part of it.
+const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.55)];
+
+/// Brings the simulated rig up, moves it, kills two of its processes, and shows what came of it.
+///
+/// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement control is killed with
+/// SIGKILL, later acquisition; each time the motor loses power, the launcher starts the process again, and the
+/// operator's verbs (reset, arm, enable) bring power back. Then the declared model is held against the recording. Needs no
+/// root, no systemd and no hardware; nothing is left running.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect backlash@slave=0.05\n\n\
+    Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise failed or the run could \
+    not be made, 2 usage, 3 data was lost")]
+pub struct Args {
+    /// Folder for the results; those of an earlier demo are replaced, nothing else is
+    #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
+    pub out: PathBuf,
+    /// Length of the guided movement (s) [default: 22, from 14 on]
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    pub seconds: Option<f64>,
+    /// Puts an effect into the simulated plant that no model is told of; none unless given
+    #[arg(long, value_name = "ID[@SITE][=SIZE]|none", default_value = "none")]
+    pub effect: String,
+    /// Rig file, or the name of one that comes with farreach; its model must be one that can be simulated
+    #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
+    pub rig: PathBuf,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
+    if (SHORTEST_S..=LONGEST_S).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err(format!("expected {SHORTEST_S} to {LONGEST_S} s: two kills and what follows them must fit in"))
+    }
+}
+
+/// Runs the demo. Returns the exit code: 0 all as promised, 3 data was lost, 1 a promise failed or the run was interrupted.
+///
+/// # Errors
+/// When the run could not be made: what is wrong with the files, which process did not come up.
+pub fn run(args: Args) -> anyhow::Result<i32> {
+    let begun = Instant::now();
+    let effect = Some(args.effect.as_str()).filter(|effect| *effect != "none" && !effect.is_empty());
+    let rig = load_rig(&args.rig)?;
+    let protocol = protocol(args.seconds)?;
+    protocol.check_against(&rig)?;
+    let folder = Folder::prepare(&args.out)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let console = Console::new();
+    let kills = match on_the_rig(&args, effect, &protocol, &folder, &console, &stop) {
+        Ok(kills) => kills,
+        Err(error) if error.is::<Interrupted>() => {
+            console.warn("interrupted: the rig is down, nothing is left running; no report was made");
+            return Ok(operator::FAILED);
+        }
+        Err(error) => return Err(error),
+    };
+    console.doing(|| "reading the recording, running the declared model".to_owned());
+    let trace = Trace::read(&folder.recording())?;
+    let analysis = analyse(trace, &kills, &rig)?;
+    let summary = Summary::new(&analysis, effect);
+    let mut outcome = Outcome::of(&analysis);
+    if folder.further_parts() {
+        outcome = outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
+    }
+    let html = page(&analysis, &summary, &outcome, &rig)?;
+    write(&folder.page(), &html)?;
+    write(&folder.summary(), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
+    tell(&console, &analysis, &summary, &outcome);
+    console.done(&format!(
+        "{}\n{}\n{}\n{:.0} s in all",
+        folder.recording().display(),
+        folder.page().display(),
+        folder.summary().display(),
+        begun.elapsed().as_secs_f64()
+    ));
+    Ok(outcome.exit_code())
+}
+
+fn write(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+    fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// The embedded protocol, its guided movement as long as asked.
+fn protocol(seconds: Option<f64>) -> anyhow::Result<Protocol> {
+    let overrides: Vec<String> = seconds.iter().map(|s| format!("segments.{GUIDED}.duration_s={s:?}")).collect();
+    Ok(load_protocol("demo".as_ref(), &overrides)?)
+}
+
+/// When the kills come, in seconds of the protocol.
+fn victims(protocol: &Protocol) -> anyhow::Result<Vec<(Process, f64)>> {
+    let durations: Vec<f64> = protocol.sequence().map(|(_, segment)| segment.movement.duration_s()).collect();
+    let Some(&guided) = durations.get(GUIDED) else { bail!("{}: no guided movement", protocol.file_name()) };
+    let before: f64 = durations[..GUIDED].iter().sum();
+    Ok(KILLS.iter().map(|(process, part)| (*process, before + part * guided)).collect())
+}
+
+/// Brings the rig down whatever happens.
+struct Guard {
+    name: RigName,
+    down: bool,
+}
+
+impl Guard {
+    fn down(&mut self) -> Result<operator::Down, operator::Error> {
+        self.down = true;
+        operator::down(&self.name)
+    }
+}
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        if !self.down
+            && let Err(error) = operator::down(&self.name)
+        {
+            eprintln!(
+                "error: the rig {} could not be brought down: {error}; try: farreach --rig-name {} down",
+                self.name, self.name
+            );
+        }
+    }
+}
+
+/// Everything between up and down.
+fn on_the_rig(
+    args: &Args,
+    effect: Option<&str>,
+    protocol: &Protocol,
+    folder: &Folder,
+    console: &Console,
+    stop: &AtomicBool,
+) -> anyhow::Result<Vec<Kill>> {
+    let name: RigName = format!("demo-{}", std::process::id()).parse()?;
+    let options = UpOptions {
+        rig_name: name.clone(),
+        rig: args.rig.clone(),
+        card: Some(CardChoice::Simulated { effects: effect.iter().map(|effect| (*effect).to_owned()).collect() }),
+        record: Some(folder.recording()),
+        executable: std::env::current_exe().context("cannot find the farreach executable")?,
+    };
+    console.doing(|| "starting all processes".to_owned());
+    let begun = Instant::now();
+    let mut guard = Guard { name, down: false };
+    let up = operator::up(&options)?;
+    let processes = up.running.status.units.len();
+    console.done(&format!(
+        "rig {} is up: {processes} processes after {:.1} s, {} timing, recording from the first sample",
+        guard.name,
+        begun.elapsed().as_secs_f64(),
+        up.profile
+    ));
+    if up.profile == Profile::BestEffort {
+        console.warn(
+            "best-effort: real-time scheduling is not granted, so loops wake up to some ms late, token and command live 40 ms \
+             instead of 5, and a killed process is noticed the later; as root, or with an rtprio limit, it is realtime",
+        );
+    }
+    let mut session = Session::open(&up, console, stop)?;
+    let done = session.play(protocol, &victims(protocol)?)?;
+    let written = session.finish()?;
+    drop(session);
+    console.done(&format!("recording ended, {written} messages"));
+    console.doing(|| "stopping all processes".to_owned());
+    let down = guard.down()?;
+    if down.cleaning == Cleaning::InUse {
+        console
+            .warn(&format!("the rig's shared memory is still in use (a probe?): {}", guard.name.directory().display()));
+    }
+    let killed = down.stopped.iter().flat_map(|report| &report.units).filter(|unit| unit.killed).count();
+    console.done(&match killed {
+        0 => "rig is down, motor first; its shared memory is removed".to_owned(),
+        count => format!("rig is down; {count} processes had to be killed"),
+    });
+    if !done.unprovoked.is_empty() {
+        console.warn(&format!("{} trips that nobody provoked; the page shows them", done.unprovoked.len()));
+    }
+    Ok(done.kills)
+}
+
+/// What a person wants to know in the end.
+fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Outcome) {
+    let mut lines = vec![String::new()];
+    let rates: Vec<String> = summary.command_hz.iter().map(|hz| format!("{hz:.2}")).collect();
+    lines.push(format!(
+        "samples     {} on disk, {} lost, {} never acquired; {:.1} MB",
+        summary.samples,
+        summary.samples_lost,
+        summary.samples_missed,
+        summary.recording_bytes as f64 * 1e-6
+    ));
+    lines.push(format!("control     {} Hz, by incarnation", rates.join(" and ")));
+    let (late, answer) = (summary.wake_late_us.worst, summary.sample_to_command_us);
+    lines.push(format!("woke late   p50 {:.0}, p99 {:.0}, max {:.0} µs (worst process)", late.p50, late.p99, late.max));
+    lines.push(format!(
+        "to command  p50 {:.0}, p99 {:.0}, max {:.0} µs from the scan",
+        answer.p50, answer.p99, answer.max
+    ));
+    for outage in &analysis.outages {
+        let ms = |value: Option<f64>| value.map_or("never".to_owned(), |ms| format!("{ms:.1} ms"));
+        lines.push(format!(
+            "{:<11} killed at {:.1} V: 0 V after {}, back after {}, volts again after {}",
+            outage.kill.process.text(),
+            outage.volts_before,
+            ms(outage.trip_ms),
+            ms(outage.restart_ms),
+            ms(outage.powered_ms)
+        ));
+    }
+    if let Some(model) = &analysis.model {
+        let errors: Vec<String> =
+            model.channels.iter().map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit)).collect();
+        lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
+    }
+    lines.push(String::new());
+    match outcome {
+        Outcome::Kept => lines.push("all went as promised".to_owned()),
+        Outcome::DataLost(reasons) => lines.push(format!("DATA LOST: {}", reasons.join("; "))),
+        Outcome::Broken(reasons) => lines.push(format!("A PROMISE FAILED: {}", reasons.join("; "))),
+    }
+    console.done(&lines.join("\n"));
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use super::*;
+
+    #[test]
+    fn the_shortest_and_the_longest_movement_fit_the_rig() {
+        let rig = load_rig("hydrostatic".as_ref()).unwrap();
+        for seconds in [None, Some(SHORTEST_S), Some(LONGEST_S)] {
+            let protocol = protocol(seconds).unwrap();
+            protocol.check_against(&rig).unwrap();
+            let victims = victims(&protocol).unwrap();
+            assert_eq!(victims.len(), 2);
+            let guided = seconds.unwrap_or(22.0);
+            assert!(victims[0].1 > 2.0 && victims[1].1 < 1.0 + guided - 4.0, "{victims:?}");
+            assert!(victims[1].1 - victims[0].1 > 5.0, "{victims:?}");
+        }
+        assert!(seconds("5").is_err() && seconds("ten").is_err() && seconds("nan").is_err());
+        assert_eq!(seconds("20"), Ok(20.0));
+    }
+}

@@ -1,0 +1,316 @@
+//! A person's part, played by a program: verbs, protocol, kills.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use ipc_types::{
+    CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateState, LoggerRequest, MotorCommand, Process,
+    SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
+};
+use operator::{RigLink, Subscriber, Up};
+use rig::protocol::Protocol;
+use runtime::clock::now_ns;
+use rustix::process::Signal;
+
+use crate::analysis::Kill;
+use crate::console::Console;
+
+/// How long a process may take to be back.
+const BACK_LIMIT: Duration = Duration::from_secs(15);
+/// How long a verb may be refused: the machine comes to rest, faults cease to stand.
+const VERB_LIMIT: Duration = Duration::from_secs(15);
+/// How much longer than planned a protocol may take.
+const PROTOCOL_MARGIN: Duration = Duration::from_secs(20);
+/// How often the topics are looked at.
+const LOOK: Duration = Duration::from_millis(2);
+/// How often a refused verb is tried again.
+const AGAIN: Duration = Duration::from_millis(100);
+/// Trips that nobody provoked, after which the run is given up.
+const UNPROVOKED: u32 = 10;
+/// Volts at the motor, and speed of the master, that make a kill one in mid-movement.
+const MOVING_V: f64 = 1.0;
+const MOVING_SPEED: f64 = 1.0;
+/// How long after power is back, in s, the next kill may come: control first ramps to the reference.
+const SETTLED: Duration = Duration::from_millis(1800);
+/// How long a moment of movement is waited for.
+const MOMENT_LIMIT: Duration = Duration::from_secs(4);
+
+/// Ctrl-C, or another signal that asks for an end.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted")]
+pub(crate) struct Interrupted;
+
+/// What was done to the rig.
+#[derive(Clone, Debug)]
+pub(crate) struct Done {
+    pub(crate) kills: Vec<Kill>,
+    /// Trips that nobody provoked, with their causes.
+    pub(crate) unprovoked: Vec<TripCause>,
+}
+
+/// A rig that is up, as a person sits before it.
+pub(crate) struct Session<'a> {
+    link: RigLink,
+    up: &'a Up,
+    console: &'a Console,
+    stop: &'a AtomicBool,
+    tokens: Subscriber<EnableToken>,
+    scans: Subscriber<CardScan>,
+    samples: Subscriber<Sample>,
+    commands: Subscriber<MotorCommand>,
+    token: Option<EnableToken>,
+    sample: Option<Sample>,
+    command: Option<MotorCommand>,
+    /// The kill whose consequences are being watched, and the card's first scan at 0 V since.
+    watched: Option<(u64, Option<u64>)>,
+    powered_at: Instant,
+}
+
+impl<'a> Session<'a> {
+    pub(crate) fn open(up: &'a Up, console: &'a Console, stop: &'a AtomicBool) -> anyhow::Result<Self> {
+        let link = RigLink::open(&up.running.status.rig_name.parse()?)?;
+        Ok(Self {
+            tokens: link.subscriber(TOKEN)?,
+            scans: link.subscriber(CARD_SCAN)?,
+            samples: link.subscriber(SAMPLE)?,
+            commands: link.subscriber(COMMAND)?,
+            link,
+            up,
+            console,
+            stop,
+            token: None,
+            sample: None,
+            command: None,
+            watched: None,
+            powered_at: Instant::now(),
+        })
+    }
+
+    /// Plays the protocol and kills each of `victims` in mid-movement: `(process, from which second of the protocol)`.
+    pub(crate) fn play(&mut self, protocol: &Protocol, victims: &[(Process, f64)]) -> anyhow::Result<Done> {
+        let recording = self.link.logger(&LoggerRequest::Status)?;
+        if recording.recording.is_none() {
+            bail!("the logger does not record: {}", recording.error);
+        }
+        self.console.doing(|| "reset, arm, enable".to_owned());
+        let took = self.power()?;
+        self.console.done(&format!("reset, armed, enabled by the operator after {:.1} s", took.as_secs_f64()));
+        let request =
+            ExperimentRequest::Run { protocol: protocol.text().to_owned(), name: protocol.file_name().to_owned() };
+        let begun = self.link.experiment(&request)?;
+        if !begun.error.is_empty() {
+            bail!("the experiment process refused the protocol: {}", begun.error);
+        }
+        self.console.done(&format!("protocol \"{}\" runs, {:.0} s", protocol.name, protocol.duration_s()));
+        let mut done = Done { kills: Vec::new(), unprovoked: Vec::new() };
+        let limit = Instant::now() + Duration::from_secs_f64(protocol.duration_s()) + PROTOCOL_MARGIN;
+        let mut victims = victims.iter();
+        let mut next = victims.next();
+        let labels: Vec<&str> = protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
+        loop {
+            self.pause(Duration::from_millis(50))?;
+            let answer = match self.link.experiment(&ExperimentRequest::Status) {
+                Ok(answer) => answer,
+                Err(_) if Instant::now() < limit => continue,
+                Err(error) => return Err(error.into()),
+            };
+            if !answer.error.is_empty() {
+                bail!("the experiment process reports: {}", answer.error);
+            }
+            if !answer.running {
+                if !answer.completed {
+                    bail!("the protocol was stopped before its end");
+                }
+                if let Some((process, _)) = next {
+                    bail!("the protocol came to its end before {process} could be killed; give it more --seconds");
+                }
+                break;
+            }
+            if Instant::now() > limit {
+                bail!("the protocol did not come to its end within {PROTOCOL_MARGIN:?} of its time");
+            }
+            let label = labels.get(answer.segment as usize).copied().unwrap_or_default();
+            self.console.doing(|| format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s));
+            if self.state() != WatchdogState::Enabled {
+                done.unprovoked.push(self.unprovoked()?);
+                if done.unprovoked.len() as u32 >= UNPROVOKED {
+                    bail!("the watchdog tripped {UNPROVOKED} times although nobody did anything; see the rig's logs");
+                }
+                continue;
+            }
+            if let Some((process, from_s)) = next
+                && answer.elapsed_s >= *from_s
+                && self.powered_at.elapsed() >= SETTLED
+            {
+                done.kills.push(self.kill(*process)?);
+                next = victims.next();
+            }
+        }
+        self.console.done("protocol done");
+        Ok(done)
+    }
+
+    /// Takes power away, ends the recording. Returns how many messages the logger wrote.
+    pub(crate) fn finish(&mut self) -> anyhow::Result<u64> {
+        let answer = operator::verb(&self.link, Verb::Disarm).context("disarm")?;
+        self.console.doing(|| format!("{}, the recording ends", answer.state));
+        // so that the last scans show the motor at 0 V
+        self.pause(Duration::from_millis(200))?;
+        let stopped = self.link.logger(&LoggerRequest::Stop)?;
+        if !stopped.error.is_empty() {
+            self.console.warn(&format!("logger: {}", stopped.error));
+        }
+        Ok(stopped.written)
+    }
+
+    /// Kills a process in mid-movement and brings the rig back to power.
+    fn kill(&mut self, process: Process) -> anyhow::Result<Kill> {
+        self.wait_for_movement()?;
+        let status = launch::status(&self.up.running.run_dir)?;
+        let unit = status.unit(process.text()).and_then(|unit| unit.process);
+        let victim = unit.with_context(|| format!("the launcher knows of no process of {process}"))?;
+        let killed = self.incarnation(process);
+        let at_ns = now_ns();
+        self.watched = Some((at_ns, None));
+        if !victim.signal(Signal::KILL) {
+            bail!("{process} ({victim}) was dead before it was killed");
+        }
+        let kill = Kill { process, at_ns };
+        self.console.doing(|| format!("{process} killed with SIGKILL"));
+        let tripped = self.wait(BACK_LIMIT, |session| session.state() != WatchdogState::Enabled)?;
+        if !tripped {
+            bail!("{process} was killed and the watchdog did not trip within {BACK_LIMIT:?}");
+        }
+        let published = |session: &Self| {
+            let (incarnation, time_ns) = session.incarnation(process)?;
+            (Some(incarnation) != killed.map(|(incarnation, _)| incarnation)).then_some(time_ns)
+        };
+        if !self.wait(BACK_LIMIT, |session| published(session).is_some())? {
+            bail!("{process} was killed and is not back within {BACK_LIMIT:?}");
+        }
+        let ms = |time_ns: u64| time_ns.saturating_sub(at_ns) as f64 * 1e-6;
+        let back_ms = published(self).map_or(f64::NAN, ms);
+        let dark = self.watched.and_then(|(_, dark)| dark);
+        let dark = match dark {
+            Some(dark_ns) => format!("motor at 0 V after {:.1} ms", ms(dark_ns)),
+            None => "motor NOT at 0 V".to_owned(),
+        };
+        let took = self.power()?;
+        self.watched = None;
+        self.console.done(&format!(
+            "{process} killed: {dark}; back after {back_ms:.0} ms; reset, armed, enabled after {:.1} s more",
+            took.as_secs_f64()
+        ));
+        Ok(kill)
+    }
+
+    /// A trip that nobody provoked: told, and the operator's verbs again.
+    fn unprovoked(&mut self) -> anyhow::Result<TripCause> {
+        let cause = self.token.and_then(|token| TripCause::from_code(token.cause)).unwrap_or(TripCause::None);
+        let took = self.power()?;
+        self.console.warn(&format!(
+            "the watchdog tripped although nobody did anything ({cause}); reset, armed, enabled after {:.1} s",
+            took.as_secs_f64()
+        ));
+        Ok(cause)
+    }
+
+    /// Reset, arm, enable, each as often as it takes.
+    fn power(&mut self) -> anyhow::Result<Duration> {
+        let begun = Instant::now();
+        'verbs: loop {
+            for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
+                loop {
+                    self.pause(LOOK)?;
+                    let refused = match self.link.verb(verb) {
+                        Ok(answer) if answer.done => break,
+                        Ok(answer) => format!("{} (the watchdog is {})", answer.reason, answer.state),
+                        Err(error) => error.to_string(),
+                    };
+                    if begun.elapsed() > VERB_LIMIT {
+                        bail!("`{}` was refused for {VERB_LIMIT:?}: {refused}", verb.name());
+                    }
+                    self.console.doing(|| format!("{}: {refused}", verb.name()));
+                    self.pause(AGAIN)?;
+                    // A fault that came meanwhile sends the operator back to the first verb.
+                    if verb != Verb::Reset && matches!(self.state(), WatchdogState::Tripped | WatchdogState::Faulted) {
+                        continue 'verbs;
+                    }
+                }
+            }
+            // The gate must open, too, or the watchdog takes the leave back.
+            let open = |session: &Self| {
+                session.state() == WatchdogState::Enabled
+                    && session.sample.is_some_and(|sample| sample.gate_state == GateState::Open.code())
+            };
+            if self.wait(Duration::from_millis(500), open)? {
+                self.powered_at = Instant::now();
+                return Ok(begun.elapsed());
+            }
+            if begun.elapsed() > VERB_LIMIT {
+                bail!("the gate did not open within {VERB_LIMIT:?} although power was enabled");
+            }
+        }
+    }
+
+    /// Until there is something to lose: volts at the motor and speed.
+    fn wait_for_movement(&mut self) -> anyhow::Result<()> {
+        let moving = |session: &Self| {
+            let volts = session.sample.is_some_and(|sample| sample.motor_v[0].abs() >= MOVING_V);
+            volts && session.command.is_some_and(|command| command.velocity[0].abs() >= MOVING_SPEED)
+        };
+        if !self.wait(MOMENT_LIMIT, moving)? {
+            self.console.warn(&format!("the machine hardly moved for {MOMENT_LIMIT:?}; killing nevertheless"));
+        }
+        Ok(())
+    }
+
+    fn state(&self) -> WatchdogState {
+        self.token.and_then(|token| WatchdogState::from_code(token.state)).unwrap_or(WatchdogState::Faulted)
+    }
+
+    /// Who publishes the process's topic, and the time of its newest message.
+    fn incarnation(&self, process: Process) -> Option<(u64, u64)> {
+        match process {
+            Process::Control => self.command.map(|command| (command.incarnation, command.time_ns)),
+            _ => self.sample.map(|sample| (sample.incarnation, sample.time_ns)),
+        }
+    }
+
+    /// Looks at the topics until `until` holds; `false` when it did not within the limit.
+    fn wait(&mut self, limit: Duration, until: impl Fn(&Self) -> bool) -> anyhow::Result<bool> {
+        let begun = Instant::now();
+        loop {
+            self.look()?;
+            if until(self) {
+                return Ok(true);
+            }
+            if begun.elapsed() > limit {
+                return Ok(false);
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    fn pause(&mut self, time: Duration) -> anyhow::Result<()> {
+        self.wait(time, |_| false).map(|_| ())
+    }
+
+    fn look(&mut self) -> anyhow::Result<()> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        self.token = self.tokens.latest()?.or(self.token);
+        self.command = self.commands.latest()?.or(self.command);
+        self.sample = self.samples.latest()?.or(self.sample);
+        while let Some(scan) = self.scans.take()? {
+            if let Some((killed_ns, dark)) = &mut self.watched
+                && scan.scan_time_ns >= *killed_ns
+            {
+                *dark = if scan.motor_v[0] == 0.0 { dark.or(Some(scan.scan_time_ns)) } else { None };
+            }
+        }
+        Ok(())
+    }
+}
