@@ -38,21 +38,48 @@ enum Command {
     Operator(operator::command::Command),
     /// Holds the declared model against measured records and names what it lacks
     Identify(identify::Args),
-    /// Recordings: what is in them, are they whole, tables out of them
+    /// Recordings on and off, what is in them, are they whole, tables out of them
     #[command(subcommand)]
-    Rec(recorder::Command),
-    // `probe` and `demo` come with their crates.
+    Rec(Rec),
+    /// Looks into a running rig and never disturbs it
+    #[command(subcommand)]
+    Probe(probe::Command),
+    /// Runs the main job on the embedded simulated rig and reports on it
+    Demo(demo::Args),
     /// One process of a rig (what unit files call)
     #[command(subcommand)]
     Service(Service),
+}
+
+#[derive(Debug, Subcommand)]
+enum Rec {
+    #[command(flatten)]
+    Live(operator::command::Recording),
+    #[command(flatten)]
+    File(recorder::Command),
 }
 
 /// Does what was asked; returns the exit code.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
     match cli.command {
         Command::Operator(command) => operator::command::run(command, &cli.rig_name),
-        Command::Identify(arguments) => identify::run(arguments),
-        Command::Rec(command) => recorder::run(&command),
+        Command::Identify(arguments) => {
+            end_with_the_reader();
+            identify::run(arguments)
+        }
+        Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
+        Command::Rec(Rec::File(command)) => recorder::run(&command),
+        Command::Probe(command) => probe::run(command, &cli.rig_name),
+        Command::Demo(arguments) => demo::run(arguments),
         Command::Service(service) => service::run(service, &cli.rig_name),
+    }
+}
+
+/// Lets a closed pipe end the program (`| head`), as it does other Unix tools. For commands that print with `println!` and
+/// look after nothing else.
+fn end_with_the_reader() {
+    // SAFETY: called before there is a second thread; the default action is not our code.
+    unsafe {
+        libc::signal(libc::SIGPIPE, libc::SIG_DFL);
     }
 }

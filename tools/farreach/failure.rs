@@ -10,11 +10,24 @@ pub(crate) fn exit(result: anyhow::Result<i32>) -> ExitCode {
         // `farreach ... | head` closes our output: that is how it is meant to end.
         Err(error) if is_closed_pipe(&error) => operator::DONE,
         Err(error) => {
-            eprintln!("farreach: {error:#}");
+            eprintln!("farreach: {}", in_words(&error));
             code_of(&error)
         }
     };
     ExitCode::from(u8::try_from(code).unwrap_or(1))
+}
+
+/// The error and its causes, but for those that it names itself already.
+fn in_words(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+        if text.is_empty() {
+            cause
+        } else if text.contains(&cause) {
+            text
+        } else {
+            format!("{text}: {cause}")
+        }
+    })
 }
 
 /// An error with an exit code of its own.
@@ -36,4 +49,19 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
                 .downcast_ref::<serde_json::Error>()
                 .is_some_and(|error| error.io_error_kind() == Some(ErrorKind::BrokenPipe))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let full = || std::io::Error::from(ErrorKind::StorageFull);
+        assert_eq!(in_words(&anyhow::Error::new(full()).context("out.json")), format!("out.json: {}", full()));
+        let told = Err::<(), _>(full()).with_context(|| format!("out.json: {}; free space", full())).unwrap_err();
+        assert_eq!(in_words(&told), format!("out.json: {}; free space", full()));
+    }
 }

@@ -8,6 +8,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use control::ControlError;
 use experiment::ExperimentError;
 use logger::LoggerError;
+use operator::command::key_and_value;
 use runtime::RigName;
 use simulator::SimulatorError;
 use watchdog::WatchdogError;
@@ -110,11 +111,6 @@ pub(crate) enum CardKind {
     Null,
 }
 
-fn key_and_value(text: &str) -> Result<(String, String), String> {
-    let (key, value) = text.split_once('=').ok_or_else(|| "expected KEY=VALUE".to_owned())?;
-    Ok((key.to_owned(), value.to_owned()))
-}
-
 /// `up` sets every variable, if only to nothing.
 fn given(text: Option<String>) -> Option<PathBuf> {
     text.filter(|text| !text.is_empty()).map(PathBuf::from)
@@ -140,16 +136,17 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
                 CardKind::Simulated => acquisition::Card::Simulated,
                 CardKind::Null => acquisition::Card::Null,
                 CardKind::Replay => {
-                    let record = given(replay).ok_or_else(|| Usage("--card replay: --replay RECORD is missing".to_owned()))?;
+                    let record =
+                        given(replay).ok_or_else(|| Usage("--card replay: --replay RECORD is missing".to_owned()))?;
                     acquisition::Card::Replay { record, looped }
                 }
             };
-            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card }).map_err(|error| {
-                match error {
+            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card }).map_err(
+                |error| match error {
                     AcquisitionError::Rig(_) | AcquisitionError::Replay(_) => usage(&error),
                     other => other.into(),
-                }
-            })?;
+                },
+            )?;
         }
         Service::Control(rig) => {
             control::run(&control::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {

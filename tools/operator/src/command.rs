@@ -51,6 +51,36 @@ pub enum Command {
     Run(RunArguments),
 }
 
+/// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Recording {
+    /// Begins to record all topics of the rig that is up
+    #[command(after_help = "Example:\n  farreach rec start S07.mcap --metadata subject=S07")]
+    Start {
+        /// The new file (MCAP)
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// What the recording shall say about itself (repeatable)
+        #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+        metadata: Vec<(String, String)>,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: Json,
+    },
+    /// Ends it; returns when everything is on disk. Exit code 3 if messages were lost
+    #[command(after_help = "Example:\n  farreach rec stop && farreach rec verify S07.mcap")]
+    Stop(Json),
+}
+
+/// Reads `KEY=VALUE`.
+///
+/// # Errors
+/// Where there is no `=`.
+pub fn key_and_value(text: &str) -> Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or_else(|| "expected KEY=VALUE".to_owned())?;
+    Ok((key.to_owned(), value.to_owned()))
+}
+
 /// For programs.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Json {
@@ -120,5 +150,18 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Disarm(Json { json }) => work::verb(rig_name, Verb::Disarm, json),
         Command::Estop(Json { json }) => work::verb(rig_name, Verb::Estop, json),
         Command::Run(arguments) => work::run(&arguments, rig_name),
+    }
+}
+
+/// Begins or ends a recording; returns the exit code.
+///
+/// # Errors
+/// [`crate::Error`], or that the output could not be written.
+pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
+    match command {
+        Recording::Start { file, metadata, json: Json { json } } => {
+            work::start_recording(rig_name, &file, metadata, json)
+        }
+        Recording::Stop(Json { json }) => work::stop_recording(rig_name, json),
     }
 }

@@ -82,7 +82,7 @@ pub enum Error {
         reason: String,
     },
     /// The watchdog said no.
-    #[error("{} refused: {reason} (the watchdog is {state})", verb.name())]
+    #[error("{} refused: {reason}", verb.name())]
     Refused {
         /// What was asked.
         verb: Verb,
@@ -109,8 +109,13 @@ pub enum Error {
     /// The runner refused the protocol, or could not go on.
     #[error("the experiment process reports: {0}")]
     Experiment(String),
+    /// The logger refused, or could not write.
+    #[error("the logger reports: {0}")]
+    Logger(String),
     /// Another protocol is being played.
-    #[error("a protocol is being played (segment {segment} of {segments}); wait for it, or stop it with `farreach estop`")]
+    #[error(
+        "a protocol is being played (segment {segment} of {segments}); wait for it, or stop it with `farreach estop`"
+    )]
     Busy {
         /// Segment, from 1.
         segment: u32,

@@ -52,8 +52,8 @@ impl RigLink {
     ///
     /// # Errors
     /// When all places of subscribers are taken.
-    pub fn reader<T: Message>(&self, topic: TypedTopic<T>) -> Result<Reader<T>, Error> {
-        Ok(Reader { port: open_raw(&self.node, &topic.topic)?, message: PhantomData })
+    pub fn subscriber<T: Message>(&self, topic: TypedTopic<T>) -> Result<Subscriber<T>, Error> {
+        Ok(Subscriber { port: open_raw(&self.node, &topic.topic)?, message: PhantomData })
     }
 
     /// Asks the watchdog. A refusal is an answer, not an error.
@@ -90,12 +90,12 @@ impl RigLink {
 }
 
 /// Reads one topic without blocking.
-pub struct Reader<T> {
+pub struct Subscriber<T> {
     port: Box<dyn RawSubscriber>,
     message: PhantomData<fn() -> T>,
 }
 
-impl<T: Message> Reader<T> {
+impl<T: Message> Subscriber<T> {
     /// The next message, oldest first; `None` when there is none.
     ///
     /// # Errors
@@ -131,9 +131,5 @@ impl<T: Message> Reader<T> {
 /// [`Error::Refused`] with the reason; or when there is no rig, or no watchdog that answers.
 pub fn verb(link: &RigLink, verb: Verb) -> Result<VerbAnswer, Error> {
     let answer = link.verb(verb)?;
-    if answer.done {
-        Ok(answer)
-    } else {
-        Err(Error::Refused { verb, reason: answer.reason, state: answer.state })
-    }
+    if answer.done { Ok(answer) } else { Err(Error::Refused { verb, reason: answer.reason, state: answer.state }) }
 }

@@ -8,7 +8,7 @@ use ipc_types::{EnableToken, ExperimentAnswer, ExperimentRequest, TOKEN, TripCau
 use rig::protocol::Protocol;
 use runtime::RequestError;
 
-use crate::link::Reader;
+use crate::link::Subscriber;
 use crate::status::standing;
 use crate::{Error, RigLink, load_protocol, rig_of, verb};
 
@@ -195,12 +195,12 @@ fn in_words(token: &EnableToken) -> String {
 
 /// The watchdog's tokens bear its state, a thousand times a second.
 struct Tokens {
-    reader: Reader<EnableToken>,
+    reader: Subscriber<EnableToken>,
 }
 
 impl Tokens {
     fn new(link: &RigLink) -> Result<Self, Error> {
-        Ok(Self { reader: link.reader(TOKEN)? })
+        Ok(Self { reader: link.subscriber(TOKEN)? })
     }
 
     /// The newest token; waits for one.

@@ -144,11 +144,11 @@ impl Prepared {
 
 fn make_private(run_dir: &Path) -> Result<(), Error> {
     use std::os::unix::fs::DirBuilderExt;
-    std::fs::DirBuilder::new()
-        .recursive(true)
-        .mode(0o700)
-        .create(run_dir)
-        .map_err(|source| Error::Io { doing: "make the run directory", path: run_dir.to_path_buf(), source })
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(run_dir).map_err(|source| Error::Io {
+        doing: "make the run directory",
+        path: run_dir.to_path_buf(),
+        source,
+    })
 }
 
 fn config(options: &UpOptions, card: &CardChoice, run_dir: &Path, rig_file: &Path) -> Result<Config, Error> {

@@ -1,6 +1,7 @@
 //! The operator's verbs, and `run`.
 
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -10,7 +11,7 @@ use runtime::{DomainError, RigName};
 use serde_json::json;
 
 use super::RunArguments;
-use crate::{DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOutcome};
+use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOutcome};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
@@ -51,11 +52,16 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let link = link(rig_name)?;
-    if link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none()) {
-        eprintln!("nothing is being recorded");
-    }
+    let unrecorded = link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
     let bar = Bar::new();
-    let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| bar.show(progress));
+    let mut told = false;
+    let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| {
+        if unrecorded && !told {
+            eprintln!("nothing is being recorded (farreach rec start FILE)");
+        }
+        told = true;
+        bar.show(progress);
+    });
     bar.clear();
     let outcome = outcome?;
     let mut out = std::io::stdout();
@@ -65,6 +71,48 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         tell(&mut out, &outcome)?;
     }
     Ok(if matches!(outcome, RunOutcome::Completed { .. }) { DONE } else { FAILED })
+}
+
+pub(super) fn start_recording(
+    rig_name: &RigName,
+    file: &Path,
+    metadata: Vec<(String, String)>,
+    as_json: bool,
+) -> anyhow::Result<i32> {
+    let io = |source| Error::Io { doing: "make absolute", path: file.to_path_buf(), source };
+    let path = std::path::absolute(file).map_err(io)?;
+    let path = path.into_os_string().into_string().map_err(|text| Error::Path(text.into()))?;
+    let answer = link(rig_name)?.logger(&LoggerRequest::Start { path, metadata })?;
+    if !answer.error.is_empty() {
+        return Err(Error::Logger(answer.error).into());
+    }
+    let mut out = std::io::stdout();
+    if as_json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&json!({ "recording": answer.recording }))?)?;
+    } else {
+        writeln!(out, "recording {}", answer.recording.unwrap_or_default())?;
+    }
+    Ok(DONE)
+}
+
+pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
+    let link = link(rig_name)?;
+    let before = link.logger(&LoggerRequest::Status)?;
+    let Some(file) = before.recording else {
+        return Err(Error::Logger("nothing is being recorded".to_owned()).into());
+    };
+    let answer = link.logger(&LoggerRequest::Stop)?;
+    if !answer.error.is_empty() {
+        return Err(Error::Logger(answer.error).into());
+    }
+    let mut out = std::io::stdout();
+    if as_json {
+        let value = json!({ "file": file, "written": answer.written, "lost": answer.lost });
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+    } else {
+        writeln!(out, "{file}: {} messages, {} lost", answer.written, answer.lost)?;
+    }
+    Ok(if answer.lost > 0 { DATA_LOST } else { DONE })
 }
 
 fn json_of(outcome: &RunOutcome) -> serde_json::Value {
@@ -89,7 +137,9 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
         RunOutcome::Tripped { state, cause, faults } => {
             let standing: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
             let standing = if standing.is_empty() { "nothing".to_owned() } else { standing.join(", ") };
-            eprintln!("farreach: the protocol was stopped: the watchdog is {state}, cause {cause}, standing: {standing}");
+            eprintln!(
+                "farreach: the protocol was stopped: the watchdog is {state}, cause {cause}, standing: {standing}"
+            );
             Ok(())
         }
     }

@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    COMMAND, EnableToken, Heartbeat, LOSS, LoopTiming, LossCounters, Message, MotorCommand, Process,
-    Profile, SAMPLE, Sample, TOKEN, heartbeat_topic, timing_topic,
+    COMMAND, EnableToken, Heartbeat, LOSS, LoopTiming, LossCounters, Message, MotorCommand, Process, Profile, SAMPLE,
+    Sample, TOKEN, heartbeat_topic, timing_topic,
 };
 use runtime::{Domain, PortError, clock::now_ns};
 
-use crate::link::Reader;
+use crate::link::Subscriber;
 use crate::{Error, RigLink};
 
 /// Least time of listening: rates are measured over it.
@@ -76,13 +76,13 @@ impl Span {
 
 /// Reads one topic for its newest message and its rate.
 struct Follower<T> {
-    reader: Reader<T>,
+    reader: Subscriber<T>,
     newest: Option<T>,
     span: Span,
 }
 
 impl<T: Message> Follower<T> {
-    fn new(reader: Reader<T>) -> Self {
+    fn new(reader: Subscriber<T>) -> Self {
         Self { reader, newest: None, span: Span::default() }
     }
 
@@ -107,7 +107,7 @@ pub struct Observer {
     tokens: Follower<EnableToken>,
     timings: Vec<Follower<LoopTiming>>,
     heartbeats: Vec<Follower<Heartbeat>>,
-    losses: Reader<LossCounters>,
+    losses: Subscriber<LossCounters>,
     loss: Vec<LossCounters>,
 }
 
@@ -120,12 +120,14 @@ impl Observer {
         let timings = Process::ALL.iter().filter_map(|process| timing_topic(*process));
         let heartbeats = Process::ALL.iter().filter_map(|process| heartbeat_topic(*process));
         Ok(Self {
-            samples: Follower::new(link.reader(SAMPLE)?),
-            commands: Follower::new(link.reader(COMMAND)?),
-            tokens: Follower::new(link.reader(TOKEN)?),
-            timings: timings.map(|topic| Ok(Follower::new(link.reader(topic)?))).collect::<Result<_, Error>>()?,
-            heartbeats: heartbeats.map(|topic| Ok(Follower::new(link.reader(topic)?))).collect::<Result<_, Error>>()?,
-            losses: link.reader(LOSS)?,
+            samples: Follower::new(link.subscriber(SAMPLE)?),
+            commands: Follower::new(link.subscriber(COMMAND)?),
+            tokens: Follower::new(link.subscriber(TOKEN)?),
+            timings: timings.map(|topic| Ok(Follower::new(link.subscriber(topic)?))).collect::<Result<_, Error>>()?,
+            heartbeats: heartbeats
+                .map(|topic| Ok(Follower::new(link.subscriber(topic)?)))
+                .collect::<Result<_, Error>>()?,
+            losses: link.subscriber(LOSS)?,
             loss: Vec::new(),
         })
     }
