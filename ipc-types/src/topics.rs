@@ -204,16 +204,19 @@ pub struct CommandService {
     pub name: &'static str,
     /// The process that answers.
     pub owner: Process,
+    /// Longest request or answer [bytes]. Kept small where the server shares its process with a real-time loop:
+    /// every client's segment is mapped there.
+    pub bytes: usize,
 }
 
 /// Operator's verbs to the watchdog.
-pub const WATCHDOG_COMMANDS: CommandService = CommandService { name: "command/watchdog", owner: Process::Watchdog };
+pub const WATCHDOG_COMMANDS: CommandService =
+    CommandService { name: "command/watchdog", owner: Process::Watchdog, bytes: 1024 };
 /// Recording on and off.
-pub const LOGGER_COMMANDS: CommandService = CommandService { name: "command/logger", owner: Process::Logger };
+pub const LOGGER_COMMANDS: CommandService =
+    CommandService { name: "command/logger", owner: Process::Logger, bytes: 65_536 };
 /// Protocols.
 pub const EXPERIMENT_COMMANDS: CommandService =
-    CommandService { name: "command/experiment", owner: Process::Experiment };
+    CommandService { name: "command/experiment", owner: Process::Experiment, bytes: 65_536 };
 /// All of them.
 pub const COMMAND_SERVICES: &[CommandService] = &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS];
-/// Longest request or answer [bytes].
-pub const COMMAND_BYTES: usize = 65_536;

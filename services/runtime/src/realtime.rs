@@ -60,9 +60,23 @@ pub fn request_fifo(priority: i32) -> Profile {
     }
 }
 
-/// Puts the calling thread back to normal scheduling (helper threads of a real-time process).
+/// Puts the calling thread back to normal scheduling.
 pub fn request_normal() {
     set_scheduler(libc::SCHED_OTHER, 0);
+}
+
+/// Priority of a real-time process's helper threads: below every loop, above everything that is not of the rig.
+const HELPER_PRIORITY: i32 = 10;
+
+/// For a thread beside a real-time loop in the same process (readiness, the operator's verbs). It shares the
+/// loop's address space: were it preempted by ordinary load while it maps memory, the loop would wait for it.
+pub fn request_helper(profile: Profile) {
+    match profile {
+        Profile::Realtime => {
+            request_fifo(HELPER_PRIORITY);
+        }
+        Profile::BestEffort => request_normal(),
+    }
 }
 
 /// Asks the kernel not to round this thread's timers (the default rounds by 50 µs).
@@ -95,8 +109,10 @@ pub fn lock_memory() -> bool {
     if !unlimited && !has_ipc_lock() {
         return false;
     }
+    // What is mapped now is brought in and stays. What is mapped later (the segments of a peer that joins) is locked
+    // page by page as it is touched: to bring in ten megabytes at once would hold the loop up for milliseconds.
     // SAFETY: takes flags only.
-    unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) == 0 }
+    unsafe { libc::mlockall(libc::MCL_CURRENT) == 0 && libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) == 0 }
 }
 
 /// Whether `CAP_IPC_LOCK` is in the effective set.

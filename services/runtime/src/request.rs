@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::port::server::Server as LibraryServer;
 use iceoryx2::prelude::*;
-use ipc_types::{COMMAND_BYTES, CommandService};
+use ipc_types::CommandService;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
@@ -16,6 +16,13 @@ use thiserror::Error;
 use crate::domain::DomainError;
 
 const NODES: usize = 16;
+/// Most clients of a service.
+const CLIENTS: usize = 8;
+/// Answers for which a server's segment has room, as the library reckons it: for each client, a question that it waits for
+/// and one that it gave up; for each of these an answer waiting, one borrowed, one being written.
+pub(crate) const ANSWERS_IN_SEGMENT: usize = CLIENTS * 2 * 3;
+/// Most memory that decoding may claim, whatever the bytes say.
+const DECODE_LIMIT: usize = 1 << 20;
 
 /// A request could not be made or answered.
 #[derive(Debug, Error)]
@@ -32,12 +39,14 @@ pub enum RequestError {
         limit: Duration,
     },
     /// Too long for the command plane.
-    #[error("{service}: a message of {found} bytes; at most {} fit", COMMAND_BYTES)]
+    #[error("{service}: a message of {found} bytes; at most {most} fit")]
     TooLong {
         /// The service.
         service: &'static str,
         /// Its length.
         found: usize,
+        /// What fits.
+        most: usize,
     },
     /// The bytes are not what was expected: another version, most likely.
     #[error("{service}: cannot {action}: {reason}; are all processes of the same version?")]
@@ -65,17 +74,17 @@ fn failed<E: std::fmt::Debug>(service: &'static str, action: &'static str) -> im
     move |error| RequestError::Library { service, action, reason: format!("{error:?}") }
 }
 
-fn encode<M: Serialize>(service: &'static str, message: &M) -> Result<Vec<u8>, RequestError> {
+fn encode<M: Serialize>(service: &CommandService, message: &M) -> Result<Vec<u8>, RequestError> {
     let bytes = bincode::serde::encode_to_vec(message, bincode::config::standard())
-        .map_err(|e| RequestError::Codec { service, action: "encode", reason: e.to_string() })?;
-    if bytes.len() > COMMAND_BYTES {
-        return Err(RequestError::TooLong { service, found: bytes.len() });
+        .map_err(|e| RequestError::Codec { service: service.name, action: "encode", reason: e.to_string() })?;
+    if bytes.len() > service.bytes {
+        return Err(RequestError::TooLong { service: service.name, found: bytes.len(), most: service.bytes });
     }
     Ok(bytes)
 }
 
 fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
-    let config = bincode::config::standard().with_limit::<{ 4 * COMMAND_BYTES }>();
+    let config = bincode::config::standard().with_limit::<DECODE_LIMIT>();
     let (message, used) = bincode::serde::decode_from_slice(bytes, config).map_err(|e| RequestError::Codec {
         service,
         action: "decode",
@@ -107,7 +116,12 @@ pub(crate) fn hold(node: &Node<ipc::Service>, service: &CommandService) -> Resul
         node.service_builder(&name)
             .request_response::<[u8], [u8]>()
             .max_servers(3)
-            .max_clients(8)
+            .max_clients(CLIENTS)
+            // One question at a time, one answer to each: with the library's defaults a segment is eight times as large.
+            .max_active_requests_per_client(1)
+            .max_loaned_requests(1)
+            .max_response_buffer_size(1)
+            .max_borrowed_responses_per_pending_response(1)
             .max_nodes(NODES)
             .open_or_create()
             .map_err(failed(service.name, "creating"))
@@ -124,7 +138,7 @@ pub(crate) fn hold(node: &Node<ipc::Service>, service: &CommandService) -> Resul
 #[derive(Debug)]
 pub struct Server {
     port: LibraryServer<ipc::Service, [u8], (), [u8], ()>,
-    service: &'static str,
+    service: CommandService,
 }
 
 impl Server {
@@ -132,11 +146,12 @@ impl Server {
     pub fn new(node: &Node<ipc::Service>, service: &CommandService) -> Result<Self, RequestError> {
         let port = open(node, service)?
             .server_builder()
-            .initial_max_slice_len(COMMAND_BYTES)
+            .initial_max_slice_len(service.bytes)
+            .max_loaned_responses_per_request(1)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(failed(service.name, "making a server"))?;
-        Ok(Self { port, service: service.name })
+        Ok(Self { port, service: *service })
     }
 
     /// Answers what is waiting; returns how many requests that were. A request that cannot be decoded is
@@ -147,13 +162,13 @@ impl Server {
         mut broken: impl FnMut(RequestError),
     ) -> Result<usize, RequestError> {
         let mut count = 0;
-        while let Some(request) = self.port.receive().map_err(failed(self.service, "receiving"))? {
+        while let Some(request) = self.port.receive().map_err(failed(self.service.name, "receiving"))? {
             count += 1;
-            let done = decode::<Q>(self.service, request.payload()).and_then(|question| {
-                let bytes = encode(self.service, &answer(question))?;
+            let done = decode::<Q>(self.service.name, request.payload()).and_then(|question| {
+                let bytes = encode(&self.service, &answer(question))?;
                 let loaned =
-                    request.loan_slice_uninit(bytes.len()).map_err(failed(self.service, "loaning an answer"))?;
-                loaned.write_from_slice(&bytes).send().map_err(failed(self.service, "answering"))
+                    request.loan_slice_uninit(bytes.len()).map_err(failed(self.service.name, "loaning an answer"))?;
+                loaned.write_from_slice(&bytes).send().map_err(failed(self.service.name, "answering"))
             });
             if let Err(error) = done {
                 broken(error);
@@ -170,10 +185,10 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
     question: &Q,
     limit: Duration,
 ) -> Result<A, RequestError> {
-    let bytes = encode(service.name, question)?;
+    let bytes = encode(service, question)?;
     let client = open(node, service)?
         .client_builder()
-        .initial_max_slice_len(COMMAND_BYTES)
+        .initial_max_slice_len(service.bytes)
         .backpressure_strategy(BackpressureStrategy::DiscardData)
         .create()
         .map_err(failed(service.name, "making a client"))?;
@@ -200,20 +215,20 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::{LoggerRequest, Verb};
+    use ipc_types::{LOGGER_COMMANDS, LoggerRequest, Verb, WATCHDOG_COMMANDS};
     use proptest::prelude::*;
 
     use super::*;
 
     #[test]
     fn too_long_is_refused_before_it_is_sent() {
-        let request = LoggerRequest::Start { path: "x".repeat(COMMAND_BYTES), metadata: Vec::new() };
-        assert!(matches!(encode("test", &request), Err(RequestError::TooLong { .. })));
+        let request = LoggerRequest::Start { path: "x".repeat(LOGGER_COMMANDS.bytes), metadata: Vec::new() };
+        assert!(matches!(encode(&LOGGER_COMMANDS, &request), Err(RequestError::TooLong { .. })));
     }
 
     #[test]
     fn surplus_bytes_are_an_error() {
-        let mut bytes = encode("test", &Verb::Arm).unwrap();
+        let mut bytes = encode(&WATCHDOG_COMMANDS, &Verb::Arm).unwrap();
         assert_eq!(decode::<Verb>("test", &bytes).unwrap(), Verb::Arm);
         bytes.push(0);
         assert!(matches!(decode::<Verb>("test", &bytes), Err(RequestError::Codec { .. })));
@@ -223,7 +238,7 @@ mod tests {
         #[test]
         fn round_trip(path in ".{0,40}", metadata in prop::collection::vec((".{0,9}", ".{0,99}"), 0..4)) {
             let request = LoggerRequest::Start { path, metadata };
-            let bytes = encode("test", &request).unwrap();
+            let bytes = encode(&LOGGER_COMMANDS, &request).unwrap();
             prop_assert_eq!(decode::<LoggerRequest>("test", &bytes).unwrap(), request);
         }
 

@@ -175,7 +175,11 @@ impl Service {
         self.started.store(true, Ordering::Relaxed);
         let beats = Arc::clone(&self.beats);
         let stop = Arc::clone(&self.stop);
-        std::thread::Builder::new().name("attendant".to_owned()).spawn(move || attend(&beats, &stop))?;
+        let profile = self.profile;
+        std::thread::Builder::new().name("attendant".to_owned()).spawn(move || {
+            realtime::request_helper(profile);
+            attend(&beats, &stop);
+        })?;
         self.event(EventKind::ProcessStarted, Severity::Info, [0.0; 3], self.profile.text())?;
         Ok(())
     }

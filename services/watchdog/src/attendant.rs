@@ -118,8 +118,8 @@ enum AttendError {
 }
 
 fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), AttendError> {
-    runtime::realtime::request_normal();
     let domain = Domain::open(name)?;
+    runtime::realtime::request_helper(domain.profile());
     let node = domain.node("watchdog-verbs")?;
     let server = Server::new(&node, &WATCHDOG_COMMANDS)?;
     let mut launcher = Launcher::new(name);

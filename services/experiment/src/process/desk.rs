@@ -69,6 +69,7 @@ impl Desk {
         let (name, ending) = (rig.clone(), Arc::clone(&stop));
         let thread = std::thread::Builder::new().name("experiment-desk".to_owned()).spawn(move || {
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
+                runtime::realtime::request_helper(domain.profile());
                 let server = Server::new(&domain.node("experiment-desk")?, &EXPERIMENT_COMMANDS)?;
                 Ok((domain, server))
             });
