@@ -3,15 +3,17 @@
 //! Whole-system tests take turns through a file lock, because two cores bear one rig in real time, not several.
 //! A test process can join one rig only (the library's configuration is process-wide): a test that
 //! subscribes or publishes itself has a test binary of its own.
-#![allow(dead_code, clippy::unwrap_used, clippy::expect_used)]
+#![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
+
+pub mod witness;
 
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::fs::{FlockOperation, flock};
 use runtime::RigName;
+use rustix::fs::{FlockOperation, flock};
 
 /// The units of a simulated rig.
 pub const WORKERS: [&str; 7] = ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
@@ -150,6 +152,30 @@ pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
         .collect();
     found.sort();
     found
+}
+
+/// Files and bytes of a rig in shared memory, without its run directory (logs and status, which are no segments).
+pub fn footprint_of(name: &RigName) -> (usize, u64) {
+    fn walk(path: &Path, run: &Path, sum: &mut (usize, u64)) {
+        // What goes away meanwhile does not count.
+        let Ok(found) = std::fs::symlink_metadata(path) else { return };
+        if path == run {
+            return;
+        }
+        sum.0 += 1;
+        if found.is_dir() {
+            for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
+                walk(&entry.path(), run, sum);
+            }
+        } else {
+            sum.1 += found.len();
+        }
+    }
+    let mut sum = (0, 0);
+    for path in shared_memory_of(name) {
+        walk(&path, &name.run_directory(), &mut sum);
+    }
+    sum
 }
 
 /// Living processes whose environment names the rig (zombies have none).

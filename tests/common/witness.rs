@@ -1,0 +1,379 @@
+//! A member of the rig under test: reads all topics, and leads the handle through a slow sine, so that volts flow whenever
+//! there is power.
+//!
+//! Time is counted in ticks of the card (0.5 ms): the virtual card clocks every tick, also those for which it was late, so
+//! that its scans tell what the motor got and when, however loaded the machine is.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use ipc_types::{
+    CARD_SCAN, COMMAND, CardScan, ENABLE_LINE, EnableLine, EnableToken, Message, Mode, MotorCommand, Process, Profile,
+    SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TOPICS, TripCause, WatchdogState,
+};
+use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
+use runtime::{Domain, Lives, RawSubscriber, RigName, Service, lives, open_raw};
+
+use super::{TestRig, told, wait_for};
+
+/// Period of the card in `launch/rigs/hydrostatic.toml` (2 kHz) [ns].
+pub const TICK_NS: u64 = 500_000;
+/// Ends waits of tests that have failed.
+pub const LIMIT: Duration = Duration::from_secs(30);
+
+const AMPLITUDE_RAD: f64 = 0.25;
+const SPEED_RAD_S: f64 = TAU * 0.7;
+
+/// The tick of a time.
+pub fn tick_of(time_ns: u64) -> u64 {
+    time_ns / TICK_NS
+}
+
+/// What one scan of the card says of the motor.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan {
+    pub tick: u64,
+    pub incarnation: u64,
+    /// The enable line is alive.
+    pub power: bool,
+    /// Volts reach the motor.
+    pub volts: bool,
+    /// The DACs hold volts, whether they reach the motor or not.
+    pub dac: bool,
+}
+
+/// What one token says.
+#[derive(Clone, Copy, Debug)]
+pub struct Token {
+    pub time_ns: u64,
+    pub incarnation: u64,
+    pub epoch: u64,
+    pub enabled: bool,
+    pub state: WatchdogState,
+    pub cause: TripCause,
+}
+
+/// One incarnation of one topic's sender.
+#[derive(Clone, Copy, Debug)]
+pub struct Life {
+    pub incarnation: u64,
+    pub sequence: u64,
+    pub last_ns: u64,
+}
+
+/// One topic.
+#[derive(Clone, Debug, Default)]
+pub struct Stream {
+    /// Its senders, in the order of their first message.
+    pub lives: Vec<Life>,
+    /// Longest pause between two messages of one sender since the mark [ns].
+    pub pause_ns: u64,
+    /// Messages that this reader missed.
+    pub lost: u64,
+    /// Steps back within an incarnation.
+    pub backwards: u64,
+}
+
+impl Stream {
+    pub fn newest(&self) -> Life {
+        *self.lives.last().unwrap()
+    }
+}
+
+/// All that was seen.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// Since the mark.
+    pub scans: Vec<Scan>,
+    /// Since the mark.
+    pub tokens: Vec<Token>,
+    /// Time and count of the enable line's last change of level.
+    pub toggled: (u64, u64),
+    pub streams: BTreeMap<&'static str, Stream>,
+    pub sample: Option<Sample>,
+    pub command: Option<MotorCommand>,
+    pub newest_scan: Option<Scan>,
+    pub newest_token: Option<Token>,
+    failure: Option<String>,
+}
+
+impl Seen {
+    fn take_in(&mut self, topic: &'static str, bytes: &[u8]) {
+        let word = |index: usize| u64::from_le_bytes(bytes[8 * index..8 * index + 8].try_into().unwrap());
+        // Every message begins with session, incarnation, sequence, time.
+        let (incarnation, sequence, time_ns) = (word(1), word(2), word(3));
+        let stream = self.streams.entry(topic).or_default();
+        match stream.lives.iter_mut().find(|life| life.incarnation == incarnation) {
+            Some(life) => {
+                if sequence <= life.sequence {
+                    stream.backwards += 1;
+                }
+                stream.lost += sequence.saturating_sub(life.sequence + 1);
+                stream.pause_ns = stream.pause_ns.max(time_ns.saturating_sub(life.last_ns));
+                *life = Life { incarnation, sequence, last_ns: time_ns };
+            }
+            None => stream.lives.push(Life { incarnation, sequence, last_ns: time_ns }),
+        }
+        match topic {
+            _ if topic == CARD_SCAN.topic.name => {
+                let scan = CardScan::from_bytes(bytes).unwrap();
+                let some = |volts: &[f64]| volts.iter().any(|&v| v != 0.0);
+                let scan = Scan {
+                    tick: scan.tick,
+                    incarnation,
+                    power: scan.motor_power == 1,
+                    volts: some(&scan.motor_v),
+                    dac: some(&scan.dac_v),
+                };
+                self.newest_scan = Some(scan);
+                self.scans.push(scan);
+            }
+            _ if topic == TOKEN.topic.name => {
+                let token = EnableToken::from_bytes(bytes).unwrap();
+                let token = Token {
+                    time_ns,
+                    incarnation,
+                    epoch: token.epoch,
+                    enabled: token.enabled == 1,
+                    state: WatchdogState::from_code(token.state).unwrap(),
+                    cause: TripCause::from_code(token.cause).unwrap(),
+                };
+                self.newest_token = Some(token);
+                self.tokens.push(token);
+            }
+            _ if topic == ENABLE_LINE.topic.name => {
+                let toggles = EnableLine::from_bytes(bytes).unwrap().toggles;
+                if toggles != self.toggled.1 {
+                    self.toggled = (time_ns, toggles);
+                }
+            }
+            _ if topic == SAMPLE.topic.name => self.sample = Sample::from_bytes(bytes),
+            _ if topic == COMMAND.topic.name => self.command = MotorCommand::from_bytes(bytes),
+            _ => {}
+        }
+    }
+
+    /// The last tick since the mark in which volts reached the motor.
+    pub fn last_volts(&self) -> Option<u64> {
+        self.scans.iter().filter(|scan| scan.volts).map(|scan| scan.tick).max()
+    }
+
+    /// The last tick since the mark in which the card had its motor powered.
+    pub fn last_power(&self) -> Option<u64> {
+        self.scans.iter().filter(|scan| scan.power).map(|scan| scan.tick).max()
+    }
+
+    /// When the last token with leave was published since the mark.
+    pub fn last_leave_ns(&self) -> Option<u64> {
+        self.tokens.iter().filter(|token| token.enabled).map(|token| token.time_ns).max()
+    }
+
+    /// Causes that the watchdog named since the mark while it was tripped or faulted.
+    pub fn causes(&self) -> BTreeSet<TripCause> {
+        let faulted = |token: &&Token| matches!(token.state, WatchdogState::Tripped | WatchdogState::Faulted);
+        self.tokens.iter().filter(faulted).map(|token| token.cause).collect()
+    }
+
+    pub fn state(&self) -> Option<WatchdogState> {
+        self.newest_token.map(|token| token.state)
+    }
+}
+
+/// A member of the rig under test. Leaves it when dropped.
+pub struct Witness {
+    seen: Arc<Mutex<Seen>>,
+    domain: Domain,
+    stop: Arc<AtomicBool>,
+    leads: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Witness {
+    /// Joins, and begins to read and to lead.
+    pub fn join(name: &RigName) -> Self {
+        let domain = Domain::open(name).unwrap();
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let stop = Arc::new(AtomicBool::new(false));
+        let leads = Arc::new(AtomicBool::new(true));
+        let (seen_too, stop_too, leads_too, name) =
+            (Arc::clone(&seen), Arc::clone(&stop), Arc::clone(&leads), name.clone());
+        let reader = std::thread::spawn(move || {
+            if let Err(error) = read_and_lead(&name, &seen_too, &stop_too, &leads_too) {
+                seen_too.lock().unwrap().failure = Some(error.to_string());
+            }
+        });
+        let witness = Self { seen, domain, stop, leads, threads: vec![reader] };
+        witness.until("all fast topics speak", |seen| seen.newest_token.is_some() && seen.command.is_some());
+        witness
+    }
+
+    /// Keeps this many cores busy, at normal priority, for as long as the witness lives.
+    pub fn load(&mut self, cores: usize) {
+        for _ in 0..cores {
+            let stop = Arc::clone(&self.stop);
+            self.threads.push(std::thread::spawn(move || {
+                let mut state = 1u64;
+                while !stop.load(Ordering::Relaxed) {
+                    for _ in 0..10_000 {
+                        state = std::hint::black_box(state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+                    }
+                }
+            }));
+        }
+    }
+
+    /// Whether it leads the handle (it does from the beginning).
+    pub fn lead(&self, leads: bool) {
+        self.leads.store(leads, Ordering::Relaxed);
+    }
+
+    /// What was seen. Held only for a moment: the reader waits for it.
+    pub fn seen(&self) -> MutexGuard<'_, Seen> {
+        let seen = self.seen.lock().unwrap();
+        if let Some(failure) = &seen.failure {
+            panic!("the reader failed: {failure}");
+        }
+        seen
+    }
+
+    pub fn profile(&self) -> Profile {
+        self.domain.profile()
+    }
+
+    pub fn lives(&self) -> Lives {
+        lives(self.domain.profile())
+    }
+
+    /// Forgets scans and tokens so far; returns the time.
+    pub fn mark(&self) -> u64 {
+        let mut seen = self.seen();
+        seen.scans.clear();
+        seen.tokens.clear();
+        seen.streams.values_mut().for_each(|stream| stream.pause_ns = 0);
+        now_ns()
+    }
+
+    /// Waits until something was seen.
+    pub fn until(&self, what: &str, mut holds: impl FnMut(&Seen) -> bool) {
+        let came = wait_for(LIMIT, || holds(&self.seen()));
+        assert!(came, "never came: {what}; token {:?}, {:?}", self.seen().newest_token, self.seen().newest_scan);
+    }
+
+    /// Lets this many ticks of the card pass.
+    pub fn pass_ticks(&self, ticks: u64) {
+        let from = tick_of(now_ns());
+        self.until("ticks of the card", |seen| seen.newest_scan.is_some_and(|scan| scan.tick >= from + ticks));
+    }
+
+    /// `reset`, `arm`, `enable` on the command line, each as the state asks for it, until volts flow. A loaded machine may
+    /// stall for longer than a life and trip again: then from the beginning.
+    pub fn power_up(&self, rig: &TestRig) {
+        let mut last = String::new();
+        let done = wait_for(LIMIT, || {
+            let state = self.seen().state().unwrap();
+            let verb = match state {
+                WatchdogState::Faulted | WatchdogState::Tripped => "reset",
+                WatchdogState::Disarmed => "arm",
+                WatchdogState::Armed => "enable",
+                WatchdogState::Enabled => return self.volts_flow(),
+            };
+            let output = rig.run([verb]);
+            last = format!("{verb}: {}", told(&output));
+            // The token that shows it is on its way.
+            if output.status.success() {
+                let _shown = wait_for(Duration::from_millis(300), || self.seen().state() != Some(state));
+            }
+            false
+        });
+        assert!(done, "no power: {last}\n{:?}", self.seen().newest_token);
+    }
+
+    /// Waits until volts flow right now; `false` where the watchdog is not enabled.
+    pub fn volts_flow(&self) -> bool {
+        wait_for(LIMIT, || {
+            let seen = self.seen();
+            seen.state() != Some(WatchdogState::Enabled) || seen.newest_scan.is_some_and(|scan| scan.volts)
+        }) && self.seen().state() == Some(WatchdogState::Enabled)
+    }
+
+    /// The longest pause since the mark in any of these topics, where it is longer than a token lives: the machine did not
+    /// run a loop that nobody had touched, and then power must go.
+    pub fn stalled(&self, topics: &[&str]) -> Option<String> {
+        let seen = self.seen();
+        let life_ns = self.lives().token_ns - MILLISECOND_NS;
+        let pauses = topics.iter().filter_map(|topic| Some((topic, seen.streams.get(topic)?.pause_ns)));
+        let (topic, pause_ns) = pauses.max_by_key(|(_, pause_ns)| *pause_ns)?;
+        (pause_ns > life_ns).then(|| format!("{topic} paused for {} ms", pause_ns / MILLISECOND_NS))
+    }
+
+    /// Opens every topic anew, as a program that comes now would.
+    pub fn open_all(&self) {
+        let node = self.domain.node("visitor").unwrap();
+        for topic in TOPICS {
+            open_raw(&node, topic).unwrap_or_else(|error| panic!("{error}"));
+        }
+    }
+}
+
+impl Drop for Witness {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            let _ended = thread.join();
+        }
+    }
+}
+
+fn read_and_lead(
+    name: &RigName,
+    seen: &Mutex<Seen>,
+    stop: &AtomicBool,
+    leads: &AtomicBool,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let mut service = Service::start(Process::Operator, name.as_str())?;
+    let mut readers: Vec<(&'static str, Box<dyn RawSubscriber>)> = Vec::new();
+    for topic in TOPICS {
+        readers.push((topic.name, open_raw(service.node(), topic)?));
+    }
+    let mut setpoints = service.publisher(SETPOINT)?;
+    service.ready()?;
+    while !stop.load(Ordering::Relaxed) {
+        if service.stopping() {
+            // The service's handler took the signal from us.
+            std::process::exit(130);
+        }
+        if leads.load(Ordering::Relaxed) {
+            setpoints.send(sine(now_ns()))?;
+        }
+        {
+            let mut seen = seen.lock().unwrap();
+            for (topic, reader) in &mut readers {
+                while reader.take(&mut |bytes| seen.take_in(*topic, bytes))? {}
+            }
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    Ok(())
+}
+
+fn sine(at_ns: u64) -> Setpoint {
+    let (sine, cosine) = (SPEED_RAD_S * (at_ns % (1000 * SECOND_NS)) as f64 * 1e-9).sin_cos();
+    Setpoint {
+        at_ns,
+        lease_until_ns: at_ns + SECOND_NS / 2,
+        protocol: 1,
+        position: [AMPLITUDE_RAD * sine, 0.0, 0.0],
+        velocity: [AMPLITUDE_RAD * SPEED_RAD_S * cosine, 0.0, 0.0],
+        acceleration: [-AMPLITUDE_RAD * SPEED_RAD_S.powi(2) * sine, 0.0, 0.0],
+        peak_speed: [AMPLITUDE_RAD * SPEED_RAD_S, 0.0, 0.0],
+        segments: 1,
+        mode: Mode::Position.code(),
+        owner: Process::Operator.code(),
+        axes: 1,
+        ..Setpoint::default()
+    }
+}

@@ -1,0 +1,223 @@
+//! Processes that stop without dying (`SIGSTOP`), wake again (`SIGCONT`), and wake beside their replacement. Requirements:
+//! SR-04, SR-07, SR-09, SR-19, whole-system; hazards H1, H2, H3, H4, H8 of the safety case.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::process::{Child, Command, Stdio};
+
+use common::witness::{LIMIT, Life, TICK_NS, Witness, tick_of};
+use common::{TestRig, kill, wait_for};
+use ipc_types::{TripCause, WatchdogState};
+use launch::{ProcessIdentity, UnitState};
+use runtime::clock::now_ns;
+
+/// Ticks beyond the sum of the lives: the cycle of each party that sees it, and the rounding of times to ticks.
+const SLACK: u64 = 6;
+/// Ticks that are watched after each thing that happens.
+const WATCHED: u64 = 300;
+/// Attempts at what a stall of the machine, or its slowness, may spoil.
+const ATTEMPTS: usize = 6;
+
+fn topic_of(process: &str) -> &'static str {
+    match process {
+        "acquisition" => "sample",
+        "control" => "command",
+        "watchdog" => "token",
+        other => panic!("no pulse of {other}"),
+    }
+}
+
+fn process(rig: &TestRig, unit: &str) -> Option<ProcessIdentity> {
+    let status = rig.launcher_status();
+    let unit = status.unit(unit).unwrap();
+    unit.process.filter(|_| unit.state == UnitState::Ready)
+}
+
+fn pulse(witness: &Witness, process: &str) -> Life {
+    witness.seen().streams[topic_of(process)].newest()
+}
+
+fn life_of(witness: &Witness, process: &str, incarnation: u64) -> Life {
+    let seen = witness.seen();
+    *seen.streams[topic_of(process)].lives.iter().find(|life| life.incarnation == incarnation).unwrap()
+}
+
+/// Powered, with volts that flow right now; then all that was seen so far is forgotten.
+fn ready(rig: &TestRig, witness: &Witness) -> u64 {
+    loop {
+        if witness.volts_flow() {
+            return witness.mark();
+        }
+        witness.power_up(rig);
+    }
+}
+
+/// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave again.
+fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64) {
+    let lives = witness.lives();
+    let seen = witness.seen();
+    let bound_ns = match frozen {
+        "watchdog" => lives.line_ns.max(lives.token_ns),
+        _ => lives.peer_lost_ns + lives.line_ns,
+    };
+    let from = tick_of(struck_ns.max(last_word_ns));
+    let off = seen.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
+    let bound = bound_ns / TICK_NS + SLACK;
+    assert!(off <= bound, "{frozen}: volts for {off} ticks, bound {bound}");
+    let line_died = tick_of(seen.toggled.0 + lives.line_ns) + 1;
+    assert!(seen.last_power().is_none_or(|power| power <= line_died), "{frozen}: power without a line");
+    let without = seen.tokens.iter().position(|token| !token.enabled).unwrap_or(seen.tokens.len());
+    let again = seen.tokens[without..].iter().find(|token| token.enabled);
+    assert!(again.is_none(), "{frozen}: enabled by itself: {again:?}");
+    eprintln!("{frozen:12} off after {off} ticks, bound {bound}; {:?}", seen.causes());
+}
+
+/// Stops a process for some ticks, shorter than the launcher's patience.
+fn freeze_shortly(rig: &TestRig, witness: &Witness, unit: &str, ticks: u64) {
+    let struck_ns = ready(rig, witness);
+    let before = process(rig, unit).unwrap();
+    let known = pulse(witness, unit);
+    let stopped_ns = now_ns();
+    kill(before.pid, libc::SIGSTOP);
+    witness.pass_ticks(ticks);
+    let last_word_ns = life_of(witness, unit, known.incarnation).last_ns;
+    assert_off(witness, unit, struck_ns.max(stopped_ns), last_word_ns);
+    if unit != "watchdog" {
+        assert_eq!(witness.seen().state(), Some(WatchdogState::Tripped), "{unit}");
+    }
+    let silent = life_of(witness, unit, known.incarnation);
+    kill(before.pid, libc::SIGCONT);
+    witness.until("the frozen process speaks again", |seen| {
+        seen.streams[topic_of(unit)]
+            .lives
+            .iter()
+            .any(|life| life.sequence > silent.sequence && { life.incarnation == known.incarnation })
+    });
+    witness.pass_ticks(WATCHED);
+    // What woke is the same process, and it changes nothing for the motor.
+    assert_eq!(process(rig, unit), Some(before), "{unit}");
+    assert_eq!(pulse(witness, unit).incarnation, known.incarnation);
+    assert_off(witness, unit, struck_ns.max(stopped_ns), last_word_ns);
+    let state = witness.seen().state();
+    assert_eq!(state, Some(WatchdogState::Tripped), "{unit}: {:?}", witness.seen().causes());
+    if unit == "watchdog" {
+        assert!(witness.seen().causes().contains(&TripCause::WatchdogLate));
+    }
+    assert!(!rig.run(["enable"]).status.success(), "{unit}: `enable` without `reset` and `arm`");
+    witness.power_up(rig);
+}
+
+/// Stops a process for good: the launcher's patience ends, it kills and replaces it.
+fn freeze_until_replaced(rig: &TestRig, witness: &Witness, unit: &str) {
+    let struck_ns = ready(rig, witness);
+    let before = process(rig, unit).unwrap();
+    let known = pulse(witness, unit);
+    let stopped_ns = now_ns();
+    kill(before.pid, libc::SIGSTOP);
+    let replaced = wait_for(LIMIT, || process(rig, unit).is_some_and(|now| now != before));
+    assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
+    assert!(!before.is_alive(), "the frozen {unit} lives beside its replacement");
+    witness
+        .until("the replacement speaks", |seen| seen.streams[topic_of(unit)].newest().incarnation != known.incarnation);
+    witness.pass_ticks(WATCHED);
+    assert_off(witness, unit, struck_ns.max(stopped_ns), life_of(witness, unit, known.incarnation).last_ns);
+    assert_ne!(witness.seen().state(), Some(WatchdogState::Enabled));
+    witness.power_up(rig);
+}
+
+/// A process of the rig that no launcher knows of. Ends when dropped.
+struct Second(Child);
+
+impl Second {
+    /// The same command line and environment as a unit's process, but for its ties to the launcher.
+    fn of(rig: &TestRig, unit: &str, like: ProcessIdentity) -> Self {
+        let environment = std::fs::read(format!("/proc/{}/environ", like.pid)).unwrap();
+        let variables = environment.split(|byte| *byte == 0).filter_map(|entry| {
+            let (name, value) = std::str::from_utf8(entry).ok()?.split_once('=')?;
+            (!matches!(name, "NOTIFY_SOCKET" | "WATCHDOG_USEC" | "WATCHDOG_PID")).then_some((name, value))
+        });
+        let mut command: Command = rig.farreach(["service", unit]);
+        command.env_clear().envs(variables).current_dir("/").stdout(Stdio::null());
+        Self(command.spawn().unwrap())
+    }
+}
+
+impl Drop for Second {
+    fn drop(&mut self) {
+        kill(self.0.id() as i32, libc::SIGTERM);
+        let _ended = self.0.wait();
+    }
+}
+
+/// Freezes a process, lets a second one take its place and power, and wakes the first beside it. `false` where the
+/// machine was too slow for the launcher's patience.
+fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) -> bool {
+    ready(rig, witness);
+    let first = process(rig, unit).unwrap();
+    let old = pulse(witness, unit);
+    kill(first.pid, libc::SIGSTOP);
+    let second = Second::of(rig, unit, first);
+    witness.until("the second speaks", |seen| seen.streams[topic_of(unit)].newest().incarnation != old.incarnation);
+    let new = pulse(witness, unit);
+    witness.power_up(rig);
+    if process(rig, unit) != Some(first) || !witness.volts_flow() {
+        return false;
+    }
+    // Powered through the second; now the first wakes.
+    let struck_ns = witness.mark();
+    let before = life_of(witness, unit, old.incarnation);
+    kill(first.pid, libc::SIGCONT);
+    let spoke = wait_for(LIMIT, || {
+        life_of(witness, unit, old.incarnation).sequence > before.sequence || process(rig, unit) != Some(first)
+    });
+    if !spoke || process(rig, unit) != Some(first) {
+        return false;
+    }
+    witness.pass_ticks(WATCHED);
+    assert_off(witness, unit, struck_ns, 0);
+    let causes = witness.seen().causes();
+    let expected: BTreeSet<TripCause> = match unit {
+        "acquisition" => [TripCause::AcquisitionChanged, TripCause::GateBurnt].into(),
+        _ => [TripCause::ControlChanged, TripCause::GateBurnt].into(),
+    };
+    assert!(!causes.is_disjoint(&expected), "{unit}: {causes:?}");
+    // Both still speak: as long as they do, nobody can reset it away.
+    assert!(life_of(witness, unit, new.incarnation).sequence > new.sequence);
+    for _ in 0..3 {
+        let refused = rig.run(["reset"]);
+        let (one, other) = (pulse(witness, unit), witness.seen().streams[topic_of(unit)].lives.len());
+        assert!(!refused.status.success(), "{unit}: reset although two speak ({one:?}, {other})");
+    }
+    drop(second);
+    assert_eq!(process(rig, unit), Some(first));
+    witness.power_up(rig);
+    true
+}
+
+#[test]
+fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
+    let rig = TestRig::new("freeze");
+    rig.up_simulated();
+    let mut witness = Witness::join(rig.name());
+    witness.load(1);
+    eprintln!("profile {}", witness.profile());
+    witness.power_up(&rig);
+
+    // Longer than any life (100 ms without real-time scheduling), shorter than the launcher's patience (2 s).
+    for unit in ["acquisition", "control", "watchdog"] {
+        for ticks in [250, 600, 1500] {
+            freeze_shortly(&rig, &witness, unit, ticks);
+        }
+    }
+    for unit in ["acquisition", "control", "watchdog"] {
+        freeze_until_replaced(&rig, &witness, unit);
+    }
+    for unit in ["control", "acquisition"] {
+        let shown = (0..ATTEMPTS).any(|_| wakes_beside_its_replacement(&rig, &witness, unit));
+        assert!(shown, "{unit}: no attempt was quick enough for the launcher's patience");
+    }
+    drop(witness);
+    rig.down();
+}

@@ -1,0 +1,168 @@
+//! A process that others wrote takes control's place. The stand-in below is built from `ipc-types` and `runtime` alone: it
+//! knows the topics, and nothing of our control.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
+use common::witness::{LIMIT, Witness};
+use common::{TestRig, kill, told, wait_for};
+use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, WatchdogState};
+use launch::UnitState;
+use runtime::{Grid, Service};
+
+/// Name of the rig, for the child.
+const CHILD: &str = "FARREACH_STAND_IN";
+/// Where the stand-in drives the handle [rad], how hard [V/rad], and how hard at most [V].
+const TARGET_RAD: f64 = 0.6;
+const GAIN_V_PER_RAD: f64 = 12.0;
+const VOLTS_MAX: f64 = 4.0;
+
+/// The stand-in: a proportional law around one position.
+fn stand_in(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
+    let mut service = Service::start(Process::Control, rig_name)?;
+    let mut samples = service.subscriber(SAMPLE)?;
+    let mut tokens = service.subscriber(TOKEN)?;
+    let mut commands = service.publisher(COMMAND)?;
+    let own = service.identity().incarnation;
+    let profile = service.enter_loop(70)?;
+    println!("incarnation {own}");
+    let mut grid = Grid::of_rate(500, 200_000);
+    let (mut sample, mut token) = (None, None);
+    while !service.stopping() {
+        let Some(wake) = grid.wait() else { continue };
+        sample = samples.latest()?.or(sample);
+        token = tokens.latest()?.or(token);
+        if let (Some(sample), Some(token)) = (&sample, &token) {
+            let powered = token.enabled == 1
+                && token.control_incarnation == own
+                && sample.epoch == token.epoch
+                && sample.gate_state == GateState::Open.code();
+            let wanted_v = GAIN_V_PER_RAD * (TARGET_RAD - sample.master_position[0]);
+            let mut volts = [0.0; AXES];
+            volts[0] = if powered { wanted_v.clamp(-VOLTS_MAX, VOLTS_MAX) } else { 0.0 };
+            commands.send(MotorCommand {
+                sample_tick: sample.tick,
+                sample_time_ns: sample.scan_time_ns,
+                computed_ns: wake.woke_ns,
+                token_sequence: token.sequence,
+                epoch: token.epoch,
+                volts,
+                axes: 1,
+                profile: profile.code(),
+                cycles_missed: grid.missed(),
+                ..MotorCommand::default()
+            })?;
+        }
+        service.beat();
+    }
+    Ok(())
+}
+
+/// The child process: this test binary, started again by the test below.
+#[test]
+#[ignore = "the stand-in's own process; the other test starts it"]
+fn stand_in_process() {
+    let name = std::env::var(CHILD).expect("the name of a rig");
+    stand_in(&name).unwrap();
+}
+
+struct StandIn {
+    child: Child,
+    incarnation: u64,
+}
+
+impl StandIn {
+    fn start(rig: &TestRig) -> Self {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "stand_in_process", "--ignored", "--nocapture"])
+            .env(CHILD, rig.name().as_str())
+            // Found, and killed with the rig, if this test fails.
+            .env("FARREACH_RIG_NAME", rig.name().as_str())
+            .env_remove("NOTIFY_SOCKET")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let incarnation = lines
+            .find_map(|line| line.unwrap().rsplit_once("incarnation ")?.1.parse().ok())
+            .expect("the stand-in ended before it was ready");
+        // Whatever else the harness prints must not block it.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { child, incarnation }
+    }
+}
+
+impl Drop for StandIn {
+    fn drop(&mut self) {
+        kill(self.child.id() as i32, libc::SIGTERM);
+        let _ended = self.child.wait();
+    }
+}
+
+#[test]
+fn a_stand_in_for_control_from_the_message_types_alone() {
+    let rig = TestRig::new("stand-in");
+    rig.up_simulated();
+    let witness = Witness::join(rig.name());
+    witness.power_up(&rig);
+    let ours = witness.seen().streams["command"].newest().incarnation;
+
+    // Ours ends in good order, and the launcher leaves it at that.
+    witness.mark();
+    let process = rig.launcher_status().unit("control").unwrap().process.unwrap();
+    kill(process.pid, libc::SIGTERM);
+    let ended = wait_for(LIMIT, || rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive);
+    assert!(ended, "{:?}", rig.launcher_status().unit("control"));
+    witness.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
+    witness.pass_ticks(300);
+    assert!(witness.seen().newest_scan.is_some_and(|scan| !scan.volts && !scan.power));
+    let refused = rig.run(["reset"]);
+    assert!(!refused.status.success(), "reset without any control: {}", told(&refused));
+
+    // Another one comes. That alone changes nothing for the motor.
+    witness.lead(false);
+    let marked_ns = witness.mark();
+    let stand_in = StandIn::start(&rig);
+    witness.until("the stand-in's commands", |seen| {
+        seen.command.is_some_and(|command| command.incarnation == stand_in.incarnation && command.time_ns > marked_ns)
+    });
+    witness.pass_ticks(400);
+    {
+        let seen = witness.seen();
+        assert_eq!(seen.state(), Some(WatchdogState::Tripped));
+        assert_eq!((seen.last_volts(), seen.last_power()), (None, None), "power before anybody armed");
+        assert_eq!(seen.last_leave_ns(), None);
+    }
+
+    // Reset, arm and enable give it power, and the handle goes where it wants it.
+    witness.power_up(&rig);
+    let position = |seen: &common::witness::Seen| seen.sample.unwrap().master_position[0];
+    witness.until("the handle at the stand-in's target", |seen| (position(seen) - TARGET_RAD).abs() < 0.15);
+    let seen = witness.seen();
+    let sample = seen.sample.unwrap();
+    assert_ne!(stand_in.incarnation, ours);
+    assert_eq!(sample.command_incarnation, stand_in.incarnation);
+    assert_eq!(sample.gate_state, GateState::Open.code());
+    assert_eq!(seen.state(), Some(WatchdogState::Enabled));
+    assert_eq!(seen.streams["command"].newest().incarnation, stand_in.incarnation);
+    drop(seen);
+    assert!(
+        rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive,
+        "our control came back although it had ended in good order"
+    );
+
+    // When it goes, power goes; and ours can be had back.
+    witness.mark();
+    drop(stand_in);
+    witness.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
+    witness.lead(true);
+    launch::restart(&rig.run_directory(), "control").unwrap();
+    witness.power_up(&rig);
+    let newest = witness.seen().streams["command"].newest().incarnation;
+    assert!(newest != ours && witness.seen().sample.unwrap().command_incarnation == newest);
+    drop(witness);
+    rig.down();
+}
