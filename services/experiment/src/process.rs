@@ -158,13 +158,17 @@ impl Runner {
         let mut events = self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
         let mut meter =
             LoopMeter::new(Process::Experiment, profile, self.service.memory_locked()).map_err(ServiceError::from)?;
-        let mut beat_ns = 0;
+        let mut last_beat = 0;
         while !self.service.stopping() {
             let Some(wake) = self.grid.wait() else { continue };
             self.cycle(&wake, &mut events)?;
-            if wake.woke_ns >= beat_ns {
-                beat_ns = wake.woke_ns + HEARTBEAT_NS;
+            // Slots of the clock, not times since the last one: a late wake does not lower the rate.
+            let beat = wake.woke_ns / HEARTBEAT_NS;
+            if beat != last_beat {
+                last_beat = beat;
                 self.heartbeat(profile)?;
+                // Whoever joined since the last event gets the ones before only through this.
+                events.refresh()?;
             }
             let end = now_ns();
             meter.record(&wake, end);

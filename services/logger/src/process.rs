@@ -13,8 +13,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    CLOCK, ClockSync, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters, Process, Severity, TOPICS,
-    heartbeat_topic,
+    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters, Process, Severity,
+    TOPICS, heartbeat_topic,
 };
 use recording::mcap_write::key;
 use rig::RigFile;
@@ -97,6 +97,8 @@ pub struct Logger {
     heartbeats: Publisher<Heartbeat>,
     losses: Publisher<LossCounters>,
     clocks: Publisher<ClockSync>,
+    /// taken from the service once it is ready
+    events: Option<Publisher<Event>>,
     sink: Sink,
     desk: Desk,
     metadata: BTreeMap<String, String>,
@@ -150,6 +152,7 @@ impl Logger {
             heartbeats: service.publisher(heartbeat)?,
             losses: service.publisher(LOSS)?,
             clocks: service.publisher(CLOCK)?,
+            events: None,
             desk: Desk::open(service.domain().name())?,
             sink: Sink::new(Some(directory.clone()))?,
             service,
@@ -176,7 +179,7 @@ impl Logger {
         let kept = match state::load(directory, session) {
             Ok(kept) => kept,
             Err(error) => {
-                self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], &error.to_string())?;
+                self.tell(EventKind::DataLost, Severity::Error, [0.0; 3], &error.to_string())?;
                 None
             }
         };
@@ -188,7 +191,7 @@ impl Logger {
             if let Err(reason) = self.start_and_wait(request)? {
                 // A person can begin another one as long as the logger lives.
                 let text = format!("{} does not go on: {reason}", path.display());
-                self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
+                self.tell(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
             }
         } else if let Some(path) = record
             && !begun
@@ -254,7 +257,8 @@ impl Logger {
     pub fn run(mut self) -> Result<(), LoggerError> {
         let mut grid = Grid::new(PERIOD_NS, PHASE_NS);
         self.service.ready()?;
-        let (mut beat_ns, mut count_ns) = (0, 0);
+        self.events = self.service.take_events();
+        let (mut last_beat, mut last_count) = (0, 0);
         while !self.service.stopping() {
             let Some(wake) = grid.wait() else { continue };
             self.drain()?;
@@ -265,12 +269,14 @@ impl Logger {
             while let Some(question) = self.desk.next() {
                 self.answer(question)?;
             }
-            if wake.woke_ns >= beat_ns {
-                beat_ns = wake.woke_ns + HEARTBEAT_NS;
+            // Slots of the clock, not times since the last one: a late wake does not lower the rate.
+            let (beat, count) = (wake.woke_ns / HEARTBEAT_NS, wake.woke_ns / SECOND_NS);
+            if beat != last_beat {
+                last_beat = beat;
                 self.heartbeat()?;
             }
-            if wake.woke_ns >= count_ns {
-                count_ns = wake.woke_ns + SECOND_NS;
+            if count != last_count {
+                last_count = count;
                 self.tell_losses()?;
                 self.publish_counts()?;
                 if self.desk.is_closed() {
@@ -356,7 +362,7 @@ impl Logger {
                 (EventKind::RecordingStarted, Severity::Warning, [0.0; 3], error.clone())
             }
         };
-        self.service.event(kind, severity, values, &text)?;
+        self.tell(kind, severity, values, &text)?;
         let asker = match &outcome {
             Outcome::Started { .. } | Outcome::NotStarted { .. } => self.starting.take(),
             Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => self.ending.take(),
@@ -368,7 +374,20 @@ impl Logger {
         Ok(())
     }
 
+    fn tell(&mut self, kind: EventKind, severity: Severity, [a, b, c]: [f64; 3], text: &str) -> Result<(), PortError> {
+        match &mut self.events {
+            Some(events) => {
+                events.send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) }).map(|_sequence| ())
+            }
+            None => self.service.event(kind, severity, [a, b, c], text),
+        }
+    }
+
     fn heartbeat(&mut self) -> Result<(), PortError> {
+        // Whoever joined since the last event gets the ones before only through this.
+        if let Some(events) = &self.events {
+            events.refresh()?;
+        }
         let lost = (0..TOPICS.len()).map(|topic| self.sink.counters(topic)).map(|c| c.gaps + c.dropped + c.refused);
         let message = Heartbeat {
             lost: lost.sum(),
@@ -411,7 +430,7 @@ impl Logger {
                     topic.name, counts.gaps, counts.dropped
                 );
                 let values = [(lost - told) as f64, lost as f64, index as f64];
-                self.service.event(EventKind::DataLost, Severity::Error, values, &text)?;
+                self.tell(EventKind::DataLost, Severity::Error, values, &text)?;
             }
         }
         Ok(())
@@ -422,7 +441,7 @@ impl Logger {
     fn end(mut self) -> Result<(), LoggerError> {
         self.tell_losses()?;
         self.publish_counts()?;
-        self.service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+        self.tell(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
         self.drain()?;
         self.sink.tick(now_ns());
         let outcomes = self.sink.end();

@@ -6,7 +6,7 @@ use std::io::{IsTerminal, Write};
 
 use ipc_types::{LoopTiming, Message, Process, Profile, TOPICS, Topic};
 use runtime::RigName;
-use runtime::clock::{MILLISECOND_NS, now_ns};
+use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
 
 use crate::args::TopArgs;
 use crate::attach::{self, Attached};
@@ -15,6 +15,8 @@ use crate::meter::Meter;
 
 /// How often it looks; part of the latency that it shows (ns).
 const PERIOD_NS: u64 = MILLISECOND_NS;
+/// A loop tells its timing once a second (ns).
+const SILENT_NS: u64 = 3 * SECOND_NS;
 /// Pictures that a rate is taken over, so that a topic of 1 Hz has one.
 const RATE_OVER: usize = 5;
 
@@ -81,33 +83,35 @@ impl Board {
         let profile = self.timings.first().and_then(|timing| Profile::from_code(timing.profile));
         line(format!("rig {rig}{}", profile.map_or_else(String::new, |profile| format!(", {profile}"))));
         line(format!(
-            "{:<12} {:>7} {:>7}  {:>31}  {:>23} {:>4}",
-            "loop", "Hz", "missed", "wakes late µs: p50 p99 p99.9 max", "runs µs: p50 p99 max", "mem"
+            "{:<12} {:>6} {:>7}  {:>23}  {:>20}  mem",
+            "loop", "Hz", "missed", "late µs: p50   p99   max", "runs µs: p50 p99 max"
         ));
         for timing in &self.timings {
             let us = |ns: u64| format!("{:.0}", ns as f64 * 1e-3);
             let process = Process::from_code(timing.source).map_or("?", Process::text);
             let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
-            let silent = now_ns.saturating_sub(timing.time_ns) > 3_000_000_000;
+            let silent = now_ns.saturating_sub(timing.time_ns) > SILENT_NS;
             line(format!(
-                "{process:<12} {:>7.0} {:>7}  {:>7} {:>7} {:>7} {:>8}  {:>7} {:>7} {:>7} {:>5}{}",
+                "{process:<12} {:>6.0} {:>7}  {:>12} {:>5} {:>5}  {:>10} {:>4} {:>4}  {}",
                 1e9 / timing.period_ns.max(1) as f64,
                 timing.missed_periods,
                 us(late[0]),
                 us(late[1]),
-                us(late[2]),
                 us(late[3]),
                 us(runs[0]),
                 us(runs[1]),
                 us(runs[3]),
-                if timing.memory_locked == 1 { "lock" } else { "-" },
-                if silent { "  SILENT" } else { "" },
+                match (silent, timing.memory_locked) {
+                    (true, _) => "SILENT",
+                    (false, 1) => "lock",
+                    (false, _) => "-",
+                },
             ));
         }
         line(String::new());
         line(format!(
-            "{:<21} {:>8} {:>9} {:>8} {:>8} {:>8} {:>10} {:>8}",
-            "topic", "rate Hz", "late µs50", "p99", "p99.9", "max", "received", "lost"
+            "{:<21} {:>8} {:>6} {:>11}  {:>12} {:>7} {:>7}",
+            "topic", "rate Hz", "lost", "received", "late µs: p50", "p99", "max"
         ));
         let mut silent = Vec::new();
         for (index, (name, received, lost)) in feeds.iter().enumerate() {
@@ -117,17 +121,18 @@ impl Board {
                 continue;
             }
             let times = if meter.latency.count() == 0 {
-                format!("{:>9} {:>8} {:>8} {:>8}", "-", "-", "-", "-")
+                format!("{:>12} {:>7} {:>7}", "-", "-", "-")
             } else {
-                let [p50, p99, p99_9, max] = meter.latency.microseconds();
-                format!("{p50:>9.0} {p99:>8.0} {p99_9:>8.0} {max:>8.0}")
+                let [p50, p99, _, max] = meter.latency.microseconds();
+                format!("{p50:>12.0} {p99:>7.0} {max:>7.0}")
             };
-            line(format!("{name:<21} {:>8.1} {times} {received:>10} {lost:>8}", self.rate(index)));
+            line(format!("{name:<21} {:>8.1} {lost:>6} {received:>11}  {times}", self.rate(index)));
         }
         if !silent.is_empty() {
             line(format!("no message yet: {}", silent.join(", ")));
         }
-        line(format!("late: published to received here; this probe looks every {} ms", PERIOD_NS / MILLISECOND_NS));
+        let period_ms = PERIOD_NS / MILLISECOND_NS;
+        line(format!("late (topics): published to received here; this probe looks every {period_ms} ms"));
         text
     }
 }
@@ -258,15 +263,18 @@ mod tests {
             line.split_whitespace().map(str::to_owned).collect()
         };
         let picture = board.picture("demo", 1_000_000_000, &feeds);
-        assert_eq!(words(&picture, "command "), ["command", "500.0", "40", "40", "40", "40", "500", "3"]);
-        assert_eq!(words(&picture, "control ")[..7], ["control", "500", "13", "4", "9", "21", "77"]);
+        assert_eq!(words(&picture, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
+        assert_eq!(words(&picture, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
         assert!(picture.contains("no message yet: sample, token"), "{picture}");
         assert!(picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"), "{picture}");
+        let wide =
+            picture.lines().filter(|line| !line.starts_with("no message")).find(|line| line.chars().count() > 80);
+        assert_eq!(wide, None, "a terminal has 80 columns");
         // a rate over several pictures, and a loop that fell silent
         board.reset();
         board.count(1.0);
         let picture = board.picture("demo", 9_000_000_000, &feeds);
-        assert_eq!(words(&picture, "command ")[1..3], ["250.0", "-"]);
+        assert_eq!(words(&picture, "command ")[1..], ["250.0", "3", "500", "-", "-", "-"]);
         assert!(words(&picture, "control ").contains(&"SILENT".to_owned()));
     }
 
