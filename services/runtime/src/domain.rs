@@ -29,6 +29,7 @@ const KEEPER_LOCK: &str = "keeper.lock";
 const ALIVE_LOCK: &str = "alive.lock";
 const LIBRARY_ROOT: &str = "iox";
 const RUN: &str = "run";
+const MEBIBYTE: u64 = 1 << 20;
 /// How long a start waits for the keeper.
 const OPEN_LIMIT: Duration = Duration::from_secs(5);
 
@@ -84,6 +85,17 @@ pub enum DomainError {
         /// The one that was asked for.
         wanted: String,
     },
+    /// Too little is free. A page that cannot be had later on kills the process that touches it (SIGBUS).
+    #[error(
+        "shared memory is full: a rig needs {} MiB in {SHARED_MEMORY}, found {} MiB free; remove what is not needed there \
+         (`ls -l {SHARED_MEMORY}`) or make it larger (containers: --shm-size)", needed.div_ceil(MEBIBYTE), found / MEBIBYTE
+    )]
+    NoRoom {
+        /// What a rig needs [bytes].
+        needed: u64,
+        /// What is free [bytes].
+        found: u64,
+    },
     /// iceoryx2 refused.
     #[error("shared memory: {action}: {reason}")]
     Library {
@@ -104,6 +116,33 @@ fn hint(error: &io::Error) -> &'static str {
 
 fn at(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainError {
     move |source| DomainError::Io { action, path: path.to_path_buf(), source }
+}
+
+/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory is locked [bytes].
+fn room_needed() -> u64 {
+    // The library's header in front of each message, and its alignment.
+    const HEADER: usize = 64;
+    // Connections and tables of the library, the launcher's files.
+    const REST: u64 = 4 * MEBIBYTE;
+    let topics: usize = TOPICS.iter().map(|topic| ports::messages_in_segment(topic) * (topic.size + HEADER)).sum();
+    let servers: usize =
+        COMMAND_SERVICES.iter().map(|service| request::ANSWERS_IN_SEGMENT * (service.bytes + HEADER)).sum();
+    let all = (topics + servers) as u64 + REST;
+    // The segments of a process that was killed a moment ago stay while its successor makes its own.
+    all + all / 4
+}
+
+/// Refuses to found a domain that would not fit.
+fn check_room() -> Result<(), DomainError> {
+    let found = rustix::fs::statvfs(SHARED_MEMORY)
+        .map_err(|error| at("looking for free space in", Path::new(SHARED_MEMORY))(error.into()))?;
+    // A tmpfs without a limit says that it has no blocks at all.
+    let free = if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
+    fits(room_needed(), free)
+}
+
+fn fits(needed: u64, found: u64) -> Result<(), DomainError> {
+    if found < needed { Err(DomainError::NoRoom { needed, found }) } else { Ok(()) }
 }
 
 /// The name of a rig: 1 to 32 lower-case letters, digits or '-', beginning with a letter.
@@ -154,6 +193,9 @@ impl RigName {
     /// Makes the rig's directory, or checks that an existing one is ours alone.
     pub fn make_directory(&self) -> Result<PathBuf, DomainError> {
         let path = self.directory();
+        if !path.exists() {
+            check_room()?;
+        }
         match fs::DirBuilder::new().mode(0o700).create(&path) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -377,6 +419,7 @@ impl Keeper {
                 _ => {}
             }
             sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix()).map_err(at("cleaning", &directory))?;
+            check_room()?;
             let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
             write_configuration(&directory, &prefix)?;
             let file = SessionFile { session: format!("{:016x}", random_u64()), profile: granted_profile(), prefix };
@@ -507,6 +550,16 @@ mod tests {
         let error = Domain::open(&name).unwrap_err();
         assert!(matches!(error, DomainError::NoKeeper(_)), "{error}");
         assert!(error.to_string().contains("farreach up"), "{error}");
+    }
+
+    #[test]
+    fn a_rig_fits_into_what_containers_have_and_says_what_it_lacks() {
+        let needed = room_needed();
+        // What the segments of a running rig were measured to be, and the usual size in a container.
+        assert!((30 * MEBIBYTE..60 * MEBIBYTE).contains(&needed), "{needed}");
+        assert!(fits(needed, needed).is_ok());
+        let error = fits(needed, 3 * MEBIBYTE).unwrap_err().to_string();
+        assert!(error.contains("/dev/shm, found 3 MiB free"), "{error}");
     }
 
     #[test]

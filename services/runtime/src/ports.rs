@@ -3,6 +3,7 @@
 use iceoryx2::port::publisher::Publisher as LibraryPublisher;
 use iceoryx2::port::subscriber::Subscriber as LibrarySubscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
 use ipc_types::{
     CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming, LossCounters, Message,
@@ -16,6 +17,8 @@ use crate::identity::Identity;
 
 /// Most nodes on a topic: processes, probes, and those that died a moment ago.
 const NODES: usize = 32;
+/// Messages that a subscriber may hold at a time.
+const BORROWED: usize = 2;
 
 /// A port could not be made, or does not work any more.
 #[derive(Debug, Error)]
@@ -43,6 +46,11 @@ fn open<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<
         .map_err(failed(topic.name, "opening (does the keeper run, and is it of this version?)"))
 }
 
+/// Messages for which a publisher's segment has room, as the library reckons it.
+pub(crate) const fn messages_in_segment(topic: &Topic) -> usize {
+    topic.subscribers * (topic.buffer + BORROWED) + topic.history + 1
+}
+
 fn hold_typed<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<T>, PortError> {
     node.service_builder(&service_name(topic)?)
         .publish_subscribe::<T>()
@@ -50,6 +58,7 @@ fn hold_typed<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Se
         .max_subscribers(topic.subscribers)
         .max_nodes(NODES)
         .subscriber_max_buffer_size(topic.buffer)
+        .subscriber_max_borrowed_samples(BORROWED)
         .history_size(topic.history)
         .enable_safe_overflow(true)
         .open_or_create()
@@ -120,6 +129,10 @@ pub(crate) fn hold(node: &Node<ipc::Service>, topic: &Topic) -> Result<Box<dyn s
     held.map_err(|error| DomainError::Library { action: "creating a topic".to_owned(), reason: error.to_string() })
 }
 
+/// How often a port tries again when a connection could not be made. The library reports a peer that died while it
+/// was being connected once, and leaves the other connections in order.
+const ATTEMPTS: usize = 4;
+
 /// Publishes one topic: stamps session, incarnation, sequence and time.
 #[derive(Debug)]
 pub struct Publisher<T: Message> {
@@ -127,6 +140,7 @@ pub struct Publisher<T: Message> {
     identity: Identity,
     sequence: u64,
     topic: &'static str,
+    undelivered: u64,
 }
 
 impl<T: Message> Publisher<T> {
@@ -138,17 +152,35 @@ impl<T: Message> Publisher<T> {
             .max_loaned_samples(1)
             .create()
             .map_err(failed(topic.topic.name, "making a publisher"))?;
-        Ok(Self { port, identity, sequence: 0, topic: topic.topic.name })
+        Ok(Self { port, identity, sequence: 0, topic: topic.topic.name, undelivered: 0 })
     }
 
     /// Publishes; returns the sequence number that it got.
     pub fn send(&mut self, mut message: T) -> Result<u64, PortError> {
         let sequence = self.sequence;
         message.stamp(self.identity.session, self.identity.incarnation, sequence, now_ns());
-        let loaned = self.port.loan_uninit().map_err(failed(self.topic, "loaning"))?;
-        loaned.write_payload(message).send().map_err(failed(self.topic, "sending"))?;
+        let mut attempt = 1;
+        loop {
+            let loaned = self.port.loan_uninit().map_err(failed(self.topic, "loaning"))?;
+            match loaned.write_payload(message).send() {
+                Ok(_) => break,
+                // Nobody got it: a subscriber died while it was being connected. The others are in order.
+                Err(SendError::ConnectionError(_)) if attempt < ATTEMPTS => attempt += 1,
+                // All got it but one, whose connection is broken: its gap in the sequence tells it.
+                Err(SendError::ConnectionCorrupted | SendError::UnableToDeliver) => {
+                    self.undelivered += 1;
+                    break;
+                }
+                Err(error) => return Err(failed(self.topic, "sending")(error)),
+            }
+        }
         self.sequence += 1;
         Ok(sequence)
+    }
+
+    /// Messages that at least one subscriber did not get because its connection is broken.
+    pub fn undelivered(&self) -> u64 {
+        self.undelivered
     }
 
     /// The sequence number that the next message gets.
@@ -174,6 +206,8 @@ pub struct Counters {
     pub backwards: u64,
     /// Changes of the sender's incarnation.
     pub incarnations: u64,
+    /// Publishers that died while they were being connected.
+    pub connections_failed: u64,
 }
 
 /// Follows incarnation and sequence of one topic's messages.
@@ -225,12 +259,24 @@ impl<T: Message> Subscriber<T> {
 
     /// The next message, oldest first; `None` when there is none.
     pub fn take(&mut self) -> Result<Option<T>, PortError> {
-        let received = self.port.receive().map_err(failed(self.topic, "receiving"))?;
-        Ok(received.map(|sample| {
-            let message = *sample.payload();
-            self.follower.observe(message.incarnation(), message.sequence());
-            message
-        }))
+        self.take_with(|message| *message)
+    }
+
+    fn take_with<R>(&mut self, mut look: impl FnMut(&T) -> R) -> Result<Option<R>, PortError> {
+        for _ in 1..ATTEMPTS {
+            match self.port.receive() {
+                Ok(None) => return Ok(None),
+                Ok(Some(sample)) => {
+                    let message = sample.payload();
+                    self.follower.observe(message.incarnation(), message.sequence());
+                    return Ok(Some(look(message)));
+                }
+                Err(ReceiveError::ConnectionFailure(_)) => self.follower.counters.connections_failed += 1,
+                Err(error) => return Err(failed(self.topic, "receiving")(error)),
+            }
+        }
+        // Silence: whoever needs this topic finds it stale.
+        Ok(None)
     }
 
     /// The newest message that came since the last call; `None` when none came.
@@ -258,13 +304,7 @@ pub trait RawSubscriber {
 
 impl<T: Message> RawSubscriber for Subscriber<T> {
     fn take(&mut self, sink: &mut dyn FnMut(&[u8])) -> Result<bool, PortError> {
-        let received = self.port.receive().map_err(failed(self.topic, "receiving"))?;
-        Ok(received
-            .map(|sample| {
-                self.follower.observe(sample.payload().incarnation(), sample.payload().sequence());
-                sink(sample.payload().as_bytes());
-            })
-            .is_some())
+        Ok(self.take_with(|message| sink(message.as_bytes()))?.is_some())
     }
 
     fn counters(&self) -> Counters {
@@ -287,6 +327,9 @@ mod tests {
         for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (1, 9), (1, 8), (2, 0), (2, 1)] {
             follower.observe(incarnation, sequence);
         }
-        assert_eq!(follower.counters, Counters { received: 7, lost: 2, backwards: 2, incarnations: 1 });
+        assert_eq!(
+            follower.counters,
+            Counters { received: 7, lost: 2, backwards: 2, incarnations: 1, connections_failed: 0 }
+        );
     }
 }

@@ -6,6 +6,7 @@
 
 use std::time::{Duration, Instant};
 
+use iceoryx2::port::ReceiveError;
 use iceoryx2::port::server::Server as LibraryServer;
 use iceoryx2::prelude::*;
 use ipc_types::CommandService;
@@ -162,7 +163,17 @@ impl Server {
         mut broken: impl FnMut(RequestError),
     ) -> Result<usize, RequestError> {
         let mut count = 0;
-        while let Some(request) = self.port.receive().map_err(failed(self.service.name, "receiving"))? {
+        loop {
+            let request = match self.port.receive() {
+                Ok(Some(request)) => request,
+                Ok(None) => break,
+                // A client that died while it was being connected; reported once, the others are in order.
+                Err(ReceiveError::ConnectionFailure(error)) => {
+                    broken(failed(self.service.name, "connecting a client")(error));
+                    break;
+                }
+                Err(error) => return Err(failed(self.service.name, "receiving")(error)),
+            };
             count += 1;
             let done = decode::<Q>(self.service.name, request.payload()).and_then(|question| {
                 let bytes = encode(&self.service, &answer(question))?;

@@ -37,7 +37,8 @@ fn a_rig_from_cold_start_to_clean_end() {
 
     // nothing of it is open to others
     for file in segments(&name) {
-        let mode = std::os::unix::fs::PermissionsExt::mode(&fs::metadata(format!("/dev/shm/{file}")).unwrap().permissions());
+        let mode =
+            std::os::unix::fs::PermissionsExt::mode(&fs::metadata(format!("/dev/shm/{file}")).unwrap().permissions());
         assert_eq!(mode & 0o077, 0, "{file} has mode {mode:o}");
     }
 

@@ -35,6 +35,8 @@ pub(crate) struct Shared {
     pub(crate) keeper: AtomicBool,
     /// The watchdog's state, for answers.
     pub(crate) state: AtomicU8,
+    /// The attendant gave up.
+    pub(crate) deaf: AtomicBool,
 }
 
 impl Shared {
@@ -45,6 +47,7 @@ impl Shared {
             launcher: AtomicBool::new(true),
             keeper: AtomicBool::new(true),
             state: AtomicU8::new(WatchdogState::Faulted.code()),
+            deaf: AtomicBool::new(false),
         }
     }
 }
@@ -102,7 +105,8 @@ pub(crate) fn start(
     std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
         if let Err(error) = attend(&name, &shared, &stop) {
             eprintln!("farreach watchdog: the operator's verbs are not heard: {error}");
-            // Without ears the watchdog must not go on: the service manager starts it anew.
+            // Without ears the watchdog must not go on: it ends with an error, and the service manager starts it anew.
+            shared.deaf.store(true, Ordering::Relaxed);
             stop.store(true, Ordering::Relaxed);
         }
     })

@@ -80,6 +80,8 @@ pub struct Machine {
     epoch: u64,
     seen_epoch: u64,
     enabled_ns: u64,
+    /// When the enable line was last toggled, or power was given.
+    toggled_ns: u64,
     gate_opened: bool,
     /// When power was last given away: by then the gate must write 0 V.
     unpowered_ns: Option<u64>,
@@ -104,6 +106,7 @@ impl Machine {
             epoch: 0,
             seen_epoch: 0,
             enabled_ns: 0,
+            toggled_ns: 0,
             gate_opened: false,
             unpowered_ns: None,
             sequence: 0,
@@ -204,7 +207,19 @@ impl Machine {
         let token = self.token(now_ns);
         self.issued_ns[self.sequence as usize % ISSUED] = now_ns;
         self.sequence += 1;
-        Outputs { token, toggle_line: self.state == WatchdogState::Enabled, event }
+        let toggle_line = self.state == WatchdogState::Enabled && self.samples_are_fresh(now_ns);
+        if toggle_line {
+            self.toggled_ns = now_ns;
+        }
+        Outputs { token, toggle_line, event }
+    }
+
+    /// Whether the newest sample is young enough for the line to go on toggling.
+    fn samples_are_fresh(&self, now_ns: u64) -> bool {
+        self.samples
+            .newest
+            .as_ref()
+            .is_some_and(|sample| now_ns.saturating_sub(sample.scan_time_ns) <= self.config.line_pause_ns)
     }
 
     /// Finds out which faults stand now.
@@ -225,6 +240,11 @@ impl Machine {
             let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
             momentary.insert_if(age.is_none(), TripCause::SampleBackwards);
             standing.insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::AcquisitionLost);
+            // The line has paused for want of fresh samples for almost as long as the card is patient.
+            let paused_ns = now_ns.saturating_sub(self.toggled_ns);
+            let paused = self.state == WatchdogState::Enabled && paused_ns > config.line_gap_ns;
+            let fresh = self.samples_are_fresh(now_ns);
+            standing.insert_if(paused, if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost });
             standing.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
             standing.insert_if(!takes_volts(sample), TripCause::NoOutput);
             standing.insert_if(lacks_realtime(sample, self.commands.newest.as_ref(), config), TripCause::NotRealtime);
@@ -302,6 +322,7 @@ impl Machine {
         let above = self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
         self.epoch = now_ns.max(above);
         self.enabled_ns = now_ns;
+        self.toggled_ns = now_ns;
         self.gate_opened = false;
         self.state = WatchdogState::Enabled;
         Ok(())

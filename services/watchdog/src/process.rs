@@ -44,6 +44,9 @@ pub enum WatchdogError {
     Thread(#[from] std::io::Error),
     #[error("{0} has no topic for its timing or events")]
     NoTopic(Process),
+    /// The thread that answers the operator's verbs gave up.
+    #[error("the operator's verbs are not heard any more")]
+    Deaf,
 }
 
 /// The limits of a rig file, as the machine wants them.
@@ -160,6 +163,6 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     tokens.send(machine.step(now, peers).token)?;
     events.send(Event::new(Process::Watchdog, EventKind::ProcessEnding, Severity::Info, ""))?;
     // It ends on the same flag; a panic in it has been printed.
-    let _ended = attendant.join();
-    Ok(())
+    let panicked = attendant.join().is_err();
+    if panicked || shared.deaf.load(Ordering::Relaxed) { Err(WatchdogError::Deaf) } else { Ok(()) }
 }

@@ -40,6 +40,12 @@ pub struct Config {
     pub token_life_ns: u64,
     /// Silence after which acquisition or control is lost [ns].
     pub peer_lost_ns: u64,
+    /// The enable line toggles only while the newest sample is younger than this: acquisition that died must not be
+    /// covered for until it counts as lost [ns].
+    pub line_pause_ns: u64,
+    /// A pause of the line that lasts this long is a trip. Less than the card's patience, so that the motor never
+    /// loses power without a trip and gets it back by itself [ns].
+    pub line_gap_ns: u64,
     /// Time that the gate has to open after `enable` [ns].
     pub gate_open_ns: u64,
     /// Oldest token that a sample or a command may echo, and oldest sample that a command may answer [ns].
@@ -69,9 +75,10 @@ impl Config {
         limits: [AxisLimits; AXES],
         line_or_override: bool,
     ) -> Self {
-        let (token_life_ns, peer_lost_ns) = match profile {
-            Profile::Realtime => (5_000_000, 8_000_000),
-            Profile::BestEffort => (40_000_000, 60_000_000),
+        // The card is patient for as long as a token lives.
+        let (token_life_ns, peer_lost_ns, line_pause_ns) = match profile {
+            Profile::Realtime => (5_000_000, 8_000_000, 3_000_000),
+            Profile::BestEffort => (40_000_000, 60_000_000, 15_000_000),
         };
         Self {
             session,
@@ -79,6 +86,8 @@ impl Config {
             profile,
             token_life_ns,
             peer_lost_ns,
+            line_pause_ns,
+            line_gap_ns: token_life_ns - 1_500_000,
             gate_open_ns: peer_lost_ns * 5 / 2,
             echo_lost_ns: token_life_ns + peer_lost_ns,
             hold_ns: 2 * peer_lost_ns,

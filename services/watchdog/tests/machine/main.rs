@@ -98,7 +98,7 @@ impl World {
     fn step(&mut self) -> Outputs {
         let output = self.machine.step(self.now, self.peers);
         assert_eq!(output.token.enabled == 1, self.machine.state() == WatchdogState::Enabled);
-        assert_eq!(output.toggle_line, self.machine.state() == WatchdogState::Enabled);
+        assert!(!output.toggle_line || self.machine.state() == WatchdogState::Enabled, "a line without leave");
         assert_eq!(output.token.state, self.machine.state().code());
         self.token = output.token;
         output
@@ -730,4 +730,46 @@ fn sr_19_best_effort_jitter_trips_nothing() {
         assert_eq!(world.machine.state(), WatchdogState::Enabled, "{}", world.machine.cause());
     }
     assert!(world.sample.time_ns() > 0);
+}
+
+/// The card drops the motor 5 / 40 ms after the last toggle: from the death of acquisition to then it must not take
+/// longer than 10 / 60 ms, and a pause that could make the card drop the motor must not end in power.
+#[test]
+fn sr_24_a_line_without_fresh_samples_pauses_and_a_long_pause_trips() {
+    for (profile, patience_ms, bound_ms) in [(Profile::Realtime, 5, 10), (Profile::BestEffort, 40, 60)] {
+        let mut world = World::in_state(profile, WatchdogState::Enabled);
+        world.acquisition_runs = false;
+        let died = world.sample.scan_time_ns;
+        let mut last_toggle = world.now;
+        let mut tripped = None;
+        for _ in 0..100 {
+            let output = world.cycle();
+            if output.toggle_line {
+                assert_eq!(tripped, None, "the line toggles after the trip");
+                last_toggle = world.now;
+            }
+            if world.machine.state() == WatchdogState::Tripped && tripped.is_none() {
+                tripped = Some(world.now);
+            }
+        }
+        let tripped = tripped.unwrap();
+        let dropped = last_toggle + patience_ms * MS;
+        assert!(dropped - died <= bound_ms * MS - MS, "{profile:?}: {} ns", dropped - died);
+        assert!(tripped <= dropped, "{profile:?}: the card drops the motor before the watchdog trips");
+        assert_eq!(world.machine.cause(), TripCause::AcquisitionLost);
+    }
+}
+
+/// Samples that come back in time end the pause without a trip; those that come back late do not.
+#[test]
+fn sr_24_a_short_pause_is_borne_a_longer_one_is_not() {
+    for (missing, expected) in [(4, WatchdogState::Enabled), (8, WatchdogState::Tripped)] {
+        let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
+        world.acquisition_runs = false;
+        world.cycles(missing);
+        world.acquisition_runs = true;
+        world.cycles(20);
+        assert_eq!(world.machine.state(), expected, "{missing} ms without samples");
+        assert_eq!(world.cycle().toggle_line, expected == WatchdogState::Enabled);
+    }
 }
