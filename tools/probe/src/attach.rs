@@ -8,6 +8,7 @@ use anyhow::{Context, bail};
 use ipc_types::{TOPICS, Topic};
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns, sleep_until};
 use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// A keeper that is back by then was only restarted (ns).
 const KEEPER_GONE_NS: u64 = 3 * SECOND_NS;
@@ -58,7 +59,8 @@ impl Attached {
     /// Listens to topics, to be looked at every `period_ns`.
     pub(crate) fn new(rig: &RigName, topics: &[&'static Topic], period_ns: u64) -> anyhow::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // SIGHUP: the terminal was closed.
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
         let domain = Domain::open(rig)?;

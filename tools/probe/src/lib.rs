@@ -3,20 +3,28 @@
 //!
 //! ```text
 //! $ farreach probe echo command --count 2 --field sample_tick --field volts
-//! sample_tick=17512 volts=[0.41,0,0]
-//! sample_tick=17516 volts=[0.42,0,0]
+//! sample_tick=15299508 volts=[1.037822705272443,0,0]
+//! sample_tick=15299512 volts=[1.2320877536413004,0,0]
 //!
 //! $ farreach probe echo sample --count 1 --json --field tick --field master_position[0]
-//! {"fields":{"master_position[0]":0.0123,"tick":17520},"received_ns":8760123456,"topic":"sample"}
+//! {"fields":{"master_position[0]":0.05183627878423158,"tick":15299594},"received_ns":7649806954476,"topic":"sample"}
 //!
 //! $ farreach probe hz sample command --seconds 2
-//! topic                 rate Hz   interval ms: mean        min        max        std    messages   lost
-//! sample                 2000.1              0.500      0.488      0.561      0.004        4001      0
-//! command                 500.0              2.000      1.987      2.044      0.006        1000      0
+//! topic                  rate Hz   interval ms: mean        min        max        std    messages   lost
+//! sample                  1999.9               0.500      0.001      1.819      0.042        4000      0
+//! command                  500.0               2.000      0.715      3.286      0.065        1000      0
+//!
+//! $ farreach probe delay sample command --seconds 2
+//! topic                 delay µs                    messages       p50       p99     p99.9       max
+//! sample                published to received here      4001        28      1294      4030      5865
+//! sample                scan to published               4001       122       173       610       737
+//! command               published to received here      1001        27      1180      3932      5865
+//! command               scan to published               1001       242       293       426       465
+//! received here: this probe looks every 100 µs, which is part of the delay; scan to published is the rig's alone
 //! ```
 //!
-//! `delay` tells how long messages are under way, `top` shows all of it with the timing of the loops, `list` shows the
-//! topics and their fields with units. stdout carries the result, stderr the diagnosis.
+//! `top` shows all of it with the timing of the loops, `list` the topics and their fields with units. stdout carries the result,
+//! stderr the diagnosis.
 
 mod args;
 mod attach;

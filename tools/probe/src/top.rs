@@ -83,7 +83,7 @@ impl Board {
         let profile = self.timings.first().and_then(|timing| Profile::from_code(timing.profile));
         line(format!("rig {rig}{}", profile.map_or_else(String::new, |profile| format!(", {profile}"))));
         line(format!(
-            "{:<12} {:>6} {:>7}  {:>23}  {:>20}  mem",
+            "{:<11} {:>6} {:>7}  {:>23}  {:>20}  mem",
             "loop", "Hz", "missed", "late µs: p50   p99   max", "runs µs: p50 p99 max"
         ));
         for timing in &self.timings {
@@ -92,7 +92,7 @@ impl Board {
             let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
             let silent = now_ns.saturating_sub(timing.time_ns) > SILENT_NS;
             line(format!(
-                "{process:<12} {:>6.0} {:>7}  {:>12} {:>5} {:>5}  {:>10} {:>4} {:>4}  {}",
+                "{process:<11} {:>6.0} {:>7}  {:>12} {:>5} {:>5}  {:>10} {:>4} {:>4}  {}",
                 1e9 / timing.period_ns.max(1) as f64,
                 timing.missed_periods,
                 us(late[0]),
@@ -243,6 +243,7 @@ mod tests {
             period_ns: 2_000_000,
             missed_periods: 13,
             wake_late_ns: [4_000, 9_000, 21_000, 77_000],
+            memory_locked: 1,
             source: Process::Control.code(),
             ..LoopTiming::default()
         };
