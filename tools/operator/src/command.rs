@@ -14,7 +14,7 @@ use runtime::RigName;
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
     /// Starts all processes of a rig, and waits until they are ready
-    #[command(after_help = "Examples:\n  farreach up --simulate --effect stiction_line=0.4 --record run.mcap\n  \
+    #[command(after_help = "Examples:\n  farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
         farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop")]
     Up(UpArguments),
     /// Stops all processes, motor first, and removes the rig's shared memory

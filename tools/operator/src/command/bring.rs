@@ -12,8 +12,8 @@ use super::UpArguments;
 use crate::{CardChoice, Cleaning, DONE, Down, Error, Up, UpOptions};
 
 /// What an unprivileged start costs.
-const BEST_EFFORT: &str = "profile best-effort: real-time scheduling is not granted, so loops may wake some ms late and only \
-    the simulated card is powered (rtprio and memlock in /etc/security/limits.d give the realtime profile)";
+const BEST_EFFORT_COSTS: &str =
+    "loops may wake some ms late, power is cut later, and only the simulated card is powered";
 
 pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<i32> {
     let options = options(arguments, rig_name)?;
@@ -88,7 +88,13 @@ fn print_up(out: &mut dyn Write, up: &Up, rig_name: &RigName, record: Option<&Pa
         _ => writeln!(out, "  next       farreach{option} reset, arm, run PROTOCOL.toml; down ends it all")?,
     }
     if up.profile == Profile::BestEffort {
-        eprintln!("{BEST_EFFORT}");
+        let why = match runtime::realtime::best_effort_wanted() {
+            true => "was asked for (FARREACH_PROFILE)",
+            false => {
+                "since real-time scheduling is not granted (rtprio and memlock in /etc/security/limits.d grant it)"
+            }
+        };
+        eprintln!("profile best-effort {why}: {BEST_EFFORT_COSTS}");
     }
     Ok(())
 }
