@@ -1,10 +1,10 @@
 //! `report.html`: one page that shows what happened.
 
-use ipc_types::{Process, TripCause};
+use ipc_types::{EventKind, Process, TripCause};
 use report::{Colour, Figure, Page, Table, Tone};
 use rig::{AxisUnit, RigFile};
 
-use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace};
+use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace, dark};
 use crate::{Outcome, Summary};
 
 /// Wide figures, CSS pixels.
@@ -43,7 +43,7 @@ pub fn page(analysis: &Analysis, summary: &Summary, outcome: &Outcome, rig: &Rig
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))
         .subtitle(&subtitle(analysis, summary, rig))
-        .verdict(tone(outcome), &sentence(analysis, outcome), &detail(analysis, outcome))
+        .verdict(tone(analysis, outcome), &sentence(analysis, outcome), &detail(analysis, outcome))
         .heading("The run")
         .figure(&overview(analysis, &shown), OVERVIEW);
     for (index, outage) in analysis.outages.iter().enumerate() {
@@ -53,6 +53,7 @@ pub fn page(analysis: &Analysis, summary: &Summary, outcome: &Outcome, rig: &Rig
         page = self::model(page, model, summary, &shown);
     }
     tables(page, analysis, summary)
+        .details("Events, in order", &events(&analysis.trace))
         .details("summary.json", &json)
         .footer(&format!("farreach demo {}, revision {}", env!("CARGO_PKG_VERSION"), summary.revision))
         .render()
@@ -73,9 +74,10 @@ fn subtitle(analysis: &Analysis, summary: &Summary, rig: &RigFile) -> String {
     )
 }
 
-fn tone(outcome: &Outcome) -> Tone {
+fn tone(analysis: &Analysis, outcome: &Outcome) -> Tone {
     match outcome {
-        Outcome::Kept => Tone::Good,
+        Outcome::Kept if analysis.unprovoked.is_empty() => Tone::Good,
+        Outcome::Kept => Tone::Warning,
         Outcome::DataLost(_) => Tone::Warning,
         Outcome::Broken(_) => Tone::Bad,
     }
@@ -85,9 +87,10 @@ fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
     match outcome {
         Outcome::Kept => {
             let worst = analysis.outages.iter().filter_map(|outage| outage.trip_ms).fold(0.0, f64::max);
+            let victims: Vec<&str> = analysis.outages.iter().map(|outage| outage.kill.process.text()).collect();
             format!(
-                "Killed {} times in mid-movement, at 0 V after {worst:.1} ms at most; no sample is missing.",
-                analysis.outages.len()
+                "Killed in mid-movement: {}. The motor was at 0 V within {worst:.1} ms, and no sample is missing.",
+                victims.join(", then ")
             )
         }
         Outcome::DataLost(_) => "The motor was safe, but the recording is not whole.".to_owned(),
@@ -99,9 +102,16 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
     match outcome {
         Outcome::Kept => {
             let back = analysis.outages.iter().filter_map(|outage| outage.restart_ms).fold(0.0, f64::max);
+            let tripped = match analysis.unprovoked.len() {
+                0 => String::new(),
+                count => format!(
+                    " But {count} times the watchdog also took power away because a loop came too late: the machine is too busy \
+                     or grants too little (see Timing). That is safe, and a nuisance."
+                ),
+            };
             format!(
                 "The launcher had the dead process back within {back:.0} ms. All {} samples that the card clocked are on disk, \
-                 in one row of ticks without a hole. All numbers here come from the recording.",
+                 in one row of ticks without a hole. All numbers here come from the recording.{tripped}",
                 analysis.losses.samples
             )
         }
@@ -117,8 +127,16 @@ fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
     let trace = &analysis.trace;
     let (time, reference) = reference(trace, shown, f64::NEG_INFINITY, f64::INFINITY);
     let sample_time: Vec<f64> = trace.samples.iter().map(|sample| trace.seconds(sample.scan_ns)).collect();
-    let mut figure = Figure::new("Movement", "time / s", format!("position / {}", shown.unit))
-        .size(WIDTH, 320)
+    let mut figure = Figure::new("Movement", "time / s", format!("position / {}", shown.unit)).size(WIDTH, 320);
+    let extent = trace.samples.iter().map(|sample| sample.master.abs().max(sample.slave.abs()) * shown.factor);
+    let extent = extent.filter(|value| value.is_finite()).fold(1.0, f64::max) * 1.1;
+    for (index, (from, until)) in dark(&trace.tokens).into_iter().enumerate() {
+        let name = if index == 0 { "no power" } else { "" };
+        let span = [trace.seconds(from), trace.seconds(until)];
+        figure = figure.colour(Colour::Orange).band(name, &span, &[-extent; 2], &[extent; 2]);
+    }
+    figure = figure
+        .y_range(-extent, extent)
         .colour(Colour::Grey)
         .dashed("reference", &time, &reference)
         .colour(Colour::Blue)
@@ -267,6 +285,16 @@ fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: 
         .vertical("killed", 0.0)
 }
 
+/// What the processes said, a line each.
+fn events(trace: &Trace) -> String {
+    let line = |event: &ipc_types::Event| {
+        let source = Process::from_code(event.source).map_or("unknown", Process::text);
+        let kind = EventKind::from_code(event.kind).map_or("unknown", EventKind::text);
+        format!("{:9.3} s  {source:<12} {kind:<20} {}", trace.seconds(event.time_ns), event.text())
+    };
+    trace.events.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
 fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
     let mut text = format!("{process} was killed with {:.2} V at the motor. ", outage.volts_before);
     match outage.trip_ms {
@@ -289,9 +317,10 @@ fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
 fn model(page: Page, model: &Model, summary: &Summary, shown: &Shown) -> Page {
     let mut page = page.heading("Measured against the declared model").paragraph(
         "The declared plant, with the hand that the rig file declares and no effect, was simulated on the volts that reached the motor, \
-         from the positions of the first samples. It runs free: nothing pulls it back to the measurement. Where dry \
-         friction holds a handle a little earlier or later, the difference stays until the next movement, so that the \
-         error says how far the whole run can be foretold, not how good one second of it is.",
+         from the positions of the first samples. It runs free: nothing pulls it back to the measurement. Where the machine differs \
+         and dry friction holds the handle a little earlier or later, the difference grows from movement to movement: the error says how far \
+         the whole run can be foretold, not how good one second of it is. Here the machine is itself simulated from the same equations, so that \
+         without an effect only the resolution and the noise of the sensors should remain.",
     );
     if let Some(effect) = &summary.injected {
         page = page.paragraph(&format!(
@@ -337,6 +366,11 @@ fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
             ms(outage.powered_ms),
         ]);
     }
+    let mut trips = Table::new(["time / s", "cause"]);
+    for trip in &analysis.unprovoked {
+        let cause = TripCause::from_code(trip.cause).unwrap_or(TripCause::None);
+        trips = trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
+    }
     let mut timing = Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
     let row = |name: String, p: &Percentiles, missed: Option<u64>| {
         let us = |value: f64| format!("{value:.0}");
@@ -355,8 +389,11 @@ fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
     for topic in &analysis.losses.topics {
         disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
     }
-    page.heading("Timing")
-        .table(kills, "Each kill: ms from just before the signal, read from the card's scans, the tokens, and the topic of the process.")
+    let mut page = page.heading("Timing").table(kills, "Each kill: ms from just before the signal, read from the card's scans, the tokens, and the topic of the process.");
+    if !analysis.unprovoked.is_empty() {
+        page = page.table(trips, "Trips that nobody provoked.");
+    }
+    page
         .table(timing, "Wake lateness of each loop since its start (of processes that ran twice, the worse), and the time from the card's scan to the first command that answers it.")
         .table(rates, "Rate of control by incarnation, its downtime excluded.")
         .heading("Recording")

@@ -64,6 +64,8 @@ pub(crate) struct Session<'a> {
     command: Option<MotorCommand>,
     /// The kill whose consequences are being watched, and the card's first scan at 0 V since.
     watched: Option<(u64, Option<u64>)>,
+    /// The process that was killed, its incarnation, and when the next one first published.
+    successor: Option<(Process, Option<u64>, Option<u64>)>,
     powered_at: Instant,
 }
 
@@ -83,6 +85,7 @@ impl<'a> Session<'a> {
             sample: None,
             command: None,
             watched: None,
+            successor: None,
             powered_at: Instant::now(),
         })
     }
@@ -170,7 +173,8 @@ impl<'a> Session<'a> {
         let status = launch::status(&self.up.running.run_dir)?;
         let unit = status.unit(process.text()).and_then(|unit| unit.process);
         let victim = unit.with_context(|| format!("the launcher knows of no process of {process}"))?;
-        let killed = self.incarnation(process);
+        let killed = self.incarnation(process).map(|(incarnation, _)| incarnation);
+        self.successor = Some((process, killed, None));
         let at_ns = now_ns();
         self.watched = Some((at_ns, None));
         if !victim.signal(Signal::KILL) {
@@ -182,10 +186,7 @@ impl<'a> Session<'a> {
         if !tripped {
             bail!("{process} was killed and the watchdog did not trip within {BACK_LIMIT:?}");
         }
-        let published = |session: &Self| {
-            let (incarnation, time_ns) = session.incarnation(process)?;
-            (Some(incarnation) != killed.map(|(incarnation, _)| incarnation)).then_some(time_ns)
-        };
+        let published = |session: &Self| session.successor.and_then(|(_, _, published)| published);
         if !self.wait(BACK_LIMIT, |session| published(session).is_some())? {
             bail!("{process} was killed and is not back within {BACK_LIMIT:?}");
         }
@@ -197,7 +198,7 @@ impl<'a> Session<'a> {
             None => "motor NOT at 0 V".to_owned(),
         };
         let took = self.power()?;
-        self.watched = None;
+        (self.watched, self.successor) = (None, None);
         self.console.done(&format!(
             "{process} killed: {dark}; back after {back_ms:.0} ms; reset, armed, enabled after {:.1} s more",
             took.as_secs_f64()
@@ -297,13 +298,29 @@ impl<'a> Session<'a> {
         self.wait(time, |_| false).map(|_| ())
     }
 
+    /// Notes the first message of a successor.
+    fn note(&mut self, process: Process, incarnation: u64, time_ns: u64) {
+        if let Some((dead, before, published @ None)) = &mut self.successor
+            && *dead == process
+            && *before != Some(incarnation)
+        {
+            *published = Some(time_ns);
+        }
+    }
+
     fn look(&mut self) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
         self.token = self.tokens.latest()?.or(self.token);
-        self.command = self.commands.latest()?.or(self.command);
-        self.sample = self.samples.latest()?.or(self.sample);
+        while let Some(command) = self.commands.take()? {
+            self.command = Some(command);
+            self.note(Process::Control, command.incarnation, command.time_ns);
+        }
+        while let Some(sample) = self.samples.take()? {
+            self.sample = Some(sample);
+            self.note(Process::Acquisition, sample.incarnation, sample.time_ns);
+        }
         while let Some(scan) = self.scans.take()? {
             if let Some((killed_ns, dark)) = &mut self.watched
                 && scan.scan_time_ns >= *killed_ns

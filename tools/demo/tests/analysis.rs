@@ -141,6 +141,52 @@ fn the_model_is_run_on_the_recorded_volts() {
 }
 
 #[test]
+fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
+    let rig = rig();
+    let card = |effects: &[String]| {
+        let mut card = simulator::Card::new(&rig, effects, u64::MAX).unwrap();
+        (0..2).for_each(|toggles| card.enable_line(toggles, 0));
+        let row = |tick: u64| {
+            let time_s = tick as f64 * 5e-4;
+            card.write([2.0 * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
+            let scan = card.clock(1000 + tick, 1 + tick * common::PERIOD_NS);
+            let rad = |counts: i64| counts as f64 * std::f64::consts::TAU / 4000.0;
+            demo::analysis::SampleRow {
+                tick: scan.tick,
+                master: rad(scan.master_counts[0]),
+                slave: rad(scan.slave_counts[0]),
+                torque: scan.analog_v[0] / 0.5,
+                motor_v: scan.motor_v[0],
+                ..Default::default()
+            }
+        };
+        let rows: Vec<_> = (0..8000).map(row).collect();
+        demo::analysis::model(&rows, &rig).unwrap().unwrap().errors()
+    };
+    let declared = card(&[]);
+    // a count is 1.6 mrad; the torque cell has 2 mV of noise at 0.5 V/N·m, and its bandwidth
+    assert!(declared["master_rad"] < 1.6e-3 && declared["slave_rad"] < 1.6e-3, "{declared:?}");
+    assert!(declared["slave_torque_nm"] < 0.05, "{declared:?}");
+    let other = card(&["coulomb_friction@slave=0.3".to_owned()]);
+    assert!(other["slave_rad"] > 10.0 * declared["slave_rad"], "{other:?}");
+}
+
+#[test]
+fn trips_that_no_kill_explains_are_named() {
+    assert_eq!(run(Script::default()).unprovoked, []);
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("run.mcap");
+    write(&path, Script::default());
+    let analysis = analyse(Trace::read(&path).unwrap(), &KILLS[..1], &rig()).unwrap();
+    let [trip] = analysis.unprovoked[..] else { panic!("{:?}", analysis.unprovoked) };
+    assert_eq!((trip.time_ns, trip.cause), (common::BEGIN_NS + 1_208_350_000, 4));
+    let dark = demo::analysis::dark(&analysis.trace.tokens);
+    let us = |time_ns: u64| (time_ns - common::BEGIN_NS) / 1000;
+    let spans: Vec<_> = dark.iter().map(|(from, until)| (us(*from), us(*until))).collect();
+    assert_eq!(spans, [(508_350, 800_350), (1_208_350, 1_600_350)]);
+}
+
+#[test]
 fn summary_and_page_are_complete() {
     let analysis = run(Script::default());
     let summary = Summary::new(&analysis, Some("backlash@slave=0.01"));

@@ -12,7 +12,8 @@ pub use loss::{Losses, TopicLoss, losses};
 pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
 pub use timing::{
-    Outage, Rate, Timing, WakeLate, command_rates, missed_periods, outage, profile, sample_to_command, wake_late,
+    Outage, Rate, Timing, Trip, WakeLate, command_rates, dark, missed_periods, outage, profile, sample_to_command,
+    unprovoked, wake_late,
 };
 pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
 
@@ -39,6 +40,8 @@ pub struct Analysis {
     pub timing: Timing,
     /// What each kill did, in order.
     pub outages: Vec<Outage>,
+    /// Losses of power that no kill explains: a loop that the machine kept waiting for too long, as a rule.
+    pub unprovoked: Vec<Trip>,
     /// The declared model beside it; `None` where the rig file declares none that can be simulated.
     pub model: Option<Model>,
 }
@@ -54,6 +57,7 @@ pub fn analyse(trace: Trace, kills: &[Kill], rig: &RigFile) -> Result<Analysis, 
         .map(|(index, kill)| outage(&trace, *kill, kills.get(index + 1).map(|next| next.at_ns)))
         .collect();
     Ok(Analysis {
+        unprovoked: unprovoked(&trace.tokens, kills),
         losses: losses(&trace),
         timing: Timing::of(&trace),
         outages,

@@ -69,8 +69,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         return Ok(None);
     };
     let initial = &rows[..rows.len().min(INITIAL)];
-    let mean = |value: fn(&SampleRow) -> f64| initial.iter().map(value).sum::<f64>() / initial.len() as f64;
-    let (master_0, slave_0) = (mean(|row| row.master), mean(|row| row.slave));
+    let (master_0, slave_0) = (median(initial, |row| row.master), median(initial, |row| row.slave));
     if !master_0.is_finite() {
         return Ok(None);
     }
@@ -116,6 +115,13 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         Channel::new("slave_torque_nm", "N·m", measured(|row| row.torque), torque),
     ];
     Ok(Some(Model { time_s, channels: channels.into_iter().flatten().collect() }))
+}
+
+/// The reading in the middle: an encoder's count, where a mean would be a fraction of one beside what the machine stands at.
+fn median(rows: &[SampleRow], value: fn(&SampleRow) -> f64) -> f64 {
+    let mut values: Vec<f64> = rows.iter().map(value).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// What a passive hand does to the handle: a spring about 0 and a damper, as in the virtual card.

@@ -220,3 +220,54 @@ fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
         _ => None,
     }
 }
+
+/// A loss of power that no kill explains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trip {
+    /// When the watchdog first said so [ns, CLOCK_MONOTONIC].
+    pub time_ns: u64,
+    /// Why, a `TripCause`.
+    pub cause: u8,
+}
+
+/// How long after a kill a trip is its doing: far above what either profile needs [ns].
+const PROVOKED_NS: u64 = 1_000_000_000;
+
+/// Trips from enabled that are not the first after a kill.
+pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
+    let mut open: Vec<u64> = kills.iter().map(|kill| kill.at_ns).collect();
+    let mut trips = Vec::new();
+    for pair in tokens.windows(2) {
+        let [before, after] = pair else { continue };
+        let lost = [WatchdogState::Tripped.code(), WatchdogState::Faulted.code()].contains(&after.state);
+        if before.state != WatchdogState::Enabled.code() || !lost {
+            continue;
+        }
+        let own = |at: &u64| *at <= after.time_ns && after.time_ns - *at <= PROVOKED_NS;
+        match open.iter().position(own) {
+            Some(index) => {
+                open.remove(index);
+            }
+            None => trips.push(Trip { time_ns: after.time_ns, cause: after.cause }),
+        }
+    }
+    trips
+}
+
+/// When there was no leave to power the motor, after the first time that there was: from and to [ns, CLOCK_MONOTONIC].
+pub fn dark(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
+    let mut spans = Vec::new();
+    let mut begun = None;
+    for pair in tokens.windows(2) {
+        let [before, after] = pair else { continue };
+        match (before.enabled, after.enabled) {
+            (true, false) => begun = Some(after.time_ns),
+            (false, true) => spans.extend(begun.take().map(|from| (from, after.time_ns))),
+            _ => {}
+        }
+    }
+    if let (Some(from), Some(last)) = (begun, tokens.last()) {
+        spans.push((from, last.time_ns));
+    }
+    spans
+}

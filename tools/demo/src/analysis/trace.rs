@@ -1,13 +1,15 @@
 //! What of a recording is looked at: axis 0, in the order of the file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::{
-    CARD_SCAN, COMMAND, Event, LoopTiming, Message, Process, Profile, SAMPLE, TOKEN, TypedTopic, event_topic,
-    timing_topic,
+    CARD_SCAN, COMMAND, CardScan, EnableToken, Event, LoopTiming, MotorCommand, Process, Profile, SAMPLE, Sample,
+    TOKEN, TOPICS, event_topic, timing_topic,
 };
-use recording::mcap_read::{Check, ReadError, Recording};
+use recording::mcap_read::{Check, ReadError, Recording, Selection};
 use recording::mcap_write::key;
+use recording::schema::{Conversion, Layout};
 
 /// The recording cannot be used at all.
 #[derive(Debug, thiserror::Error)]
@@ -112,7 +114,7 @@ pub struct TokenRow {
 }
 
 /// A recording, as far as it is looked at.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Trace {
     /// Acquisition.
     pub samples: Vec<SampleRow>,
@@ -143,86 +145,47 @@ impl Trace {
     /// [`TraceError`] where there is nothing to work on.
     pub fn read(path: &Path) -> Result<Self, TraceError> {
         let recording = Recording::open(path)?;
-        let samples: Vec<SampleRow> = rows(&recording, SAMPLE, |s| {
-            let present = |bits: u8, value: f64| if bits & 1 == 1 { value } else { f64::NAN };
-            SampleRow {
-                incarnation: s.incarnation,
-                sequence: s.sequence,
-                time_ns: s.time_ns,
-                tick: s.tick,
-                scan_ns: s.scan_time_ns,
-                master: present(s.master_present, s.master_position[0]),
-                slave: present(s.slave_present, s.slave_position[0]),
-                torque: present(s.torque_present, s.slave_torque[0]),
-                motor_v: s.motor_v[0],
-                gate_state: s.gate_state,
-                gate_cause: s.gate_cause,
-                cycles_missed: s.cycles_missed,
-                profile: s.profile,
+        let mut trace = Self::default();
+        let mut kinds: BTreeMap<u16, (Kind, &Layout, Conversion)> = BTreeMap::new();
+        for (&id, channel) in recording.channels() {
+            if let (Some(kind), Ok(layout)) = (Kind::of(&channel.topic), &channel.layout) {
+                kinds.insert(id, (kind, layout, kind.conversion(layout)));
             }
-        })?;
-        if samples.is_empty() {
+        }
+        let channels = Some(kinds.keys().copied().collect());
+        for message in recording.raw(Selection { channels, ..Selection::default() }) {
+            let message = match message {
+                Ok(message) => message,
+                // stands in the check; what follows is read
+                Err(ReadError::Damaged { .. }) => continue,
+                Err(error) => return Err(error.into()),
+            };
+            let Some((kind, layout, conversion)) = kinds.get(&message.channel_id()) else { continue };
+            let Ok(body) = layout.body(message.data()) else { continue };
+            match kind {
+                Kind::Sample => trace.samples.extend(conversion.apply(body).map(sample_row)),
+                Kind::Command => trace.commands.extend(conversion.apply(body).map(command_row)),
+                Kind::Scan => trace.scans.extend(conversion.apply(body).map(scan_row)),
+                Kind::Token => trace.tokens.extend(conversion.apply(body).map(token_row)),
+                Kind::Timing => trace.timings.extend(conversion.apply::<LoopTiming>(body)),
+                Kind::Event => trace.events.extend(conversion.apply::<Event>(body)),
+            }
+        }
+        if trace.samples.is_empty() {
             return Err(TraceError::Empty { file: path.display().to_string() });
         }
-        let commands = rows(&recording, COMMAND, |c| CommandRow {
-            incarnation: c.incarnation,
-            sequence: c.sequence,
-            time_ns: c.time_ns,
-            sample_tick: c.sample_tick,
-            sample_ns: c.sample_time_ns,
-            volts: c.volts[0],
-            reference: c.reference_position[0],
-            cycles_missed: c.cycles_missed,
-            profile: c.profile,
-        })?;
-        let scans = rows(&recording, CARD_SCAN, |s| ScanRow {
-            scan_ns: s.scan_time_ns,
-            dac_v: s.dac_v[0],
-            motor_v: s.motor_v[0],
-            profile: s.profile,
-        })?;
-        let tokens = rows(&recording, TOKEN, |t| TokenRow {
-            incarnation: t.incarnation,
-            time_ns: t.time_ns,
-            epoch: t.epoch,
-            enabled: t.enabled == 1,
-            state: t.state,
-            cause: t.cause,
-            cycles_missed: t.cycles_missed,
-            profile: t.profile,
-        })?;
-        let mut timings = Vec::new();
-        let mut events = Vec::new();
-        for &process in Process::ALL {
-            if let Some(topic) = timing_topic(process) {
-                timings.extend(rows(&recording, topic, |timing| timing)?);
-            }
-            if let Some(topic) = event_topic(process) {
-                events.extend(rows(&recording, topic, |event| event)?);
-            }
-        }
-        events.sort_by_key(|event| event.time_ns);
-        let counted = recording.end_record().map(|end| {
+        trace.events.sort_by_key(|event| event.time_ns);
+        if let Some(end) = recording.end_record() {
             let of = |name: &str, counter: &str| {
                 end.get(&format!("{name}.{counter}")).and_then(|text| text.parse::<u64>().ok()).unwrap_or(0)
             };
-            let topics = ipc_types::TOPICS.iter();
-            topics
-                .map(|t| (t.name.to_owned(), of(t.name, "gaps") + of(t.name, "dropped") + of(t.name, "refused")))
-                .collect()
-        });
-        Ok(Self {
-            samples,
-            commands,
-            scans,
-            tokens,
-            timings,
-            events,
-            check: recording.check()?,
-            counted: counted.unwrap_or_default(),
-            bytes: recording.bytes(),
-            revision: recording.metadata(key::REVISION).map(str::to_owned),
-        })
+            let lost = |name| of(name, "gaps") + of(name, "dropped") + of(name, "refused");
+            trace.counted = TOPICS.iter().map(|topic| (topic.name.to_owned(), lost(topic.name))).collect();
+        }
+        trace.check = recording.check()?;
+        trace.bytes = recording.bytes();
+        trace.revision = recording.metadata(key::REVISION).map(str::to_owned);
+        Ok(trace)
     }
 
     /// First instant of the run: the first scan [ns, CLOCK_MONOTONIC].
@@ -249,26 +212,94 @@ pub(crate) fn by_tick(samples: &[SampleRow]) -> Vec<SampleRow> {
     rows
 }
 
-fn rows<T: Message, R>(
-    recording: &Recording,
-    topic: TypedTopic<T>,
-    row: impl Fn(T) -> R,
-) -> Result<Vec<R>, TraceError> {
-    let messages = match recording.messages::<T>(topic.topic.name) {
-        Ok(messages) => messages,
-        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
-        Err(error) => return Err(error.into()),
-    };
-    let mut rows = Vec::new();
-    for message in messages {
-        match message {
-            Ok(recorded) => rows.push(row(recorded.message)),
-            // Both stand in the check; what follows is read.
-            Err(ReadError::Damaged { .. } | ReadError::Schema { .. }) => {}
-            Err(error) => return Err(error.into()),
+/// What a topic is looked at for.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Sample,
+    Command,
+    Scan,
+    Token,
+    Timing,
+    Event,
+}
+
+impl Kind {
+    fn of(topic: &str) -> Option<Self> {
+        let per_process = |name: fn(Process) -> Option<&'static str>| {
+            Process::ALL.iter().any(|process| name(*process) == Some(topic))
+        };
+        match topic {
+            _ if topic == SAMPLE.topic.name => Some(Self::Sample),
+            _ if topic == COMMAND.topic.name => Some(Self::Command),
+            _ if topic == CARD_SCAN.topic.name => Some(Self::Scan),
+            _ if topic == TOKEN.topic.name => Some(Self::Token),
+            _ if per_process(|process| timing_topic(process).map(|t| t.topic.name)) => Some(Self::Timing),
+            _ if per_process(|process| event_topic(process).map(|t| t.topic.name)) => Some(Self::Event),
+            _ => None,
         }
     }
-    Ok(rows)
+
+    /// Recordings of older builds may have other layouts.
+    fn conversion(self, layout: &Layout) -> Conversion {
+        match self {
+            Self::Sample => layout.conversion::<Sample>(),
+            Self::Command => layout.conversion::<MotorCommand>(),
+            Self::Scan => layout.conversion::<CardScan>(),
+            Self::Token => layout.conversion::<EnableToken>(),
+            Self::Timing => layout.conversion::<LoopTiming>(),
+            Self::Event => layout.conversion::<Event>(),
+        }
+    }
+}
+
+fn sample_row(s: Sample) -> SampleRow {
+    let present = |bits: u8, value: f64| if bits & 1 == 1 { value } else { f64::NAN };
+    SampleRow {
+        incarnation: s.incarnation,
+        sequence: s.sequence,
+        time_ns: s.time_ns,
+        tick: s.tick,
+        scan_ns: s.scan_time_ns,
+        master: present(s.master_present, s.master_position[0]),
+        slave: present(s.slave_present, s.slave_position[0]),
+        torque: present(s.torque_present, s.slave_torque[0]),
+        motor_v: s.motor_v[0],
+        gate_state: s.gate_state,
+        gate_cause: s.gate_cause,
+        cycles_missed: s.cycles_missed,
+        profile: s.profile,
+    }
+}
+
+fn command_row(c: MotorCommand) -> CommandRow {
+    CommandRow {
+        incarnation: c.incarnation,
+        sequence: c.sequence,
+        time_ns: c.time_ns,
+        sample_tick: c.sample_tick,
+        sample_ns: c.sample_time_ns,
+        volts: c.volts[0],
+        reference: c.reference_position[0],
+        cycles_missed: c.cycles_missed,
+        profile: c.profile,
+    }
+}
+
+fn scan_row(s: CardScan) -> ScanRow {
+    ScanRow { scan_ns: s.scan_time_ns, dac_v: s.dac_v[0], motor_v: s.motor_v[0], profile: s.profile }
+}
+
+fn token_row(t: EnableToken) -> TokenRow {
+    TokenRow {
+        incarnation: t.incarnation,
+        time_ns: t.time_ns,
+        epoch: t.epoch,
+        enabled: t.enabled == 1,
+        state: t.state,
+        cause: t.cause,
+        cycles_missed: t.cycles_missed,
+        profile: t.profile,
+    }
 }
 
 /// In the JSON: `realtime` only when every message says so.
