@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ipc_types::{AXES, Backend};
-use recording::record::{ColumnNames, Options, Record, RecordError, SampleColumns, from_csv, from_mcap};
+use recording::record::{ColumnNames, FindingKind, Options, Record, RecordError, SampleColumns, from_csv, from_mcap};
 use rig::RigFile;
 use runtime::daq::{Capabilities, Daq, DaqError, Physical, Present, Scan};
 use thiserror::Error;
@@ -31,6 +31,11 @@ pub enum ReplayError {
          column is what, the record has: {found}"
     )]
     NoPosition { record: String, position: String, found: String },
+    /// It was cut off: to pass a part of it for the whole is the operator's decision.
+    #[error(
+        "{record}: {what}; keep what can be read with `farreach rec recover {record} -o MENDED.mcap` and replay that"
+    )]
+    Torn { record: String, what: String },
 }
 
 /// A record as a card.
@@ -65,6 +70,9 @@ impl ReplayDaq {
 
     /// A record that was read already.
     pub fn new(record: &Record, rig: &RigFile, looped: bool) -> Result<Self, ReplayError> {
+        if let Some(torn) = record.findings.iter().find(|finding| finding.kind == FindingKind::Torn) {
+            return Err(ReplayError::Torn { record: record.name.clone(), what: torn.text.clone() });
+        }
         let names = &rig.replay;
         let expected = rig.rates.acquisition_hz;
         if (record.sampling_s * f64::from(expected) - 1.0).abs() > 1e-3 {

@@ -172,6 +172,20 @@ fn a_replayed_record_keeps_its_own_time_and_one_pass() {
 }
 
 #[test]
+fn a_recording_that_was_cut_off_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 3000);
+    let read = || from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    assert!(read().findings.iter().all(|finding| finding.kind != FindingKind::Torn));
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() - 2000]).unwrap();
+    let record = read();
+    let torn = record.findings.iter().find(|finding| finding.kind == FindingKind::Torn).unwrap();
+    assert!(torn.text.contains(&format!("after sample {}", record.len())), "{torn:?}");
+}
+
+#[test]
 fn repeated_samples_are_left_out_and_said() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");

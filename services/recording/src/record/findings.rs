@@ -31,6 +31,8 @@ pub enum FindingKind {
     Repeated,
     /// The channel was present in a part of the record only; it was left out.
     Partial,
+    /// The recording was cut off (its logger was killed, the disk was full): what came after is missing.
+    Torn,
 }
 
 /// Shortest stay at the extreme that counts [samples].

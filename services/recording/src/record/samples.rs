@@ -112,6 +112,15 @@ pub fn from_recording(
             text: format!("{repeated} samples came twice: the repeated ones were left out"),
         });
     }
+    if !recording.tail().complete {
+        findings.push(Finding {
+            column: TIME.to_owned(),
+            kind: FindingKind::Torn,
+            first_row: samples.last().map_or(0, |(row, _)| *row),
+            rows: 0,
+            text: format!("{}; what came after sample {} is missing", recording.tail().reason, samples.len()),
+        });
+    }
     let replayed = first.backend == Backend::Replay.code();
     let time_s = if replayed {
         findings.extend(one_pass(&mut samples));
