@@ -1,0 +1,463 @@
+//! What a laboratory gets wrong, and what a machine refuses, through the real command line: a clear error that says
+//! where, what was expected, what was found; nothing left running, nothing half-written, shared memory clean.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use ipc_types::{Message, SAMPLE, Sample};
+use recording::mcap_read::Recording;
+use recording::mcap_write::{Start, Writer};
+use serde_json::Value;
+
+use common::{TestRig, told, wait_for};
+
+const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
+
+/// The failure is told in full, and nothing of the rig is there.
+fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str]) {
+    assert_eq!(output.status.code(), Some(code), "{}", told(output));
+    assert!(output.stdout.is_empty(), "diagnosis goes to stderr: {}", told(output));
+    assert_told(output, parts);
+    assert_eq!(rig.processes(), Vec::<i32>::new(), "processes are left: {}", told(output));
+    assert_eq!(rig.remains(), Vec::<PathBuf>::new(), "shared memory is left: {}", told(output));
+}
+
+/// Standard error holds all of that, and is an error that a person reads, not a crash.
+fn assert_told(output: &Output, parts: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stderr);
+    for part in parts {
+        assert!(text.contains(part), "expected `{part}` in: {}", told(output));
+    }
+    for crash in ["panicked", "SIGBUS", "SIGSEGV", "SIGABRT", "core dumped"] {
+        assert!(!text.contains(crash), "`{crash}`: {}", told(output));
+    }
+}
+
+/// A wrong file is wrong usage: exit code 2, which service managers do not try again.
+const WRONG_FILE: i32 = 2;
+
+/// One edit of the shipped rig: text, and the line of the edit.
+fn edited(from: &str, to: &str) -> (String, usize) {
+    assert_eq!(RIG.matches(from).count(), 1, "the edit must hit one place: {from}");
+    let line = RIG[..RIG.find(from).unwrap()].matches('\n').count() + 1;
+    (RIG.replace(from, to), line)
+}
+
+#[test]
+fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
+    let rig = TestRig::new("file");
+    let cases = [
+        (
+            "an unknown key",
+            "seed = 1\n",
+            "seed = 1\ncolour = 3\n",
+            1,
+            vec!["simulation.colour", "expected one of", "found an unknown key"],
+        ),
+        (
+            "a missing channel",
+            "channel = 0  ",
+            "channel = 9  ",
+            0,
+            vec!["axes.0.torque.channel", "expected the index of one of [[channels]]", "found the missing channel 9"],
+        ),
+        (
+            "limits the wrong way round",
+            "position_min_deg = -120.0",
+            "position_min_deg = 120.0",
+            1,
+            vec!["axes.0.limits.position_max_deg", "expected more than", "found limits the wrong way round"],
+        ),
+        (
+            "a rate that does not divide",
+            "control_hz = 500",
+            "control_hz = 600",
+            0,
+            vec!["rates.control_hz", "expected a rate that divides", "found 600"],
+        ),
+        (
+            "overlapping phases",
+            "watchdog = 350",
+            "watchdog = 690",
+            0,
+            vec!["phases_us.watchdog", "expected at least 20 µs", "found overlapping phases"],
+        ),
+        ("no TOML", "name = \"hydrostatic\"", "name = hydrostatic", 0, vec!["expected valid TOML", "found"]),
+    ];
+    for (what, from, to, further, parts) in cases {
+        let (text, line) = edited(from, to);
+        let path = rig.path("bench.toml");
+        std::fs::write(&path, text).unwrap();
+        let place = format!("bench.toml:{}: ", line + further);
+        let parts: Vec<&str> = parts.into_iter().chain([place.as_str()]).collect();
+        let record = rig.path("run.mcap");
+        let output =
+            rig.farreach(["up", "--simulate", "--rig"]).arg(&path).arg("--record").arg(&record).output().unwrap();
+        eprintln!("{what}: {}", String::from_utf8_lossy(&output.stderr));
+        assert_refused(&rig, &output, WRONG_FILE, &parts);
+        assert!(!record.exists(), "{what}: a recording was begun");
+    }
+    let output = rig.run(["up", "--simulate", "--rig", "/nowhere/bench.toml"]);
+    assert_refused(&rig, &output, WRONG_FILE, &["/nowhere/bench.toml", "cannot be read", "No such file"]);
+    let output = rig.run(["up", "--simulate", "--effect", "gremlins"]);
+    assert_refused(&rig, &output, WRONG_FILE, &["gremlins"]);
+    let output = rig.run(["up"]);
+    assert_refused(&rig, &output, WRONG_FILE, &["--simulate", "--replay"]);
+}
+
+/// A record of 8 s at 2 kHz that is right, but for what `edit` does to a row (from 0).
+fn record(edit: impl Fn(usize, &mut Vec<String>)) -> String {
+    let mut text = "t_s,master_rad,motor_v\n".to_owned();
+    for row in 0..16_000 {
+        let t = row as f64 * 5e-4;
+        let mut cells =
+            vec![format!("{t:.4}"), format!("{:.6}", 0.5 * (6.0 * t).sin()), format!("{:.5}", (6.0 * t).cos())];
+        edit(row, &mut cells);
+        if !cells.is_empty() {
+            writeln!(text, "{}", cells.join(",")).unwrap();
+        }
+    }
+    text
+}
+
+#[test]
+fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
+    let rig = TestRig::new("csv");
+    let set = |at: usize, column: usize, to: &'static str| {
+        record(move |row, cells| {
+            if row == at {
+                cells[column] = to.to_owned();
+            }
+        })
+    };
+    let cases: Vec<(&str, String, Vec<&str>)> = vec![
+        ("NaN", set(1000, 2, "NaN"), vec!["row 1002", "column `motor_v`", "expected a finite number", "found `NaN`"]),
+        ("text", set(7, 1, "off"), vec!["row 9", "column `master_rad`", "expected a finite number", "found `off`"]),
+        ("a hole", set(7, 1, ""), vec!["row 9", "column `master_rad`", "found an empty cell"]),
+        (
+            "a gap",
+            record(|row, cells| {
+                if (500..600).contains(&row) {
+                    cells.clear();
+                }
+            }),
+            vec!["row 502", "column `t_s`", "100 samples are missing", "0.2495 s", "0.3 s"],
+        ),
+        (
+            "time running backwards",
+            set(2000, 0, "0.5"),
+            vec!["row 2002", "column `t_s`", "expected a time after 0.9995 s", "found 0.5 s"],
+        ),
+        (
+            "another width",
+            record(|row, cells| {
+                if row == 11 {
+                    cells.pop();
+                }
+            }),
+            vec!["row 13", "expected 3 cells", "found 2"],
+        ),
+        ("no header", "0,1,2\n0.1,1,2\n".to_owned(), vec!["row 1", "expected a header", "found the number 0"]),
+        ("no time", "a,b\n1,2\n".to_owned(), vec!["column `t_s` is missing", "found a, b"]),
+        ("nothing", String::new(), vec!["row 1", "expected a header", "found an empty file"]),
+        ("a header only", "t_s,master_rad,motor_v\n".to_owned(), vec!["expected at least 10 rows", "found 0"]),
+        (
+            "another rate",
+            record(|row, cells| {
+                if row % 2 == 1 {
+                    cells.clear()
+                }
+            }),
+            vec!["1000.000 Hz", "2000 Hz", "rates.acquisition_hz"],
+        ),
+        (
+            "no position",
+            record(|_, cells| {
+                cells.remove(1);
+            })
+            .replace("t_s,master_rad,motor_v", "t_s,motor_v"),
+            vec!["no column \"master_rad\"", "the record has: motor_v"],
+        ),
+    ];
+    for (what, text, mut parts) in cases {
+        let path = rig.path("bench.csv");
+        std::fs::write(&path, text).unwrap();
+        parts.push("bench.csv");
+        let out = rig.path("run.mcap");
+        let output = rig.farreach(["up", "--replay"]).arg(&path).arg("--record").arg(&out).output().unwrap();
+        eprintln!("{what}: {}", String::from_utf8_lossy(&output.stderr));
+        assert_refused(&rig, &output, WRONG_FILE, &parts);
+        assert!(!out.exists(), "{what}: a recording was begun");
+    }
+    let output = rig.run(["up", "--replay", "/nowhere/bench.csv"]);
+    assert_refused(&rig, &output, WRONG_FILE, &["/nowhere/bench.csv", "No such file"]);
+
+    // The same reader stands before `identify`; there a record that cannot be used ends with 1.
+    let emps = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/emps.toml");
+    let path = rig.path("drive.csv");
+    std::fs::write(&path, set(1000, 2, "NaN").replace("master_rad", "position_m")).unwrap();
+    let json = rig.path("out.json");
+    let output = rig.farreach(["identify", "--rig"]).arg(&emps).arg(&path).arg("--json").arg(&json).output().unwrap();
+    assert_refused(&rig, &output, 1, &["drive.csv", "row 1002", "motor_v", "expected a finite number", "NaN"]);
+    assert!(!json.exists(), "a result of unusable data");
+}
+
+/// A recording as the logger leaves it: `samples` samples at 2 kHz, ended in good order.
+fn write_recording(path: &Path, samples: u64) {
+    let mut writer = Writer::create(path, &Start::default(), 0).unwrap();
+    for index in 0..samples {
+        let mut sample = Sample {
+            tick: 1000 + index,
+            scan_time_ns: (1000 + index) * 500_000,
+            axes: 1,
+            master_present: 1,
+            motor_present: 1,
+            ..Sample::default()
+        };
+        sample.master_position[0] = (index as f64 * 3e-3).sin();
+        sample.motor_v[0] = (index as f64 * 3e-3).cos();
+        let now = sample.scan_time_ns + 10_000;
+        sample.stamp(1, 2, index, now);
+        writer.write_message(&SAMPLE, &sample).unwrap();
+        writer.tick(now).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+}
+
+#[test]
+fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
+    let rig = TestRig::new("mcap");
+    let whole = rig.path("whole.mcap");
+    write_recording(&whole, 8_000);
+    let bytes = std::fs::read(&whole).unwrap();
+    let replay = |path: &Path| rig.farreach(["up", "--replay"]).arg(path).output().unwrap();
+
+    let empty = rig.path("empty.mcap");
+    std::fs::write(&empty, b"").unwrap();
+    assert_refused(
+        &rig,
+        &replay(&empty),
+        WRONG_FILE,
+        &["empty.mcap", "the file is empty", "expected an MCAP recording"],
+    );
+    let other = rig.path("other.mcap");
+    std::fs::write(&other, "t_s,master_rad\n0,1\n").unwrap();
+    assert_refused(&rig, &replay(&other), WRONG_FILE, &["other.mcap", "not an MCAP file", "found 74 5f 73"]);
+    for command in ["info", "verify"] {
+        let output = rig.farreach(["rec", command]).arg(&empty).output().unwrap();
+        assert_refused(&rig, &output, 1, &["empty.mcap", "the file is empty"]);
+    }
+
+    // As a power cut leaves it.
+    let torn = rig.path("torn.mcap");
+    std::fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
+    assert_refused(&rig, &replay(&torn), WRONG_FILE, &["torn.mcap", "ends", "farreach rec recover"]);
+    let verified = rig.farreach(["rec", "verify"]).arg(&torn).output().unwrap();
+    assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));
+    assert!(String::from_utf8_lossy(&verified.stdout).contains("DATA LOST"), "{}", told(&verified));
+    let mended = rig.path("mended.mcap");
+    // Done, and data were lost.
+    let recovered = rig.farreach(["rec", "recover"]).arg(&torn).arg("-o").arg(&mended).output().unwrap();
+    assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
+    assert!(Recording::open(&mended).unwrap().tail().complete);
+    let output = replay(&mended);
+    assert!(output.status.success(), "what was mended is replayed: {}", told(&output));
+    rig.down();
+}
+
+#[test]
+fn wrong_protocols_and_rigs_that_are_not_up_are_told_without_a_rig() {
+    let rig = TestRig::new("verbs");
+    let path = rig.path("p.toml");
+    std::fs::write(&path, "[protocol]\nname = \"test\"\n\n[[segments]]\nkind = \"hold\"\nduration = 1.0\n").unwrap();
+    let output = rig.farreach(["run"]).arg(&path).output().unwrap();
+    assert_refused(&rig, &output, WRONG_FILE, &["p.toml:6: segments.0.duration: ", "did you mean `duration_s`?"]);
+    for verb in ["reset", "arm", "enable", "disarm", "estop"] {
+        assert_refused(&rig, &rig.run([verb]), 1, &["is not up", "farreach up"]);
+    }
+    let output = rig.run(["run", "guided-1hz"]);
+    assert_refused(&rig, &output, 1, &["is not up", "farreach up"]);
+    let output = rig.run(["status", "--json"]);
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    let status: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(status["up"], false);
+    // To bring down what is down is no failure.
+    rig.down();
+}
+
+#[test]
+fn a_service_without_a_keeper_says_who_is_missing() {
+    let rig = TestRig::new("lone");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/hydrostatic.toml");
+    for service in ["simulator", "control", "watchdog", "logger", "experiment"] {
+        let output = rig.farreach(["service", service, "--rig"]).arg(&file).output().unwrap();
+        assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
+    }
+    let output = rig.farreach(["service", "acquisition", "--card", "null", "--rig"]).arg(&file).output().unwrap();
+    assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
+}
+
+#[test]
+fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
+    let rig = TestRig::new("twice");
+    rig.up_simulated();
+    let before = rig.launcher_status();
+    let changed = rig.path("changed.toml");
+    std::fs::write(&changed, RIG.replace("control_hz = 500", "control_hz = 250")).unwrap();
+    let settings: [&[&str]; 3] = [
+        &["up", "--simulate"],
+        &["up", "--simulate", "--rig", changed.to_str().unwrap()],
+        &["up", "--simulate", "--foreground"],
+    ];
+    for arguments in settings {
+        let output = rig.run(arguments);
+        assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+        assert_told(&output, &["is already up", "launcher", "farreach down"]);
+    }
+    // Nor is a second keeper let in, or one process more that the launcher does not know.
+    let output = rig.run(["service", "keeper"]);
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    assert_told(&output, &["has a keeper already"]);
+    let after = rig.launcher_status();
+    assert_eq!(before.launcher, after.launcher);
+    let identities = |status: &launch::Status| status.units.iter().map(|unit| unit.process).collect::<Vec<_>>();
+    assert_eq!(identities(&before), identities(&after), "the first launch runs on");
+    assert!(after.units.iter().all(|unit| unit.restarts == 0), "{after:?}");
+    rig.down();
+}
+
+#[test]
+fn a_recording_that_cannot_begin_takes_the_start_back() {
+    let rig = TestRig::new("norec");
+    let kept = rig.path("kept.mcap");
+    std::fs::write(&kept, "somebody's data").unwrap();
+    let output = rig.farreach(["up", "--simulate", "--record"]).arg(&kept).output().unwrap();
+    assert_refused(&rig, &output, 1, &["kept.mcap", "never overwritten"]);
+    assert_eq!(std::fs::read_to_string(&kept).unwrap(), "somebody's data");
+    let nowhere = rig.path("nowhere/run.mcap");
+    let output = rig.farreach(["up", "--simulate", "--record"]).arg(&nowhere).output().unwrap();
+    assert_refused(&rig, &output, 1, &["nowhere/run.mcap", "No such file"]);
+    assert!(!nowhere.parent().unwrap().exists());
+}
+
+/// How a command gets mounts of its own, tried out; `None`, loudly, where the machine allows none.
+fn private_mounts() -> Option<Command> {
+    for arguments in [&["-m"][..], &["-rm"]] {
+        let mut command = Command::new("unshare");
+        command.args(arguments).stdin(Stdio::null());
+        let mut trial = Command::new("unshare");
+        trial.args(arguments).args(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", "/dev/shm"]);
+        if trial.output().is_ok_and(|output| output.status.success()) {
+            return Some(command);
+        }
+    }
+    eprintln!("SKIPPED: neither root nor user namespaces: full disks and full shared memory took no part in this test");
+    None
+}
+
+/// Runs a shell script in mounts of its own; `$FARREACH` is the binary, `$DIRECTORY` the rig's directory.
+fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
+    let mut command = private_mounts()?;
+    command
+        .args(["sh", "-uc", script])
+        .env("FARREACH_RIG_NAME", rig.name().as_str())
+        .env("FARREACH", common::farreach().get_program())
+        .env("DIRECTORY", rig.path(""));
+    Some(command.output().unwrap())
+}
+
+#[test]
+fn full_or_locked_shared_memory_is_told_and_left_as_it_was() {
+    let rig = TestRig::new("shm");
+    // Up, then what is left of it; the rig's name tells the leavings apart from the filler.
+    let up = "\"$FARREACH\" up --simulate; code=$?; find /dev/shm -name '*farreach*'; exit $code";
+    let cases = [
+        (
+            "nothing free",
+            "mount -t tmpfs -o size=4k tmpfs /dev/shm && head -c 4096 /dev/zero > /dev/shm/filler",
+            "full",
+        ),
+        ("64 KiB", "mount -t tmpfs -o size=64k tmpfs /dev/shm", "full"),
+        ("1 MiB", "mount -t tmpfs -o size=1m tmpfs /dev/shm", "full"),
+        ("8 MiB", "mount -t tmpfs -o size=8m tmpfs /dev/shm", "full"),
+        (
+            "8 MiB of 256 MiB left",
+            "mount -t tmpfs -o size=256m tmpfs /dev/shm && head -c 248M /dev/zero > /dev/shm/filler",
+            "full",
+        ),
+        ("read only", "mount -t tmpfs -o ro tmpfs /dev/shm", "writable"),
+    ];
+    for (what, mount, told_as) in cases {
+        let Some(output) = scripted(&rig, &format!("{mount} && {{ {up}; }}")) else { return };
+        eprintln!("{what}: {}", String::from_utf8_lossy(&output.stderr));
+        assert_refused(&rig, &output, 1, &["/dev/shm", told_as]);
+    }
+}
+
+#[test]
+fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
+    let rig = TestRig::new("disk");
+    let script = r#"
+        mkdir "$DIRECTORY/disk" && mount -t tmpfs -o size=2m tmpfs "$DIRECTORY/disk" || exit 90
+        "$FARREACH" up --simulate --record "$DIRECTORY/disk/run.mcap" || exit 91
+        for look in $(seq 60); do
+            "$FARREACH" status --json > "$DIRECTORY/status.json" || exit 92
+            grep -q 'the disk is full' "$DIRECTORY/status.json" && break
+        done
+        # It goes on, and goes on counting.
+        "$FARREACH" status --json > "$DIRECTORY/later.json" || exit 93
+        "$FARREACH" status > "$DIRECTORY/status.txt" || exit 94
+        "$FARREACH" down > "$DIRECTORY/down.txt" || exit 95
+        cp "$DIRECTORY"/disk/* "$DIRECTORY/" || exit 96
+        ls /dev/shm | grep -F -- "-$FARREACH_RIG_NAME" && echo LEFT
+        exit 0
+    "#;
+    let Some(output) = scripted(&rig, script) else { return };
+    assert!(output.status.success(), "{}", told(&output));
+    assert!(
+        output.stdout.ends_with(b"") && !String::from_utf8_lossy(&output.stdout).contains(".node"),
+        "{}",
+        told(&output)
+    );
+    let read = |name: &str| -> Value { serde_json::from_slice(&std::fs::read(rig.path(name)).unwrap()).unwrap() };
+    let (status, later) = (read("status.json"), read("later.json"));
+    let error = status["recording"]["error"].as_str().unwrap();
+    assert!(error.contains("run.mcap") && error.contains("the disk is full"), "{status:#}");
+    let lost = |status: &Value| status["recording"]["lost"].as_u64().unwrap();
+    assert!(lost(&later) > lost(&status), "{} then {}", lost(&status), lost(&later));
+    let sample = later["losses"].as_array().unwrap().iter().find(|loss| loss["topic"] == "sample").unwrap();
+    assert!(sample["refused"].as_u64().unwrap() > 0, "{later:#}");
+    for process in later["processes"].as_array().unwrap() {
+        assert_eq!((&process["state"], &process["restarts"]), (&"ready".into(), &0.into()), "{later:#}");
+    }
+    let text = std::fs::read_to_string(rig.path("status.txt")).unwrap();
+    assert!(text.contains("the disk is full") && text.contains("sample"), "{text}");
+
+    // What was flushed before is readable, from its first sample on and without a hole.
+    let path = rig.path("run.mcap");
+    let recording = Recording::open(&path).unwrap();
+    assert!(!recording.ended_cleanly());
+    let samples: Vec<Sample> = recording
+        .messages::<Sample>(SAMPLE.topic.name)
+        .unwrap()
+        .map_while(|sample| Some(sample.ok()?.message))
+        .collect();
+    let all = recording.check().unwrap().messages();
+    println!("{} messages before the disk was full, {} of them samples", all, samples.len());
+    assert!(samples.len() > 1000, "{}", samples.len());
+    assert_eq!(all, later["recording"]["written"].as_u64().unwrap(), "what is told to be written is what reads back");
+    assert!(samples.iter().zip(0..).all(|(sample, sequence)| sample.sequence == sequence));
+    let verified = rig.farreach(["rec", "verify"]).arg(&path).output().unwrap();
+    assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));
+    let mended = rig.path("mended.mcap");
+    let recovered = rig.farreach(["rec", "recover"]).arg(&path).arg("-o").arg(&mended).output().unwrap();
+    assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
+    let kept = Recording::open(&mended).unwrap();
+    assert_eq!(kept.messages::<Sample>(SAMPLE.topic.name).unwrap().flatten().count(), samples.len());
+    assert!(wait_for(Duration::from_secs(5), || rig.processes().is_empty()), "{:?}", rig.processes());
+}
