@@ -112,7 +112,7 @@ impl Session {
         let protocol = self.file("session.toml");
         std::fs::write(&protocol, PROTOCOL).unwrap();
         let mut last = String::new();
-        for attempt in 1..=8 {
+        for attempt in 1..=20 {
             self.rig.power_up();
             let mut command = self.rig.farreach(["run", &protocol, "--subject", "S07"]);
             command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
