@@ -1,4 +1,50 @@
-//! The main job on the embedded simulated rig.
+//! `farreach demo`: the main job on the embedded simulated rig.
+//!
+//! ```text
+//! $ farreach demo --out demo
+//! rig demo-29167 is up: 7 processes after 0.2 s, realtime timing, recording from the first sample
+//! reset, armed, enabled by the operator after 0.0 s
+//! protocol "demo" runs, 32 s
+//! control killed: motor at 0 V after 5.4 ms; back after 72 ms; reset, armed, enabled after 0.1 s more
+//! the watchdog tripped by itself (watchdog ran late): a loop came too late; enabled again after 0.0 s
+//! ...
+//! acquisition killed: motor at 0 V after 7.6 ms; back after 76 ms; reset, armed, enabled after 0.1 s more
+//! protocol done
+//! recording ended, 293031 messages
+//! rig is down, motor first; its shared memory is removed
+//! 6 trips that nobody provoked: safe, but the machine is too busy for this timing; the page lists them
+//!
+//! samples     64783 on disk, 0 lost, 0 never acquired; 25.4 MB
+//! control     498.64 and 499.32 Hz, by incarnation
+//! woke late   p50 42, p99 207, max 1966 µs (worst process)
+//! to command  p50 247, p99 510, max 3432 µs from the scan
+//! control     killed at -1.0 V: 0 V after 5.4 ms, back after 71.7 ms, volts again after 200.4 ms
+//! acquisition killed at 1.4 V: 0 V after 7.6 ms, back after 75.8 ms, volts again after 204.1 ms
+//! model       rms error, free-running: master_rad 0.0007 rad, slave_rad 0.0007 rad, slave_torque_nm 0.0124 N·m
+//!
+//! all promises kept; the machine was too busy for a movement without interruption
+//! ```
+//!
+//! That was on two cores shared with compilers at work, so some loops came too late and the watchdog cut the power by
+//! itself; on a quiet machine those lines are missing. `demo/` then holds `run.mcap` (every topic, from the first sample),
+//! `report.html` (one page with figures, no network) and `summary.json` ([`Summary`]).
+//!
+//! # What is done
+//!
+//! 1. A rig of its own (`demo-PID`) comes up with the simulated card, an operator resets, arms and enables, and
+//!    `launch/protocols/demo.toml` is played: rest, guided 1 Hz, a short excitation, hold.
+//! 2. In mid-movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V when the last command has
+//!    outlived its time. Later **acquisition** is killed: now the DAC holds its last volts, the watchdog stops toggling the
+//!    enable line, and the card takes the motor's power. Each time the launcher starts the dead again, and a person's
+//!    verbs bring power back while the protocol goes on.
+//! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by pure functions
+//!    ([`analysis`]); only the instants of the kills come from the program that killed.
+//! 4. The declared plant, without any effect, is run on the volts that reached the motor. Nothing pulls it back to the
+//!    measurement. Without `--effect` what remains is the resolution of encoders and torque cell; with one, the error shows it.
+//!
+//! Exit codes: 0 all went as promised; 1 a promise failed (the motor was not at 0 V, a process did not come back), or the run
+//! could not be made or was interrupted; 2 usage; 3 data was lost. Whatever happens, Ctrl-C included, the rig is brought
+//! down and its shared memory removed.
 
 pub mod analysis;
 mod console;

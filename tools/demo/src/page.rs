@@ -105,7 +105,7 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
             let tripped = match analysis.unprovoked.len() {
                 0 => String::new(),
                 count => format!(
-                    " But {count} times the watchdog also took power away because a loop came too late: the machine is too busy \
+                    " But {count} times the watchdog also took power away by itself, as a rule because a loop came too late: the machine is too busy \
                      or grants too little (see Timing). That is safe, and a nuisance."
                 ),
             };
@@ -296,7 +296,7 @@ fn events(trace: &Trace) -> String {
 }
 
 fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
-    let mut text = format!("{process} was killed with {:.2} V at the motor. ", outage.volts_before);
+    let mut text = format!("The {process} process was killed with {:.2} V at the motor. ", outage.volts_before);
     match outage.trip_ms {
         Some(trip) => text += &format!("The motor was at 0 V after {trip:.1} ms and stayed there. "),
         None => text += "The motor was not at 0 V until power was enabled again. ",

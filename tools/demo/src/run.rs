@@ -70,6 +70,10 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let rig = load_rig(&args.rig)?;
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
+    if let Some(Err(error)) = effect.map(plant::effects::parse) {
+        eprintln!("farreach: --effect: {error}");
+        return Ok(operator::USAGE);
+    }
     let folder = Folder::prepare(&args.out)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
@@ -81,6 +85,11 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         Err(error) if error.is::<Interrupted>() => {
             console.warn("interrupted: the rig is down, nothing is left running; no report was made");
             return Ok(operator::FAILED);
+        }
+        Err(error) if folder.recording().exists() => {
+            return Err(
+                error.context(format!("the run broke off; what was recorded is in {}", folder.recording().display()))
+            );
         }
         Err(error) => return Err(error),
     };
@@ -201,7 +210,10 @@ fn on_the_rig(
         count => format!("rig is down; {count} processes had to be killed"),
     });
     if !done.unprovoked.is_empty() {
-        console.warn(&format!("{} trips that nobody provoked; the page shows them", done.unprovoked.len()));
+        console.warn(&format!(
+            "{} trips that nobody provoked: safe, but the machine is too busy for this timing; the page lists them",
+            done.unprovoked.len()
+        ));
     }
     Ok(done.kills)
 }
@@ -242,7 +254,10 @@ fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Out
     }
     lines.push(String::new());
     match outcome {
-        Outcome::Kept => lines.push("all went as promised".to_owned()),
+        Outcome::Kept if analysis.unprovoked.is_empty() => lines.push("all went as promised".to_owned()),
+        Outcome::Kept => {
+            lines.push("all promises kept; the machine was too busy for a movement without interruption".to_owned())
+        }
         Outcome::DataLost(reasons) => lines.push(format!("DATA LOST: {}", reasons.join("; "))),
         Outcome::Broken(reasons) => lines.push(format!("A PROMISE FAILED: {}", reasons.join("; "))),
     }

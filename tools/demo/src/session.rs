@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateState, LoggerRequest, MotorCommand, Process,
-    SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
+    CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest, MotorCommand,
+    Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Subscriber, Up};
 use rig::protocol::Protocol;
@@ -26,13 +26,13 @@ const PROTOCOL_MARGIN: Duration = Duration::from_secs(20);
 const LOOK: Duration = Duration::from_millis(2);
 /// How often a refused verb is tried again.
 const AGAIN: Duration = Duration::from_millis(100);
-/// Trips that nobody provoked, after which the run is given up.
-const UNPROVOKED: u32 = 10;
+/// Trips that nobody provoked, after which the run is given up: the machine is far too busy.
+const UNPROVOKED: usize = 60;
 /// Volts at the motor, and speed of the master, that make a kill one in mid-movement.
 const MOVING_V: f64 = 1.0;
 const MOVING_SPEED: f64 = 1.0;
-/// How long after power is back, in s, the next kill may come: control first ramps to the reference.
-const SETTLED: Duration = Duration::from_millis(1800);
+/// How long after power is back the next kill may come.
+const SETTLED: Duration = Duration::from_millis(700);
 /// How long a moment of movement is waited for.
 const MOMENT_LIMIT: Duration = Duration::from_secs(4);
 
@@ -137,8 +137,10 @@ impl<'a> Session<'a> {
             self.console.doing(|| format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s));
             if self.state() != WatchdogState::Enabled {
                 done.unprovoked.push(self.unprovoked()?);
-                if done.unprovoked.len() as u32 >= UNPROVOKED {
-                    bail!("the watchdog tripped {UNPROVOKED} times although nobody did anything; see the rig's logs");
+                if done.unprovoked.len() >= UNPROVOKED {
+                    bail!(
+                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach doctor)"
+                    );
                 }
                 continue;
             }
@@ -209,9 +211,14 @@ impl<'a> Session<'a> {
     /// A trip that nobody provoked: told, and the operator's verbs again.
     fn unprovoked(&mut self) -> anyhow::Result<TripCause> {
         let cause = self.token.and_then(|token| TripCause::from_code(token.cause)).unwrap_or(TripCause::None);
+        let gate = self.sample.and_then(|sample| GateCause::from_code(sample.gate_cause));
+        let words = match (cause, gate) {
+            (TripCause::GateBurnt, Some(gate)) => format!("{cause}: {gate}"),
+            _ => cause.to_string(),
+        };
         let took = self.power()?;
         self.console.warn(&format!(
-            "the watchdog tripped although nobody did anything ({cause}); reset, armed, enabled after {:.1} s",
+            "the watchdog tripped by itself ({words}): a loop came too late; enabled again after {:.1} s",
             took.as_secs_f64()
         ));
         Ok(cause)

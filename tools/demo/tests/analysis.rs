@@ -225,7 +225,7 @@ fn summary_and_page_are_complete() {
     let html = page(&analysis, &summary, &Outcome::of(&analysis), &rig()).unwrap();
     // overview, three a kill, three channels
     assert_eq!(html.matches("<svg").count(), 1 + 2 * 3 + 3);
-    assert!(html.contains("control was killed") && html.contains("acquisition was killed"));
+    assert!(html.contains("The control process was killed") && html.contains("The acquisition process was killed"));
     assert!(html.contains("backlash@slave=0.01"));
 }
 

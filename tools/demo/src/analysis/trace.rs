@@ -134,6 +134,8 @@ pub struct Trace {
     pub counted: Vec<(String, u64)>,
     /// Size of the file [bytes].
     pub bytes: u64,
+    /// First instant of the run: the first scan [ns, CLOCK_MONOTONIC].
+    pub begin_ns: u64,
     /// Git revision of the build that recorded, where the recording says so.
     pub revision: Option<String>,
 }
@@ -174,6 +176,7 @@ impl Trace {
         if trace.samples.is_empty() {
             return Err(TraceError::Empty { file: path.display().to_string() });
         }
+        trace.begin_ns = trace.samples.iter().map(|sample| sample.scan_ns).min().unwrap_or(0);
         trace.events.sort_by_key(|event| event.time_ns);
         if let Some(end) = recording.end_record() {
             let of = |name: &str, counter: &str| {
@@ -188,14 +191,9 @@ impl Trace {
         Ok(trace)
     }
 
-    /// First instant of the run: the first scan [ns, CLOCK_MONOTONIC].
-    pub fn begin_ns(&self) -> u64 {
-        self.samples.iter().map(|s| s.scan_ns).min().unwrap_or(0)
-    }
-
     /// Seconds since the first scan; negative before it.
     pub fn seconds(&self, time_ns: u64) -> f64 {
-        (time_ns as i128 - i128::from(self.begin_ns())) as f64 * 1e-9
+        (time_ns as i128 - i128::from(self.begin_ns)) as f64 * 1e-9
     }
 
     /// The samples by tick, each tick once: a successor may publish a scan again that its predecessor published last.
