@@ -25,7 +25,7 @@ use rig::RigFile;
 pub struct Kill {
     /// Which.
     pub process: Process,
-    /// Just before the signal was sent [ns, CLOCK_MONOTONIC].
+    /// Just before the signal was sent (ns, CLOCK_MONOTONIC).
     pub at_ns: u64,
 }
 

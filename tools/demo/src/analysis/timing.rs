@@ -224,7 +224,7 @@ fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
 /// A loss of power that no kill explains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
-    /// When the watchdog first said so [ns, CLOCK_MONOTONIC].
+    /// When the watchdog first said so (ns, CLOCK_MONOTONIC).
     pub time_ns: u64,
     /// Why, a `TripCause`.
     pub cause: u8,
@@ -254,7 +254,7 @@ pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
     trips
 }
 
-/// When there was no leave to power the motor, after the first time that there was: from and to [ns, CLOCK_MONOTONIC].
+/// When there was no leave to power the motor, after the first time that there was: from and to (ns, CLOCK_MONOTONIC).
 pub fn dark(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
     let mut spans = Vec::new();
     let mut begun = None;

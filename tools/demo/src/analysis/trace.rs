@@ -32,17 +32,17 @@ pub struct SampleRow {
     pub incarnation: u64,
     /// Its count.
     pub sequence: u64,
-    /// When it was published [ns, CLOCK_MONOTONIC].
+    /// When it was published (ns, CLOCK_MONOTONIC).
     pub time_ns: u64,
     /// Tick of the grid.
     pub tick: u64,
-    /// When the card took the scan [ns, CLOCK_MONOTONIC].
+    /// When the card took the scan (ns, CLOCK_MONOTONIC).
     pub scan_ns: u64,
-    /// Master [rad or m].
+    /// Master (rad or m).
     pub master: f64,
-    /// Slave [rad or m]; not finite where there is no encoder.
+    /// Slave (rad or m); not finite where there is no encoder.
     pub slave: f64,
-    /// Torque of the hand [N·m or N]; not finite where there is no channel.
+    /// Torque of the hand (N·m or N); not finite where there is no channel.
     pub torque: f64,
     /// Volts at the motor.
     pub motor_v: f64,
@@ -63,15 +63,15 @@ pub struct CommandRow {
     pub incarnation: u64,
     /// Its count.
     pub sequence: u64,
-    /// When it was published [ns, CLOCK_MONOTONIC].
+    /// When it was published (ns, CLOCK_MONOTONIC).
     pub time_ns: u64,
     /// Tick of the sample that it answers.
     pub sample_tick: u64,
-    /// Scan time of that sample [ns, CLOCK_MONOTONIC].
+    /// Scan time of that sample (ns, CLOCK_MONOTONIC).
     pub sample_ns: u64,
     /// Volts asked for.
     pub volts: f64,
-    /// Reference position [rad or m].
+    /// Reference position (rad or m).
     pub reference: f64,
     /// Cycles that control skipped.
     pub cycles_missed: u64,
@@ -82,7 +82,7 @@ pub struct CommandRow {
 /// One scan of the card: the witness of what the motor got.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ScanRow {
-    /// When the card took it [ns, CLOCK_MONOTONIC].
+    /// When the card took it (ns, CLOCK_MONOTONIC).
     pub scan_ns: u64,
     /// Volts that the DAC holds.
     pub dac_v: f64,
@@ -97,7 +97,7 @@ pub struct ScanRow {
 pub struct TokenRow {
     /// Incarnation of the watchdog.
     pub incarnation: u64,
-    /// When it was published [ns, CLOCK_MONOTONIC].
+    /// When it was published (ns, CLOCK_MONOTONIC).
     pub time_ns: u64,
     /// Enable epoch.
     pub epoch: u64,
@@ -132,9 +132,9 @@ pub struct Trace {
     pub check: Check,
     /// The logger's counters at the end, by topic: gaps, dropped, refused.
     pub counted: Vec<(String, u64)>,
-    /// Size of the file [bytes].
+    /// Size of the file (bytes).
     pub bytes: u64,
-    /// First instant of the run: the first scan [ns, CLOCK_MONOTONIC].
+    /// First instant of the run: the first scan (ns, CLOCK_MONOTONIC).
     pub begin_ns: u64,
     /// Git revision of the build that recorded, where the recording says so.
     pub revision: Option<String>,
