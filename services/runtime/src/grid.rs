@@ -20,8 +20,10 @@ pub struct Grid {
 pub struct Wake {
     /// Tick of the grid.
     pub tick: u64,
-    /// When the loop should have woken [ns].
+    /// When the loop should have woken for this tick [ns].
     pub scheduled_ns: u64,
+    /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped [ns].
+    pub due_ns: u64,
     /// When it did [ns].
     pub woke_ns: u64,
     /// Periods skipped just now because it was late.
@@ -29,9 +31,9 @@ pub struct Wake {
 }
 
 impl Wake {
-    /// How late it woke [ns].
+    /// How late it woke, skipped periods included [ns].
     pub fn late_ns(&self) -> u64 {
-        self.woke_ns.saturating_sub(self.scheduled_ns)
+        self.woke_ns.saturating_sub(self.due_ns)
     }
 }
 
@@ -94,7 +96,7 @@ impl Grid {
         self.missed += skipped;
         let tick = tick + skipped;
         self.next_tick = Some(tick + 1);
-        Some(Wake { tick, scheduled_ns: self.wake_time(tick), woke_ns, skipped })
+        Some(Wake { tick, scheduled_ns: self.wake_time(tick), due_ns: due, woke_ns, skipped })
     }
 
     /// Sleeps until the next wake. `None` when a signal cut the sleep short, so that the caller can look at
@@ -126,10 +128,13 @@ mod tests {
         let mut grid = Grid::new(1000, 100);
         assert_eq!(grid.due(5000), 5100);
         assert_eq!(grid.wake(5099), None);
-        assert_eq!(grid.wake(5100).unwrap(), Wake { tick: 5, scheduled_ns: 5100, woke_ns: 5100, skipped: 0 });
+        assert_eq!(
+            grid.wake(5100).unwrap(),
+            Wake { tick: 5, scheduled_ns: 5100, due_ns: 5100, woke_ns: 5100, skipped: 0 }
+        );
         // due at 6100, woken at 9200: 6, 7, 8 are skipped and 9 is run
         let wake = grid.wake(9200).unwrap();
-        assert_eq!((wake.tick, wake.skipped, wake.late_ns()), (9, 3, 100));
+        assert_eq!((wake.tick, wake.skipped, wake.late_ns()), (9, 3, 3100));
         assert_eq!(grid.missed(), 3);
         assert_eq!(grid.due(9200), 10_100);
     }
@@ -146,7 +151,8 @@ mod tests {
                 now += step;
                 if let Some(wake) = grid.wake(now) {
                     prop_assert!(wake.scheduled_ns <= wake.woke_ns);
-                    prop_assert!(wake.late_ns() < 1000);
+                    prop_assert!(wake.woke_ns - wake.scheduled_ns < 1000);
+                    prop_assert_eq!(wake.late_ns(), wake.woke_ns - wake.scheduled_ns + 1000 * wake.skipped);
                     prop_assert!(last.is_none_or(|last| wake.tick > last));
                     first.get_or_insert(wake.tick - wake.skipped);
                     last = Some(wake.tick);

@@ -128,13 +128,7 @@ impl Error {
     /// The exit code of a command that ends with it.
     pub fn exit_code(&self) -> i32 {
         match self {
-            Self::NoCard
-            | Self::NotShipped { .. }
-            | Self::File(_)
-            | Self::Card(_)
-            | Self::Replay(_)
-            | Self::Path(_)
-            | Self::Domain(DomainError::Name(_)) => USAGE,
+            Self::NoCard | Self::NotShipped { .. } | Self::Domain(DomainError::Name(_)) => USAGE,
             _ => FAILED,
         }
     }

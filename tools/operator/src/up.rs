@@ -73,7 +73,7 @@ pub struct Up {
 /// and its shared memory removed. Returns when all processes are ready.
 ///
 /// # Errors
-/// What is wrong with the files or the card ([`Error::exit_code`] 2), or why a process did not come up.
+/// What is wrong with the files or the card, or why a process did not come up.
 pub fn up(options: &UpOptions) -> Result<Up, Error> {
     let prepared = Prepared::new(options)?;
     let running = launch::start(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
@@ -207,7 +207,8 @@ mod tests {
         ];
         for wrong in wrong {
             let error = up(&wrong).unwrap_err();
-            assert_eq!(error.exit_code(), crate::USAGE, "{error}");
+            let expected = if wrong.card.is_none() { crate::USAGE } else { crate::FAILED };
+            assert_eq!(error.exit_code(), expected, "{error}");
             assert!(!wrong.rig_name.directory().exists(), "{error}");
         }
     }
