@@ -40,7 +40,7 @@ pub struct Args {
     /// Folder for the results; those of an earlier demo are replaced, nothing else is
     #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
     pub out: PathBuf,
-    /// Length of the guided movement (s) [default: 22, from 14 on]
+    /// Length of the guided movement in s, from 14 on; 22 unless given
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub seconds: Option<f64>,
     /// Puts an effect into the simulated plant that no model is told of; none unless given

@@ -27,7 +27,7 @@ impl Percentiles {
         Some(Self { p50: at(0.5), p99: at(0.99), p99_9: at(0.999), max: micros(times_ns[last]) })
     }
 
-    /// From the four values of a `LoopTiming` [ns].
+    /// From the four values of a `LoopTiming` (ns).
     pub fn of_loop(ns: [u64; 4]) -> Self {
         let [p50, p99, p99_9, max] = ns.map(micros);
         Self { p50, p99, p99_9, max }
