@@ -141,6 +141,8 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
             timings.send(timing)?;
+            // Events are rare: who joined since the last one gets those before through this.
+            service.refresh_events();
         }
         if daq.finished() && !told_finished {
             told_finished = true;

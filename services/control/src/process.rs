@@ -125,6 +125,8 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
             timings.send(timing)?;
+            // Events are rare: who joined since the last one gets those before through this.
+            events.refresh();
         }
         service.beat();
     }

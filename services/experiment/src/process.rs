@@ -168,7 +168,9 @@ impl Runner {
                 last_beat = beat;
                 self.heartbeat(profile)?;
                 // Whoever joined since the last event gets the ones before only through this.
-                events.refresh()?;
+                events.refresh();
+                // Idle for hours it may be: it lets go of the dead, and meets the living, before it has to speak.
+                self.setpoints.refresh();
             }
             let end = now_ns();
             meter.record(&wake, end);

@@ -198,6 +198,13 @@ impl Service {
         Ok(())
     }
 
+    /// Connects those that joined since the last event; see [`Publisher::refresh`].
+    pub fn refresh_events(&self) {
+        if let Some(events) = &self.events {
+            events.refresh();
+        }
+    }
+
     /// Hands out the publisher of events, for a loop that composes its events itself.
     pub fn take_events(&mut self) -> Option<Publisher<Event>> {
         self.events.take()

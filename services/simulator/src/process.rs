@@ -90,6 +90,8 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
             timings.send(timing)?;
+            // Events are rare: who joined since the last one gets those before through this.
+            service.refresh_events();
         }
         service.beat();
     }
