@@ -7,14 +7,12 @@ mod common;
 use std::collections::BTreeSet;
 use std::process::{Child, Command, Stdio};
 
-use common::witness::{LIMIT, Life, TICK_NS, Witness, tick_of};
+use common::witness::{LIMIT, Life, Witness, off_bound, tick_of};
 use common::{TestRig, kill, wait_for};
 use ipc_types::{TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 use runtime::clock::now_ns;
 
-/// Ticks beyond the sum of the lives: the cycle of each party that sees it, and the rounding of times to ticks.
-const SLACK: u64 = 6;
 /// Ticks that are watched after each thing that happens.
 const WATCHED: u64 = 300;
 /// Attempts at what a stall of the machine, or its slowness, may spoil.
@@ -58,13 +56,9 @@ fn ready(rig: &TestRig, witness: &Witness) -> u64 {
 fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64) {
     let lives = witness.lives();
     let seen = witness.seen();
-    let bound_ns = match frozen {
-        "watchdog" => lives.line_ns.max(lives.token_ns),
-        _ => lives.peer_lost_ns + lives.line_ns,
-    };
     let from = tick_of(struck_ns.max(last_word_ns));
     let off = seen.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
-    let bound = bound_ns / TICK_NS + SLACK;
+    let bound = off_bound(frozen, witness.profile()).unwrap();
     assert!(off <= bound, "{frozen}: volts for {off} ticks, bound {bound}");
     let line_died = tick_of(seen.toggled.0 + lives.line_ns) + 1;
     assert!(seen.last_power().is_none_or(|power| power <= line_died), "{frozen}: power without a line");

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::{Duration, Instant};
 
-use common::witness::{LIMIT, Life, TICK_NS, Witness, tick_of};
-use common::{TestRig, WORKERS, footprint_of, told, wait_for};
+use common::witness::{LIMIT, Life, SLACK, TICK_NS, Witness, off_bound, tick_of};
+use common::{Footprint, TestRig, WORKERS, told, wait_for};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 
@@ -27,11 +27,10 @@ const PULSES: [(&str, &str); 6] = [
     ("logger", "heartbeat/logger"),
     ("experiment", "heartbeat/experiment"),
 ];
+/// The loops between the motor and its power.
+const FAST: [&str; 4] = ["card_scan", "sample", "command", "token"];
 /// Ticks that are watched after each kill, and again after the restart.
 const WATCHED: u64 = 400;
-/// Ticks beyond the sum of the lives: the cycle of each party that sees it, and the rounding of times to ticks.
-const SLACK: u64 = 6;
-
 /// What a kill came to.
 struct Struck {
     /// Ticks from the kill, or the victim's last word if that came later, to the first scan from which on no volts
@@ -78,7 +77,7 @@ impl Campaign {
     fn strike(&mut self, victim: &'static str) -> Result<Struck, String> {
         if !self.witness().volts_flow() {
             let causes = self.witness().seen().causes();
-            let why = self.witness().stalled(&["card_scan", "sample", "command", "token"]);
+            let why = self.witness().stalled(&FAST);
             self.witness().power_up(&self.rig);
             return Err(why.unwrap_or_else(|| panic!("before {victim}: tripped without a kill: {causes:?}")));
         }
@@ -145,7 +144,7 @@ impl Campaign {
                 assert!(flowing * 10 > scans * 9, "{victim}: volts in {flowing} of {scans} scans");
                 return Ok(Struck { off_ticks: None });
             }
-            let why = self.witness().stalled(&["card_scan", "sample", "command", "token"]);
+            let why = self.witness().stalled(&FAST);
             self.witness().power_up(&self.rig);
             return Err(why.unwrap_or_else(|| panic!("{victim}'s death cut the power: {causes:?}")));
         }
@@ -179,18 +178,8 @@ impl Campaign {
         });
         let from = tick_of(struck_ns.max(last_word_ns));
         let off_ticks = tripped.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
-        let bound_ns = match victim {
-            // The card itself is gone: nobody drives the motor, and the next card begins without power.
-            "simulator" => Some(0),
-            // Tokens and line stop at once.
-            "watchdog" => Some(lives.line_ns.max(lives.token_ns)),
-            // Seen by the watchdog, which then lets the line die; the gate is quicker where it lives.
-            "acquisition" | "control" => Some(lives.peer_lost_ns + lives.line_ns),
-            // When the watchdog's attendant learns of it has no bound.
-            _ => None,
-        };
-        if let Some(bound_ns) = bound_ns {
-            let bound = bound_ns / TICK_NS + SLACK;
+        // When the watchdog's attendant learns of the launcher's death has no bound.
+        if let Some(bound) = off_bound(victim, self.witness().profile()) {
             assert!(off_ticks <= bound, "{victim}: off after {off_ticks} ticks, bound {bound}");
         }
         if victim == "acquisition" {
@@ -255,13 +244,23 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
 
     // No growth: the keeper has its time to clean up.
     if let Some(settled) = settled {
-        let mut now = (0, 0);
+        let (files, bytes) = settled.size();
+        let mut now = Footprint::default();
         let shrunk = wait_for(LIMIT, || {
-            now = footprint_of(&name);
-            now.0 <= settled.0 && now.1 <= settled.1
+            now = Footprint::of(&name);
+            now.size().0 <= files && now.size().1 <= bytes
         });
-        eprintln!("shared memory (files, bytes) after round 2: {settled:?}, at the end: {now:?}");
-        assert!(shrunk, "shared memory grew from {settled:?} to {now:?}: {:#?}", campaign.rig.remains());
+        eprintln!("shared memory (entries, bytes) after round 2: {:?}, at the end: {:?}", settled.size(), now.size());
+        assert!(
+            shrunk,
+            "shared memory grew from {:?} {:?}\nto {:?} {:?}\nof the dead, then: {:#?}\nof the dead, now: {:#?}",
+            settled.size(),
+            settled.kinds(),
+            now.size(),
+            now.kinds(),
+            settled.of_the_dead(),
+            now.of_the_dead()
+        );
     }
     // The command plane works, too.
     {
@@ -284,12 +283,14 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     assert!(parts > rounds, "{parts} parts after {rounds} kills of the logger");
 }
 
-/// The lowest that files and bytes come down to within the keeper's time to clean up.
-fn lowest_footprint(name: &runtime::RigName) -> (usize, u64) {
-    let mut lowest = footprint_of(name);
+/// What is left after the keeper's time to clean up: the smallest of what was seen.
+fn lowest_footprint(name: &runtime::RigName) -> Footprint {
+    let mut lowest = Footprint::of(name);
     let _never = wait_for(Duration::from_secs(6), || {
-        let now = footprint_of(name);
-        lowest = (lowest.0.min(now.0), lowest.1.min(now.1));
+        let now = Footprint::of(name);
+        if now.size() < lowest.size() {
+            lowest = now;
+        }
         false
     });
     lowest

@@ -154,28 +154,64 @@ pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
     found
 }
 
-/// Files and bytes of a rig in shared memory, without its run directory (logs and status, which are no segments).
-pub fn footprint_of(name: &RigName) -> (usize, u64) {
-    fn walk(path: &Path, run: &Path, sum: &mut (usize, u64)) {
+/// What a rig holds in shared memory, without its run directory (logs and status, which are no segments).
+#[derive(Clone, Debug, Default)]
+pub struct Footprint {
+    /// Each file and folder, with its bytes.
+    pub entries: std::collections::BTreeMap<PathBuf, u64>,
+}
+
+impl Footprint {
+    /// As it is now.
+    pub fn of(name: &RigName) -> Self {
+        let mut now = Self::default();
+        for path in shared_memory_of(name) {
+            now.walk(&path, &name.run_directory());
+        }
+        now
+    }
+
+    fn walk(&mut self, path: &Path, run: &Path) {
         // What goes away meanwhile does not count.
         let Ok(found) = std::fs::symlink_metadata(path) else { return };
         if path == run {
             return;
         }
-        sum.0 += 1;
+        self.entries.insert(path.to_owned(), if found.is_dir() { 0 } else { found.len() });
         if found.is_dir() {
             for entry in std::fs::read_dir(path).into_iter().flatten().flatten() {
-                walk(&entry.path(), run, sum);
+                self.walk(&entry.path(), run);
             }
-        } else {
-            sum.1 += found.len();
         }
     }
-    let mut sum = (0, 0);
-    for path in shared_memory_of(name) {
-        walk(&path, &name.run_directory(), &mut sum);
+
+    /// Number of entries, and their bytes.
+    pub fn size(&self) -> (usize, u64) {
+        (self.entries.len(), self.entries.values().sum())
     }
-    sum
+
+    /// Number of entries of each kind (the extension).
+    pub fn kinds(&self) -> std::collections::BTreeMap<String, usize> {
+        let mut kinds = std::collections::BTreeMap::new();
+        for path in self.entries.keys() {
+            let kind = path.extension().map_or_else(|| "folder or plain".into(), |kind| kind.to_string_lossy());
+            *kinds.entry(kind.into_owned()).or_default() += 1;
+        }
+        kinds
+    }
+
+    /// Entries that name a process which is dead: the library's identifiers hold the process id in bits 64 to 95.
+    pub fn of_the_dead(&self) -> Vec<String> {
+        let dead = |digits: &str| {
+            digits.len() >= 20
+                && digits.parse::<u128>().is_ok_and(|id| !Path::new(&format!("/proc/{}", (id >> 64) as u32)).exists())
+        };
+        self.entries
+            .keys()
+            .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+            .filter(|name| name.split(|c: char| !c.is_ascii_digit()).any(dead))
+            .collect()
+    }
 }
 
 /// Living processes whose environment names the rig (zombies have none).

@@ -33,6 +33,28 @@ pub fn tick_of(time_ns: u64) -> u64 {
     time_ns / TICK_NS
 }
 
+/// Ticks from a process's last word within which volts must no longer reach the motor, by the safety case's bounds and one
+/// cycle of each party that passes it on; `None` where it has none.
+pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
+    let lives = lives(profile);
+    let bound_ns = match process {
+        // The card itself is gone: nobody drives the motor, and the next card begins without power.
+        "simulator" => 0,
+        // Tokens and line stop at once.
+        "watchdog" => lives.line_ns.max(lives.token_ns),
+        // The line pauses (SR-24).
+        "acquisition" if profile == Profile::Realtime => 10 * MILLISECOND_NS,
+        "acquisition" => 60 * MILLISECOND_NS,
+        // The gate is quicker, but without real-time scheduling it may be late itself: then the line ends it.
+        "control" => lives.peer_lost_ns + lives.line_ns,
+        _ => return None,
+    };
+    Some(bound_ns / TICK_NS + SLACK)
+}
+
+/// Ticks for the cycle of each party, and the rounding of times to ticks.
+pub const SLACK: u64 = 6;
+
 /// What one scan of the card says of the motor.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan {
@@ -300,14 +322,15 @@ impl Witness {
         }) && self.seen().state() == Some(WatchdogState::Enabled)
     }
 
-    /// The longest pause since the mark in any of these topics, where it is longer than a token lives: the machine did not
-    /// run a loop that nobody had touched, and then power must go.
+    /// The longest pause since the mark in any of these topics, where it nears the life of a token: the machine did not run a
+    /// loop that nobody had touched, and then power must go.
     pub fn stalled(&self, topics: &[&str]) -> Option<String> {
         let seen = self.seen();
-        let life_ns = self.lives().token_ns - MILLISECOND_NS;
+        // The watchdog takes a pause of its line for late 1.5 ms before the card does.
+        let life_ns = self.lives().token_ns - 2 * MILLISECOND_NS;
         let pauses = topics.iter().filter_map(|topic| Some((topic, seen.streams.get(topic)?.pause_ns)));
         let (topic, pause_ns) = pauses.max_by_key(|(_, pause_ns)| *pause_ns)?;
-        (pause_ns > life_ns).then(|| format!("{topic} paused for {} ms", pause_ns / MILLISECOND_NS))
+        (pause_ns > life_ns).then(|| format!("{topic} paused for {:.1} ms", pause_ns as f64 * 1e-6))
     }
 
     /// Opens every topic anew, as a program that comes now would.
