@@ -110,7 +110,8 @@ impl Campaign {
         let after = self.processes();
         for (process, identity) in &before {
             if process != victim {
-                assert_eq!(after.get(process), Some(identity), "{process} after the kill of {victim}");
+                let same = after.get(process) == Some(identity);
+                assert!(same, "{process} after the kill of {victim}: {}", self.rig.why(process));
             }
         }
         for (process, pulse) in &pulses {

@@ -90,6 +90,15 @@ impl TestRig {
         launch::status(&self.name.run_directory()).unwrap()
     }
 
+    /// Why a unit was started again, with the end of its log.
+    pub fn why(&self, unit: &str) -> String {
+        let status = self.launcher_status();
+        let Some(unit) = status.unit(unit) else { return status.launcher.to_string() };
+        let log = std::fs::read_to_string(&unit.log).unwrap_or_default();
+        let tail: Vec<&str> = log.lines().rev().take(12).collect();
+        format!("{:?}, {:?}; its log, last line first: {tail:#?}", unit.restart_reason, unit.last_exit)
+    }
+
     /// Where the launcher keeps its files.
     pub fn run_directory(&self) -> PathBuf {
         self.name.run_directory()
