@@ -375,7 +375,7 @@ fn read_and_lead(
         {
             let mut seen = seen.lock().unwrap();
             for (topic, reader) in &mut readers {
-                while reader.take(&mut |bytes| seen.take_in(*topic, bytes))? {}
+                while reader.take(&mut |bytes| seen.take_in(topic, bytes))? {}
             }
         }
         std::thread::sleep(Duration::from_millis(2));
