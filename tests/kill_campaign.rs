@@ -27,6 +27,8 @@ const PULSES: [(&str, &str); 6] = [
     ("logger", "heartbeat/logger"),
     ("experiment", "heartbeat/experiment"),
 ];
+/// Attempts at a kill that a stall of the machine spoils.
+const ATTEMPTS: usize = 6;
 /// The loops between the motor and its power.
 const FAST: [&str; 4] = ["card_scan", "sample", "command", "token"];
 /// Ticks that are watched after each kill, and again after the restart.
@@ -196,12 +198,15 @@ impl Campaign {
 
     /// Kills, and brings power back.
     fn kill(&mut self, victim: &'static str) {
+        let mut attempts = 0;
         let struck = loop {
+            attempts += 1;
             match self.strike(victim) {
                 Ok(struck) => break struck,
                 Err(stall) => {
                     eprintln!("again: {victim}: {stall}");
                     self.stalls.push(stall);
+                    assert!(attempts < ATTEMPTS, "{victim}: whatever stalls, it does so each time: {:?}", self.stalls);
                 }
             }
         };
