@@ -15,7 +15,7 @@ use runtime::{Grid, Service};
 
 /// Name of the rig, for the child.
 const CHILD: &str = "FARREACH_STAND_IN";
-/// Where the stand-in drives the handle [rad], how hard [V/rad], and how hard at most [V].
+/// Where the stand-in drives the handle (rad), how hard (V/rad), and how hard at most (V).
 const TARGET_RAD: f64 = 0.6;
 const GAIN_V_PER_RAD: f64 = 12.0;
 const VOLTS_MAX: f64 = 4.0;

@@ -155,7 +155,7 @@ fn assert_contiguous(samples: &[Sample]) {
     assert_eq!(samples[samples.len() - 1].scans_missed, 0);
 }
 
-/// The handle's motor went where control sent it: the movement's span, and the error [rad] against the reference while the
+/// The handle's motor went where control sent it: the movement's span, and the error (rad) against the reference while the
 /// gate was open and no ramp ran.
 fn assert_followed(samples: &[Sample], recording: &Recording) {
     let at: BTreeMap<u64, &Sample> = samples.iter().map(|sample| (sample.tick, sample)).collect();

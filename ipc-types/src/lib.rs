@@ -4,7 +4,7 @@
 //! Every message is `#[repr(C)]`, flat and padded by hand, so that the bytes in shared memory are at the
 //! same time the body of a valid little-endian CDR message (behind a four-byte header). A recording
 //! therefore holds a copy of those bytes, and readers that know `ros2msg` decode it with no converter.
-//! The [`message!`] macro asserts every offset at compile time and generates the schema.
+//! The `message!` macro asserts every offset at compile time and generates the schema.
 //!
 //! Units are SI in every field and named in its doc comment: rad or m (the axis's declared unit), N·m or
 //! N, s, V, Pa; times are ns of `CLOCK_MONOTONIC`. A positive master drives the slave positive.

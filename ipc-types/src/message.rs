@@ -132,7 +132,7 @@ element!(u8 => U8, u16 => U16, u32 => U32, u64 => U64, i64 => I64, f64 => F64);
 /// A message of fixed layout.
 ///
 /// # Safety
-/// Only [`message!`] implements it: the type is `#[repr(C)]`, has no padding, holds only integers and
+/// Only `message!` implements it: the type is `#[repr(C)]`, has no padding, holds only integers and
 /// floats (so that every bit pattern is valid) and begins with `session`, `incarnation`, `sequence`, `time_ns`.
 pub unsafe trait Message: ZeroCopySend + Copy + Send + Sync + std::fmt::Debug + 'static {
     /// Name of the type in shared memory, with its version: two builds that disagree refuse each other.

@@ -96,9 +96,9 @@ pub struct ExperimentAnswer {
     pub segment: u32,
     /// Number of segments.
     pub segments: u32,
-    /// Time played [s].
+    /// Time played (s).
     pub elapsed_s: f64,
-    /// Whole duration [s].
+    /// Whole duration (s).
     pub duration_s: f64,
     /// The last protocol came to its end.
     pub completed: bool,

@@ -14,7 +14,7 @@ pub enum Rate {
     Acquisition,
     /// Once per control cycle (rig file, 500 Hz unless said).
     Control,
-    /// A fixed rate [Hz].
+    /// A fixed rate (Hz).
     Hertz(u32),
     /// When something happens.
     Sporadic,
@@ -204,7 +204,7 @@ pub struct CommandService {
     pub name: &'static str,
     /// The process that answers.
     pub owner: Process,
-    /// Longest request or answer [bytes]. Kept small where the server shares its process with a real-time loop:
+    /// Longest request or answer (bytes). Kept small where the server shares its process with a real-time loop:
     /// every client's segment is mapped there.
     pub bytes: usize,
 }

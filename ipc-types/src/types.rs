@@ -20,23 +20,23 @@ message! {
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
         scan_time_ns: u64,
-        /// time within the record that is replayed [s]; 0 for a live card
+        /// time within the record that is replayed (s); 0 for a live card
         record_time_s: f64,
         /// encoder counts of the master
         master_counts: [i64; AXES],
         /// encoder counts of the slave
         slave_counts: [i64; AXES],
-        /// position of the master [rad or m]
+        /// position of the master (rad or m)
         master_position: [f64; AXES],
-        /// position of the slave [rad or m]
+        /// position of the slave (rad or m)
         slave_position: [f64; AXES],
-        /// torque (or force) that the hand applies to the slave, positive when it drives the slave positive [N·m or N]
+        /// torque (or force) that the hand applies to the slave, positive when it drives the slave positive (N·m or N)
         slave_torque: [f64; AXES],
-        /// analog inputs as read [V]
+        /// analog inputs as read (V)
         analog_v: [f64; ANALOG],
-        /// motor volts that were at the card's output when it took this scan (read back, or from the replayed record) [V]
+        /// motor volts that were at the card's output when it took this scan (read back, or from the replayed record) (V)
         motor_v: [f64; AXES],
-        /// volts that the gate wrote in this cycle [V]
+        /// volts that the gate wrote in this cycle (V)
         output_v: [f64; AXES],
         /// enable epoch that the gate last saw
         epoch: u64,
@@ -100,15 +100,15 @@ message! {
         epoch: u64,
         /// sequence of the setpoint that was followed
         setpoint_sequence: u64,
-        /// motor volts [V]
+        /// motor volts (V)
         volts: [f64; AXES],
-        /// the part of them that is feed-forward [V]
+        /// the part of them that is feed-forward (V)
         feedforward_v: [f64; AXES],
-        /// reference position [rad or m]
+        /// reference position (rad or m)
         reference_position: [f64; AXES],
-        /// reference velocity [rad/s or m/s]
+        /// reference velocity (rad/s or m/s)
         reference_velocity: [f64; AXES],
-        /// filtered velocity estimate of the master [rad/s or m/s]
+        /// filtered velocity estimate of the master (rad/s or m/s)
         velocity: [f64; AXES],
         /// control cycles that were skipped because it woke late
         cycles_missed: u64,
@@ -211,17 +211,17 @@ message! {
         master_counts: [i64; AXES],
         /// encoder counts of the slave
         slave_counts: [i64; AXES],
-        /// analog inputs [V]
+        /// analog inputs (V)
         analog_v: [f64; ANALOG],
-        /// volts that the DACs hold [V]
+        /// volts that the DACs hold (V)
         dac_v: [f64; AXES],
-        /// volts that reach the motor: those of the DACs while motor power is on, else 0 [V]
+        /// volts that reach the motor: those of the DACs while motor power is on, else 0 (V)
         motor_v: [f64; AXES],
         /// sequence of the newest CardOutput that the card got
         output_sequence: u64,
         /// incarnation of the acquisition that wrote it
         output_incarnation: u64,
-        /// age of the enable line's last toggle [ns]
+        /// age of the enable line's last toggle (ns)
         line_age_ns: u64,
         /// digital inputs, one bit each
         digital_in: u32,
@@ -247,7 +247,7 @@ message! {
         sequence: u64,
         /// time of publishing [ns, CLOCK_MONOTONIC]
         time_ns: u64,
-        /// volts for the DACs [V]
+        /// volts for the DACs (V)
         volts: [f64; AXES],
         /// highest tick that acquisition has taken out of the FIFO and published
         taken_tick: u64,
@@ -271,13 +271,13 @@ message! {
         lease_until_ns: u64,
         /// identity of the protocol (hash of its text)
         protocol: u64,
-        /// position [rad or m]
+        /// position (rad or m)
         position: [f64; AXES],
-        /// velocity [rad/s or m/s]
+        /// velocity (rad/s or m/s)
         velocity: [f64; AXES],
-        /// acceleration [rad/s² or m/s²]
+        /// acceleration (rad/s² or m/s²)
         acceleration: [f64; AXES],
-        /// peak speed of the movement that it is part of, for the shape of the friction feed-forward; 0 where none [rad/s or m/s]
+        /// peak speed of the movement that it is part of, for the shape of the friction feed-forward; 0 where none (rad/s or m/s)
         peak_speed: [f64; AXES],
         /// index of the protocol's segment
         segment: u32,
@@ -317,7 +317,7 @@ message! {
         severity: u8,
         /// Process that sends it
         source: u8,
-        /// length of the text [bytes]
+        /// length of the text (bytes)
         text_len: u8,
         /// index of the protocol's segment, where there is one
         segment: u32,
@@ -387,21 +387,21 @@ message! {
         sequence: u64,
         /// time of publishing [ns, CLOCK_MONOTONIC]
         time_ns: u64,
-        /// period of the loop [ns]
+        /// period of the loop (ns)
         period_ns: u64,
-        /// phase of the loop within its period [ns]
+        /// phase of the loop within its period (ns)
         phase_ns: u64,
         /// cycles run since start
         cycles: u64,
         /// periods skipped since start because it woke late
         missed_periods: u64,
-        /// wake lateness over the last second: p50, p99, p99.9, max [ns]
+        /// wake lateness over the last second: p50, p99, p99.9, max (ns)
         wake_late_ns: [u64; 4],
-        /// execution time over the last second: p50, p99, p99.9, max [ns]
+        /// execution time over the last second: p50, p99, p99.9, max (ns)
         execution_ns: [u64; 4],
-        /// wake lateness since start: p50, p99, p99.9, max [ns]
+        /// wake lateness since start: p50, p99, p99.9, max (ns)
         total_wake_late_ns: [u64; 4],
-        /// execution time since start: p50, p99, p99.9, max [ns]
+        /// execution time since start: p50, p99, p99.9, max (ns)
         total_execution_ns: [u64; 4],
         /// operating system's process id
         pid: u32,
@@ -455,13 +455,13 @@ message! {
         sequence: u64,
         /// time of publishing [ns, CLOCK_MONOTONIC]
         time_ns: u64,
-        /// CLOCK_MONOTONIC at the middle of the measurement [ns]
+        /// CLOCK_MONOTONIC at the middle of the measurement (ns)
         monotonic_ns: u64,
-        /// CLOCK_REALTIME at the same instant [ns since 1970]
+        /// CLOCK_REALTIME at the same instant (ns since 1970)
         realtime_ns: u64,
-        /// realtime minus monotonic as fixed at the start of the recording [ns]
+        /// realtime minus monotonic as fixed at the start of the recording (ns)
         file_offset_ns: i64,
-        /// half the time that the measurement took [ns]
+        /// half the time that the measurement took (ns)
         uncertainty_ns: u64,
     }
 }

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 #[test]
 fn schema_lists_every_field_with_type_and_unit() {
     let schema = Sample::schema();
-    assert!(schema.contains("# position of the master [rad or m]\nfloat64[3] master_position\n"), "{schema}");
+    assert!(schema.contains("# position of the master (rad or m)\nfloat64[3] master_position\n"), "{schema}");
     assert!(schema.contains("uint64 tick\n"));
     assert!(schema.contains("int64[3] slave_counts\n"));
     let lines = schema.lines().filter(|line| !line.starts_with('#')).count();

@@ -23,50 +23,50 @@ use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 
-/// Time in which the output gets or loses its full authority [s].
+/// Time in which the output gets or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;
-/// Time in which the friction feed-forward may change by its peak [s].
+/// Time in which the friction feed-forward may change by its peak (s).
 pub const FRICTION_SLEW_S: f64 = 0.01;
-/// Time in which the inertia feed-forward may change by the output limit [s].
+/// Time in which the inertia feed-forward may change by the output limit (s).
 pub const INERTIA_SLEW_S: f64 = 0.02;
-/// A step of the target that would step the feedback by more than this counts as a change of target [V].
+/// A step of the target that would step the feedback by more than this counts as a change of target (V).
 pub const SWITCH_STEP_V: f64 = 0.05;
-/// Longest time in which a moving reference comes to rest when its target is lost [s].
+/// Longest time in which a moving reference comes to rest when its target is lost (s).
 pub const STOP_S: f64 = 0.25;
-/// Longest time over which a setpoint is extrapolated [s].
+/// Longest time over which a setpoint is extrapolated (s).
 pub const EXTRAPOLATION_S: f64 = 0.1;
-/// Longest time that one step may stand for, however late the loop was [s].
+/// Longest time that one step may stand for, however late the loop was (s).
 const LONGEST_STEP_S: f64 = 0.05;
 
 /// Gains and limits of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLaw {
-    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts [V/rad or V/m].
+    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts (V/rad or V/m).
     pub position_gain: f64,
-    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts [V·s/rad or V·s/m].
+    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts (V·s/rad or V·s/m).
     pub velocity_gain: f64,
-    /// Cut-off of the velocity estimate [Hz].
+    /// Cut-off of the velocity estimate (Hz).
     pub velocity_filter_hz: f64,
-    /// The output stays within ± this [V].
+    /// The output stays within ± this (V).
     pub output_limit_v: f64,
-    /// Friction feed-forward at the extremes of a movement [V].
+    /// Friction feed-forward at the extremes of a movement (V).
     pub friction_peak_v: f64,
-    /// Friction feed-forward at mid-movement [V].
+    /// Friction feed-forward at mid-movement (V).
     pub friction_floor_v: f64,
-    /// Inertia feed-forward per reference acceleration [V·s²/rad or V·s²/m].
+    /// Inertia feed-forward per reference acceleration (V·s²/rad or V·s²/m).
     pub inertia_v: f64,
-    /// Time in which the reference passes to a new target, where that is near [s].
+    /// Time in which the reference passes to a new target, where that is near (s).
     pub ramp_s: f64,
-    /// Highest speed at which the reference catches up with a far target, on top of the target's own [rad/s or m/s].
+    /// Highest speed at which the reference catches up with a far target, on top of the target's own (rad/s or m/s).
     pub catch_up_speed: f64,
-    /// Lowest position to hold at [rad or m].
+    /// Lowest position to hold at (rad or m).
     pub position_min: f64,
-    /// Highest position to hold at [rad or m].
+    /// Highest position to hold at (rad or m).
     pub position_max: f64,
 }
 
 impl AxisLaw {
-    /// Gains in encoder counts, as § 4.1 prints them: P [V/count], D [V·s/count].
+    /// Gains in encoder counts, as § 4.1 prints them: P (V/count), D (V·s/count).
     #[must_use]
     pub fn with_count_gains(self, p_v_per_count: f64, d_v_s_per_count: f64, counts_per_unit: f64) -> Self {
         Self {
@@ -76,7 +76,7 @@ impl AxisLaw {
         }
     }
 
-    /// Time in which a moving reference comes to rest when its target is lost or replaced [s].
+    /// Time in which a moving reference comes to rest when its target is lost or replaced (s).
     fn stop_s(&self) -> f64 {
         self.ramp_s.min(STOP_S)
     }
@@ -89,7 +89,7 @@ pub struct LawConfig {
     pub axes: usize,
     /// The law of each axis.
     pub axis: [AxisLaw; AXES],
-    /// Period of the control loop [s]: what the first step stands for.
+    /// Period of the control loop (s): what the first step stands for.
     pub period_s: f64,
 }
 
@@ -155,7 +155,7 @@ impl Law {
     }
 
     /// Most that the output of an axis changes in a step of `period_s` while the hand rests, whatever happens to
-    /// setpoint, mode and lease, from the moment that power comes until it goes [V]; on top comes the movement of
+    /// setpoint, mode and lease, from the moment that power comes until it goes (V); on top comes the movement of
     /// the reference itself, `period_s` times (position gain · velocity + velocity gain · acceleration).
     pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
         let law = &self.config.axis[axis];

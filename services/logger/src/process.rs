@@ -102,7 +102,7 @@ pub struct Logger {
     sink: Sink,
     desk: Desk,
     metadata: BTreeMap<String, String>,
-    /// realtime minus monotonic of the recording [ns]
+    /// realtime minus monotonic of the recording (ns)
     file_offset_ns: i64,
     /// losses of each topic that were told as events
     told: Vec<u64>,

@@ -48,7 +48,7 @@ pub struct StartRequest {
     pub part: u32,
     /// What the recording says about itself, see [`recording::mcap_write::key`].
     pub metadata: BTreeMap<String, String>,
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` [ns].
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` (ns).
     pub realtime_offset_ns: i64,
     /// Session of the rig.
     pub session: u64,

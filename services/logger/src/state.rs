@@ -21,7 +21,7 @@ pub struct State {
     pub part: u32,
     /// What the recording says about itself.
     pub metadata: BTreeMap<String, String>,
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` of part 1, kept for all parts [ns].
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` of part 1, kept for all parts (ns).
     pub realtime_offset_ns: i64,
 }
 

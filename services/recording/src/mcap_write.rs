@@ -40,11 +40,11 @@ use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 
-/// Longest time between two flushes [ns].
+/// Longest time between two flushes (ns).
 pub const FLUSH_NS: u64 = 300_000_000;
-/// Longest time between two syncs to the disk [ns].
+/// Longest time between two syncs to the disk (ns).
 pub const SYNC_NS: u64 = 900_000_000;
-/// Size at which a chunk is closed even before the flush [bytes, uncompressed].
+/// Size at which a chunk is closed even before the flush (bytes, uncompressed).
 pub const CHUNK_BYTES: u64 = 1024 * 1024;
 /// Name of the metadata record at the start of a recording.
 pub const START_RECORD: &str = "farreach";
@@ -71,9 +71,9 @@ pub mod key {
     pub const PROTOCOL_FILE: &str = "protocol_file";
     /// Command line that started the recording.
     pub const COMMAND_LINE: &str = "command_line";
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file [ns].
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file (ns).
     pub const REALTIME_OFFSET_NS: &str = "realtime_offset_ns";
-    /// `CLOCK_MONOTONIC` when the file was begun [ns].
+    /// `CLOCK_MONOTONIC` when the file was begun (ns).
     pub const STARTED_NS: &str = "started_ns";
     /// Number of the part: 1, or higher after a restart of the logger.
     pub const PART: &str = "part";
@@ -99,7 +99,7 @@ impl Output for File {
 /// What a recording says about itself from the start.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Start {
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start [ns].
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start (ns).
     pub realtime_offset_ns: i64,
     /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format and, where the caller gave
     /// none, the part.
@@ -171,9 +171,9 @@ pub enum WriteError {
     Length {
         /// Name of the topic.
         topic: &'static str,
-        /// Size by the table of topics [bytes].
+        /// Size by the table of topics (bytes).
         expected: usize,
-        /// Size that came [bytes].
+        /// Size that came (bytes).
         found: usize,
     },
     /// The MCAP library refused.
@@ -245,7 +245,7 @@ impl Write for Shared {
 pub struct Summary {
     /// The file.
     pub path: PathBuf,
-    /// Its size [bytes].
+    /// Its size (bytes).
     pub bytes: u64,
     /// Messages in it.
     pub written: u64,

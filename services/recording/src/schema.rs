@@ -36,9 +36,9 @@ pub enum SchemaError {
     Payload {
         /// Name of the schema.
         name: String,
-        /// Size by the schema, header included [bytes].
+        /// Size by the schema, header included (bytes).
         expected: usize,
-        /// Size that is there [bytes].
+        /// Size that is there (bytes).
         found: usize,
         /// First bytes.
         start: Vec<u8>,

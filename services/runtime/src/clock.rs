@@ -24,16 +24,16 @@ pub fn realtime_ns() -> u64 {
 /// A reading of both clocks at the same instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockPair {
-    /// `CLOCK_MONOTONIC` [ns]
+    /// `CLOCK_MONOTONIC` (ns)
     pub monotonic_ns: u64,
-    /// `CLOCK_REALTIME` [ns since 1970]
+    /// `CLOCK_REALTIME` (ns since 1970)
     pub realtime_ns: u64,
-    /// Half the time between the two monotonic readings around the other one [ns]
+    /// Half the time between the two monotonic readings around the other one (ns)
     pub uncertainty_ns: u64,
 }
 
 impl ClockPair {
-    /// Realtime minus monotonic [ns].
+    /// Realtime minus monotonic (ns).
     pub fn offset_ns(&self) -> i64 {
         self.realtime_ns.wrapping_sub(self.monotonic_ns) as i64
     }

@@ -91,9 +91,9 @@ pub enum DomainError {
          (`ls -l {SHARED_MEMORY}`) or make it larger (containers: --shm-size)", needed.div_ceil(MEBIBYTE), found / MEBIBYTE
     )]
     NoRoom {
-        /// What a rig needs [bytes].
+        /// What a rig needs (bytes).
         needed: u64,
-        /// What is free [bytes].
+        /// What is free (bytes).
         found: u64,
     },
     /// iceoryx2 refused.
@@ -118,7 +118,7 @@ fn at(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainErro
     move |source| DomainError::Io { action, path: path.to_path_buf(), source }
 }
 
-/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory is locked [bytes].
+/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory is locked (bytes).
 fn room_needed() -> u64 {
     // The library's header in front of each message, and its alignment.
     const HEADER: usize = 64;

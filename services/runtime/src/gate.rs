@@ -25,18 +25,18 @@ pub struct GateConfig {
     pub session: u64,
     /// Incarnation of the acquisition that runs this gate: only tokens that name it count.
     pub acquisition_incarnation: u64,
-    /// Longest life that a token may claim, and have [ns].
+    /// Longest life that a token may claim, and have (ns).
     pub token_life_ns: u64,
-    /// Longest life of a command, counted from when it was computed [ns].
+    /// Longest life of a command, counted from when it was computed (ns).
     pub command_life_ns: u64,
-    /// Longest time between two steps of the gate itself [ns].
+    /// Longest time between two steps of the gate itself (ns).
     pub max_cycle_gap_ns: u64,
-    /// Oldest sample that a command may answer, counted from its scan [ns].
+    /// Oldest sample that a command may answer, counted from its scan (ns).
     pub max_sample_age_ns: u64,
-    /// How far ahead of the gate's clock a message's time may be [ns]: covers a message that is published
+    /// How far ahead of the gate's clock a message's time may be (ns): covers a message that is published
     /// between reading the clock and receiving.
     pub future_ns: u64,
-    /// Output limit of each axis, either sign [V]. A limit that is not a positive number lets nothing pass.
+    /// Output limit of each axis, either sign (V). A limit that is not a positive number lets nothing pass.
     pub volts_max: [f64; AXES],
     /// Axes of the rig: those above get 0 V always.
     pub axes: usize,
@@ -73,7 +73,7 @@ impl GateConfig {
 /// What the gate decided in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GateOutput {
-    /// Volts to write; 0 on every axis unless the state is [`GateState::Open`] [V].
+    /// Volts to write; 0 on every axis unless the state is [`GateState::Open`] (V).
     pub volts: [f64; AXES],
     /// State after this cycle.
     pub state: GateState,

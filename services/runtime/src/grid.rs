@@ -20,18 +20,18 @@ pub struct Grid {
 pub struct Wake {
     /// Tick of the grid.
     pub tick: u64,
-    /// When the loop should have woken for this tick [ns].
+    /// When the loop should have woken for this tick (ns).
     pub scheduled_ns: u64,
-    /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped [ns].
+    /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped (ns).
     pub due_ns: u64,
-    /// When it did [ns].
+    /// When it did (ns).
     pub woke_ns: u64,
     /// Periods skipped just now because it was late.
     pub skipped: u64,
 }
 
 impl Wake {
-    /// How late it woke, skipped periods included [ns].
+    /// How late it woke, skipped periods included (ns).
     pub fn late_ns(&self) -> u64 {
         self.woke_ns.saturating_sub(self.due_ns)
     }
@@ -45,17 +45,17 @@ impl Grid {
         Self { period_ns, phase_ns: phase_ns % period_ns, next_tick: None, missed: 0 }
     }
 
-    /// The grid of a rate [Hz].
+    /// The grid of a rate (Hz).
     pub fn of_rate(rate_hz: u32, phase_ns: u64) -> Self {
         Self::new(crate::clock::SECOND_NS / u64::from(rate_hz.max(1)), phase_ns)
     }
 
-    /// Period [ns].
+    /// Period (ns).
     pub fn period_ns(&self) -> u64 {
         self.period_ns
     }
 
-    /// Phase [ns].
+    /// Phase (ns).
     pub fn phase_ns(&self) -> u64 {
         self.phase_ns
     }
@@ -70,7 +70,7 @@ impl Grid {
         time_ns / self.period_ns
     }
 
-    /// When the loop wakes for a tick [ns].
+    /// When the loop wakes for a tick (ns).
     pub fn wake_time(&self, tick: u64) -> u64 {
         tick * self.period_ns + self.phase_ns
     }

@@ -7,13 +7,13 @@ use crate::clock::MILLISECOND_NS;
 /// The lives and time-outs of a timing profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lives {
-    /// A token lives this long [ns].
+    /// A token lives this long (ns).
     pub token_ns: u64,
-    /// A command lives this long [ns].
+    /// A command lives this long (ns).
     pub command_ns: u64,
-    /// A peer that was silent for this long is lost [ns].
+    /// A peer that was silent for this long is lost (ns).
     pub peer_lost_ns: u64,
-    /// The card drops the motor this long after the enable line's last toggle [ns].
+    /// The card drops the motor this long after the enable line's last toggle (ns).
     pub line_ns: u64,
 }
 

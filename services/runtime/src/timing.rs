@@ -6,9 +6,9 @@ use ipc_types::{LoopTiming, Process, Profile};
 use crate::clock::SECOND_NS;
 use crate::grid::{Grid, Wake};
 
-/// Lowest value that the histograms tell apart [ns].
+/// Lowest value that the histograms tell apart (ns).
 const LOWEST_NS: u64 = 100;
-/// Highest value; longer ones are counted as this [ns].
+/// Highest value; longer ones are counted as this (ns).
 const HIGHEST_NS: u64 = 10 * SECOND_NS;
 
 /// p50, p99, p99.9 and max of a histogram.

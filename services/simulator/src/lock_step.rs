@@ -43,7 +43,7 @@ impl LockStepDaq {
         &mut self.card
     }
 
-    /// The card's time [ns].
+    /// The card's time (ns).
     pub fn now_ns(&self) -> u64 {
         self.tick * self.period_ns
     }

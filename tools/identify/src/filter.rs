@@ -85,7 +85,7 @@ impl Section {
     }
 }
 
-/// First and second derivative by five-point central differences, step `step` [s].
+/// First and second derivative by five-point central differences, step `step` (s).
 ///
 /// The relative error is `(ωh)⁴/30` and `(ωh)⁴/90`: below 2e-4 at 40 Hz and 1 kHz. The two samples at each
 /// end have no centre and repeat their neighbour; they lie within the filter's settling anyway.

@@ -46,7 +46,7 @@ pub struct Outcome {
     pub candidates: Vec<CandidateGain>,
     /// Notes on the data that a reader should know.
     pub notes: Vec<String>,
-    /// Wall time [s].
+    /// Wall time (s).
     pub seconds: f64,
 }
 
@@ -70,7 +70,7 @@ pub struct FoundEffect {
     pub parameters: Vec<EffectParameter>,
     /// Block t of its gain on the selecting rows.
     pub t: f64,
-    /// Fall of the root-mean-square residual on the selecting rows [%].
+    /// Fall of the root-mean-square residual on the selecting rows (%).
     pub gain_percent: f64,
 }
 
@@ -180,7 +180,7 @@ pub struct CandidateGain {
     pub id: String,
     /// Whether it is a generic function, not a listed effect.
     pub generic: bool,
-    /// Fall of the root-mean-square residual on the selecting rows [%].
+    /// Fall of the root-mean-square residual on the selecting rows (%).
     pub gain_percent: f64,
     /// Block t.
     pub t: f64,

@@ -9,7 +9,7 @@ use crate::outcome::{Outcome, Verdict};
 pub struct RecordView {
     /// Name.
     pub name: String,
-    /// Time [s].
+    /// Time (s).
     pub time: Vec<f64>,
     /// Position.
     pub position: Vec<f64>,
@@ -31,13 +31,13 @@ pub struct View {
     pub records: Vec<RecordView>,
     /// The effects in words.
     pub words: Vec<&'static str>,
-    /// Cut-off of the low-pass [Hz].
+    /// Cut-off of the low-pass (Hz).
     pub cut_off: f64,
 }
 
 /// Records that get a figure of their own.
 const MOST_FIGURES: usize = 3;
-/// Length of record in the figure of the force [s].
+/// Length of record in the figure of the force (s).
 const DETAIL_S: f64 = 7.0;
 
 /// The verdict as a sentence, and one that says how far it holds.

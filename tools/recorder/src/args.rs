@@ -59,10 +59,10 @@ pub enum Command {
     Cut {
         /// The recording.
         file: PathBuf,
-        /// From here on [s since the first message].
+        /// From here on (s since the first message).
         #[arg(long)]
         from: Option<f64>,
-        /// Up to, but not with, this [s since the first message].
+        /// Up to, but not with, this (s since the first message).
         #[arg(long)]
         to: Option<f64>,
         /// The new file; never overwritten.

@@ -10,7 +10,7 @@ pub(super) struct VelocityEstimate {
     velocity: f64,
 }
 
-/// After a gap this long [s] the difference quotient says nothing about now.
+/// After a gap this long (s) the difference quotient says nothing about now.
 const GAP_S: f64 = 0.1;
 
 impl VelocityEstimate {

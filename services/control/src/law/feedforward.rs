@@ -3,7 +3,7 @@
 /// Share of the peak speed below which the friction term passes through its change of sign.
 pub const REVERSAL: f64 = 0.1;
 
-/// The triangular friction term [V], of the sign of `velocity`.
+/// The triangular friction term (V), of the sign of `velocity`.
 ///
 /// For a sine movement the magnitude is linear in phase, `peak_v` at the extremes and `floor_v` at mid-movement: with
 /// `|v| = peak_speed · sin φ`, φ the phase after the extreme, it is `peak_v - (peak_v - floor_v) · 2 φ / π`. The figure

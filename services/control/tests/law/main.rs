@@ -61,7 +61,7 @@ fn sine(time_ns: u64, hertz: f64) -> [f64; 4] {
     [phase.sin(), omega * phase.cos(), -omega * omega * phase.sin(), omega]
 }
 
-/// A mass on which volts act through `inertia_v`, with dry friction [V]; exact between two commands.
+/// A mass on which volts act through `inertia_v`, with dry friction (V); exact between two commands.
 #[derive(Clone, Copy, Default)]
 struct Mass {
     position: f64,

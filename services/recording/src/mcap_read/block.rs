@@ -9,9 +9,9 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use super::scan::Block;
 use super::{ReadError, Recording};
 
-/// Largest chunk that is decompressed [bytes]; farreach writes about 1 MiB. A damaged length must not take all memory.
+/// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must not take all memory.
 const LARGEST_CHUNK: usize = 512 << 20;
-/// Channel, sequence, log time, publish time in front of a message's payload [bytes].
+/// Channel, sequence, log time, publish time in front of a message's payload (bytes).
 const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
 
 /// A schema or channel found in the file.
@@ -70,7 +70,7 @@ impl RawMessage {
     pub fn sequence(&self) -> u32 {
         self.head.sequence
     }
-    /// When it was published, by the wall clock of the recording [ns since 1970].
+    /// When it was published, by the wall clock of the recording (ns since 1970).
     pub fn log_time_ns(&self) -> u64 {
         self.head.log_time_ns
     }

@@ -17,9 +17,9 @@ pub struct TopicCheck {
     pub schema_name: String,
     /// Messages in the file.
     pub count: u64,
-    /// Log time of the first [ns since 1970].
+    /// Log time of the first (ns since 1970).
     pub first_ns: u64,
-    /// Log time of the last [ns since 1970].
+    /// Log time of the last (ns since 1970).
     pub last_ns: u64,
     /// Messages that are missing between the first and the last, by their sequence.
     pub gaps: u64,
@@ -38,7 +38,7 @@ pub struct TopicCheck {
 }
 
 impl TopicCheck {
-    /// Mean rate [Hz]; `None` with fewer than two messages or no time between them.
+    /// Mean rate (Hz); `None` with fewer than two messages or no time between them.
     pub fn rate_hz(&self) -> Option<f64> {
         let span = self.last_ns.checked_sub(self.first_ns).filter(|&span| span > 0)?;
         (self.count > 1).then(|| (self.count - 1) as f64 / (span as f64 * 1e-9))
@@ -85,7 +85,7 @@ impl Check {
             || self.ticks.is_some_and(|ticks| ticks.missing > 0)
     }
 
-    /// First and last log time of all topics [ns since 1970].
+    /// First and last log time of all topics (ns since 1970).
     pub fn span_ns(&self) -> Option<(u64, u64)> {
         let filled = || self.topics.iter().filter(|topic| topic.count > 0);
         Some((filled().map(|t| t.first_ns).min()?, filled().map(|t| t.last_ns).max()?))

@@ -15,9 +15,9 @@ use crate::schema::{Conversion, Layout};
 pub struct Selection {
     /// Only these channels.
     pub channels: Option<Vec<u16>>,
-    /// Only messages with a log time from here on [ns].
+    /// Only messages with a log time from here on (ns).
     pub from_ns: Option<u64>,
-    /// Only messages with a log time before this [ns].
+    /// Only messages with a log time before this (ns).
     pub until_ns: Option<u64>,
 }
 
@@ -119,7 +119,7 @@ impl Iterator for RawMessages<'_> {
 /// One message and when it was written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recorded<T> {
-    /// By the wall clock of the recording [ns since 1970].
+    /// By the wall clock of the recording (ns since 1970).
     pub log_time_ns: u64,
     /// The message.
     pub message: T,

@@ -133,7 +133,7 @@ pub struct Tail {
 /// Something within the file that cannot be read, while what follows can.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// Where [bytes].
+    /// Where (bytes).
     pub offset: u64,
     /// What.
     pub what: String,
@@ -168,7 +168,7 @@ impl Recording {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Size of the file [bytes].
+    /// Size of the file (bytes).
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -200,7 +200,7 @@ impl Recording {
     pub fn metadata(&self, key: &str) -> Option<&str> {
         self.start_record()?.get(key).map(String::as_str)
     }
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` as fixed for this file [ns].
+    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` as fixed for this file (ns).
     pub fn realtime_offset_ns(&self) -> Option<i64> {
         self.metadata(key::REALTIME_OFFSET_NS)?.parse().ok()
     }

@@ -11,9 +11,9 @@ use super::block::Definition;
 use super::{Channel, Damage, ReadError, Recording, Tail};
 use crate::schema::Layout;
 
-/// Opcode and length in front of every record [bytes].
+/// Opcode and length in front of every record (bytes).
 const RECORD_HEAD: u64 = 9;
-/// Longest header, metadata, schema or channel record that is taken for real [bytes].
+/// Longest header, metadata, schema or channel record that is taken for real (bytes).
 const LONGEST_RECORD: u64 = 64 << 20;
 /// Most bytes of messages outside chunks that are read together.
 const LOOSE_BLOCK: u64 = 1 << 20;

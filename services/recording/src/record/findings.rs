@@ -35,7 +35,7 @@ pub enum FindingKind {
     Torn,
 }
 
-/// Shortest stay at the extreme that counts [samples].
+/// Shortest stay at the extreme that counts (samples).
 const STAY: usize = 5;
 /// Fewest samples at the extreme, all stays together.
 const SAMPLES: usize = 20;

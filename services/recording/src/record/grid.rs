@@ -8,7 +8,7 @@ use super::{Finding, FindingKind, Gaps, Options, RecordError};
 /// From this multiple of the median step on, a step is a gap and no jitter.
 const GAP: f64 = 1.5;
 
-/// The rows to keep, the mean sampling time over them [s], and a finding where rows were left out.
+/// The rows to keep, the mean sampling time over them (s), and a finding where rows were left out.
 pub(super) fn uniform(
     file: &Path,
     time_s: &[f64],

@@ -28,11 +28,11 @@ pub const TIME: &str = "t_s";
 pub struct Record {
     /// File name, for reports.
     pub name: String,
-    /// Sampling instants, uniform within the tolerance asked for [s].
+    /// Sampling instants, uniform within the tolerance asked for (s).
     pub time_s: Vec<f64>,
     /// Values by name of the column, each as long as the time; the unit is in the name.
     pub columns: BTreeMap<String, Vec<f64>>,
-    /// Mean time between two samples [s].
+    /// Mean time between two samples (s).
     pub sampling_s: f64,
     /// What somebody should look at.
     pub findings: Vec<Finding>,
@@ -181,9 +181,9 @@ pub enum RecordError {
         file: PathBuf,
         /// Row.
         row: u64,
-        /// Time in the row before [s].
+        /// Time in the row before (s).
         before: f64,
-        /// Time in this row [s].
+        /// Time in this row (s).
         after: f64,
     },
     /// Samples are missing.
@@ -193,13 +193,13 @@ pub enum RecordError {
         file: PathBuf,
         /// Row behind the first gap.
         row: u64,
-        /// Time before it [s].
+        /// Time before it (s).
         before: f64,
-        /// Time behind it [s].
+        /// Time behind it (s).
         after: f64,
         /// Samples that are missing there.
         missing: u64,
-        /// Sampling time [s].
+        /// Sampling time (s).
         sampling_s: f64,
         /// Number of gaps in the record.
         gaps: usize,
@@ -211,11 +211,11 @@ pub enum RecordError {
         file: PathBuf,
         /// Row.
         row: u64,
-        /// Median step [s].
+        /// Median step (s).
         expected_s: f64,
-        /// Step that was found [s].
+        /// Step that was found (s).
         found_s: f64,
-        /// Tolerance [%].
+        /// Tolerance (%).
         tolerance_percent: f64,
     },
     /// Not enough rows.

@@ -11,13 +11,13 @@ use crate::mcap_read::Recording;
 /// How the channels of an axis are named in the record; `None` leaves a channel out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ColumnNames {
-    /// Motor volts at the card's output [V].
+    /// Motor volts at the card's output (V).
     pub motor: Option<String>,
-    /// Position of the master [rad or m].
+    /// Position of the master (rad or m).
     pub master: Option<String>,
-    /// Position of the slave [rad or m].
+    /// Position of the slave (rad or m).
     pub slave: Option<String>,
-    /// Torque or force of the hand [N·m or N].
+    /// Torque or force of the hand (N·m or N).
     pub torque: Option<String>,
 }
 
@@ -53,7 +53,7 @@ pub struct SampleColumns {
     pub names: ColumnNames,
     /// Further analog channels as read, in volts: channel and name of the column.
     pub analog: Vec<(usize, String)>,
-    /// Scan rate by the rig file [Hz]; `None`: taken from scan times and ticks.
+    /// Scan rate by the rig file (Hz); `None`: taken from scan times and ticks.
     pub scan_hz: Option<f64>,
 }
 
@@ -212,7 +212,7 @@ fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
     })
 }
 
-/// The grid's period [s]. Ticks are multiples of it, and its rate is a whole number of Hz, so that the mean over the
+/// The grid's period (s). Ticks are multiples of it, and its rate is a whole number of Hz, so that the mean over the
 /// recording, rounded, is exact.
 fn period_s(samples: &[(u64, Sample)]) -> Option<f64> {
     let (_, first) = samples.first()?;

@@ -10,7 +10,7 @@ pub trait Bench {
     fn reset(&mut self);
     /// Lets `ticks` periods pass on the card.
     fn advance(&mut self, ticks: u64);
-    /// The card's time now [ns].
+    /// The card's time now (ns).
     fn now_ns(&self) -> u64;
     /// The card.
     fn daq(&mut self) -> &mut dyn Daq;

@@ -12,15 +12,15 @@ pub struct Scan {
     pub tick: u64,
     /// When the card took it [ns, CLOCK_MONOTONIC].
     pub time_ns: u64,
-    /// Time within the replayed record [s]; 0 for a live card.
+    /// Time within the replayed record (s); 0 for a live card.
     pub record_time_s: f64,
     /// Encoder counts of the master.
     pub master_counts: [i64; AXES],
     /// Encoder counts of the slave.
     pub slave_counts: [i64; AXES],
-    /// Analog inputs [V].
+    /// Analog inputs (V).
     pub analog_v: [f64; ANALOG],
-    /// Volts at the motor when the scan was taken [V].
+    /// Volts at the motor when the scan was taken (V).
     pub motor_v: [f64; AXES],
     /// Values that a record holds in SI units already.
     pub physical: Physical,
@@ -35,11 +35,11 @@ pub struct Scan {
 /// Values in SI units, from a record: they take the place of counts and volts where present.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Physical {
-    /// Position of the master [rad or m].
+    /// Position of the master (rad or m).
     pub master_position: [f64; AXES],
-    /// Position of the slave [rad or m].
+    /// Position of the slave (rad or m).
     pub slave_position: [f64; AXES],
-    /// Torque (or force) of the hand on the slave [N·m or N].
+    /// Torque (or force) of the hand on the slave (N·m or N).
     pub slave_torque: [f64; AXES],
     /// One bit an axis: the position of the master is there.
     pub master: u8,

@@ -5,25 +5,25 @@ use ipc_types::{AXES, Profile};
 /// Limits of one axis; beyond any of them the motor loses power.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
-    /// Lowest position, of master and slave [rad or m].
+    /// Lowest position, of master and slave (rad or m).
     pub position_min: f64,
-    /// Highest position, of master and slave [rad or m].
+    /// Highest position, of master and slave (rad or m).
     pub position_max: f64,
-    /// Highest speed, of master and slave [rad/s or m/s].
+    /// Highest speed, of master and slave (rad/s or m/s).
     pub speed_max: f64,
-    /// Speed below which the axis counts as at rest, for `arm` [rad/s or m/s].
+    /// Speed below which the axis counts as at rest, for `arm` (rad/s or m/s).
     pub rest_speed: f64,
-    /// Highest motor volts, either sign [V].
+    /// Highest motor volts, either sign (V).
     pub volts_max: f64,
-    /// Highest torque (or force) at the slave, either sign [N·m or N].
+    /// Highest torque (or force) at the slave, either sign (N·m or N).
     pub torque_max: f64,
     /// Whether the rig cannot do without the torque channel: its absence is then a fault.
     pub torque_needed: bool,
-    /// Furthest that an encoder may move within one tick [counts].
+    /// Furthest that an encoder may move within one tick (counts).
     pub encoder_jump_counts: u64,
-    /// One count of the master's encoder [rad or m].
+    /// One count of the master's encoder (rad or m).
     pub master_count: f64,
-    /// One count of the slave's encoder [rad or m].
+    /// One count of the slave's encoder (rad or m).
     pub slave_count: f64,
 }
 
@@ -36,25 +36,25 @@ pub struct Config {
     pub incarnation: u64,
     /// Profile that this watchdog was granted.
     pub profile: Profile,
-    /// Life of a token; also the longest time between two steps of the watchdog itself [ns].
+    /// Life of a token; also the longest time between two steps of the watchdog itself (ns).
     pub token_life_ns: u64,
-    /// Silence after which acquisition or control is lost [ns].
+    /// Silence after which acquisition or control is lost (ns).
     pub peer_lost_ns: u64,
     /// The enable line toggles only while the newest sample is younger than this: acquisition that died must not be
-    /// covered for until it counts as lost [ns].
+    /// covered for until it counts as lost (ns).
     pub line_pause_ns: u64,
     /// A pause of the line that lasts this long is a trip. Less than the card's patience, so that the motor never
-    /// loses power without a trip and gets it back by itself [ns].
+    /// loses power without a trip and gets it back by itself (ns).
     pub line_gap_ns: u64,
-    /// Time that the gate has to open after `enable` [ns].
+    /// Time that the gate has to open after `enable` (ns).
     pub gate_open_ns: u64,
-    /// Oldest token that a sample or a command may echo, and oldest sample that a command may answer [ns].
+    /// Oldest token that a sample or a command may echo, and oldest sample that a command may answer (ns).
     pub echo_lost_ns: u64,
-    /// How long a momentary fault (a backward step, an encoder jump) counts as standing [ns].
+    /// How long a momentary fault (a backward step, an encoder jump) counts as standing (ns).
     pub hold_ns: u64,
-    /// Length over which speed is measured [ns].
+    /// Length over which speed is measured (ns).
     pub speed_window_ns: u64,
-    /// How far ahead of our clock a message's time may be [ns].
+    /// How far ahead of our clock a message's time may be (ns).
     pub future_ns: u64,
     /// Axes of the rig.
     pub axes: usize,

@@ -230,7 +230,7 @@ pub struct Trip {
     pub cause: u8,
 }
 
-/// How long after a kill a trip is its doing: far above what either profile needs [ns].
+/// How long after a kill a trip is its doing: far above what either profile needs (ns).
 const PROVOKED_NS: u64 = 1_000_000_000;
 
 /// Trips from enabled that are not the first after a kill.

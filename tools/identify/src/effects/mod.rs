@@ -92,7 +92,7 @@ pub enum Declared {
 /// How fast the records move: what shapes are scaled with.
 #[derive(Clone, Copy, Debug)]
 pub struct Speeds {
-    /// Root mean square over all records [m/s or rad/s].
+    /// Root mean square over all records (m/s or rad/s).
     pub rms: f64,
     /// Largest magnitude.
     pub peak: f64,

@@ -2,7 +2,7 @@
 
 use crate::filter::{ZeroPhase, derivatives};
 
-/// Cut-off of the low-pass (one pass) [Hz]; a tenth of the sampling frequency where that is lower.
+/// Cut-off of the low-pass (one pass) (Hz); a tenth of the sampling frequency where that is lower.
 pub const CUT_OFF_HZ: f64 = 40.0;
 
 /// Rows per cut-off frequency that are kept after the low-pass: five, since nothing is left above the cut-off.
@@ -11,11 +11,11 @@ const ROWS_PER_CUT_OFF: f64 = 5.0;
 /// Filtered motion of one record at its full rate.
 #[derive(Clone, Debug)]
 pub struct Signals {
-    /// Time [s].
+    /// Time (s).
     pub time: Vec<f64>,
-    /// Position, low-passed [m or rad].
+    /// Position, low-passed (m or rad).
     pub position: Vec<f64>,
-    /// Velocity: derivative of the low-passed position [m/s or rad/s].
+    /// Velocity: derivative of the low-passed position (m/s or rad/s).
     pub velocity: Vec<f64>,
     /// Acceleration: second derivative of the low-passed position.
     pub acceleration: Vec<f64>,
@@ -30,9 +30,9 @@ pub struct Balance {
     pub name: String,
     /// Motion at the full rate.
     pub signals: Signals,
-    /// Measured force, low-passed, one value per row [N or N·m].
+    /// Measured force, low-passed, one value per row (N or N·m).
     pub force: Vec<f64>,
-    /// Cut-off of the low-pass [Hz].
+    /// Cut-off of the low-pass (Hz).
     pub cut_off: f64,
 }
 

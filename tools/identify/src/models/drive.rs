@@ -36,7 +36,7 @@ const LINEAR: Units = Units { force: "N", position: "m", velocity: "m/s", dampin
 const ROTARY: Units =
     Units { force: "N·m", position: "rad", velocity: "rad/s", damping: "N·m·s/rad", mass: "kg·m²" };
 
-/// Blocks of one record last at least this long [s].
+/// Blocks of one record last at least this long (s).
 const BLOCK_S: f64 = 0.4;
 /// A record is cut into about this many blocks.
 const BLOCKS: f64 = 40.0;
