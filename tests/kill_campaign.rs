@@ -142,7 +142,7 @@ impl Campaign {
             let powered = seen.scans.iter().all(|scan| scan.power)
                 && seen.tokens.iter().all(|token| token.enabled && token.epoch == epoch);
             let flowing = seen.scans.iter().filter(|scan| scan.volts).count();
-            let (causes, scans) = (seen.causes(), seen.scans.len());
+            let (causes, scans, account) = (seen.causes(), seen.scans.len(), seen.account());
             drop(seen);
             if powered {
                 // A sine's volts pass through 0 V when the friction's changes its sign.
@@ -151,7 +151,7 @@ impl Campaign {
             }
             let why = self.witness().stalled(&FAST);
             self.witness().power_up(&self.rig);
-            return Err(why.unwrap_or_else(|| panic!("{victim}'s death cut the power: {causes:?}")));
+            return Err(why.unwrap_or_else(|| panic!("{victim}'s death cut the power: {causes:?}\n{account}")));
         }
         let tripped = self.witness().seen();
         // The others' word of state: no leave after the first token without, whoever came back meanwhile.

@@ -194,9 +194,10 @@ impl Footprint {
         }
     }
 
-    /// Number of entries, and their bytes.
+    /// Number of entries, and their bytes without those of `.details`, a text in which process ids stand in full length.
     pub fn size(&self) -> (usize, u64) {
-        (self.entries.len(), self.entries.values().sum())
+        let counts = |path: &Path| path.extension().is_none_or(|kind| kind != "details");
+        (self.entries.len(), self.entries.iter().filter(|(path, _)| counts(path)).map(|(_, bytes)| bytes).sum())
     }
 
     /// Number of entries of each kind (the extension).

@@ -200,6 +200,31 @@ impl Seen {
         self.tokens.iter().filter(faulted).map(|token| token.cause).collect()
     }
 
+    /// When power, volts and leave came and went since the mark, and the longest pauses, for messages.
+    pub fn account(&self) -> String {
+        let mut text = String::new();
+        let mut before = None;
+        for scan in &self.scans {
+            if before.replace((scan.incarnation, scan.power)) != Some((scan.incarnation, scan.power)) {
+                text += &format!("card {:x} tick {} power {}\n", scan.incarnation, scan.tick, scan.power);
+            }
+        }
+        let mut before = None;
+        for token in &self.tokens {
+            let now = (token.incarnation, token.epoch, token.state, token.cause);
+            if before.replace(now) != Some(now) {
+                text += &format!("watchdog tick {} {now:x?}\n", tick_of(token.time_ns));
+            }
+        }
+        let toggled = tick_of(self.toggled.0);
+        text += &format!("line last toggled at tick {toggled}, toggle {}\n", self.toggled.1);
+        for (topic, stream) in &self.streams {
+            let pause_ms = stream.pause_ns as f64 * 1e-6;
+            text += &format!("{topic}: pause {pause_ms:.1} ms, missed by this reader {}\n", stream.lost);
+        }
+        text
+    }
+
     pub fn state(&self) -> Option<WatchdogState> {
         self.newest_token.map(|token| token.state)
     }
