@@ -107,7 +107,7 @@ fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
     let output = rig.run(["up", "--simulate", "--effect", "gremlins"]);
     assert_refused(&rig, &output, WRONG_FILE, &["gremlins"]);
     let output = rig.run(["up"]);
-    assert_refused(&rig, &output, WRONG_FILE, &["--simulate", "--replay"]);
+    assert_refused(&rig, &output, 2, &["--simulate", "--replay"]);
 }
 
 /// A record of 8 s at 2 kHz that is right, but for what `edit` does to a row (from 0).
