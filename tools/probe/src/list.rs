@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(text(None, false).lines().count(), TOPICS.len() + 1);
         let parsed: Vec<serde_json::Value> = serde_json::from_str(&text(None, true)).unwrap();
         assert_eq!(parsed.len(), TOPICS.len());
-        assert!(text(Some("command"), false).contains("volts                  float64[3]   motor volts [V]"));
+        assert!(text(Some("command"), false).contains("volts                  float64[3]   motor volts (V)"));
         assert!(list(Some("x"), false, &mut Vec::new()).is_err());
     }
 }
