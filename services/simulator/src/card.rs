@@ -50,6 +50,8 @@ pub struct Card {
     line_ns: u64,
     dac_v: [f64; AXES],
     toggles: Option<u64>,
+    /// The last edge, and the last one that kept the line alive.
+    edge_ns: Option<u64>,
     toggled_ns: Option<u64>,
     output_sequence: u64,
     output_incarnation: u64,
@@ -106,6 +108,7 @@ impl Card {
             line_ns,
             dac_v: [0.0; AXES],
             toggles: None,
+            edge_ns: None,
             toggled_ns: None,
             output_sequence: 0,
             output_incarnation: 0,
@@ -130,10 +133,15 @@ impl Card {
         self.taken_tick
     }
 
-    /// The enable line's level changed for the `toggles`-th time at `time_ns`. The same count again is no edge.
+    /// The enable line's level changed for the `toggles`-th time at `time_ns`. The same count again is no edge. One edge is no
+    /// sign of life, for a watchdog that starts again makes one when it sets the line to a known level: power comes with
+    /// the second of two edges that are no further apart than the card is patient.
     pub fn enable_line(&mut self, toggles: u64, time_ns: u64) {
         if self.toggles.replace(toggles).is_some_and(|before| before != toggles) {
-            self.toggled_ns = Some(self.toggled_ns.map_or(time_ns, |before| before.max(time_ns)));
+            let edge_ns = self.edge_ns.map_or(time_ns, |before| before.max(time_ns));
+            if self.edge_ns.replace(edge_ns).is_some_and(|before| edge_ns - before <= self.line_ns) {
+                self.toggled_ns = Some(edge_ns);
+            }
         }
     }
 

@@ -46,22 +46,30 @@ fn the_motor_has_power_only_while_the_line_toggles() {
     // one message with any count is no edge yet; it takes a change
     card.enable_line(8, time(100));
     assert_eq!(card.clock(101, time(101)).motor_power, 0);
-    for tick in 102..110 {
+    // nor is one edge a sign of life: a watchdog that starts again makes one
+    card.enable_line(0, time(102));
+    for tick in 102..130 {
+        assert_eq!(card.clock(tick, time(tick)).motor_power, 0);
+    }
+    // two are, where they follow each other soon
+    card.enable_line(1, time(130));
+    assert_eq!(card.clock(130, time(130)).motor_power, 0, "the edge before is long ago");
+    for tick in 131..140 {
         card.enable_line(tick, time(tick));
         let scan = card.clock(tick, time(tick));
         assert_eq!((scan.motor_power, scan.motor_v[0], scan.dac_v[0]), (1, 2.0, 2.0));
     }
     // the line stops (held level repeats the same count): power lasts 5 ms = 10 ticks from the last edge, no longer
-    let dead: Vec<u64> = (110..140)
+    let dead: Vec<u64> = (140..170)
         .filter(|tick| {
-            card.enable_line(109, time(*tick));
+            card.enable_line(139, time(*tick));
             let scan = card.clock(*tick, time(*tick));
             assert_eq!(scan.dac_v[0], 2.0, "the DAC holds whoever dies");
             assert_eq!(scan.motor_v[0], if scan.motor_power == 1 { 2.0 } else { 0.0 });
             scan.motor_power == 0
         })
         .collect();
-    assert_eq!(dead, (120..140).collect::<Vec<_>>());
+    assert_eq!(dead, (150..170).collect::<Vec<_>>());
 }
 
 #[test]

@@ -145,7 +145,7 @@ fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
     let rig = rig();
     let card = |effects: &[String]| {
         let mut card = simulator::Card::new(&rig, effects, u64::MAX).unwrap();
-        (0..2).for_each(|toggles| card.enable_line(toggles, 0));
+        (0..3).for_each(|toggles| card.enable_line(toggles, 0));
         let row = |tick: u64| {
             let time_s = tick as f64 * 5e-4;
             card.write([2.0 * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
