@@ -113,7 +113,7 @@ pub struct Seen {
     pub scans: Vec<Scan>,
     /// Since the mark.
     pub tokens: Vec<Token>,
-    /// Time and count of the enable line's last change of level.
+    /// Time and count of the enable line's last change of level by one watchdog.
     pub toggled: (u64, u64),
     pub streams: BTreeMap<&'static str, Stream>,
     pub sample: Option<Sample>,
@@ -169,7 +169,8 @@ impl Seen {
             }
             _ if topic == ENABLE_LINE.topic.name => {
                 let toggles = EnableLine::from_bytes(bytes).unwrap().toggles;
-                if toggles != self.toggled.1 {
+                // A watchdog that starts begins at 0, which keeps no motor powered.
+                if toggles != self.toggled.1 && toggles != 0 {
                     self.toggled = (time_ns, toggles);
                 }
             }
