@@ -300,7 +300,7 @@ fn a_recycled_pid_is_not_adopted() {
     until("c is dead", || !victim.is_alive());
     // Somebody else has the pid now, as the status has it, but started at another time: start times have a resolution of
     // 10 ms, and the victim may be younger than that.
-    std::thread::sleep(Duration::from_millis(50));
+    std::thread::sleep(std::time::Duration::from_millis(50));
     let mut bystander = Command::new("sleep").arg("600").spawn().unwrap();
     let path = RunDir::new(rig.run_dir()).status_json();
     let mut status: launch::Status = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
