@@ -3,9 +3,10 @@
     summary.py SUMMARY.json [--profile realtime|best-effort]
 
 Two kinds of bounds. What a demo promises on a machine that is its own (motor at 0 V within 10 / 60 ms of a kill, commands at
-500 Hz within 0.1 %) is printed as a note where it does not hold: a shared machine that stands still for ten milliseconds breaks
-it, and no change to the code would mend that. What must hold on any machine ends with exit code 1, and is named on stderr: nothing
-lost, nothing missed in realtime, and the same figures with room for a machine that stands still now and then.
+500 Hz within 0.1 %, or 1 % in best-effort) is printed as a note where it does not hold: a shared machine that stands still
+for ten milliseconds breaks it, and no change to the code would mend that. What must hold on any machine ends with exit code 1,
+and is named on stderr: nothing lost, nothing missed in realtime, and the same figures with room for a machine that stands
+still now and then.
 """
 
 import argparse
@@ -18,7 +19,7 @@ KEYS = (
 )  # fmt: skip
 CONTROL_HZ = 500.0  # of the embedded rig
 PROMISED_TRIP_MS = {"realtime": 10.0, "best-effort": 60.0}
-PROMISED_RATE_SHARE = 0.001
+PROMISED_RATE_SHARE = {"realtime": 0.001, "best-effort": 0.01}
 TRIP_MS = {"realtime": 30.0, "best-effort": 130.0}
 # A loop skips the periods that the machine does not give it; these are counted, and are no fault.
 RATE_SHARE = {"realtime": 0.02, "best-effort": 0.05}
@@ -72,8 +73,8 @@ def notes(summary):
         if trip > PROMISED_TRIP_MS[found]:
             yield f"trip_ms: {trip:.1f} is above the promised {PROMISED_TRIP_MS[found]:.0f}"
     for rate in numbers(summary["command_hz"]):
-        if abs(rate / CONTROL_HZ - 1.0) > PROMISED_RATE_SHARE:
-            yield f"command_hz: {rate:.2f} is not within {PROMISED_RATE_SHARE:.1%} of {CONTROL_HZ:.0f}"
+        if abs(rate / CONTROL_HZ - 1.0) > PROMISED_RATE_SHARE[found]:
+            yield f"command_hz: {rate:.2f} is not within {PROMISED_RATE_SHARE[found]:.1%} of {CONTROL_HZ:.0f}"
 
 
 def main():

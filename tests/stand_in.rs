@@ -27,7 +27,7 @@ fn stand_in(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
     let mut tokens = service.subscriber(TOKEN)?;
     let mut commands = service.publisher(COMMAND)?;
     let own = service.identity().incarnation;
-    let profile = service.enter_loop(70)?;
+    let profile = service.enter_loop()?;
     println!("incarnation {own}");
     let mut grid = Grid::of_rate(500, 200_000);
     let (mut sample, mut token) = (None, None);

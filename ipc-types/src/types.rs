@@ -411,8 +411,8 @@ message! {
         profile: u8,
         /// 1 if memory is locked
         memory_locked: u8,
-        /// none
-        reserved: u8,
+        /// 1 if idle processors are kept awake
+        kept_awake: u8,
     }
 }
 

@@ -122,7 +122,7 @@ impl Scheduling {
     pub(crate) fn read(unit: &Unit, pid: i32) -> Self {
         let mut refused = Vec::new();
         let granted = granted(pid);
-        if unit.scheduling.is_realtime() && granted != Some(unit.scheduling) {
+        if unit.scheduling.is_realtime() && granted.is_none_or(|granted| granted.rank() < unit.scheduling.rank()) {
             let has = granted.map_or_else(|| "unknown".to_owned(), |granted| granted.to_string());
             refused.push(format!("CPUSchedulingPolicy={}: it has {has}", unit.scheduling));
         }

@@ -114,7 +114,15 @@ pub enum SchedulingPolicy {
 impl SchedulingPolicy {
     /// Whether it is one of the real-time classes.
     pub fn is_realtime(self) -> bool {
-        !matches!(self, Self::Other)
+        self.rank() > 0
+    }
+
+    /// The priority; 0 for ordinary time sharing, before which all others go.
+    pub fn rank(self) -> i32 {
+        match self {
+            Self::Other => 0,
+            Self::Fifo(priority) | Self::Rr(priority) => priority,
+        }
     }
 }
 

@@ -14,9 +14,6 @@ use thiserror::Error;
 
 use crate::{Converter, NullDaq, ReplayDaq, ReplayError, SimulatedDaq};
 
-/// Real-time priority: above card and control, below the watchdog.
-const PRIORITY: i32 = 80;
-
 /// Which card stands behind acquisition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Card {
@@ -105,9 +102,8 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
     ));
     // Whatever a predecessor left in the DACs is taken away before anything else.
     daq.write([0.0; AXES])?;
-    let profile = service.enter_loop(PRIORITY)?;
-    let mut meter =
-        LoopMeter::new(Process::Acquisition, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let profile = service.enter_loop()?;
+    let mut meter = LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
     let mut told_finished = false;
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

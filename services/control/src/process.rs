@@ -13,8 +13,6 @@ use thiserror::Error;
 
 use crate::law::{AxisLaw, Law, LawConfig};
 
-/// Real-time priority: below acquisition and card.
-const PRIORITY: i32 = 70;
 /// The reference catches up with a far target at this fraction of the axis's speed limit.
 const CATCH_UP: f64 = 0.2;
 
@@ -90,9 +88,9 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
     let mut law = Law::new(law_config(&rig));
     let identity = service.identity();
-    let profile = service.enter_loop(PRIORITY)?;
+    let profile = service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter = LoopMeter::new(Process::Control, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let mut meter = LoopMeter::new(Process::Control, service.grants()).map_err(ServiceError::from)?;
     let (mut sample, mut setpoint, mut token) = (None, None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

@@ -26,8 +26,6 @@ use crate::state::PlayerState;
 use desk::{Clerk, Current, Desk};
 use link::{LoopEnd, Note, Order};
 
-/// Real-time priority: below everything that moves or guards the motor; setpoints have a lease.
-const PRIORITY: i32 = 30;
 /// Period of the heartbeat (ns).
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// Name of the state's file.
@@ -116,6 +114,8 @@ impl Runner {
             }
         };
         let (link, desk_end) = link::link();
+        // Before the desk opens: who asks at once is told of what is taken up.
+        link.progress.tell(0, &player.status(), 0);
         let clerk = Clerk {
             rig: rig.clone(),
             session,
@@ -154,10 +154,9 @@ impl Runner {
     /// # Errors
     /// Those of the ports, and [`ExperimentError::DeskClosed`].
     pub fn run(mut self) -> Result<(), ExperimentError> {
-        let profile = self.service.enter_loop(PRIORITY)?;
+        let profile = self.service.enter_loop()?;
         let mut events = self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
-        let mut meter =
-            LoopMeter::new(Process::Experiment, profile, self.service.memory_locked()).map_err(ServiceError::from)?;
+        let mut meter = LoopMeter::new(Process::Experiment, self.service.grants()).map_err(ServiceError::from)?;
         let mut last_beat = 0;
         while !self.service.stopping() {
             let Some(wake) = self.grid.wait() else { continue };

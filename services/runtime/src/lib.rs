@@ -11,7 +11,7 @@
 //!     let mut service = Service::start(Process::Control, "demo")?;
 //!     let mut samples = service.subscriber(SAMPLE)?;
 //!     let mut commands = service.publisher(COMMAND)?;
-//!     service.enter_loop(70)?;
+//!     service.enter_loop()?;
 //!     let mut grid = Grid::of_rate(500, 200_000);
 //!     while !service.stopping() {
 //!         let Some(wake) = grid.wait() else { continue };
@@ -47,7 +47,7 @@ pub use domain::{Domain, DomainError, Keeper, RigName};
 pub use grid::{Grid, Wake};
 pub use identity::{Identity, random_u64};
 pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};
-pub use realtime::{Lives, lives};
+pub use realtime::{Grants, Lives, lives};
 pub use request::{RequestError, Server, call};
 pub use service::{Service, ServiceError};
 pub use timing::LoopMeter;

@@ -1,6 +1,9 @@
 //! What timing the machine grants, and asking for it.
 
-use ipc_types::Profile;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+
+use ipc_types::{Process, Profile};
 
 use crate::clock::MILLISECOND_NS;
 
@@ -15,6 +18,17 @@ pub struct Lives {
     pub peer_lost_ns: u64,
     /// The card drops the motor this long after the enable line's last toggle (ns).
     pub line_ns: u64,
+}
+
+/// What the machine granted a loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grants {
+    /// Real-time scheduling, or not.
+    pub profile: Profile,
+    /// Whether the process's memory is locked ([`lock_memory`]).
+    pub memory_locked: bool,
+    /// Whether idle processors are kept awake ([`stay_awake`]).
+    pub kept_awake: bool,
 }
 
 /// The lives of a profile.
@@ -65,8 +79,36 @@ pub fn request_normal() {
     set_scheduler(libc::SCHED_OTHER, 0);
 }
 
-/// Priority of a real-time process's helper threads: below every loop, above everything that is not of the rig.
-const HELPER_PRIORITY: i32 = 10;
+/// Asks for normal scheduling in slices of 0.1 ms instead of the usual 3 ms or so, for the calling thread: the scheduler lets
+/// a short slice that wakes go before longer ones (EEVDF, Linux 6.12 and later; before, it is ignored or refused). Needs no
+/// privilege. Returns whether the kernel took it.
+pub fn request_short_slices() -> bool {
+    // SAFETY: all zeros is a valid value of this plain structure.
+    let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
+    attributes.size = size_of::<libc::sched_attr>() as u32;
+    attributes.sched_policy = libc::SCHED_OTHER as u32;
+    attributes.sched_runtime = 100_000;
+    // SAFETY: 0 means the calling thread; the attributes live through the call, and give their own size.
+    unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) == 0 }
+}
+
+/// Priority of a process that starts (the unit files set it), and of the helper threads of one that runs: below every loop,
+/// so that the start of one does not hold up another; above everything that is not of the rig.
+pub const HELPER_PRIORITY: i32 = 10;
+
+/// Priority of a process's loop. The watchdog goes before all that it watches; who is read goes before who reads, but for
+/// the simulated card, which catches up; the experiment's setpoints have a lease of their own. A process without a
+/// real-time loop has the helpers'.
+pub const fn loop_priority(process: Process) -> i32 {
+    match process {
+        Process::Watchdog => 85,
+        Process::Acquisition => 80,
+        Process::Simulator => 75,
+        Process::Control => 70,
+        Process::Experiment => 30,
+        _ => HELPER_PRIORITY,
+    }
+}
 
 /// For a thread beside a real-time loop in the same process (readiness, the operator's verbs). It shares the
 /// loop's address space: were it preempted by ordinary load while it maps memory, the loop would wait for it.
@@ -77,6 +119,20 @@ pub fn request_helper(profile: Profile) {
         }
         Profile::BestEffort => request_normal(),
     }
+}
+
+/// Holds the processors awake while it lives; see [`stay_awake`].
+#[derive(Debug)]
+pub struct Awake(#[expect(dead_code, reason = "the kernel listens for as long as the file is open")] File);
+
+/// Asks the kernel for a wake latency of 0 µs (PM QoS): idle processors poll instead of sleeping, so that a timer finds one
+/// awake. A core that sleeps deeply, or a virtual one that its host has to schedule again, wakes late by hundreds of
+/// microseconds, now and then by milliseconds. `None` where the device may not be written: root's only, unless a udev rule
+/// says otherwise.
+pub fn stay_awake() -> Option<Awake> {
+    let mut device = OpenOptions::new().write(true).open("/dev/cpu_dma_latency").ok()?;
+    device.write_all(&0_i32.to_ne_bytes()).ok()?;
+    Some(Awake(device))
 }
 
 /// Asks the kernel not to round this thread's timers (the default rounds by 50 µs).

@@ -11,7 +11,7 @@ use thiserror::Error;
 use crate::domain::{Domain, DomainError, RigName};
 use crate::identity::{Identity, random_u64};
 use crate::ports::{PortError, Publisher, Subscriber};
-use crate::realtime::{self, Lives, lives};
+use crate::realtime::{self, Grants, Lives, lives};
 use crate::request::RequestError;
 
 /// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried again.
@@ -54,6 +54,7 @@ pub struct Service {
     events: Option<Publisher<Event>>,
     profile: Profile,
     memory_locked: bool,
+    awake: Option<realtime::Awake>,
 }
 
 impl Service {
@@ -85,6 +86,7 @@ impl Service {
             events,
             profile: Profile::BestEffort,
             memory_locked: false,
+            awake: None,
         })
     }
 
@@ -108,14 +110,14 @@ impl Service {
         self.profile
     }
 
-    /// Whether memory is locked; known after [`Service::enter_loop`].
-    pub fn memory_locked(&self) -> bool {
-        self.memory_locked
-    }
-
     /// Lives and time-outs of the rig's profile.
     pub fn lives(&self) -> Lives {
         lives(self.domain.profile())
+    }
+
+    /// What the machine granted; known after [`Service::enter_loop`].
+    pub fn grants(&self) -> Grants {
+        Grants { profile: self.profile, memory_locked: self.memory_locked, kept_awake: self.awake.is_some() }
     }
 
     /// The node of the main thread.
@@ -148,24 +150,30 @@ impl Service {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Asks for real-time scheduling at `priority`, locks memory where allowed, says that the process is
-    /// ready, and looks after it from now on. Call when all ports are made, right before the loop.
+    /// Asks for real-time scheduling at the process's own priority ([`realtime::loop_priority`]), locks memory and keeps
+    /// the processors awake where allowed, says that the process is ready, and looks after it from now on. Call when all
+    /// ports are made, right before the loop.
     ///
     /// Fails if the rig runs in the realtime profile and this process may not.
-    pub fn enter_loop(&mut self, priority: i32) -> Result<Profile, ServiceError> {
+    pub fn enter_loop(&mut self) -> Result<Profile, ServiceError> {
+        // Before the priority: to bring in and lock what is mapped takes milliseconds, in which the other loops go first.
+        if self.domain.profile() == Profile::Realtime {
+            self.memory_locked = realtime::lock_memory();
+            self.awake = realtime::stay_awake();
+        }
         self.profile = match self.domain.profile() {
             Profile::BestEffort => {
                 realtime::request_normal();
+                realtime::request_short_slices();
                 Profile::BestEffort
             }
-            Profile::Realtime => realtime::request_fifo(priority),
+            Profile::Realtime => realtime::request_fifo(realtime::loop_priority(self.process)),
         };
         if self.domain.profile() == Profile::Realtime && self.profile != Profile::Realtime {
             return Err(ServiceError::NotRealtime(self.domain.name().to_string(), self.process));
         }
         realtime::tighten_timer_slack();
         realtime::prefault_stack();
-        self.memory_locked = self.profile == Profile::Realtime && realtime::lock_memory();
         self.ready()?;
         Ok(self.profile)
     }

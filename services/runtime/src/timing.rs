@@ -1,10 +1,11 @@
 //! How punctual a loop was: histograms of wake lateness and execution time, and the message of them.
 
 use hdrhistogram::Histogram;
-use ipc_types::{LoopTiming, Process, Profile};
+use ipc_types::{LoopTiming, Process};
 
 use crate::clock::SECOND_NS;
 use crate::grid::{Grid, Wake};
+use crate::realtime::Grants;
 
 /// Lowest value that the histograms tell apart (ns).
 const LOWEST_NS: u64 = 100;
@@ -28,8 +29,7 @@ fn percentiles(histogram: &Histogram<u64>) -> [u64; 4] {
 #[derive(Debug)]
 pub struct LoopMeter {
     process: Process,
-    profile: Profile,
-    memory_locked: bool,
+    grants: Grants,
     pid: u32,
     cycles: u64,
     published_at_ns: u64,
@@ -39,12 +39,11 @@ pub struct LoopMeter {
 
 impl LoopMeter {
     /// A meter for a process. Errors only if the histogram's bounds were refused, which these are not.
-    pub fn new(process: Process, profile: Profile, memory_locked: bool) -> Result<Self, hdrhistogram::CreationError> {
+    pub fn new(process: Process, grants: Grants) -> Result<Self, hdrhistogram::CreationError> {
         let histogram = || Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, 2);
         Ok(Self {
             process,
-            profile,
-            memory_locked,
+            grants,
             pid: std::process::id(),
             cycles: 0,
             published_at_ns: 0,
@@ -89,8 +88,9 @@ impl LoopMeter {
             total_execution_ns: percentiles(&self.execution[1]),
             pid: self.pid,
             source: self.process.code(),
-            profile: self.profile.code(),
-            memory_locked: u8::from(self.memory_locked),
+            profile: self.grants.profile.code(),
+            memory_locked: u8::from(self.grants.memory_locked),
+            kept_awake: u8::from(self.grants.kept_awake),
             ..LoopTiming::default()
         };
         self.wake[0].reset();
@@ -101,12 +101,15 @@ impl LoopMeter {
 
 #[cfg(test)]
 mod tests {
+    use ipc_types::Profile;
+
     use super::*;
 
     #[test]
     fn interval_is_reset_and_total_is_not() {
         let mut grid = Grid::new(1_000_000, 0);
-        let mut meter = LoopMeter::new(Process::Control, Profile::Realtime, false).unwrap();
+        let grants = Grants { profile: Profile::Realtime, memory_locked: false, kept_awake: true };
+        let mut meter = LoopMeter::new(Process::Control, grants).unwrap();
         let mut now = SECOND_NS;
         let mut messages = Vec::new();
         for cycle in 0..2100u64 {

@@ -14,8 +14,6 @@ use crate::card::{Card, CardError};
 
 /// Scans that the card catches up with after it was not run for a while; a real card is never late.
 const CATCH_UP: u64 = 4096;
-/// Real-time priority: below acquisition, above control.
-const PRIORITY: i32 = 75;
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -56,8 +54,8 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
-    let profile = service.enter_loop(PRIORITY)?;
-    let mut meter = LoopMeter::new(Process::Simulator, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let profile = service.enter_loop()?;
+    let mut meter = LoopMeter::new(Process::Simulator, service.grants()).map_err(ServiceError::from)?;
     let mut last_tick = None;
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

@@ -16,8 +16,6 @@ use thiserror::Error;
 use crate::attendant::{self, Shared};
 use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers};
 
-/// Real-time priority: above all others.
-const PRIORITY: i32 = 85;
 /// `arm` takes an axis that moves by fewer counts than this within the speed window as at rest.
 const REST_COUNTS: f64 = 3.0;
 
@@ -96,9 +94,9 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let shared = Arc::new(Shared::new());
     let attendant = attendant::start(service.domain().name().clone(), Arc::clone(&shared), service.stop_flag())?;
     let mut grid = Grid::of_rate(rig.rates.watchdog_hz, rig.phases.watchdog_ns);
-    let profile = service.enter_loop(PRIORITY)?;
+    service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter = LoopMeter::new(Process::Watchdog, profile, service.memory_locked()).map_err(ServiceError::from)?;
+    let mut meter = LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
     let identity = service.identity();
     let mut machine = Machine::new(Config::for_profile(
         service.domain().profile(),

@@ -83,8 +83,8 @@ impl Board {
         let profile = self.timings.first().and_then(|timing| Profile::from_code(timing.profile));
         line(format!("rig {rig}{}", profile.map_or_else(String::new, |profile| format!(", {profile}"))));
         line(format!(
-            "{:<11} {:>6} {:>7}  {:>23}  {:>20}  mem",
-            "loop", "Hz", "missed", "late µs: p50   p99   max", "runs µs: p50 p99 max"
+            "{:<11} {:>6} {:>6}  {:>24}  {:>19}  grants",
+            "loop", "Hz", "missed", "late µs: p50   p99   max", "run µs: p50 p99 max"
         ));
         for timing in &self.timings {
             let us = |ns: u64| format!("{:.0}", ns as f64 * 1e-3);
@@ -92,7 +92,7 @@ impl Board {
             let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
             let silent = now_ns.saturating_sub(timing.time_ns) > SILENT_NS;
             line(format!(
-                "{process:<11} {:>6.0} {:>7}  {:>12} {:>5} {:>5}  {:>10} {:>4} {:>4}  {}",
+                "{process:<11} {:>6.0} {:>6}  {:>12} {:>5} {:>5}  {:>9} {:>4} {:>4}  {}",
                 1e9 / timing.period_ns.max(1) as f64,
                 timing.missed_periods,
                 us(late[0]),
@@ -101,10 +101,12 @@ impl Board {
                 us(runs[0]),
                 us(runs[1]),
                 us(runs[3]),
-                match (silent, timing.memory_locked) {
-                    (true, _) => "SILENT",
-                    (false, 1) => "lock",
-                    (false, _) => "-",
+                match (silent, timing.memory_locked, timing.kept_awake) {
+                    (true, ..) => "SILENT",
+                    (false, 1, 1) => "both",
+                    (false, 1, _) => "lock",
+                    (false, _, 1) => "awake",
+                    (false, ..) => "-",
                 },
             ));
         }
@@ -244,6 +246,7 @@ mod tests {
             missed_periods: 13,
             wake_late_ns: [4_000, 9_000, 21_000, 77_000],
             memory_locked: 1,
+            kept_awake: 1,
             source: Process::Control.code(),
             ..LoopTiming::default()
         };
