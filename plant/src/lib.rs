@@ -15,6 +15,7 @@
 //! ```
 //!
 //! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
+//! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
 //! - [`drive`] is a single mass with friction;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
 //! - [`sensors`] turn the true state into counts and volts.
@@ -25,6 +26,8 @@ pub mod fluid;
 pub mod friction;
 pub mod hydrostatic;
 mod parameter;
+pub mod response;
 pub mod sensors;
+pub mod transmission;
 
 pub use parameter::{ParameterError, ParameterInfo, ParameterSet};

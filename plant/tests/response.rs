@@ -1,7 +1,8 @@
 //! The published frequency responses, measured by simulation with the master moved along a sine.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::hydrostatic::{Parameters, Plant, Response, frequency_response};
+use plant::hydrostatic::{Parameters, Plant};
+use plant::response::{Response, frequency_response};
 
 fn at(parameters: &Parameters, frequency_hz: f64, amplitude_deg: f64) -> Response {
     let mut plant = Plant::new(parameters.clone(), Vec::new()).unwrap();

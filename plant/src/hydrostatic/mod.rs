@@ -19,10 +19,9 @@
 mod modes;
 mod parameters;
 mod plant;
-mod response;
 mod state;
 
+pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Reading};
 pub use parameters::Parameters;
 pub use plant::Plant;
-pub use response::{Response, frequency_response};
-pub use state::{Correction, EnergyBalance, ImposedMotion, Input, Reading, State};
+pub use state::State;

@@ -5,10 +5,11 @@
 //! linear springs exactly but for a bounded term of `(ω h)²/8`, where explicit Euler feeds the line's mode until
 //! it diverges. The sub-step follows from the highest mode.
 
-use super::{Correction, EnergyBalance, ImposedMotion, Input, Parameters, Reading, State, modes::modes};
+use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Site};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Stribeck, advance};
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
@@ -494,5 +495,27 @@ impl Plant {
         for effect in &mut self.effects.sensor {
             effect.sense(&mut self.reading, &moment);
         }
+    }
+}
+
+impl Transmission for Plant {
+    fn step(&mut self, input: Input, dt_s: f64) {
+        Self::step(self, input, dt_s);
+    }
+
+    fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
+        Self::step_imposed(self, master, hand_torque_nm, dt_s);
+    }
+
+    fn motion(&self) -> Motion {
+        Motion::from(&self.state)
+    }
+
+    fn reading(&self) -> Reading {
+        self.reading
+    }
+
+    fn energy(&self) -> EnergyBalance {
+        Self::energy(self)
     }
 }

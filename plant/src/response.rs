@@ -1,6 +1,6 @@
 //! Frequency response with the master moved along a sine (fig. 3.4, 3.5, 3.6, 3.7 and 5.7).
 
-use super::{ImposedMotion, Plant};
+use crate::transmission::{ImposedMotion, Transmission};
 
 /// Slave over master at one frequency: the fundamental, friction and all.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +30,7 @@ const RAMP_CYCLES: f64 = 2.0;
 
 /// Moves the plant's master along `amplitude_rad · sin(2π f t)` and measures the slave's fundamental over whole
 /// cycles, once settled. The plant is used up: it is left moving.
-pub fn frequency_response(plant: &mut Plant, frequency_hz: f64, amplitude_rad: f64) -> Response {
+pub fn frequency_response(plant: &mut impl Transmission, frequency_hz: f64, amplitude_rad: f64) -> Response {
     let settle_cycles = RAMP_CYCLES + (1.0 * frequency_hz).ceil().max(2.0);
     let measured_cycles = (0.5 * frequency_hz).ceil().max(2.0);
     let omega = std::f64::consts::TAU * frequency_hz;
@@ -41,7 +41,7 @@ pub fn frequency_response(plant: &mut Plant, frequency_hz: f64, amplitude_rad: f
     let settled = (settle_cycles * steps_per_cycle) as usize;
     let mut sums = [0.0; 4];
     let (mut power_in, mut power_out) = (0.0_f64, 0.0_f64);
-    let start = *plant.state();
+    let start = plant.motion();
     for index in 1..=count {
         let time = index as f64 * interval;
         let (position, velocity) = ramped_sine(omega, RAMP_CYCLES / frequency_hz, time);
@@ -52,7 +52,7 @@ pub fn frequency_response(plant: &mut Plant, frequency_hz: f64, amplitude_rad: f
         plant.step_imposed(target, 0.0, interval);
         if index > settled {
             let (sine, cosine) = (omega * time).sin_cos();
-            let state = plant.state();
+            let state = plant.motion();
             sums[0] += state.master_position_rad * sine;
             sums[1] += state.master_position_rad * cosine;
             sums[2] += state.slave_position_rad * sine;
