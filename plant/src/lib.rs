@@ -20,6 +20,8 @@
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
 //! - [`sensors`] turn the true state into counts and volts.
 
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
+
 pub mod drive;
 pub mod effects;
 pub mod fluid;

@@ -16,6 +16,7 @@
 //! Both `s_i` count positive with a positive master, as in the print: the fluid of line 2 really flows the other
 //! way round the ring, so its pressure change has the opposite sign.
 
+pub mod compliance;
 mod modes;
 mod parameters;
 mod plant;

@@ -14,7 +14,7 @@ impl Parameters {
 
 /// The modes with inertia added at either side.
 pub(crate) fn modes(parameters: &Parameters, extra_master: f64, extra_slave: f64) -> [f64; 4] {
-    let half_line = 2.0 * parameters.line_stiffness_n_per_m();
+    let half_lines = parameters.half_line_stiffness_n_per_m();
     let (a_m, a_s) = (parameters.master_displacement_m_per_rad(), parameters.slave_displacement_m_per_rad());
     let masses = [
         parameters.master_inertia_kg_m2() + extra_master,
@@ -23,7 +23,7 @@ pub(crate) fn modes(parameters: &Parameters, extra_master: f64, extra_slave: f64
         parameters.fluid_mass_kg(),
     ];
     let mut stiffness = Matrix4::<f64>::zeros();
-    for (side, displacement) in [(0, a_m), (1, a_s)] {
+    for (side, displacement, half_line) in [(0, a_m, half_lines[0]), (1, a_s, half_lines[1])] {
         for line in [2, 3] {
             stiffness[(side, side)] += half_line * displacement * displacement;
             stiffness[(line, line)] += half_line;

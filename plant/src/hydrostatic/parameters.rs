@@ -24,6 +24,20 @@ parameter_set! {
         fluid_density_kg_m3: "kg/m^3", 1.0, 2e4, 847.0, "§ 3.2.1";
         /// Stiffness of the whole line over that of the fluid alone: 1 as printed, about 1/14 as traced.
         line_stiffness_factor: "1", 1e-6, 10.0, 1.0, "§ 3.2.2 neglects bulging, belts, entrained gas";
+        /// Thickness of the hose's wall.
+        hose_wall_m: "m", 1e-4, 0.1, 0.002, "assumed: not printed";
+        /// Young's modulus of the hose's wall; infinite for a rigid one.
+        hose_wall_modulus_pa: "Pa", 1e4, f64::INFINITY, f64::INFINITY, "§ 3.2.2 neglects bulging";
+        /// Poisson's ratio of the hose's wall.
+        hose_wall_poisson_ratio: "1", 0.0, 0.5, 0.4, "assumed: plastics";
+        /// Stiffness of the belt between piston and pulley at either end; infinite for a rigid one.
+        belt_stiffness_n_per_m: "N/m", 1.0, f64::INFINITY, f64::INFINITY, "§ 3.2.2 neglects the belts";
+        /// Volume fraction of gas in the oil at the rest pressure.
+        gas_fraction: "1", 0.0, 0.5, 0.0, "not mentioned";
+        /// Exponent of the gas: 1 for slow, 1.4 for fast changes.
+        gas_exponent: "1", 1.0, 1.67, 1.0, "assumed: isothermal";
+        /// Absolute pressure of the line at rest.
+        rest_pressure_pa: "Pa", 1e3, 1e8, 101_325.0, "assumed: not pressurised";
         /// Master pulley radius `r_mp`.
         master_pulley_radius_m: "m", 1e-3, 0.5, 0.031, "§ 3.2.1";
         /// Slave pulley radius `r_sp`.
@@ -110,9 +124,10 @@ impl Parameters {
         Self { hose_length_m: length_m, ..self }
     }
 
-    /// Stiffness of one line `K = B A / L` (eq. 3.1.7) times the line's factor, N/m.
+    /// Stiffness of one line, N/m: `K = B A / L` (eq. 3.1.7) times the line's factor, with wall, gas and belts in series.
     pub fn line_stiffness_n_per_m(&self) -> f64 {
-        self.line_stiffness_factor * self.bulk_modulus_pa * self.hose_area_m2 / self.hose_length_m
+        let [master, slave] = self.half_line_stiffness_n_per_m();
+        master * slave / (master + slave)
     }
 
     /// Mass of the fluid in one line `m_l = A L ρ`, kg.

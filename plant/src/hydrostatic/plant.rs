@@ -32,7 +32,7 @@ struct Sited {
 /// What follows from the parameters and stays.
 #[derive(Clone, Debug)]
 struct Constants {
-    half_line_n_per_m: f64,
+    half_line_n_per_m: [f64; 2],
     displacement: [f64; 2],
     inertia: [f64; 2],
     fluid_mass_kg: f64,
@@ -113,7 +113,7 @@ impl Plant {
         let longest_step_s =
             LONGEST_STEP_S.min(PHASE_PER_STEP / highest.max(rate)).min(DECAY_PER_STEP / decay.max(1e-9));
         let constants = Constants {
-            half_line_n_per_m: 2.0 * real.line_stiffness_n_per_m(),
+            half_line_n_per_m: real.half_line_stiffness_n_per_m(),
             displacement,
             inertia,
             fluid_mass_kg,
@@ -335,10 +335,10 @@ impl Plant {
     /// The four links, each once.
     fn couple(&mut self, half: &[f64; 4], mean: &[f64; 4], moment: &Moment) -> Coupling {
         let mut coupling = Coupling::default();
-        let (stiffness, damping) = (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
+        let (stiffnesses, damping) = (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
         for line in 0..2 {
             for (index, end) in [(0, End::Master), (1, End::Slave)] {
-                let displacement = self.constants.displacement[index];
+                let (displacement, stiffness) = (self.constants.displacement[index], stiffnesses[index]);
                 let deflection = half[2 + line] - displacement * half[index];
                 let rate = mean[2 + line] - displacement * mean[index];
                 let (spring, damper) = (stiffness * deflection, damping * rate);
@@ -463,11 +463,9 @@ impl Plant {
             + 0.5 * constants.inertia[1] * state.slave_velocity_rad_s.powi(2);
         for line in 0..2 {
             energy += 0.5 * constants.fluid_mass_kg * state.line_velocity_m_s[line].powi(2);
-            for (displacement, position) in
-                constants.displacement.iter().zip([state.master_position_rad, state.slave_position_rad])
-            {
-                let deflection = state.line_position_m[line] - displacement * position;
-                energy += 0.5 * constants.half_line_n_per_m * deflection * deflection;
+            for (end, position) in [state.master_position_rad, state.slave_position_rad].into_iter().enumerate() {
+                let deflection = state.line_position_m[line] - constants.displacement[end] * position;
+                energy += 0.5 * constants.half_line_n_per_m[end] * deflection * deflection;
             }
         }
         energy

@@ -1,5 +1,9 @@
 //! Frequency response with the master moved along a sine (fig. 3.4, 3.5, 3.6, 3.7 and 5.7).
 
+mod fit;
+
+pub use fit::{FitError, LinearSystem};
+
 use crate::transmission::{ImposedMotion, Transmission};
 
 /// Slave over master at one frequency: the fundamental, friction and all.
