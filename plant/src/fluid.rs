@@ -58,6 +58,7 @@ impl Pipe {
 
     /// Force over speed, N·s/m, at a speed in m/s: `F_lf / v = f L |v| ρ A / (2 d)`, which is `32 ν L A / d²` while the
     /// flow is laminar.
+    #[inline]
     pub fn coefficient(&self, speed_m_s: f64) -> f64 {
         let reynolds = self.reynolds_per_speed * speed_m_s.abs();
         if reynolds <= LAMINAR_END {

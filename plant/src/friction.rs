@@ -69,7 +69,7 @@ pub struct Advance {
 }
 
 /// Advances one degree of freedom that moves at `velocity` by `step` seconds.
-#[inline]
+#[inline(always)]
 pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     if load.smoothing > 0.0 {
         return advance_smoothed(velocity, step, load);
@@ -109,6 +109,7 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
 }
 
 /// From rest: stays there, or breaks away.
+#[inline(always)]
 fn start(step: f64, load: &Load) -> Advance {
     let (excess, sign, level, viscous) = if load.force >= 0.0 {
         let level = load.dry.forward_at_rest.max(0.0);
@@ -131,6 +132,8 @@ fn start(step: f64, load: &Load) -> Advance {
 }
 
 /// Dry friction spread over a small speed, implicit in the new speed: for estimators that need a slope.
+#[cold]
+#[inline(never)]
 fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
     let half = 0.5 * step * viscous;
@@ -180,7 +183,7 @@ pub struct Stribeck {
 
 impl Stribeck {
     /// Magnitude at a speed (its sign does not matter); never negative.
-    #[inline]
+    #[inline(always)]
     pub fn level(&self, speed: f64) -> f64 {
         let speed = speed.abs();
         let level = if speed < self.corner {
