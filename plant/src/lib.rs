@@ -17,6 +17,7 @@
 //! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
 //! - [`drive`] is a single mass with friction;
+//! - [`friction`] has the laws of friction and exact stick, each law by name;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
 //! - [`sensors`] turn the true state into counts and volts.
 

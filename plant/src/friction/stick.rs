@@ -1,4 +1,4 @@
-//! Dry friction with exact stick: one degree of freedom over one step.
+//! One degree of freedom over one step, with exact stick.
 //!
 //! The force other than friction is held over the step. Within the step the movement is then known in closed form, so
 //! the instant at which it stops is resolved, and at rest the friction takes any value up to breakaway: the speed is
@@ -164,33 +164,4 @@ fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let displacement = step * mean;
     let dry = level(speed) * speed / (speed * speed + load.smoothing * load.smoothing).sqrt();
     Advance { velocity: speed, displacement, dissipated: (dry + viscous * mean) * displacement }
-}
-
-/// Piecewise linear Stribeck friction (fig. 3.2B): falls from the static value up to a corner speed, then rises.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stribeck {
-    /// At rest, N·m or N.
-    pub at_rest: f64,
-    /// Fall per speed below the corner, positive for falling.
-    pub falling: f64,
-    /// Corner speed.
-    pub corner: f64,
-    /// Just above the corner.
-    pub above_corner: f64,
-    /// Rise per speed above the corner.
-    pub rising: f64,
-}
-
-impl Stribeck {
-    /// Magnitude at a speed (its sign does not matter); never negative.
-    #[inline(always)]
-    pub fn level(&self, speed: f64) -> f64 {
-        let speed = speed.abs();
-        let level = if speed < self.corner {
-            self.at_rest - self.falling * speed
-        } else {
-            self.above_corner + self.rising * (speed - self.corner)
-        };
-        level.max(0.0)
-    }
 }
