@@ -18,6 +18,24 @@
 //! Supports: one at the master's end, two at the joints of the tubes, one at the slave's end. Each one's friction acts on
 //! what moves there and follows the tension there, so that it multiplies along the line while it is far from
 //! saturation, as a rope's round a capstan.
+//!
+//! ```
+//! use plant::cable::{Input, Parameters, Plant};
+//!
+//! let mut plant = Plant::new(Parameters::traced().with_cables(2.0), Vec::new())?;
+//! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.1);
+//! assert!(plant.state().slave_position_rad > 0.0);
+//! // Fig. 5.4: 20 cm of the cable on a testing machine; the second loading is the stiffer one.
+//! let mut specimen = Parameters::printed().specimen(0.2);
+//! let first = specimen.extend(1e-4);
+//! specimen.extend(specimen.set_m());
+//! assert!(specimen.extend(specimen.set_m() + 1e-4) > first);
+//! # Ok::<(), plant::ParameterError>(())
+//! ```
+//!
+//! What is printed, assumed and fitted: [`Parameters`] and `docs/errata.md`. Parallel cables ([`Parameters::with_cables`])
+//! are taken as alike: stiffness, mass, pretension and friction of a line are those of one cable times their number. The
+//! slave's inertia stays, so that the resonance rises a little slower than with the square root of the number.
 
 mod element;
 mod lines;

@@ -57,7 +57,7 @@ parameter_set! {
         /// Dry friction of the slave's bearing.
         slave_bearing_nm: "N m", 0.0, 50.0, 0.1, "assumed: 0.017 N m at the motor";
         /// Friction of one cable at one support, saturated.
-        support_friction_limit_n: "N", 0.0, 1000.0, 10.2, "§ 5.2.2: (0.475 - 0.05 - 0.1/6) N m / 10 mm over 8 supports, at half saturation";
+        support_friction_limit_n: "N", 0.0, 1e5, 10.2, "§ 5.2.2: (0.475 - 0.05 - 0.1/6) N m / 10 mm over 8 supports, at half saturation";
         /// Tension at which it is half saturated.
         support_half_tension_n: "N", 0.01, 1e5, 60.0, "assumed: fig. 5.6 bends within the range used";
         /// Friction in movement over that at rest.
@@ -191,9 +191,7 @@ impl Parameters {
     /// Breakaway torque at the motor when the slave is to move, all cables at pretension, N·m.
     pub fn static_friction_at_motor_nm(&self) -> f64 {
         let supports = 2.0 * self.supports() * self.support_friction_n(self.cables * self.pretension_n);
-        self.motor_coulomb_nm
-            + supports * self.master_pulley_radius_m
-            + self.slave_bearing_nm / self.mechanical_ratio
+        self.motor_coulomb_nm + supports * self.master_pulley_radius_m + self.slave_bearing_nm / self.mechanical_ratio
     }
 }
 

@@ -13,7 +13,7 @@ use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motio
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
-const PHASE_PER_STEP: f64 = 0.15;
+const PHASE_PER_STEP: f64 = 0.1;
 /// Decay of the fastest damping per internal step.
 const DECAY_PER_STEP: f64 = 0.2;
 /// Longest internal step, s.
@@ -61,9 +61,8 @@ impl Plant {
             * real.cables
             * real.cable_damping_n_s_per_m
             * (1.0 / middle_mass_kg + a_m * a_m / inertia[0] + a_s * a_s / inertia[1]);
-        let longest_step_s = LONGEST_STEP_S
-            .min(PHASE_PER_STEP / highest.max(effects.rate_rad_s))
-            .min(DECAY_PER_STEP / decay.max(1e-9));
+        let longest_step_s =
+            LONGEST_STEP_S.min(PHASE_PER_STEP / highest.max(effects.rate_rad_s)).min(DECAY_PER_STEP / decay.max(1e-9));
         let mut plant = Self {
             lines,
             supports: Supports::new(&real),

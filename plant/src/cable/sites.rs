@@ -22,10 +22,7 @@ pub(super) struct Sited {
 
 impl Sited {
     /// Lets all effects change the constants, then prepares and sorts them.
-    pub(super) fn install(
-        effects: Vec<Box<dyn Effect>>,
-        parameters: &mut Parameters,
-    ) -> Result<Self, ParameterError> {
+    pub(super) fn install(effects: Vec<Box<dyn Effect>>, parameters: &mut Parameters) -> Result<Self, ParameterError> {
         // All changes of constants first, so that no effect prepares from half-changed ones.
         for effect in &effects {
             effect.check()?;

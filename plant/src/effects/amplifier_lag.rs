@@ -2,7 +2,7 @@
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 
-use super::{Effect, Moment, LineConstants, Site, effect};
+use super::{Effect, LineConstants, Moment, Site, effect};
 
 effect! {
     /// A first-order lag.

@@ -4,7 +4,7 @@
 //! deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose area). Laminar gap flow.
 //! Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
-use super::{Demand, Effect, Link, Moment, LineConstants, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 
 effect! {
     /// Flow past the seals.

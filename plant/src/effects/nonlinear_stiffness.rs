@@ -6,7 +6,7 @@
 //! cancels). The secant stiffness never falls below 5 % of the declared. At the slave only the slave's ends are
 //! nonlinear. Source: polynomial spring (Duffing).
 
-use super::{Demand, Effect, End, Link, Moment, LineConstants, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, Site, effect};
 
 /// Force at the reference deflection, N per line.
 const REFERENCE_N: f64 = 20.0;

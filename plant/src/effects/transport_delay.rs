@@ -10,7 +10,7 @@
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
 use super::delay_line::DelayLine;
-use super::{Demand, Effect, End, Link, Moment, LineConstants, Reading, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, Reading, Site, effect};
 
 effect! {
     /// Dead time.

@@ -3,7 +3,7 @@
 //! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ) 2K`, slow movement `2K`.
 //! Source: standard linear solid (plastic hose).
 
-use super::{Demand, Effect, Link, Moment, LineConstants, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 
 effect! {
     /// A relaxing branch beside each spring.
