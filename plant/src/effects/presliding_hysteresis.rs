@@ -3,7 +3,7 @@
 //! Of the side's dry friction `F` the part `p` follows Dahl's law ([`crate::friction::Bristle`]) with the stiffness
 //! `p F / q_d`, `F` being the side's breakaway where it first moves, mean of both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40 (1995).
 
-use super::{Demand, Effect, Moment, Parameters, SideLoad, Site, effect};
+use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
 use crate::friction::Bristle;
 
 effect! {
@@ -45,7 +45,7 @@ impl Effect for PreslidingHysteresis {
         self.bristle.settle(displacement);
     }
 
-    fn prepare(&mut self, _parameters: &Parameters) {
+    fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.bristle = Bristle::default();
         self.stiffness = 0.0;
     }

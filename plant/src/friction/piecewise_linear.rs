@@ -24,7 +24,7 @@ parameter_set! {
 
 impl Stribeck {
     /// Magnitude at a speed (its sign does not matter); never negative.
-    #[inline]
+    #[inline(always)]
     pub fn level(&self, speed: f64) -> f64 {
         let speed = speed.abs();
         let level = if speed < self.corner {

@@ -208,9 +208,6 @@ impl Plant {
             let master_effect = master.load.force - master_own;
             master.load.force += motor_torque;
             let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
-            for effect in &mut self.effects.master {
-                effect.moved(moved.displacement, &moment);
-            }
             self.energy.dissipated_j += moved.dissipated;
             if EFFECTS {
                 self.energy.effects_j -= master_effect * moved.displacement;
@@ -253,9 +250,6 @@ impl Plant {
             }
             let effect_torque = load.load.force - own;
             let displacement = next - position;
-            for effect in &mut self.effects.master {
-                effect.moved(displacement, &moment);
-            }
             let friction = if displacement >= 0.0 {
                 load.load.dry.forward + load.load.viscous_forward * mean[0]
             } else {
@@ -309,8 +303,14 @@ impl Plant {
         let slave_effect = load.load.force - transmitted;
         load.load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
-        for effect in &mut self.effects.slave {
-            effect.moved(slave.displacement, moment);
+        if EFFECTS {
+            for (effects, displacement) in
+                [(&mut self.effects.master, master.displacement), (&mut self.effects.slave, slave.displacement)]
+            {
+                for effect in effects {
+                    effect.moved(displacement, moment);
+                }
+            }
         }
         self.energy.dissipated_j += slave.dissipated;
         if EFFECTS {
