@@ -64,7 +64,15 @@ impl Pipe {
         if reynolds <= LAMINAR_END {
             return self.laminar;
         }
-        friction_factor(reynolds, self.relative_roughness) * self.turbulent * speed_m_s.abs()
+        self.beyond_laminar(reynolds, speed_m_s.abs())
+    }
+
+    /// Out of line: the optimiser takes powers and logarithms for so harmless that it computes them ahead of the question whether
+    /// they are needed, in every step.
+    #[cold]
+    #[inline(never)]
+    fn beyond_laminar(&self, reynolds: f64, speed_m_s: f64) -> f64 {
+        friction_factor(reynolds, self.relative_roughness) * self.turbulent * speed_m_s
     }
 
     /// Reynolds number at a speed in m/s.
