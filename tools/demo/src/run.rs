@@ -236,6 +236,13 @@ fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Out
         "to command  p50 {:.0}, p99 {:.0}, max {:.0} µs from the scan",
         answer.p50, answer.p99, answer.max
     ));
+    let cycles: Vec<String> = summary
+        .cycle_us
+        .by_process
+        .iter()
+        .map(|(process, time)| format!("{process} {:.0}/{:.0}", time.p50, time.p99))
+        .collect();
+    lines.push(format!("a cycle     p50/p99 {} µs", cycles.join(", ")));
     for outage in &analysis.outages {
         let ms = |value: Option<f64>| value.map_or("never".to_owned(), |ms| format!("{ms:.1} ms"));
         lines.push(format!(

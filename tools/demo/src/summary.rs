@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ipc_types::Process;
 use serde::Serialize;
 
-use crate::analysis::{Analysis, Percentiles, WakeLate};
+use crate::analysis::{Analysis, OfLoops, Percentiles};
 
 /// The numbers of one run. Names and meaning are an interface: other programs read them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -27,7 +27,9 @@ pub struct Summary {
     /// Periods skipped, by process.
     pub missed_periods: BTreeMap<Process, u64>,
     /// Wake lateness: the worst of all processes, and each in `by_process` (µs).
-    pub wake_late_us: WakeLate,
+    pub wake_late_us: OfLoops,
+    /// Execution time of a cycle, likewise (µs).
+    pub cycle_us: OfLoops,
     /// From the scan of a sample to the command that answers it (µs).
     pub sample_to_command_us: Percentiles,
     /// From each kill to the card's first step at 0 V (ms); null where the motor was not at 0 V before power was enabled again.
@@ -57,6 +59,7 @@ impl Summary {
             command_hz: timing.command_rates.iter().map(|rate| rate.hz).collect(),
             missed_periods: timing.missed_periods.clone(),
             wake_late_us: timing.wake_late.clone(),
+            cycle_us: timing.cycle.clone(),
             sample_to_command_us: timing.sample_to_command,
             trip_ms: analysis.outages.iter().map(|outage| outage.trip_ms).collect(),
             restart_ms: analysis.outages.iter().map(|outage| outage.restart_ms).collect(),

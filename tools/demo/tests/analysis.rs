@@ -201,6 +201,7 @@ fn summary_and_page_are_complete() {
         "command_hz",
         "missed_periods",
         "wake_late_us",
+        "cycle_us",
         "sample_to_command_us",
         "trip_ms",
         "restart_ms",

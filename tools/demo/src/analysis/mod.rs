@@ -12,8 +12,8 @@ pub use loss::{Losses, TopicLoss, losses};
 pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
 pub use timing::{
-    Outage, Rate, Timing, Trip, WakeLate, command_rates, dark, missed_periods, outage, profile, sample_to_command,
-    unprovoked, wake_late,
+    OfLoops, Outage, Rate, Timing, Trip, command_rates, dark, missed_periods, of_loops, outage, profile,
+    sample_to_command, unprovoked,
 };
 pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
 

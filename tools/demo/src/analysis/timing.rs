@@ -78,9 +78,9 @@ pub fn missed_periods(trace: &Trace) -> BTreeMap<Process, u64> {
     by_process
 }
 
-/// How late the loops woke.
+/// A time that every loop measures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct WakeLate {
+pub struct OfLoops {
     /// The worst of all processes, percentile by percentile.
     #[serde(flatten)]
     pub worst: Percentiles,
@@ -88,8 +88,8 @@ pub struct WakeLate {
     pub by_process: BTreeMap<Process, Percentiles>,
 }
 
-/// How late the loops woke, since the start of each process, up to its last `LoopTiming`.
-pub fn wake_late(timings: &[LoopTiming]) -> WakeLate {
+/// A time of the loops (lateness of the wake, execution), since the start of each process, up to its last `LoopTiming`.
+pub fn of_loops(timings: &[LoopTiming], time_ns: impl Fn(&LoopTiming) -> [u64; 4]) -> OfLoops {
     let mut last: BTreeMap<(u8, u64), &LoopTiming> = BTreeMap::new();
     for timing in timings {
         last.insert((timing.source, timing.incarnation), timing);
@@ -97,11 +97,11 @@ pub fn wake_late(timings: &[LoopTiming]) -> WakeLate {
     let mut by_process: BTreeMap<Process, Percentiles> = BTreeMap::new();
     for ((source, _), timing) in last {
         let Some(process) = Process::from_code(source) else { continue };
-        let found = Percentiles::of_loop(timing.total_wake_late_ns);
+        let found = Percentiles::of_loop(time_ns(timing));
         by_process.entry(process).and_modify(|before| *before = before.worst(found)).or_insert(found);
     }
     let worst = by_process.values().copied().reduce(Percentiles::worst).unwrap_or_default();
-    WakeLate { worst, by_process }
+    OfLoops { worst, by_process }
 }
 
 /// The profile of a run: real-time only when every process was granted it throughout.
@@ -123,7 +123,9 @@ pub struct Timing {
     /// Skipped periods by process.
     pub missed_periods: BTreeMap<Process, u64>,
     /// Wake lateness.
-    pub wake_late: WakeLate,
+    pub wake_late: OfLoops,
+    /// How long the loops took for a cycle.
+    pub cycle: OfLoops,
     /// Sample to command; all 0 where there was no command.
     pub sample_to_command: Percentiles,
 }
@@ -135,7 +137,8 @@ impl Timing {
             profile: profile(trace),
             command_rates: command_rates(&trace.commands),
             missed_periods: missed_periods(trace),
-            wake_late: wake_late(&trace.timings),
+            wake_late: of_loops(&trace.timings, |timing| timing.total_wake_late_ns),
+            cycle: of_loops(&trace.timings, |timing| timing.total_execution_ns),
             sample_to_command: sample_to_command(&trace.commands).unwrap_or_default(),
         }
     }
