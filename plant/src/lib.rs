@@ -15,6 +15,7 @@
 //! ```
 //!
 //! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
+//! - [`cable`] is the transmission of chapter 5;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
 //! - [`drive`] is a single mass with friction;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
@@ -22,6 +23,7 @@
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
+pub mod cable;
 pub mod drive;
 pub mod effects;
 pub mod fluid;

@@ -1,6 +1,7 @@
 //! A step allocates nothing, whatever effects there are: the plant runs inside real-time loops.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use plant::cable;
 use plant::hydrostatic::{Input, Parameters, Plant};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -39,6 +40,23 @@ fn a_step_allocates_nothing() {
     let mut plant = Plant::new(Parameters::traced(), all).unwrap();
     let before = COUNT.with(Cell::get);
     assert!(before > 0, "the counter counts");
+    for index in 0..2000 {
+        plant.step(Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 }, 0.5e-3);
+    }
+    assert_eq!(COUNT.with(Cell::get), before);
+    assert!(plant.state().slave_position_rad.is_finite());
+}
+
+#[test]
+fn a_step_of_the_cable_transmission_allocates_nothing() {
+    let mut all = Vec::new();
+    for entry in plant::effects::LIST.iter().filter(|entry| entry.id != "leakage") {
+        for place in entry.sites {
+            all.push(plant::effects::parse(&format!("{}@{}", entry.id, place.site)).unwrap());
+        }
+    }
+    let mut plant = cable::Plant::new(cable::Parameters::traced(), all).unwrap();
+    let before = COUNT.with(Cell::get);
     for index in 0..2000 {
         plant.step(Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 }, 0.5e-3);
     }

@@ -2,7 +2,7 @@
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 
-use super::{Effect, Moment, Parameters, Site, effect};
+use super::{Effect, LineConstants, Moment, Site, effect};
 
 effect! {
     /// A first-order lag.
@@ -24,7 +24,7 @@ impl Effect for AmplifierLag {
         self.site
     }
 
-    fn prepare(&mut self, _parameters: &Parameters) {
+    fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.volts = 0.0;
     }
 

@@ -4,7 +4,7 @@
 //! deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose area). Laminar gap flow.
 //! Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
-use super::{Demand, Effect, Link, Moment, Parameters, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 
 effect! {
     /// Flow past the seals.
@@ -28,10 +28,16 @@ impl Effect for Leakage {
         self.site
     }
 
-    fn prepare(&mut self, parameters: &Parameters) {
-        self.rate_per_n = 2.0 * self.conductance / parameters.hose_area_m2.powi(2);
-        self.stiffness_n_per_m = 2.0 * parameters.line_stiffness_n_per_m();
+    fn prepare(&mut self, constants: &dyn LineConstants) {
+        // No fluid, no leak.
+        let area = constants.fluid_area_m2().unwrap_or(f64::INFINITY);
+        self.rate_per_n = 2.0 * self.conductance / area.powi(2);
+        self.stiffness_n_per_m = 2.0 * constants.line_stiffness_n_per_m();
         self.crept_m = [[0.0; 2]; 2];
+    }
+
+    fn applies(&self, constants: &dyn LineConstants) -> bool {
+        constants.fluid_area_m2().is_some()
     }
 
     fn demand(&self) -> Demand {

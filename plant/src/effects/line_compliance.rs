@@ -3,7 +3,7 @@
 //! `1/K' = (1 + r)/K`: hose bulging, belts, entrained gas, which § 3.2.2 neglects. The traced rig is the printed one with
 //! `r = 13`. Acts like a changed `line_stiffness_factor`.
 
-use super::{Effect, Parameters, Site, effect};
+use super::{Effect, LineConstants, Site, effect};
 
 effect! {
     /// More compliance in series.
@@ -22,7 +22,7 @@ impl Effect for LineCompliance {
         self.site
     }
 
-    fn modify(&self, parameters: &mut Parameters) {
-        parameters.line_stiffness_factor /= 1.0 + self.compliance_ratio;
+    fn modify(&self, constants: &mut dyn LineConstants) {
+        constants.scale_line_stiffness(1.0 / (1.0 + self.compliance_ratio));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed `port_damping_n_s_per_m`.
 
-use super::{Effect, Parameters, Site, effect};
+use super::{Effect, LineConstants, Site, effect};
 
 effect! {
     /// Damping beyond the declared.
@@ -21,7 +21,7 @@ impl Effect for LineDamping {
         self.site
     }
 
-    fn modify(&self, parameters: &mut Parameters) {
-        parameters.port_damping_n_s_per_m += self.damping;
+    fn modify(&self, constants: &mut dyn LineConstants) {
+        constants.add_line_damping(self.damping);
     }
 }

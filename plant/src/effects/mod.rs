@@ -6,9 +6,10 @@
 
 use crate::ParameterSet;
 use crate::friction::Load;
-use crate::hydrostatic::{Parameters, Reading};
+use crate::transmission::Reading;
 use std::fmt;
 
+mod constants;
 mod delay_line;
 mod registry;
 
@@ -44,6 +45,7 @@ pub mod transport_delay;
 pub mod viscoelastic_line;
 pub mod viscous_friction;
 
+pub use constants::LineConstants;
 pub use registry::{EffectError, Entry, LIST, Place, make, parse};
 
 /// Where an effect acts.
@@ -124,6 +126,9 @@ pub enum End {
 }
 
 /// The spring and damper between one end of a line's fluid and the piston there (eq. 3.1.9).
+///
+/// A cable is such a line too: its middle stands for the fluid, its pulley for the piston, and its force counts from
+/// the pretension on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
     /// Which end.
@@ -190,10 +195,15 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     fn site(&self) -> Site;
 
     /// Changes the plant's constants, once, before the first step.
-    fn modify(&self, _parameters: &mut Parameters) {}
+    fn modify(&self, _constants: &mut dyn LineConstants) {}
 
     /// Takes what it needs from the constants, and clears its inner state; may allocate.
-    fn prepare(&mut self, _parameters: &Parameters) {}
+    fn prepare(&mut self, _constants: &dyn LineConstants) {}
+
+    /// Whether it has a meaning in a plant of such lines.
+    fn applies(&self, _constants: &dyn LineConstants) -> bool {
+        true
+    }
 
     /// What it asks of the integrator.
     fn demand(&self) -> Demand {

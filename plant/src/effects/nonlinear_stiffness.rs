@@ -6,7 +6,7 @@
 //! cancels). The secant stiffness never falls below 5 % of the declared. At the slave only the slave's ends are
 //! nonlinear. Source: polynomial spring (Duffing).
 
-use super::{Demand, Effect, End, Link, Moment, Parameters, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, Site, effect};
 
 /// Force at the reference deflection, N per line.
 const REFERENCE_N: f64 = 20.0;
@@ -33,8 +33,8 @@ impl Effect for NonlinearStiffness {
         self.site
     }
 
-    fn prepare(&mut self, parameters: &Parameters) {
-        self.reference_m = REFERENCE_N / (2.0 * parameters.line_stiffness_n_per_m());
+    fn prepare(&mut self, constants: &dyn LineConstants) {
+        self.reference_m = REFERENCE_N / (2.0 * constants.line_stiffness_n_per_m());
     }
 
     fn demand(&self) -> Demand {

@@ -3,7 +3,7 @@
 //! Of the side's dry friction the part `p` follows Dahl's law: `τ = p F z`, `dz/dq = (1 - z sgn(q̇))/q_d`, integrated exactly
 //! over each step. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40 (1995).
 
-use super::{Demand, Effect, Moment, Parameters, SideLoad, Site, effect};
+use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
 
 effect! {
     /// A part of the dry friction as bristles.
@@ -40,7 +40,7 @@ impl Effect for PreslidingHysteresis {
         load.load.dry.scale(1.0 - self.part);
     }
 
-    fn prepare(&mut self, _parameters: &Parameters) {
+    fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.stretch = 0.0;
     }
 

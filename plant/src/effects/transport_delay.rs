@@ -10,7 +10,7 @@
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
 use super::delay_line::DelayLine;
-use super::{Demand, Effect, End, Link, Moment, Parameters, Reading, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, Reading, Site, effect};
 
 effect! {
     /// Dead time.
@@ -36,7 +36,7 @@ impl Effect for TransportDelay {
         self.site
     }
 
-    fn prepare(&mut self, parameters: &Parameters) {
+    fn prepare(&mut self, constants: &dyn LineConstants) {
         let signals = match self.site {
             Site::Line => 4,
             Site::Sensor => 3,
@@ -45,8 +45,8 @@ impl Effect for TransportDelay {
         self.signals = vec![DelayLine::new(self.delay_s); signals];
         self.far_position_m = [None; 2];
         self.far_velocity_m_s = [0.0; 2];
-        let stiffness = parameters.line_stiffness_n_per_m();
-        self.impedance_n_s_per_m = (stiffness * parameters.fluid_mass_kg()).sqrt();
+        let stiffness = constants.line_stiffness_n_per_m();
+        self.impedance_n_s_per_m = (stiffness * constants.line_mass_kg()).sqrt();
         self.spring_rate = 2.0 * stiffness / self.impedance_n_s_per_m;
     }
 

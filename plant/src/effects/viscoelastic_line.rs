@@ -3,7 +3,7 @@
 //! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ) 2K`, slow movement `2K`.
 //! Source: standard linear solid (plastic hose).
 
-use super::{Demand, Effect, Link, Moment, Parameters, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 
 effect! {
     /// A relaxing branch beside each spring.
@@ -28,7 +28,7 @@ impl Effect for ViscoelasticLine {
         self.site
     }
 
-    fn prepare(&mut self, _parameters: &Parameters) {
+    fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.stretch_m = [[0.0; 2]; 2];
         self.deflection_m = [[0.0; 2]; 2];
     }

@@ -1,5 +1,6 @@
 //! The constants of § 3.2.1, by name.
 
+use crate::effects::LineConstants;
 use crate::fluid::Pipe;
 use crate::friction::Stribeck;
 use crate::parameter::parameter_set;
@@ -204,5 +205,31 @@ impl Parameters {
             above_corner: self.slave_kinetic_friction_nm,
             rising: self.slave_rising_slope_nm_s,
         }
+    }
+}
+
+impl LineConstants for Parameters {
+    fn model(&self) -> &'static str {
+        "hydrostatic transmission"
+    }
+
+    fn line_stiffness_n_per_m(&self) -> f64 {
+        Self::line_stiffness_n_per_m(self)
+    }
+
+    fn line_mass_kg(&self) -> f64 {
+        self.fluid_mass_kg()
+    }
+
+    fn fluid_area_m2(&self) -> Option<f64> {
+        Some(self.hose_area_m2)
+    }
+
+    fn scale_line_stiffness(&mut self, factor: f64) {
+        self.line_stiffness_factor *= factor;
+    }
+
+    fn add_line_damping(&mut self, damping_n_s_per_m: f64) {
+        self.port_damping_n_s_per_m += damping_n_s_per_m;
     }
 }
