@@ -23,6 +23,7 @@ pub mod page;
 pub mod published;
 pub mod row;
 mod run;
+pub mod slow;
 pub mod study;
 pub mod tracing;
 

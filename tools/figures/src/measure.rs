@@ -25,6 +25,11 @@ pub trait Rig: Sync {
 
     /// Amplitude of the master's sine, rad.
     fn amplitude_rad(&self) -> f64;
+
+    /// Master angle per slave angle that is taken out of the gain, as § 5.2.3 does for the cable.
+    fn mechanical_ratio(&self) -> f64 {
+        1.0
+    }
 }
 
 /// The response at one frequency, Hz.
@@ -32,7 +37,8 @@ pub trait Rig: Sync {
 /// # Errors
 /// Those of [`Rig::plant`].
 pub fn at(rig: &impl Rig, frequency_hz: f64) -> Result<Response> {
-    Ok(frequency_response(&mut rig.plant()?, frequency_hz, rig.amplitude_rad()))
+    let response = frequency_response(&mut rig.plant()?, frequency_hz, rig.amplitude_rad());
+    Ok(Response { gain: rig.mechanical_ratio() * response.gain, ..response })
 }
 
 /// The responses at many frequencies, computed side by side.
@@ -90,7 +96,7 @@ impl Peak {
 /// Steps of the coarse search, as a ratio of frequencies.
 const COARSE: f64 = 1.1;
 /// Points of the fine search between the neighbours of the coarse top.
-const FINE: usize = 9;
+const FINE: usize = 7;
 
 /// The largest gain between two frequencies, Hz: a coarse search, a fine one round its top, and a parabola through
 /// the three highest neighbours.

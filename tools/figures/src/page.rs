@@ -98,12 +98,11 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
         "cut-off / Hz",
         "lag / ms",
         "gain",
-        "peak at 1 m / Hz",
-        "cut-off at 1 m / Hz",
-        "lag as printed / ms",
+        "1 m: peak / Hz",
+        "1 m: cut-off / Hz",
     ]);
     for cell in &study.cells {
-        let (p, t) = (&cell.printed, &cell.traced);
+        let t = &cell.traced;
         cells = cells.row([
             cell.friction.name().to_owned(),
             format!("{:.0}", cell.amplitude_deg),
@@ -113,7 +112,6 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
             short(t.low_frequency_gain),
             short(t.short_peak_hz),
             short(t.short_cut_off_hz),
-            short(p.lag_1hz_s.map(|lag| 1e3 * lag)),
         ]);
     }
     let share = |friction: Friction| short(Some(friction.share()));
@@ -144,10 +142,10 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
 }
 
 fn explanations(study: &Study) -> Result<Table> {
-    let mut header = ["row", "kind", "published", "as printed"].map(str::to_owned).to_vec();
+    let mut header = ["row", "published", "as printed"].map(str::to_owned).to_vec();
     header.extend(study.rivals.iter().map(|rival| rival.short.to_owned()));
     let mut table = Table::new(header);
-    let mut sizes = vec!["size, fitted".to_owned(), String::new(), "–".to_owned(), "–".to_owned()];
+    let mut sizes = vec!["size, fitted".to_owned(), "–".to_owned(), "–".to_owned()];
     sizes.extend(study.rivals.iter().map(|rival| match rival.size {
         Some(size) if rival.unit == "1" => short(Some(size)),
         Some(size) => format!("{} {}", short(Some(size)), rival.unit),
@@ -156,8 +154,7 @@ fn explanations(study: &Study) -> Result<Table> {
     table = table.row(sizes);
     let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
     let mut first = vec![
-        "resonance / Hz, fitted".to_owned(),
-        resonance.kind.name().to_owned(),
+        format!("resonance / Hz, {}, fitted", resonance.kind.name()),
         short(Some(resonance.value)),
         short(study.common.tracing.printed.peak_hz),
     ];
@@ -166,8 +163,7 @@ fn explanations(study: &Study) -> Result<Table> {
     let names = ["cut-off / Hz", "lag at 1 Hz / s", "low-frequency gain", "peak at 1 m / Hz", "cut-off at 1 m / Hz"];
     for (name, (row, read)) in names.into_iter().zip(crate::tracing::rivals::held_rows()?) {
         let mut cells = vec![
-            format!("{name}, predicted"),
-            row.kind.name().to_owned(),
+            format!("{name}, {}, predicted", row.kind.name()),
             short(Some(row.value)),
             short(read(&study.common.tracing.printed)),
         ];
@@ -178,7 +174,7 @@ fn explanations(study: &Study) -> Result<Table> {
         table = table.row(cells);
     }
     for (name, only_measured) in [("miss, measured / %", true), ("miss, all / %", false)] {
-        let mut cells = vec![name.to_owned(), String::new(), "–".to_owned(), "–".to_owned()];
+        let mut cells = vec![name.to_owned(), "–".to_owned(), "–".to_owned()];
         for rival in &study.rivals {
             cells.push(short(rival.miss_percent(only_measured)?));
         }

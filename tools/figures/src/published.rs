@@ -79,6 +79,17 @@ published! {
     "hydrostatic.gain_bounds.min_db" "3.4" "eq. 4.3.6" Stated -3.0 "dB";
     "hydrostatic.gain_bounds.max_db" "3.4" "eq. 4.3.6" Stated 12.0 "dB";
     "hydrostatic.vanishing.frequency_hz" "3.4" "§ 3.3.1" Stated 20.0 "Hz";
+    "cable.length_m" "5.7" "§ 5.1" Measured 9.0 "m";
+    "cable.cable_length_m" "5.7" "§ 5.1" Measured 18.0 "m";
+    "cable.diameter_mm" "5.7" "§ 5.1" Measured 1.0 "mm";
+    "cable.stiffness_n_per_m" "5.3" "§ 5.2.1" Measured 3.725e4 "N/m";
+    "cable.encoder_lines_per_rev" "5.7" "§ 5.1" Measured 5000.0 "1";
+    "cable.static_friction_positive_nm" "5.5" "§ 5.2.2" Measured 0.5 "N·m";
+    "cable.static_friction_negative_nm" "5.5" "§ 5.2.2" Measured 0.45 "N·m";
+    "cable.resonance_hz" "5.7" "§ 5.2.3" Measured 8.0 "Hz";
+    "cable.cutoff_hz" "5.7" "§ 5.2.3" Measured 12.0 "Hz";
+    "cable.mechanical_ratio" "5.7" "§ 5.2.3" Measured 6.0 "1";
+    "cable.support_spacing_m" "5.7" "§ 5.1" Measured 3.0 "m";
 }
 
 /// The published value of that name.

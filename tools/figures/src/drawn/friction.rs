@@ -7,10 +7,9 @@ use super::style::axes;
 use super::{Common, Drawn};
 use crate::error::Result;
 use crate::line::Line;
-use crate::measure::Rig;
 use crate::published::published;
 use crate::row::{Role, Row};
-use plant::transmission::{ImposedMotion, Transmission};
+use crate::slow::slow_cycle;
 
 /// Fastest speed drawn, rad/s: the peak of a 3 Hz movement of ±60°.
 const FASTEST_RAD_S: f64 = 20.0;
@@ -42,8 +41,8 @@ pub fn laws(common: &Common) -> Result<Drawn> {
     let measured_back = published("hydrostatic.static_friction_measured.negative_nm")?;
     let volts = published("hydrostatic.static_friction_voltage_measured.value_v")?;
     let at_motor = printed.static_friction_at_motor_nm();
-    let slow_printed = slow_movement_torque(&Line::printed())?;
-    let slow_traced = slow_movement_torque(&common.tracing.line)?;
+    let slow_printed = slow_cycle(&Line::printed())?.mean_nm;
+    let slow_traced = slow_cycle(&common.tracing.line)?.mean_nm;
     let sheet = Sheet::new("Fig. 3.2, friction laws")
         .panel(
             axes("A  Motor", "master speed / (rad/s)", "friction / (N·m)")
@@ -67,10 +66,10 @@ pub fn laws(common: &Common) -> Result<Drawn> {
          loose takes {at_motor:.2} N·m by these constants; § 5.2.2 measured {} to {} N·m.",
         measured.value, measured_back.value
     );
-    let note = "mean magnitude of the motor's torque while the slave moves, master along a sine of 0.008 Hz";
+    let note = "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz, ±30°";
     let rows = vec![
-        Row::beside(measured, Role::Predicted, Some(slow_printed), Some(slow_traced)).note(note),
-        Row::beside(measured_back, Role::Predicted, Some(slow_printed), Some(slow_traced))
+        Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0])).note(note),
+        Row::beside(measured_back, Role::Predicted, Some(slow_printed[1]), Some(slow_traced[1]))
             .note(format!("{note}; the model's friction does not depend on the direction")),
         Row::beside(
             volts,
@@ -83,30 +82,4 @@ pub fn laws(common: &Common) -> Result<Drawn> {
             .note("0.767 + 0.2 · 0.031 + 2.30 · 0.854, § 3.2.1's constants"),
     ];
     Ok(Drawn { number: "3.2", title: "Friction laws", caption, sheet, rows })
-}
-
-/// Frequency of § 5.2.2's slow movement, Hz.
-const SLOW_HZ: f64 = 0.008;
-/// Step along it, s.
-const SLOW_STEP_S: f64 = 2e-3;
-
-/// Mean torque of the motor while the slave moves, N·m, the master moved along a very slow sine (fig. 5.5).
-fn slow_movement_torque(line: &Line) -> Result<f64> {
-    let mut plant = line.plant()?;
-    let (amplitude, omega) = (line.amplitude_rad(), std::f64::consts::TAU * SLOW_HZ);
-    // From rest at one end: half a cycle, over which the speed has one sign.
-    let steps = (0.5 / (SLOW_HZ * SLOW_STEP_S)) as usize;
-    let (mut sum, mut count) = (0.0, 0.0);
-    for step in 1..=steps {
-        let (sine, cosine) = (omega * step as f64 * SLOW_STEP_S).sin_cos();
-        let target =
-            ImposedMotion { position_rad: amplitude * (1.0 - cosine), velocity_rad_s: amplitude * omega * sine };
-        plant.step_imposed(target, 0.0, SLOW_STEP_S);
-        // The first tenth only stretches the line.
-        if step > steps / 10 {
-            sum += plant.motion().motor_torque_nm;
-            count += 1.0;
-        }
-    }
-    Ok(sum / count)
 }

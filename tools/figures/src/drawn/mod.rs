@@ -1,5 +1,6 @@
 //! The figures, one file for each kind; what each shows, drawn and with its numbers.
 
+pub mod cable;
 pub mod friction;
 pub mod hose;
 pub mod reserved;
@@ -66,5 +67,10 @@ pub const DRAW: &[Draw] = &[
     hose::diameter,
     hose::length,
     response::one_metre,
+    cable::extension,
+    cable::loops,
+    cable::static_friction,
+    cable::pretension,
     response::measured,
+    cable::movement,
 ];

@@ -13,7 +13,7 @@ pub struct Reserved {
 
 const LAWS: &str = "Comes with the control laws: the master is moved by a controller here, not along a given path.";
 
-/// Figures of chapter 4, and of the cable in chapter 5.
+/// Figures of chapter 4.
 pub const RESERVED: &[Reserved] = &[
     Reserved { number: "4.1", title: "Movement under position control", reason: LAWS },
     Reserved { number: "4.3", title: "Feed-forward and friction compensation", reason: LAWS },

@@ -17,9 +17,11 @@ use crate::tracing::SHORT_M;
 const STILL: f64 = 0.02;
 /// Points of a drawn curve.
 const POINTS: usize = 90;
+/// Points of a curve that costs nothing.
+const SMOOTH: usize = 600;
 
 /// A curve with its place in the legend.
-struct Curve {
+pub(super) struct Curve {
     name: String,
     colour: Colour,
     dashed: bool,
@@ -29,7 +31,7 @@ struct Curve {
 }
 
 impl Curve {
-    fn simulated(name: &str, colour: Colour, dashed: bool, responses: &[Response]) -> Self {
+    pub(super) fn simulated(name: &str, colour: Colour, dashed: bool, responses: &[Response]) -> Self {
         let moving = |value: f64, response: &Response| if response.gain < STILL { f64::NAN } else { value };
         Self {
             name: name.to_owned(),
@@ -68,9 +70,15 @@ fn put(figure: Figure, curve: &Curve, values: &[f64]) -> Figure {
 }
 
 /// Gain and phase panels of some curves.
-fn bode(curves: &[Curve], (low, high): (f64, f64), (floor, ceiling): (f64, f64), lowest_phase: f64) -> [Figure; 2] {
-    let mut gains = gain("A  Gain").x_range(low, high).y_range(floor, ceiling);
-    let mut phases = phase("A  Phase").x_range(low, high).y_range(lowest_phase, 20.0);
+pub(super) fn bode(
+    label: &str,
+    curves: &[Curve],
+    (low, high): (f64, f64),
+    (floor, ceiling): (f64, f64),
+    lowest_phase: f64,
+) -> [Figure; 2] {
+    let mut gains = gain(&format!("{label}, gain")).x_range(low, high).y_range(floor, ceiling);
+    let mut phases = phase(&format!("{label}, phase")).x_range(low, high).y_range(lowest_phase, 20.0);
     for curve in curves {
         gains = put(gains, curve, &curve.gain);
         phases = put(phases, curve, &curve.phase);
@@ -90,12 +98,12 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
     let mut curves = vec![
         Curve::simulated("printed constants", Colour::Vermillion, false, &printed),
         Curve::simulated("traced line", Colour::Blue, false, &traced),
-        Curve::linear("eq. 3.3.1", Colour::Black, &LinearSystem::TEN_METRES, &frequencies),
+        Curve::linear("eq. 3.3.1", Colour::Black, &LinearSystem::TEN_METRES, &logarithmic(0.2, 24.0, SMOOTH)),
     ];
     if let Some(fitted) = &common.fitted[1] {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
     }
-    let [gains, phases] = bode(&curves, (0.2, 24.0), (0.1, 8.0), -300.0);
+    let [gains, phases] = bode("A  10 m", &curves, (0.2, 24.0), (0.1, 8.0), -300.0);
     let sheet = Sheet::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
         "B  1 Hz, traced line",
         traced_line,
@@ -168,12 +176,12 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
             &sweep(&Line::printed().with_length(SHORT_M), &frequencies)?,
         ),
         Curve::simulated("traced line", Colour::Blue, false, &sweep(&line, &frequencies)?),
-        Curve::linear("eq. 3.3.2", Colour::Black, &LinearSystem::ONE_METRE, &frequencies),
+        Curve::linear("eq. 3.3.2", Colour::Black, &LinearSystem::ONE_METRE, &logarithmic(0.5, 120.0, SMOOTH)),
     ];
     if let Some(fitted) = &common.fitted_short[1] {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
     }
-    let [gains, phases] = bode(&curves, (0.5, 120.0), (0.1, 20.0), -300.0);
+    let [gains, phases] = bode("A  1 m", &curves, (0.5, 120.0), (0.1, 20.0), -300.0);
     let sheet = Sheet::new("Fig. 3.7, 1 m of hose").panel(gains).panel(phases).panel(outputs(
         "B  2 Hz, traced line",
         &line,
@@ -204,7 +212,7 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
     Ok(Drawn { number: "3.7", title: "Frequency response, 1 m", caption, sheet, rows })
 }
 
-/// Fig. 5.7, the hydrostatic part.
+/// Fig. 5.7.
 ///
 /// # Errors
 /// Where a constant is out of range.
@@ -216,15 +224,20 @@ pub fn measured(common: &Common) -> Result<Drawn> {
         Curve::simulated("printed constants", Colour::Vermillion, false, &sweep(&Line::printed(), &frequencies)?),
         Curve::simulated("traced line", Colour::Blue, false, &sweep(&common.tracing.line, &frequencies)?),
     ];
-    let [gains, phases] = bode(&curves, (0.2, 15.0), (0.5, 4.0), -220.0);
+    let [gains, phases] = bode("A  Hydrostatic", &curves, (0.2, 15.0), (0.5, 4.0), -220.0);
     let gains = gains.vertical("measured resonance", resonance.value).colour(Colour::Black).scatter(
         "measured cut-off",
         &[cut_off.value],
         &[CUT_OFF_GAIN],
     );
-    let sheet = Sheet::new("Fig. 5.7, hydrostatic response against what was measured").panel(gains).panel(phases);
+    let ([cable_gains, cable_phases], cable_rows) = super::cable::response()?;
+    let sheet = Sheet::new("Fig. 5.7, responses against what was measured")
+        .panel(gains)
+        .panel(phases)
+        .panel(cable_gains)
+        .panel(cable_phases);
     let (p, t) = (&common.tracing.printed, &common.tracing.traced);
-    let rows = vec![
+    let mut rows = vec![
         Row::beside(resonance, Role::Fitted, p.peak_hz, t.peak_hz)
             .note("frequency of the largest gain, ±30°; the only value that the softening was fitted to"),
         Row::beside(cut_off, Role::Predicted, p.cut_off_hz, t.cut_off_hz).note("gain 0.707 above the peak, ±30°"),
@@ -232,8 +245,10 @@ pub fn measured(common: &Common) -> Result<Drawn> {
         Row::own("own.nominal.peak_gain", "5.7", "1", p.peak_gain, t.peak_gain).note("±30°, printed friction"),
         Row::own("own.nominal.lag_1hz_s", "5.7", "s", p.lag_1hz_s, t.lag_1hz_s).note("±30°, printed friction"),
     ];
-    let caption = "The hydrostatic line over the frequencies of the rig's measurement. Of that measurement the text gives two numbers: \
-        resonance at 8 Hz (grey line), cut-off at 12 Hz (dot). The traced line was fitted to the first; the second it predicts."
+    rows.extend(cable_rows);
+    let caption = "Both transmissions over the frequencies of the measurement. Of it the text gives two numbers, the same for both: \
+        resonance at 8 Hz (grey line), cut-off at 12 Hz (dot). The traced line was fitted to the first; the second it predicts. The cable's gain \
+        is over the mechanical ratio. Its peak is far higher than the measured one, which \"remains same till after resonance\"."
         .to_owned();
     Ok(Drawn { number: "5.7", title: "Measured frequency response", caption, sheet, rows })
 }

@@ -167,3 +167,34 @@ fn range(cells: &[Cell], value: impl Fn(&Cell) -> Option<f64>, unit: &'static st
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     (low <= high).then_some((low, high, unit))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracing::Prediction;
+    use crate::tracing::grid::Friction;
+
+    fn cell(lag_1hz_s: f64) -> Cell {
+        let traced = Prediction { lag_1hz_s: Some(lag_1hz_s), ..Prediction::default() };
+        let printed = Prediction { peak_hz: Some(30.0), lag_1hz_s: Some(0.002), ..Prediction::default() };
+        Cell { amplitude_deg: 1e3 * lag_1hz_s, friction: Friction::Printed, factor: Some(0.07), printed, traced }
+    }
+
+    fn lag(cells: &[Cell]) -> Conclusion {
+        conclusions(cells, 0.07).unwrap().into_iter().find(|conclusion| conclusion.id == "lag_predicted").unwrap()
+    }
+
+    #[test]
+    fn one_cell_against_a_statement_takes_it_back() {
+        assert!(lag(&[cell(0.028), cell(0.033)]).survives());
+        let flipped = lag(&[cell(0.028), cell(0.033), cell(0.050)]);
+        assert_eq!(flipped.against, ["50deg_printed_friction"]);
+        assert_eq!(flipped.range, Some((0.028, 0.050, "s")));
+    }
+
+    #[test]
+    fn a_cell_that_cannot_say_is_against_it() {
+        let mute = Cell { traced: Prediction::default(), ..cell(0.030) };
+        assert!(!lag(&[cell(0.030), mute]).survives());
+    }
+}

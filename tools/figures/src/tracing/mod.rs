@@ -25,7 +25,7 @@ const PRINTED_RANGE_HZ: (f64, f64) = (4.0, 60.0);
 /// Softest line that is tried, as a share of the printed stiffness.
 const SOFTEST: f64 = 1.0 / 100.0;
 /// Steps in which a root is bracketed.
-const BRACKETS: usize = 6;
+const BRACKETS: usize = 4;
 /// A fit that misses the peak by more than this share is none.
 const FIT_TOLERANCE: f64 = 0.02;
 /// Lowest frequency of fig. 3.4, Hz.
@@ -149,7 +149,7 @@ pub fn fit(target_hz: f64, harmless: f64, strongest: f64, line: impl Fn(f64) -> 
         let at = start + (end - start) * step as f64 / BRACKETS as f64;
         let next = (at, miss(at)?);
         if last.1 * next.1 <= 0.0 {
-            let found = measure::root(last.0, next.0, 2e-3, miss)?;
+            let found = measure::root(last.0, next.0, 5e-3, miss)?;
             return match found {
                 Some(logarithm) if miss(logarithm)?.abs() <= FIT_TOLERANCE * target_hz => Ok(Some(size(logarithm))),
                 _ => Ok(None),
