@@ -151,6 +151,9 @@ impl Plant {
                 effect.side(&mut load, &moment);
             }
             let moved = advance(velocity, step, &load.load);
+            for effect in &mut self.mass {
+                effect.moved(moved.displacement, &moment);
+            }
             self.increment = if moved.velocity == 0.0 { 0.0 } else { moved.velocity - velocity };
             self.state = State {
                 time_s: self.state.time_s + step,

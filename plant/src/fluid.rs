@@ -58,12 +58,21 @@ impl Pipe {
 
     /// Force over speed, N·s/m, at a speed in m/s: `F_lf / v = f L |v| ρ A / (2 d)`, which is `32 ν L A / d²` while the
     /// flow is laminar.
+    #[inline]
     pub fn coefficient(&self, speed_m_s: f64) -> f64 {
         let reynolds = self.reynolds_per_speed * speed_m_s.abs();
         if reynolds <= LAMINAR_END {
             return self.laminar;
         }
-        friction_factor(reynolds, self.relative_roughness) * self.turbulent * speed_m_s.abs()
+        self.beyond_laminar(reynolds, speed_m_s.abs())
+    }
+
+    /// Out of line: the optimiser takes powers and logarithms for so harmless that it computes them ahead of the question whether
+    /// they are needed, in every step.
+    #[cold]
+    #[inline(never)]
+    fn beyond_laminar(&self, reynolds: f64, speed_m_s: f64) -> f64 {
+        friction_factor(reynolds, self.relative_roughness) * self.turbulent * speed_m_s
     }
 
     /// Reynolds number at a speed in m/s.

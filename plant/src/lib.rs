@@ -18,11 +18,13 @@
 //! - [`cable`] is the transmission of chapter 5;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
 //! - [`drive`] is a single mass with friction;
+//! - [`friction`] has the laws of friction and exact stick, each law by name;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
 //! - [`sensors`] turn the true state into counts and volts.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
+pub mod batch;
 pub mod cable;
 pub mod drive;
 pub mod effects;

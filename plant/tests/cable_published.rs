@@ -167,8 +167,10 @@ fn printed_stiffness_belongs_to_a_shorter_piece() {
     let piece = Parameters { cable_stiffness_factor: 0.2 / 9.0, ..printed };
     close(piece.apparent_modulus_pa(), 9.5e9, 1e-2);
     let (peak, _, cutoff) = peak_and_cutoff(&piece, 15.0, 0.25, 30.0);
-    println!("slope of 20 cm: peak {peak} Hz, cut-off {cutoff} Hz");
+    let (lag, sticking) = (at(&piece, 1.0, 30.0).lag_s(), cable_plateau(&piece, 30.0).0);
+    println!("slope of 20 cm: peak {peak} Hz, cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s");
     assert!((7.0..=8.0).contains(&peak) && (12.5..=14.5).contains(&cutoff), "{peak} {cutoff}");
+    assert!((0.035..0.055).contains(&lag) && (0.2..0.26).contains(&sticking), "{lag} {sticking}");
 }
 
 /// Ch. 6: what more cables would do. A prediction; nothing is measured.

@@ -205,6 +205,13 @@ impl Plant {
         let (mut load, slave_effect) = self.side_load(Side::Slave, coupling, half, mean, moment);
         load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load);
+        for (effects, displacement) in
+            [(&mut self.effects.master, master.displacement), (&mut self.effects.slave, slave.displacement)]
+        {
+            for effect in effects {
+                effect.moved(displacement, moment);
+            }
+        }
         self.energy.dissipated_j += slave.dissipated;
         self.energy.effects_j -= slave_effect * slave.displacement;
         self.count_input(hand_torque_nm * slave.displacement);

@@ -4,6 +4,7 @@
 //! zero. Beside a declared offset only the viscous part is seen. The rig has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::{Asymmetric, FrictionLaw};
 
 effect! {
     /// Friction that differs by direction.
@@ -24,14 +25,14 @@ impl Effect for AsymmetricFriction {
         self.site
     }
 
-    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        let dry = &mut load.load.dry;
-        dry.forward += self.difference;
-        dry.forward_at_rest += self.difference;
-        dry.backward -= self.difference;
-        dry.backward_at_rest -= self.difference;
-        let viscous = self.difference * self.viscous_time;
-        load.load.viscous_forward = (load.load.viscous_forward + viscous).max(0.0);
-        load.load.viscous_backward = (load.load.viscous_backward - viscous).max(0.0);
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let at = load.operating_point(moment);
+        let mut law = Asymmetric {
+            level: 0.0,
+            difference: self.difference,
+            viscous: 0.0,
+            viscous_difference: self.difference * self.viscous_time,
+        };
+        law.contribute(&mut load.load, &at);
     }
 }

@@ -3,6 +3,7 @@
 //! `τ_f = c sgn(q̇)`, up to `c` at rest.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::{Coulomb, FrictionLaw};
 
 effect! {
     /// Constant friction.
@@ -21,7 +22,8 @@ impl Effect for CoulombFriction {
         self.site
     }
 
-    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        load.load.dry.add(self.level, self.level);
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let at = load.operating_point(moment);
+        Coulomb { level: self.level }.contribute(&mut load.load, &at);
     }
 }

@@ -1,8 +1,10 @@
 //! `load_dependent_friction`: friction that grows with the transmitted torque.
 //!
-//! `τ_f += μ |τ_line| sgn(q̇)`: seals pressed by the fluid, bearings by the belt.
+//! `τ_f += μ |τ_line| sgn(q̇)`: seals pressed by the fluid, bearings by the belt; the law of
+//! [`crate::friction::LoadDependent`] without its saturation.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::{FrictionLaw, LoadDependent};
 
 effect! {
     /// Friction that grows with load.
@@ -21,8 +23,9 @@ impl Effect for LoadDependentFriction {
         self.site
     }
 
-    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        let level = self.coefficient * load.transmitted_nm.abs();
-        load.load.dry.add(level, level);
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let at = load.operating_point(moment);
+        let mut law = LoadDependent { coefficient: self.coefficient, saturation: f64::INFINITY };
+        law.contribute(&mut load.load, &at);
     }
 }

@@ -5,7 +5,7 @@
 //! `ID[@SITE][=SIZE]`. To add one: a file here, and a line in [`LIST`].
 
 use crate::ParameterSet;
-use crate::friction::Load;
+use crate::friction::{Load, OperatingPoint};
 use crate::transmission::Reading;
 use std::fmt;
 
@@ -170,6 +170,18 @@ pub struct SideLoad {
     pub load: Load,
 }
 
+impl SideLoad {
+    /// What a friction law asks of the side.
+    pub fn operating_point(&self, moment: &Moment) -> OperatingPoint {
+        OperatingPoint {
+            position: self.position_rad,
+            velocity: self.velocity_rad_s,
+            transmitted: self.transmitted_nm,
+            step: moment.step_s,
+        }
+    }
+}
+
 /// What an effect asks of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
@@ -238,6 +250,9 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
 
     /// Sites master, slave: adds force, friction.
     fn side(&mut self, _load: &mut SideLoad, _moment: &Moment) {}
+
+    /// Sites master, slave: how far the side went in the step for which [`Effect::side`] was called, rad (m).
+    fn moved(&mut self, _displacement: f64, _moment: &Moment) {}
 
     /// Site sensor: changes what the instruments read; called once per output step.
     fn sense(&mut self, _reading: &mut Reading, _moment: &Moment) {}

@@ -4,6 +4,7 @@
 //! fig. 5.5 shows it.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::PositionDependent;
 
 effect! {
     /// Friction that varies along the stroke.
@@ -27,7 +28,14 @@ impl Effect for PositionDependentFriction {
     }
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        let factor = 1.0 + self.amplitude * (self.order * load.position_rad + self.phase).sin();
-        load.load.dry.scale(factor);
+        let law = PositionDependent {
+            level: 1.0,
+            amplitude: self.amplitude,
+            order: self.order,
+            phase: self.phase,
+            overtone_amplitude: 0.0,
+            overtone_phase: 0.0,
+        };
+        load.load.dry.scale(law.factor(load.position_rad));
     }
 }

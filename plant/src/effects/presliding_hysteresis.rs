@@ -1,9 +1,10 @@
 //! `presliding_hysteresis`: bristles: friction that builds up over a small travel.
 //!
-//! Of the side's dry friction the part `p` follows Dahl's law: `τ = p F z`, `dz/dq = (1 - z sgn(q̇))/q_d`, integrated exactly
-//! over each step. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40 (1995).
+//! Of the side's dry friction `F` the part `p` follows Dahl's law ([`crate::friction::Bristle`]) with the stiffness
+//! `p F / q_d`, `F` being the side's breakaway where it first moves, mean of both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40 (1995).
 
 use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
+use crate::friction::Bristle;
 
 effect! {
     /// A part of the dry friction as bristles.
@@ -14,7 +15,8 @@ effect! {
         travel: "rad (m)", 1e-6, 1.0, 0.02, "assumed";
     }
     state {
-        stretch: f64 = 0.0;
+        bristle: Bristle = Bristle::default();
+        stiffness: f64 = 0.0;
     }
 }
 
@@ -28,20 +30,24 @@ impl Effect for PreslidingHysteresis {
     }
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
-        let travel = load.velocity_rad_s * moment.step_s;
-        let forward = travel >= 0.0;
-        let level = if forward { load.load.dry.forward } else { load.load.dry.backward };
-        let target = if forward { 1.0 } else { -1.0 };
-        // Half before, half after: the force is that of the middle of the step.
-        let decay = (-0.5 * travel.abs() / self.travel).exp();
-        let middle = target + (self.stretch - target) * decay;
-        self.stretch = target + (middle - target) * decay;
-        load.load.force -= self.part * level * middle;
+        let dry = load.load.dry;
+        if self.stiffness == 0.0 {
+            // Fixed from here on: a spring whose stiffness changes while it is bent would give energy.
+            self.stiffness = 0.5 * self.part * (dry.forward_at_rest + dry.backward_at_rest) / self.travel;
+        }
+        let level = self.part * if load.velocity_rad_s >= 0.0 { dry.forward } else { dry.backward };
+        let at = load.operating_point(moment);
+        self.bristle.contribute(&mut load.load, self.stiffness, 0.0, level, &at);
         load.load.dry.scale(1.0 - self.part);
     }
 
+    fn moved(&mut self, displacement: f64, _moment: &Moment) {
+        self.bristle.settle(displacement);
+    }
+
     fn prepare(&mut self, _constants: &dyn LineConstants) {
-        self.stretch = 0.0;
+        self.bristle = Bristle::default();
+        self.stiffness = 0.0;
     }
 
     fn demand(&self) -> Demand {

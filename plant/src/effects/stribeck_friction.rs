@@ -3,6 +3,7 @@
 //! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994).
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::{FrictionLaw, StribeckCurve};
 
 effect! {
     /// Extra friction near rest.
@@ -23,8 +24,9 @@ impl Effect for StribeckFriction {
         self.site
     }
 
-    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        let part = load.velocity_rad_s / self.speed;
-        load.load.dry.add(self.level * (-part * part).exp(), self.level);
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let at = load.operating_point(moment);
+        let mut law = StribeckCurve { kinetic: 0.0, breakaway: self.level, speed: self.speed, exponent: 2.0 };
+        law.contribute(&mut load.load, &at);
     }
 }

@@ -3,6 +3,7 @@
 //! `τ_f = b q̇`.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
+use crate::friction::{FrictionLaw, Viscous};
 
 effect! {
     /// Friction proportional to speed.
@@ -21,8 +22,8 @@ impl Effect for ViscousFriction {
         self.site
     }
 
-    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
-        load.load.viscous_forward += self.coefficient;
-        load.load.viscous_backward += self.coefficient;
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        let at = load.operating_point(moment);
+        Viscous { coefficient: self.coefficient }.contribute(&mut load.load, &at);
     }
 }

@@ -27,6 +27,8 @@ struct Sited {
     line: Vec<Box<dyn Effect>>,
     slave: Vec<Box<dyn Effect>>,
     sensor: Vec<Box<dyn Effect>>,
+    /// Whether there is one that the integrator must ask.
+    any: bool,
 }
 
 /// What follows from the parameters and stays.
@@ -86,6 +88,7 @@ impl Plant {
         let mut sited = Sited::default();
         for mut effect in effects {
             effect.prepare(&real);
+            sited.any |= effect.site() != Site::Sensor;
             let demand = effect.demand();
             stiffer *= demand.stiffness_factor.max(1.0);
             rate = rate.max(demand.rate_rad_s);
@@ -184,25 +187,34 @@ impl Plant {
 
     /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
     pub fn step(&mut self, input: Input, dt_s: f64) {
+        // Compiled twice: most plants have no effects, and are twice as fast without the hooks for them.
+        if self.effects.any { self.step_with::<true>(input, dt_s) } else { self.step_with::<false>(input, dt_s) }
+    }
+
+    fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
         let (count, step) = self.sub_steps(dt_s);
         for _ in 0..count {
             let (half, mean) = self.middle(step);
             let moment = self.moment(step, &half, &mean);
-            let motor_torque = self.motor_torque(input.motor_v, &moment);
-            let coupling = self.couple(&half, &mean, &moment);
+            let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
+            let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
             let mut master = self.master_load(&coupling, half[0], mean[0]);
             let master_own = master.load.force;
-            for effect in &mut self.effects.master {
-                effect.side(&mut master, &moment);
+            if EFFECTS {
+                for effect in &mut self.effects.master {
+                    effect.side(&mut master, &moment);
+                }
             }
             let master_effect = master.load.force - master_own;
             master.load.force += motor_torque;
             let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
             self.energy.dissipated_j += moved.dissipated;
-            self.energy.effects_j -= master_effect * moved.displacement;
+            if EFFECTS {
+                self.energy.effects_j -= master_effect * moved.displacement;
+            }
             self.count_input(motor_torque * moved.displacement);
             self.state.motor_torque_nm = motor_torque;
-            self.finish(step, moved, &coupling, input.hand_torque_nm, &half, &mean, &moment);
+            self.finish::<EFFECTS>(step, moved, &coupling, input.hand_torque_nm, &half, &mean, &moment);
         }
         self.read(input.motor_v, input.hand_torque_nm);
     }
@@ -210,6 +222,14 @@ impl Plant {
     /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
     /// the slave moves as it must. [`State::motor_torque_nm`] is then the torque that it took.
     pub fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
+        if self.effects.any {
+            self.step_imposed_with::<true>(master, hand_torque_nm, dt_s);
+        } else {
+            self.step_imposed_with::<false>(master, hand_torque_nm, dt_s);
+        }
+    }
+
+    fn step_imposed_with<const EFFECTS: bool>(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
         let (count, step) = self.sub_steps(dt_s);
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
@@ -220,11 +240,13 @@ impl Plant {
             half[0] = 0.5 * (position + next);
             mean[0] = (next - position) / step;
             let moment = self.moment(step, &half, &mean);
-            let coupling = self.couple(&half, &mean, &moment);
+            let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
             let mut load = self.master_load(&coupling, half[0], mean[0]);
             let own = load.load.force;
-            for effect in &mut self.effects.master {
-                effect.side(&mut load, &moment);
+            if EFFECTS {
+                for effect in &mut self.effects.master {
+                    effect.side(&mut load, &moment);
+                }
             }
             let effect_torque = load.load.force - own;
             let displacement = next - position;
@@ -240,14 +262,15 @@ impl Plant {
             self.energy.effects_j -= effect_torque * displacement;
             self.count_input(kinetic + dissipated - load.load.force * displacement);
             let moved = Advance { velocity: speed_next, displacement, dissipated };
-            self.finish(step, moved, &coupling, hand_torque_nm, &half, &mean, &moment);
+            self.finish::<EFFECTS>(step, moved, &coupling, hand_torque_nm, &half, &mean, &moment);
         }
         self.read(0.0, hand_torque_nm);
     }
 
     /// Everything after the master has moved: slave, lines, energy, time.
     #[allow(clippy::too_many_arguments)]
-    fn finish(
+    #[inline(always)]
+    fn finish<const EFFECTS: bool>(
         &mut self,
         step: f64,
         master: Advance,
@@ -272,22 +295,37 @@ impl Plant {
                 ..Load::default()
             },
         };
-        for effect in &mut self.effects.slave {
-            effect.side(&mut load, moment);
+        if EFFECTS {
+            for effect in &mut self.effects.slave {
+                effect.side(&mut load, moment);
+            }
         }
         let slave_effect = load.load.force - transmitted;
         load.load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
+        if EFFECTS {
+            for (effects, displacement) in
+                [(&mut self.effects.master, master.displacement), (&mut self.effects.slave, slave.displacement)]
+            {
+                for effect in effects {
+                    effect.moved(displacement, moment);
+                }
+            }
+        }
         self.energy.dissipated_j += slave.dissipated;
-        self.energy.effects_j -= slave_effect * slave.displacement;
+        if EFFECTS {
+            self.energy.effects_j -= slave_effect * slave.displacement;
+        }
         self.count_input(hand_torque_nm * slave.displacement);
 
         let moved = [master.displacement, slave.displacement];
         let mut lines = [slave; 2];
         for line in 0..2 {
             let mut coefficient = self.constants.pipe.coefficient(mean[2 + line]);
-            for effect in &mut self.effects.line {
-                coefficient = effect.fluid(coefficient, moment);
+            if EFFECTS {
+                for effect in &mut self.effects.line {
+                    coefficient = effect.fluid(coefficient, moment);
+                }
             }
             let half_damping = 0.5 * step * coefficient;
             let mass = self.constants.fluid_mass_kg;
@@ -304,9 +342,11 @@ impl Plant {
                 let relative = displacement - piston;
                 let (spring, damper) = (coupling.spring[line][end], coupling.damper[line][end]);
                 self.energy.dissipated_j += damper * relative;
-                self.energy.effects_j += coupling.fluid[line][end] * displacement
-                    - coupling.piston[line][end] * piston
-                    - (spring + damper) * relative;
+                if EFFECTS {
+                    self.energy.effects_j += coupling.fluid[line][end] * displacement
+                        - coupling.piston[line][end] * piston
+                        - (spring + damper) * relative;
+                }
             }
         }
 
@@ -333,7 +373,8 @@ impl Plant {
     }
 
     /// The four links, each once.
-    fn couple(&mut self, half: &[f64; 4], mean: &[f64; 4], moment: &Moment) -> Coupling {
+    #[inline(always)]
+    fn couple<const EFFECTS: bool>(&mut self, half: &[f64; 4], mean: &[f64; 4], moment: &Moment) -> Coupling {
         let mut coupling = Coupling::default();
         let (stiffnesses, damping) = (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
         for line in 0..2 {
@@ -345,7 +386,7 @@ impl Plant {
                 coupling.spring[line][index] = spring;
                 coupling.damper[line][index] = damper;
                 let at_end = if index == 0 { &mut self.effects.master } else { &mut self.effects.slave };
-                if self.effects.line.is_empty() && at_end.is_empty() {
+                if !EFFECTS || (self.effects.line.is_empty() && at_end.is_empty()) {
                     coupling.piston[line][index] = spring + damper;
                     coupling.fluid[line][index] = spring + damper;
                     continue;
@@ -378,6 +419,7 @@ impl Plant {
         coupling
     }
 
+    #[inline(always)]
     fn master_load(&self, coupling: &Coupling, position_rad: f64, velocity_rad_s: f64) -> SideLoad {
         let (parameters, constants) = (&self.parameters, &self.constants);
         let transmitted = constants.displacement[0] * (coupling.piston[0][0] + coupling.piston[1][0]);
@@ -401,7 +443,11 @@ impl Plant {
         }
     }
 
-    fn motor_torque(&mut self, volts: f64, moment: &Moment) -> f64 {
+    #[inline(always)]
+    fn motor_torque<const EFFECTS: bool>(&mut self, volts: f64, moment: &Moment) -> f64 {
+        if !EFFECTS {
+            return self.parameters.motor_torque_per_volt_nm * volts;
+        }
         let mut volts = volts;
         for effect in &mut self.effects.drive {
             volts = effect.amplifier(volts, moment);
@@ -414,6 +460,7 @@ impl Plant {
     }
 
     /// Positions at the middle of the step, and speeds there as extrapolated.
+    #[inline(always)]
     fn middle(&self, step: f64) -> ([f64; 4], [f64; 4]) {
         let state = &self.state;
         let positions =
@@ -433,6 +480,7 @@ impl Plant {
         (half, mean)
     }
 
+    #[inline(always)]
     fn moment(&self, step: f64, half: &[f64; 4], mean: &[f64; 4]) -> Moment {
         Moment {
             time_s: self.state.time_s + 0.5 * step,

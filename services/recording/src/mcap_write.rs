@@ -137,7 +137,7 @@ pub enum WriteError {
     DiskFull {
         /// The file.
         path: PathBuf,
-        /// Messages that are not in the file.
+        /// Messages that are not in the file, or came after the last flush that held.
         refused: u64,
     },
     /// The disk failed. The writer takes nothing more.
@@ -147,7 +147,7 @@ pub enum WriteError {
         path: PathBuf,
         /// What the system said.
         source: io::Error,
-        /// Messages that are not in the file.
+        /// Messages that are not in the file, or came after the last flush that held.
         refused: u64,
     },
     /// An earlier error ended this recording.
@@ -157,7 +157,7 @@ pub enum WriteError {
         path: PathBuf,
         /// What happened.
         cause: String,
-        /// Messages that are not in the file.
+        /// Messages that are not in the file, or came after the last flush that held.
         refused: u64,
     },
     /// No such topic.

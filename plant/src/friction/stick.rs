@@ -1,4 +1,4 @@
-//! Dry friction with exact stick: one degree of freedom over one step.
+//! One degree of freedom over one step, with exact stick.
 //!
 //! The force other than friction is held over the step. Within the step the movement is then known in closed form, so
 //! the instant at which it stops is resolved, and at rest the friction takes any value up to breakaway: the speed is
@@ -69,7 +69,7 @@ pub struct Advance {
 }
 
 /// Advances one degree of freedom that moves at `velocity` by `step` seconds.
-#[inline]
+#[inline(always)]
 pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     if load.smoothing > 0.0 {
         return advance_smoothed(velocity, step, load);
@@ -109,6 +109,7 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
 }
 
 /// From rest: stays there, or breaks away.
+#[inline(always)]
 fn start(step: f64, load: &Load) -> Advance {
     let (excess, sign, level, viscous) = if load.force >= 0.0 {
         let level = load.dry.forward_at_rest.max(0.0);
@@ -131,6 +132,8 @@ fn start(step: f64, load: &Load) -> Advance {
 }
 
 /// Dry friction spread over a small speed, implicit in the new speed: for estimators that need a slope.
+#[cold]
+#[inline(never)]
 fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
     let half = 0.5 * step * viscous;
@@ -161,33 +164,4 @@ fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let displacement = step * mean;
     let dry = level(speed) * speed / (speed * speed + load.smoothing * load.smoothing).sqrt();
     Advance { velocity: speed, displacement, dissipated: (dry + viscous * mean) * displacement }
-}
-
-/// Piecewise linear Stribeck friction (fig. 3.2B): falls from the static value up to a corner speed, then rises.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stribeck {
-    /// At rest, N·m or N.
-    pub at_rest: f64,
-    /// Fall per speed below the corner, positive for falling.
-    pub falling: f64,
-    /// Corner speed.
-    pub corner: f64,
-    /// Just above the corner.
-    pub above_corner: f64,
-    /// Rise per speed above the corner.
-    pub rising: f64,
-}
-
-impl Stribeck {
-    /// Magnitude at a speed (its sign does not matter); never negative.
-    #[inline]
-    pub fn level(&self, speed: f64) -> f64 {
-        let speed = speed.abs();
-        let level = if speed < self.corner {
-            self.at_rest - self.falling * speed
-        } else {
-            self.above_corner + self.rising * (speed - self.corner)
-        };
-        level.max(0.0)
-    }
 }

@@ -1,0 +1,108 @@
+//! Friction: laws with one interface, and one degree of freedom over one step with exact stick.
+//!
+//! A [`FrictionLaw`] adds to a [`Load`] what friction does at an [`OperatingPoint`]; [`advance`] then moves the mass and
+//! says how far; [`FrictionLaw::settle`] takes that back, for laws with memory. Laws add up: any number of them may
+//! contribute to one load. Friction acts against movement; magnitudes are positive; N·m, rad and rad/s for a rotation
+//! and N, m and m/s for a translation.
+//!
+//! No law creates energy, whatever the step: the work done on a mass, less its kinetic energy and what bristles store
+//! ([`FrictionLaw::stored_j`]), never falls.
+//!
+//! ```
+//! use plant::friction::{self, Coulomb, FrictionLaw, Load, OperatingPoint};
+//!
+//! // A slave of 2 g m² that runs at 10 rad/s into 1 N·m of dry friction stands still after I v² / 2 τ = 0.1 rad.
+//! let mut law = Coulomb { level: 1.0 };
+//! let (mut position, mut velocity, step) = (0.0, 10.0, 0.5e-3);
+//! for _ in 0..100 {
+//!     let mut load = Load { inertia: 2e-3, ..Load::default() };
+//!     law.contribute(&mut load, &OperatingPoint { position, velocity, transmitted: 0.0, step });
+//!     let moved = friction::advance(velocity, step, &load);
+//!     law.settle(moved.displacement, step);
+//!     (position, velocity) = (position + moved.displacement, moved.velocity);
+//! }
+//! assert_eq!(velocity, 0.0);
+//! assert!((position - 0.1_f64).abs() < 1e-12);
+//! ```
+
+mod asymmetric;
+mod bristle;
+mod coulomb;
+mod dahl;
+mod laws;
+mod load_dependent;
+mod lugre;
+mod piecewise_linear;
+mod position_dependent;
+mod stick;
+mod stribeck;
+mod viscous;
+
+pub use asymmetric::Asymmetric;
+pub use bristle::Bristle;
+pub use coulomb::Coulomb;
+pub use dahl::Dahl;
+pub use laws::{LAWS, LawEntry, find};
+pub use load_dependent::LoadDependent;
+pub use lugre::LuGre;
+pub use piecewise_linear::Stribeck;
+pub use position_dependent::PositionDependent;
+pub use stick::{Advance, DryFriction, Load, advance};
+pub use stribeck::StribeckCurve;
+pub use viscous::Viscous;
+
+use crate::ParameterSet;
+use std::fmt;
+
+/// Where a degree of freedom is during a step, as far as friction asks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OperatingPoint {
+    /// Position at the middle of the step, rad or m.
+    pub position: f64,
+    /// Mean speed over the step, as far as it is known before it (extrapolated, say), rad/s or m/s.
+    ///
+    /// The present speed makes a law first order; extrapolated over the last change of speed, it is second order.
+    pub velocity: f64,
+    /// Transmitted load on the degree of freedom, N·m or N; its sign does not matter.
+    pub transmitted: f64,
+    /// Length of the step, s.
+    pub step: f64,
+}
+
+/// A law of friction on one degree of freedom.
+pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
+    /// Its name in [`LAWS`].
+    fn name(&self) -> &'static str;
+
+    /// Adds to a load what friction does over the coming step. Nothing is allocated.
+    fn contribute(&mut self, load: &mut Load, at: &OperatingPoint);
+
+    /// Takes note of how far the step led, rad or m.
+    ///
+    /// Only laws with memory listen. One that is not told takes the travel to have been as expected.
+    fn settle(&mut self, _displacement: f64, _step: f64) {}
+
+    /// Forgets what it remembers: bristles stand upright.
+    fn reset(&mut self) {}
+
+    /// Energy that its bristles hold, J.
+    fn stored_j(&self) -> f64 {
+        0.0
+    }
+}
+
+/// The force with which a law resists a movement that is imposed for one step, N·m or N: positive against positive
+/// movement. At no speed a dry law gives 0 (its force there is whatever holds), bristles their spring's force.
+pub fn resistance(law: &mut dyn FrictionLaw, at: &OperatingPoint) -> f64 {
+    let mut load = Load::default();
+    law.contribute(&mut load, at);
+    law.settle(at.velocity * at.step, at.step);
+    let moving = if at.velocity > 0.0 {
+        load.dry.forward.max(0.0) + load.viscous_forward * at.velocity
+    } else if at.velocity < 0.0 {
+        -load.dry.backward.max(0.0) + load.viscous_backward * at.velocity
+    } else {
+        0.0
+    };
+    moving - load.force
+}

@@ -1,0 +1,165 @@
+//! Surface EMG of the muscles that make the hand's torque.
+//!
+//! Per channel, in this order:
+//!
+//! 1. **Excitation** from torque: `u = |τ| / τ_max` for the muscles that pull that way, `κ u` for those against
+//!    (co-contraction), plus a stiffening part of both; from 0 to 1. Flexors make positive hand torque.
+//! 2. **Activation** follows excitation as a first-order lag, faster on the way up than down: `ȧ = (u - a) / t` (Zajac 1989;
+//!    Winters 1990 for the times).
+//! 3. **Signal**: white noise through a causal band-pass of 10 to 400 Hz (§ 2.2: "EMG signals cover frequencies from 10 to
+//!    400 Hz"), scaled to unit rms, times `a`, channel gain and volts at full activation. Amplitude goes with activation
+//!    ("amplitude is correlated with muscle tension", § 2.1).
+//! 4. **Floor**: white noise of electrodes and amplifier; the sum clips.
+//!
+//! A real muscle's EMG comes some 50 ms before its torque; torque is what is known here, so this one follows it.
+
+use super::BandPass;
+use crate::parameter::parameter_set;
+use crate::{ParameterError, ParameterSet};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+/// Channels of the rig: "upto six EMG inputs" (§ 2.1).
+pub const EMG_CHANNELS: usize = 6;
+
+/// Which way a channel's muscle pulls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Muscle {
+    /// Positive hand torque.
+    Flexor,
+    /// Negative hand torque.
+    Extensor,
+}
+
+parameter_set! {
+    /// Constants of the muscles and their amplifier, all channels alike.
+    #[derive(PartialEq)]
+    pub struct EmgParameters {
+        /// Hand torque at full activation `τ_max`.
+        full_torque_nm: "N m", 1e-3, 1e3, 5.0, "assumed: somewhat less than a strong wrist";
+        /// Antagonist's excitation over the agonist's `κ`.
+        cocontraction: "1", 0.0, 1.0, 0.15, "assumed";
+        /// Excitation of both without torque: a stiffened joint.
+        stiffening: "1", 0.0, 1.0, 0.0, "assumed: relaxed";
+        /// Time constant of rising activation.
+        activation_s: "s", 1e-4, 1.0, 0.015, "Zajac 1989, order of magnitude";
+        /// Time constant of falling activation.
+        deactivation_s: "s", 1e-4, 1.0, 0.05, "Zajac 1989, order of magnitude";
+        /// Lower corner.
+        low_hz: "Hz", 1.0, 100.0, 10.0, "§ 2.2";
+        /// Upper corner.
+        high_hz: "Hz", 101.0, 1e4, 400.0, "§ 2.2";
+        /// Root mean square at full activation and unit channel gain, after the amplifier.
+        full_rms_v: "V", 0.0, 10.0, 0.2, "assumed: 0.2 mV, amplified 1000 times";
+        /// Root mean square of the noise floor.
+        floor_rms_v: "V", 0.0, 10.0, 0.003, "assumed: 3 uV, amplified 1000 times";
+        /// Volts at which the output clips.
+        limit_v: "V", 1e-3, 100.0, 10.0, "assumed: the card's range";
+    }
+}
+
+/// One channel.
+#[derive(Clone, Debug)]
+struct Channel {
+    muscle: Muscle,
+    gain: f64,
+    filter: BandPass,
+    generator: Pcg64Mcg,
+}
+
+/// Six channels of surface EMG, read at a fixed rate.
+#[derive(Clone, Debug)]
+pub struct Emg {
+    parameters: EmgParameters,
+    channels: [Channel; EMG_CHANNELS],
+    /// Volts per filtered unit noise at full activation.
+    scale_v: f64,
+    rise: f64,
+    fall: f64,
+    /// Of flexors and extensors.
+    activation: [f64; 2],
+}
+
+impl Emg {
+    /// Electrodes at rest, read every `step_s`: flexors on channels 0, 2, 4 and extensors on 1, 3, 5, with gains of 1. The
+    /// same seed gives the same signals.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`]; also for an upper corner at or above 0.49 of the sampling rate.
+    pub fn new(parameters: EmgParameters, step_s: f64, seed: u64) -> Result<Self, ParameterError> {
+        parameters.check()?;
+        let EmgParameters { low_hz, high_hz, .. } = parameters;
+        // Written so that a step that is no number fails too.
+        if !(step_s > 0.0 && high_hz * step_s < 0.49) {
+            let (minimum, maximum) = (101.0, 0.49 / step_s);
+            return Err(ParameterError::OutOfRange { name: "high_hz", value: high_hz, minimum, maximum, unit: "Hz" });
+        }
+        let filter = BandPass::new(low_hz * step_s, high_hz * step_s);
+        // The high pass rings longest: e⁻⁴⁰ after this many samples, and no more than a few 100 000.
+        let samples = (20.0 / (low_hz * step_s)).min(1e6) as usize;
+        let channels = std::array::from_fn(|index| Channel {
+            muscle: if index % 2 == 0 { Muscle::Flexor } else { Muscle::Extensor },
+            gain: 1.0,
+            filter,
+            generator: Pcg64Mcg::seed_from_u64(seed ^ (0x656d_6700 + index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
+        });
+        Ok(Self {
+            scale_v: parameters.full_rms_v / filter.noise_gain(samples),
+            rise: -(-step_s / parameters.activation_s).exp_m1(),
+            fall: -(-step_s / parameters.deactivation_s).exp_m1(),
+            parameters,
+            channels,
+            activation: [0.0; 2],
+        })
+    }
+
+    /// The same electrodes on other muscles and with other gains (how well each lies over its muscle).
+    #[must_use]
+    pub fn with_channels(mut self, placed: [(Muscle, f64); EMG_CHANNELS]) -> Self {
+        for (channel, (muscle, gain)) in self.channels.iter_mut().zip(placed) {
+            (channel.muscle, channel.gain) = (muscle, gain);
+        }
+        self
+    }
+
+    /// The constants.
+    pub fn parameters(&self) -> &EmgParameters {
+        &self.parameters
+    }
+
+    /// Activation of flexors and extensors, 0 to 1.
+    pub fn activation(&self) -> (f64, f64) {
+        (self.activation[0], self.activation[1])
+    }
+
+    /// Excitation of flexors and extensors under a hand torque, N·m; 0 to 1.
+    pub fn excitation(&self, hand_torque_nm: f64) -> (f64, f64) {
+        let parameters = &self.parameters;
+        let agonist = hand_torque_nm.abs() / parameters.full_torque_nm;
+        let antagonist = parameters.cocontraction * agonist;
+        let (flexor, extensor) = if hand_torque_nm >= 0.0 { (agonist, antagonist) } else { (antagonist, agonist) };
+        ((flexor + parameters.stiffening).clamp(0.0, 1.0), (extensor + parameters.stiffening).clamp(0.0, 1.0))
+    }
+
+    /// Volts of the six channels one step later, with the hand torque (N·m) held over it. A torque that is no number
+    /// counts as none.
+    pub fn read(&mut self, hand_torque_nm: f64) -> [f64; EMG_CHANNELS] {
+        let torque = if hand_torque_nm.is_nan() { 0.0 } else { hand_torque_nm };
+        let (flexor, extensor) = self.excitation(torque);
+        for (activation, excitation) in self.activation.iter_mut().zip([flexor, extensor]) {
+            let part = if excitation > *activation { self.rise } else { self.fall };
+            *activation += part * (excitation - *activation);
+        }
+        let Self { parameters, channels, scale_v, activation, .. } = self;
+        let mut volts = [0.0; EMG_CHANNELS];
+        for (channel, volts) in channels.iter_mut().zip(&mut volts) {
+            let white: f64 = StandardNormal.sample(&mut channel.generator);
+            let floor: f64 = StandardNormal.sample(&mut channel.generator);
+            let active = activation[usize::from(channel.muscle == Muscle::Extensor)];
+            let signal = active * channel.gain * *scale_v * channel.filter.update(white);
+            *volts = (signal + parameters.floor_rms_v * floor).clamp(-parameters.limit_v, parameters.limit_v);
+        }
+        volts
+    }
+}
