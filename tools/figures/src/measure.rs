@@ -258,14 +258,19 @@ impl Cycle {
         if given > 0.0 { arrived / given } else { 0.0 }
     }
 
-    /// Time per reversal for which the slave stands still, s.
-    pub fn rest_s(&self) -> f64 {
+    /// The longest time for which the slave stands still, s: the flat top of fig. 3.3 and 5.8.
+    pub fn flat_top_s(&self) -> f64 {
         let step = match self.motion.as_slice() {
             [first, second, ..] => second.time_s - first.time_s,
             _ => 0.0,
         };
-        let still = self.motion.iter().filter(|m| m.slave_velocity_rad_s == 0.0).count();
-        0.5 * still as f64 * step
+        let (mut longest, mut run) = (0_usize, 0_usize);
+        // Twice round, since the cycle may begin within a flat top.
+        for motion in self.motion.iter().chain(&self.motion) {
+            run = if motion.slave_velocity_rad_s == 0.0 { run + 1 } else { 0 };
+            longest = longest.max(run);
+        }
+        longest.min(self.motion.len()) as f64 * step
     }
 }
 

@@ -1,5 +1,6 @@
 //! The page: what was traced first, then every figure.
 
+use plant::hydrostatic::compliance::Explanations;
 use report::{Page, Table, Tone};
 
 use crate::drawn::reserved::RESERVED;
@@ -71,12 +72,13 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
     let softening = format!(
         "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, assumed; polyamide has 1 to 3 GPa), \
          {} % of gas in the oil by volume (badly bled oil holds as much), belts of {} kN/m (a toothed belt of 10 mm is ten times \
-         stiffer), or a bulk modulus of {} GPa where 1.86 is printed. Hose and gas are plausible, belts alone are not. The published numbers \
+         stiffer), or a bulk modulus of {} GPa where 1.86 is printed. Plausible by themselves: {}. The published numbers \
          cannot tell compliance from a misprinted bulk modulus: simulated with the one and with the other, the gains differ by at most {}.",
         short(Some(1e-9 * by.wall_modulus_pa)),
         short(Some(1e2 * by.gas_fraction)),
         short(Some(1e-3 * by.belt_stiffness_n_per_m)),
         short(Some(1e-9 * by.bulk_modulus_pa)),
+        plausible(&by),
         short(Some(study.common.tracing.misprint_difference)),
     );
     let mut statements = Table::new(["holds", "statement", "over the grid"]);
@@ -139,6 +141,18 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
                 share(Friction::Between)
             ),
         ))
+}
+
+/// Which of the explanations of a softer line lie in the usual range of such parts.
+fn plausible(by: &Explanations) -> String {
+    let judged = [
+        // Polyurethane to polyamide; gas in a badly bled line; a toothed belt of 5 mm or wider on half a metre.
+        ("the hose wall", (5e7..=4e9).contains(&by.wall_modulus_pa)),
+        ("the gas", by.gas_fraction <= 0.01),
+        ("the belts", by.belt_stiffness_n_per_m >= 5e4),
+    ];
+    let names: Vec<&str> = judged.iter().filter(|judged| judged.1).map(|judged| judged.0).collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 fn explanations(study: &Study) -> Result<Table> {

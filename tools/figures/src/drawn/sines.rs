@@ -28,20 +28,20 @@ pub fn movement(common: &Common) -> Result<Drawn> {
     let caption = format!(
         "Master (full) and slave (dashed) over one settled cycle; the master is moved along a sine of ±{:.0}° (the thesis prints no \
          amplitude). The slave's flat tops are its friction: it stands still until the line has been wound up to break it loose, \
-         for {:.0} ms per reversal with the printed constants and {:.0} ms with the traced line. The lag of the slave's fundamental at \
+         for up to {:.0} ms with the printed constants and {:.0} ms with the traced line. The lag of the slave's fundamental at \
          1 Hz is {:.1} and {:.1} ms; about 30 ms were measured. The small kink in the thesis's master curve is absent: a given \
          path has none, it comes with the controller.",
         printed.amplitude_deg,
-        1e3 * printed_cycle.rest_s(),
-        1e3 * traced_cycle.rest_s(),
+        1e3 * printed_cycle.flat_top_s(),
+        1e3 * traced_cycle.flat_top_s(),
         1e3 * printed_cycle.response.lag_s(),
         1e3 * traced_cycle.response.lag_s(),
     );
     let rows = vec![
         Row::beside(delay, Role::Predicted, Some(printed_cycle.response.lag_s()), Some(traced_cycle.response.lag_s()))
             .note("lag of the slave's fundamental at 1 Hz, ±30°"),
-        Row::own("own.rest_per_reversal_1hz_s", "3.3", "s", Some(printed_cycle.rest_s()), Some(traced_cycle.rest_s()))
-            .note("time for which the slave stands still at each reversal, 1 Hz, ±30°"),
+        Row::own("own.flat_top_1hz_s", "3.3", "s", Some(printed_cycle.flat_top_s()), Some(traced_cycle.flat_top_s()))
+            .note("longest time for which the slave stands still, 1 Hz, ±30°"),
     ];
     Ok(Drawn { number: "3.3", title: "Movement along a sine", caption, sheet, rows })
 }

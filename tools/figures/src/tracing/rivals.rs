@@ -26,14 +26,17 @@ pub struct Rival {
 }
 
 /// A published row that took no part in the fit, and how to read it off a prediction.
-pub type Held = (&'static Published, fn(&Prediction) -> Option<f64>);
+pub type Held = (&'static Published, Read);
+
+/// Reads a value off a prediction.
+pub type Read = fn(&Prediction) -> Option<f64>;
 
 /// The rows by which explanations are compared.
 ///
 /// # Errors
 /// Where one is missing from the table.
 pub fn held_rows() -> Result<Vec<Held>> {
-    let rows: [(&'static str, fn(&Prediction) -> Option<f64>); 5] = [
+    let rows: [(&'static str, Read); 5] = [
         ("hydrostatic.frequency_response_measured.cutoff_hz", |p| p.cut_off_hz),
         ("hydrostatic.delay_measured.delay_s", |p| p.lag_1hz_s),
         ("hydrostatic.linear_fit_10m.low_frequency_gain", |p| p.low_frequency_gain),
@@ -75,50 +78,60 @@ fn added(id: &'static str, site: Site, size: f64) -> Added {
     Added { id, site, size, more: Vec::new() }
 }
 
+/// An explanation before it is fitted.
+struct Candidate {
+    id: &'static str,
+    short: &'static str,
+    what: &'static str,
+    unit: &'static str,
+    /// From a size that changes nothing to the strongest that is tried.
+    range: (f64, f64),
+    make: Box<dyn Fn(f64) -> Line + Sync + Send>,
+}
+
 /// Fits each explanation to the measured resonance, with printed friction at the nominal amplitude.
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
 pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> Result<Vec<Rival>> {
-    type Make = Box<dyn Fn(f64) -> Line + Sync + Send>;
     let relaxing = |line: Line, ratio: f64| {
         let mut branch = added("viscoelastic_line", Site::Line, ratio);
         branch.more.push(("relaxation_s", BRANCH.1));
         line.with(branch)
     };
-    let candidates: Vec<(&'static str, &'static str, &'static str, &'static str, (f64, f64), Make)> = vec![
-        (
-            "viscoelastic_line",
-            "relaxing line",
-            "a relaxing branch beside the printed spring; the size is its stiffness over the spring's",
-            "1",
-            (0.01, 10.0),
-            Box::new(move |size| relaxing(Line::printed(), size)),
-        ),
-        (
-            "viscoelastic_line_softened",
-            "softer, relaxing line",
-            "a softer line that also relaxes: half of its stiffness again decays in 0.1 s; the size is the factor",
-            "1",
-            (1.0, 1.0 / 100.0),
-            Box::new(move |size| relaxing(Line::printed().softened(size), BRANCH.0)),
-        ),
-        (
-            "transport_delay",
-            "dead time",
-            "dead time in the line; the size is its travel time",
-            "s",
-            (5e-3, 0.06),
-            Box::new(|size| Line::printed().with(added("transport_delay", Site::Line, size)).finer(DELAY_PARTS)),
-        ),
-        (
-            "extra_inertia",
-            "heavier slave",
-            "more inertia at the slave",
-            "kg·m²",
-            (1e-4, 10.0),
-            Box::new(|size| Line::printed().with(added("extra_inertia", Site::Slave, size))),
-        ),
+    let candidates = [
+        Candidate {
+            id: "viscoelastic_line",
+            short: "relaxing line",
+            what: "a relaxing branch beside the printed spring; the size is its stiffness over the spring's",
+            unit: "1",
+            range: (0.01, 10.0),
+            make: Box::new(move |size| relaxing(Line::printed(), size)),
+        },
+        Candidate {
+            id: "viscoelastic_line_softened",
+            short: "softer, relaxing line",
+            what: "a softer line that also relaxes: half of its stiffness again decays in 0.1 s; the size is the factor",
+            unit: "1",
+            range: (1.0, 1.0 / 100.0),
+            make: Box::new(move |size| relaxing(Line::printed().softened(size), BRANCH.0)),
+        },
+        Candidate {
+            id: "transport_delay",
+            short: "dead time",
+            what: "dead time in the line; the size is its travel time",
+            unit: "s",
+            range: (5e-3, 0.06),
+            make: Box::new(|size| Line::printed().with(added("transport_delay", Site::Line, size)).finer(DELAY_PARTS)),
+        },
+        Candidate {
+            id: "extra_inertia",
+            short: "heavier slave",
+            what: "more inertia at the slave",
+            unit: "kg·m²",
+            range: (1e-4, 10.0),
+            make: Box::new(|size| Line::printed().with(added("extra_inertia", Site::Slave, size))),
+        },
     ];
     let target = measured_resonance_hz()?;
     let softer = Rival {
@@ -131,7 +144,7 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
     };
     let others: Result<Vec<Rival>> = candidates
         .into_par_iter()
-        .map(|(id, short, what, unit, (harmless, strongest), make)| {
+        .map(|Candidate { id, short, what, unit, range: (harmless, strongest), make }| {
             let size = fit(target, harmless, strongest, &make)?;
             let prediction = match size {
                 Some(size) => predict(&make(size), near(target))?,
