@@ -12,7 +12,7 @@ use crate::tracing::grid::Friction;
 
 /// Under each table of values.
 const VALUES: &str = "Published value, the model with the printed constants, the model with the traced line, and the traced line's error. \
-    A row without a kind is our own.";
+    Rows of kind \"own\" are not in the thesis.";
 
 /// The page of a study; `json` is what `--json` prints.
 ///
@@ -232,10 +232,10 @@ fn values(rows: &[Row]) -> Table {
     let mut table = Table::new(["value", "unit", "role", "kind", "published", "as printed", "traced", "error / %"]);
     for row in rows {
         table = table.row([
-            row.id.replace("hydrostatic.", "").replace("own.", ""),
+            row.id.replace("hydrostatic.", "").replace("own.", "").replace('_', " "),
             row.unit.clone(),
             row.role.name().to_owned(),
-            row.kind.unwrap_or("").to_owned(),
+            row.kind.unwrap_or("own").to_owned(),
             short(row.published),
             short(row.printed_constants),
             short(row.traced),

@@ -19,7 +19,7 @@ pub struct SlowCycle {
     pub position_deg: Vec<f64>,
     /// Motor torque there, N·m.
     pub torque_nm: Vec<f64>,
-    /// Mean magnitude of the torque forward and backward, once the line is wound up, N·m.
+    /// Mean magnitude of the torque forward and backward, over the second half of each stroke, N·m.
     pub mean_nm: [f64; 2],
 }
 
@@ -46,8 +46,8 @@ pub fn slow_cycle(rig: &impl Rig) -> Result<SlowCycle> {
         let Motion { motor_torque_nm, slave_position_rad, .. } = plant.motion();
         cycle.position_deg.push(slave_position_rad.to_degrees());
         cycle.torque_nm.push(motor_torque_nm);
-        // The first fifth of each half winds the line up.
-        if step % half > half / 5 {
+        // A soft line is wound up for a good part of each stroke, so only the second half of it counts.
+        if step % half > half / 2 {
             let side = usize::from(sine < 0.0);
             cycle.mean_nm[side] += motor_torque_nm.abs();
             counts[side] += 1.0;
