@@ -1,8 +1,7 @@
 //! The four halves of cables between the masses: tension, friction at the supports, energy.
 
-use super::sites::Sited;
 use super::{Element, Parameters, State};
-use crate::effects::{End, Link, Moment};
+use crate::effects::{End, Link, Moment, Sited};
 use crate::friction::DryFriction;
 
 /// Direction in which a tension pulls its pulley: by line and end (master, slave).

@@ -42,7 +42,6 @@ mod lines;
 mod modes;
 mod parameters;
 mod plant;
-mod sites;
 mod state;
 
 pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Reading};

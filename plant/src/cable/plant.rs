@@ -5,9 +5,8 @@
 
 use super::lines::{Coupling, Lines, Supports};
 use super::modes::modes;
-use super::sites::Sited;
 use super::{Parameters, State};
-use crate::effects::{Effect, Moment, Side, SideLoad};
+use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
 use crate::friction::{Advance, Load, advance};
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use crate::{ParameterError, ParameterSet};
@@ -146,7 +145,8 @@ impl Plant {
         for _ in 0..count {
             let (half, mean) = self.middle(step);
             let moment = self.moment(step, &half, &mean);
-            let motor_torque = self.motor_torque(input.motor_v, &moment);
+            let motor_torque =
+                self.effects.motor_torque(input.motor_v, self.parameters.motor_torque_per_volt_nm, &moment);
             let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
             let (mut master, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
             master.force += motor_torque;
@@ -205,13 +205,7 @@ impl Plant {
         let (mut load, slave_effect) = self.side_load(Side::Slave, coupling, half, mean, moment);
         load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load);
-        for (effects, displacement) in
-            [(&mut self.effects.master, master.displacement), (&mut self.effects.slave, slave.displacement)]
-        {
-            for effect in effects {
-                effect.moved(displacement, moment);
-            }
-        }
+        self.effects.moved([master.displacement, slave.displacement], moment);
         self.energy.dissipated_j += slave.dissipated;
         self.energy.effects_j -= slave_effect * slave.displacement;
         self.count_input(hand_torque_nm * slave.displacement);
@@ -327,18 +321,6 @@ impl Plant {
         self.parameters.cables * self.parameters.support_viscous_n_s_per_m
     }
 
-    fn motor_torque(&mut self, volts: f64, moment: &Moment) -> f64 {
-        let mut volts = volts;
-        for effect in &mut self.effects.drive {
-            volts = effect.amplifier(volts, moment);
-        }
-        let mut torque = self.parameters.motor_torque_per_volt_nm * volts;
-        for effect in &mut self.effects.drive {
-            torque = effect.motor(torque, moment);
-        }
-        torque
-    }
-
     /// Positions at the middle of the step, and speeds there as extrapolated.
     fn middle(&self, step: f64) -> ([f64; 4], [f64; 4]) {
         let state = &self.state;
@@ -388,27 +370,7 @@ impl Plant {
     }
 
     fn read(&mut self, motor_v: f64, hand_torque_nm: f64) {
-        let state = &self.state;
-        self.reading = Reading {
-            motor_v,
-            master_rad: state.master_position_rad,
-            slave_rad: state.slave_position_rad,
-            slave_torque_nm: hand_torque_nm,
-        };
-        if self.effects.sensor.is_empty() {
-            return;
-        }
-        let moment = Moment {
-            time_s: state.time_s,
-            step_s: 0.0,
-            master_position_rad: state.master_position_rad,
-            master_velocity_rad_s: state.master_velocity_rad_s,
-            slave_position_rad: state.slave_position_rad,
-            slave_velocity_rad_s: state.slave_velocity_rad_s,
-        };
-        for effect in &mut self.effects.sensor {
-            effect.sense(&mut self.reading, &moment);
-        }
+        self.reading = self.effects.sense(&Motion::from(&self.state), motor_v, hand_torque_nm);
     }
 }
 

@@ -12,6 +12,7 @@ use std::fmt;
 mod constants;
 mod delay_line;
 mod registry;
+mod sited;
 
 pub mod amplifier_deadzone;
 pub mod amplifier_lag;
@@ -47,6 +48,7 @@ pub mod viscous_friction;
 
 pub use constants::LineConstants;
 pub use registry::{EffectError, Entry, LIST, Place, make, parse};
+pub(crate) use sited::Sited;
 
 /// Where an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -6,7 +6,7 @@
 //! it diverges. The sub-step follows from the highest mode.
 
 use super::{Parameters, State, modes::modes};
-use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Site};
+use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Stribeck, advance};
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
@@ -18,18 +18,6 @@ const PHASE_PER_STEP: f64 = 0.15;
 const DECAY_PER_STEP: f64 = 0.2;
 /// Longest internal step, s.
 const LONGEST_STEP_S: f64 = 0.25e-3;
-
-/// Effects by the site at which they act.
-#[derive(Clone, Debug, Default)]
-struct Sited {
-    drive: Vec<Box<dyn Effect>>,
-    master: Vec<Box<dyn Effect>>,
-    line: Vec<Box<dyn Effect>>,
-    slave: Vec<Box<dyn Effect>>,
-    sensor: Vec<Box<dyn Effect>>,
-    /// Whether there is one that the integrator must ask.
-    any: bool,
-}
 
 /// What follows from the parameters and stays.
 #[derive(Clone, Debug)]
@@ -78,43 +66,17 @@ impl Plant {
     pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
         parameters.check()?;
         let mut real = parameters;
-        // All changes of constants first, so that no effect prepares from half-changed ones.
-        for effect in &effects {
-            effect.check()?;
-            effect.modify(&mut real);
-        }
-        let mut extra = [0.0; 2];
-        let (mut stiffer, mut rate) = (1.0, 0.0_f64);
-        let mut sited = Sited::default();
-        for mut effect in effects {
-            effect.prepare(&real);
-            sited.any |= effect.site() != Site::Sensor;
-            let demand = effect.demand();
-            stiffer *= demand.stiffness_factor.max(1.0);
-            rate = rate.max(demand.rate_rad_s);
-            match effect.site() {
-                Site::Drive => sited.drive.push(effect),
-                Site::Master => {
-                    extra[0] += effect.extra_inertia();
-                    sited.master.push(effect);
-                }
-                Site::Line => sited.line.push(effect),
-                Site::Slave => {
-                    extra[1] += effect.extra_inertia();
-                    sited.slave.push(effect);
-                }
-                Site::Sensor => sited.sensor.push(effect),
-            }
-        }
+        let effects = Sited::install(effects, &mut real)?;
+        let extra = effects.extra_inertia;
         let displacement = [real.master_displacement_m_per_rad(), real.slave_displacement_m_per_rad()];
         let inertia = [real.master_inertia_kg_m2() + extra[0], real.slave_inertia_kg_m2() + extra[1]];
-        let highest = modes(&real, extra[0], extra[1])[3] * f64::sqrt(stiffer);
+        let highest = modes(&real, extra[0], extra[1])[3] * effects.stiffness_factor.sqrt();
         let fluid_mass_kg = real.fluid_mass_kg();
         let decay = 2.0
             * real.port_damping_n_s_per_m
             * (1.0 / fluid_mass_kg + displacement[0].powi(2) / inertia[0] + displacement[1].powi(2) / inertia[1]);
         let longest_step_s =
-            LONGEST_STEP_S.min(PHASE_PER_STEP / highest.max(rate)).min(DECAY_PER_STEP / decay.max(1e-9));
+            LONGEST_STEP_S.min(PHASE_PER_STEP / highest.max(effects.rate_rad_s)).min(DECAY_PER_STEP / decay.max(1e-9));
         let constants = Constants {
             half_line_n_per_m: real.half_line_stiffness_n_per_m(),
             displacement,
@@ -128,7 +90,7 @@ impl Plant {
         Ok(Self {
             parameters: real,
             constants,
-            effects: sited,
+            effects,
             state: State::default(),
             increments: [0.0; 4],
             reading: Reading::default(),
@@ -196,7 +158,12 @@ impl Plant {
         for _ in 0..count {
             let (half, mean) = self.middle(step);
             let moment = self.moment(step, &half, &mean);
-            let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
+            let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
+            let motor_torque = if EFFECTS {
+                self.effects.motor_torque(input.motor_v, torque_per_volt, &moment)
+            } else {
+                torque_per_volt * input.motor_v
+            };
             let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
             let mut master = self.master_load(&coupling, half[0], mean[0]);
             let master_own = master.load.force;
@@ -304,13 +271,7 @@ impl Plant {
         load.load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
         if EFFECTS {
-            for (effects, displacement) in
-                [(&mut self.effects.master, master.displacement), (&mut self.effects.slave, slave.displacement)]
-            {
-                for effect in effects {
-                    effect.moved(displacement, moment);
-                }
-            }
+            self.effects.moved([master.displacement, slave.displacement], moment);
         }
         self.energy.dissipated_j += slave.dissipated;
         if EFFECTS {
@@ -443,22 +404,6 @@ impl Plant {
         }
     }
 
-    #[inline(always)]
-    fn motor_torque<const EFFECTS: bool>(&mut self, volts: f64, moment: &Moment) -> f64 {
-        if !EFFECTS {
-            return self.parameters.motor_torque_per_volt_nm * volts;
-        }
-        let mut volts = volts;
-        for effect in &mut self.effects.drive {
-            volts = effect.amplifier(volts, moment);
-        }
-        let mut torque = self.parameters.motor_torque_per_volt_nm * volts;
-        for effect in &mut self.effects.drive {
-            torque = effect.motor(torque, moment);
-        }
-        torque
-    }
-
     /// Positions at the middle of the step, and speeds there as extrapolated.
     #[inline(always)]
     fn middle(&self, step: f64) -> ([f64; 4], [f64; 4]) {
@@ -520,27 +465,7 @@ impl Plant {
     }
 
     fn read(&mut self, motor_v: f64, hand_torque_nm: f64) {
-        let state = &self.state;
-        self.reading = Reading {
-            motor_v,
-            master_rad: state.master_position_rad,
-            slave_rad: state.slave_position_rad,
-            slave_torque_nm: hand_torque_nm,
-        };
-        if self.effects.sensor.is_empty() {
-            return;
-        }
-        let moment = Moment {
-            time_s: state.time_s,
-            step_s: 0.0,
-            master_position_rad: state.master_position_rad,
-            master_velocity_rad_s: state.master_velocity_rad_s,
-            slave_position_rad: state.slave_position_rad,
-            slave_velocity_rad_s: state.slave_velocity_rad_s,
-        };
-        for effect in &mut self.effects.sensor {
-            effect.sense(&mut self.reading, &moment);
-        }
+        self.reading = self.effects.sense(&Motion::from(&self.state), motor_v, hand_torque_nm);
     }
 }
 

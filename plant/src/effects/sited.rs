@@ -1,0 +1,101 @@
+//! Effects by the site at which they act.
+
+use super::{Effect, LineConstants, Moment, Site};
+use crate::ParameterError;
+use crate::transmission::{Motion, Reading};
+
+/// Effects by site.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sited {
+    pub(crate) drive: Vec<Box<dyn Effect>>,
+    pub(crate) master: Vec<Box<dyn Effect>>,
+    pub(crate) line: Vec<Box<dyn Effect>>,
+    pub(crate) slave: Vec<Box<dyn Effect>>,
+    pub(crate) sensor: Vec<Box<dyn Effect>>,
+    /// Inertia that they add to master and slave, kg·m².
+    pub(crate) extra_inertia: [f64; 2],
+    /// By how much the lines may grow stiffer.
+    pub(crate) stiffness_factor: f64,
+    /// Fastest rate that they bring along, rad/s.
+    pub(crate) rate_rad_s: f64,
+    /// Whether there is one that the integrator must ask.
+    pub(crate) any: bool,
+}
+
+impl Sited {
+    /// Lets all effects change the constants, then prepares and sorts them.
+    pub(crate) fn install(
+        effects: Vec<Box<dyn Effect>>,
+        constants: &mut impl LineConstants,
+    ) -> Result<Self, ParameterError> {
+        // All changes of constants first, so that no effect prepares from half-changed ones.
+        for effect in &effects {
+            effect.check()?;
+            if !effect.applies(constants) {
+                let (id, site) = (effect.id(), effect.site().name());
+                return Err(ParameterError::EffectNotApplicable { id, site, model: constants.model() });
+            }
+            effect.modify(constants);
+        }
+        let mut sited = Self { stiffness_factor: 1.0, ..Self::default() };
+        for mut effect in effects {
+            effect.prepare(constants);
+            sited.any |= effect.site() != Site::Sensor;
+            let demand = effect.demand();
+            sited.stiffness_factor *= demand.stiffness_factor.max(1.0);
+            sited.rate_rad_s = sited.rate_rad_s.max(demand.rate_rad_s);
+            match effect.site() {
+                Site::Drive => sited.drive.push(effect),
+                Site::Master => {
+                    sited.extra_inertia[0] += effect.extra_inertia();
+                    sited.master.push(effect);
+                }
+                Site::Line => sited.line.push(effect),
+                Site::Slave => {
+                    sited.extra_inertia[1] += effect.extra_inertia();
+                    sited.slave.push(effect);
+                }
+                Site::Sensor => sited.sensor.push(effect),
+            }
+        }
+        Ok(sited)
+    }
+
+    /// The motor's torque at the volts commanded, N·m.
+    pub(crate) fn motor_torque(&mut self, volts: f64, torque_per_volt_nm: f64, moment: &Moment) -> f64 {
+        let volts = self.drive.iter_mut().fold(volts, |volts, effect| effect.amplifier(volts, moment));
+        let torque = torque_per_volt_nm * volts;
+        self.drive.iter_mut().fold(torque, |torque, effect| effect.motor(torque, moment))
+    }
+
+    /// Tells both sides how far they moved.
+    pub(crate) fn moved(&mut self, [master, slave]: [f64; 2], moment: &Moment) {
+        for (effects, displacement) in [(&mut self.master, master), (&mut self.slave, slave)] {
+            for effect in effects {
+                effect.moved(displacement, moment);
+            }
+        }
+    }
+
+    /// What the instruments read at the end of a step.
+    pub(crate) fn sense(&mut self, motion: &Motion, motor_v: f64, hand_torque_nm: f64) -> Reading {
+        let mut reading = Reading {
+            motor_v,
+            master_rad: motion.master_position_rad,
+            slave_rad: motion.slave_position_rad,
+            slave_torque_nm: hand_torque_nm,
+        };
+        let moment = Moment {
+            time_s: motion.time_s,
+            step_s: 0.0,
+            master_position_rad: motion.master_position_rad,
+            master_velocity_rad_s: motion.master_velocity_rad_s,
+            slave_position_rad: motion.slave_position_rad,
+            slave_velocity_rad_s: motion.slave_velocity_rad_s,
+        };
+        for effect in &mut self.sensor {
+            effect.sense(&mut reading, &moment);
+        }
+        reading
+    }
+}
