@@ -20,7 +20,7 @@ pub struct ImposedMotion {
 
 impl ImposedMotion {
     /// Position and speed `part` of the way (0 to 1) along the cubic that leads here from another position and speed.
-    pub(crate) fn approach(self, from: f64, speed_from: f64, duration: f64, part: f64) -> (f64, f64) {
+    pub fn approach(self, from: f64, speed_from: f64, duration: f64, part: f64) -> (f64, f64) {
         let (one, two) = (duration * speed_from, duration * self.velocity_rad_s);
         let change = self.position_rad - from;
         let (square, cube) = (3.0 * change - 2.0 * one - two, one + two - 2.0 * change);

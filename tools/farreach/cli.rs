@@ -38,6 +38,8 @@ enum Command {
     Operator(operator::command::Command),
     /// Holds the declared model against measured records and names what it lacks
     Identify(identify::Args),
+    /// Redraws the thesis's figures from the models, beside the published values
+    Figures(figures::Args),
     /// Recordings on and off, what is in them, are they whole, tables out of them
     #[command(subcommand)]
     Rec(Rec),
@@ -66,6 +68,10 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Identify(arguments) => {
             end_with_the_reader();
             identify::run(arguments)
+        }
+        Command::Figures(arguments) => {
+            end_with_the_reader();
+            figures::run(&arguments)
         }
         Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
         Command::Rec(Rec::File(command)) => recorder::run(&command),

@@ -147,7 +147,7 @@ pub(crate) fn svg(figure: &Figure) -> Result<String> {
 
 fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height): (i32, i32)) -> Drawn {
     let area = SVGBackend::with_string(buffer, ((width * FINE) as u32, (height * FINE) as u32)).into_drawing_area();
-    let x_ticks = x.ticks((width / 95).max(2) as usize);
+    let x_ticks = x.ticks((width / 80).max(2) as usize);
     let y_ticks = y.ticks((height / 55).max(2) as usize);
     let label_width = y_ticks.iter().filter_map(|t| t.label.as_deref()).map(text_width).max().unwrap_or(0);
     let legend = legend_rows(figure, width - 24);

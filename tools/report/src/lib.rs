@@ -25,11 +25,17 @@ mod draw;
 mod figure;
 mod page;
 mod palette;
+#[cfg(feature = "png")]
+mod picture;
 mod scale;
+mod sheet;
 
 pub use figure::Figure;
 pub use page::{Page, Table, Tone};
 pub use palette::Colour;
+#[cfg(feature = "png")]
+pub use picture::Painter;
+pub use sheet::Sheet;
 
 /// Why a figure or page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -60,6 +66,9 @@ pub enum Error {
         /// What the back end said.
         reason: String,
     },
+    /// There is no font on this machine to write a picture's text with.
+    #[error("no font found on this machine to write the pictures' text with; install one (fonts-liberation)")]
+    Fonts,
     /// A row of a table has another number of cells than its header.
     #[error("table row `{row}`: {found} cells, the header has {expected}")]
     Row {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::{Error, Figure, Result};
+use crate::{Error, Figure, Result, Sheet};
 
 /// Text made safe for HTML and for attributes in double quotes.
 pub(crate) fn escape(text: &str) -> String {
@@ -144,6 +144,17 @@ impl Page {
     /// A figure with its caption.
     pub fn figure(mut self, figure: &Figure, caption: &str) -> Self {
         match figure.render_svg() {
+            Ok(svg) => {
+                let _ = writeln!(self.body, "<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption));
+            }
+            Err(error) => self.error = self.error.or(Some(error)),
+        }
+        self
+    }
+
+    /// A figure of several panels with its caption, no larger than it was drawn.
+    pub fn sheet(mut self, sheet: &Sheet, caption: &str) -> Self {
+        match sheet.render_svg() {
             Ok(svg) => {
                 let _ = writeln!(self.body, "<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption));
             }

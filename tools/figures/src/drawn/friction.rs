@@ -1,0 +1,85 @@
+//! Fig. 3.2: the friction laws.
+
+use plant::hydrostatic::Parameters;
+use report::{Colour, Sheet};
+
+use super::style::axes;
+use super::{Common, Drawn};
+use crate::error::Result;
+use crate::line::Line;
+use crate::published::published;
+use crate::row::{Role, Row};
+use crate::slow::slow_cycle;
+
+/// Fastest speed drawn, rad/s: the peak of a 3 Hz movement of ±60°.
+const FASTEST_RAD_S: f64 = 20.0;
+
+/// Fig. 3.2.
+///
+/// # Errors
+/// Where a constant is out of range.
+pub fn laws(common: &Common) -> Result<Drawn> {
+    let printed = Parameters::printed();
+    // Speed 0 twice: friction jumps there from one breakaway to the other.
+    let speeds: Vec<f64> = (0..=800).map(|step| FASTEST_RAD_S * (f64::from(step) / 400.0 - 1.0)).collect();
+    let law = |level: &dyn Fn(f64) -> f64| -> (Vec<f64>, Vec<f64>) {
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for speed in &speeds {
+            if *speed == 0.0 {
+                points.extend([(0.0, -level(0.0)), (0.0, level(0.0))]);
+            } else {
+                points.push((*speed, speed.signum() * level(*speed)));
+            }
+        }
+        points.into_iter().unzip()
+    };
+    let (motor_speed, motor) = law(&|speed| printed.motor_coulomb_nm + printed.motor_viscous_nm_s * speed.abs());
+    let (piston_speed, piston) = law(&|speed| 1e3 * printed.master_piston_friction().level(speed));
+    let (slave_speed, slave) = law(&|speed| printed.slave_friction().level(speed));
+
+    let measured = published("hydrostatic.static_friction_measured.positive_nm")?;
+    let measured_back = published("hydrostatic.static_friction_measured.negative_nm")?;
+    let volts = published("hydrostatic.static_friction_voltage_measured.value_v")?;
+    let at_motor = printed.static_friction_at_motor_nm();
+    let slow_printed = slow_cycle(&Line::printed())?.mean_nm;
+    let slow_traced = slow_cycle(&common.tracing.line)?.mean_nm;
+    let sheet = Sheet::new("Fig. 3.2, friction laws")
+        .panel(
+            axes("A  Motor", "master speed / (rad/s)", "friction / (N·m)")
+                .y_range(-1.0, 1.0)
+                .colour(Colour::Blue)
+                .line("", &motor_speed, &motor),
+        )
+        .panel(axes("B  Slave", "slave speed / (rad/s)", "friction / (N·m)").colour(Colour::Blue).line(
+            "",
+            &slave_speed,
+            &slave,
+        ))
+        .panel(
+            axes("B  Master piston, on its pulley", "master speed / (rad/s)", "friction / (mN·m)")
+                .colour(Colour::Blue)
+                .line("", &piston_speed, &piston),
+        );
+    let caption = format!(
+        "Friction against speed as § 3.2.1 prints it, with the sign of speed that the print leaves out. Friction at rest takes \
+         any value up to the jump at zero. The master piston's is a hundredth of the motor's. At the motor, breaking the slave \
+         loose takes {at_motor:.2} N·m by these constants; § 5.2.2 measured {} to {} N·m.",
+        measured.value, measured_back.value
+    );
+    let note = "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz, ±30°";
+    let rows = vec![
+        Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0])).note(note),
+        Row::beside(measured_back, Role::Predicted, Some(slow_printed[1]), Some(slow_traced[1]))
+            .note(format!("{note}; the model's friction does not depend on the direction")),
+        Row::beside(
+            volts,
+            Role::Input,
+            Some(at_motor / printed.motor_torque_per_volt_nm),
+            Some(common.tracing.line.parameters.static_friction_at_motor_nm() / printed.motor_torque_per_volt_nm),
+        )
+        .note("the motor's torque per volt is assumed from this value"),
+        Row::own("own.static_friction_at_motor_nm", "3.2", "N·m", Some(at_motor), Some(at_motor))
+            .note("0.767 + 0.2 · 0.031 + 2.30 · 0.854, § 3.2.1's constants"),
+    ];
+    Ok(Drawn { number: "3.2", title: "Friction laws", caption, sheet, rows })
+}

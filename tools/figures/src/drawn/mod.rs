@@ -1,0 +1,76 @@
+//! The figures, one file for each kind; what each shows, drawn and with its numbers.
+
+pub mod cable;
+pub mod friction;
+pub mod hose;
+pub mod reserved;
+pub mod response;
+pub mod sines;
+mod style;
+
+use plant::response::LinearSystem;
+use report::Sheet;
+
+use crate::error::Result;
+use crate::measure::Cycle;
+use crate::row::Row;
+use crate::tracing::Tracing;
+
+/// A figure of the thesis, drawn from the models.
+#[derive(Debug)]
+pub struct Drawn {
+    /// Its number in the thesis.
+    pub number: &'static str,
+    /// What it is about.
+    pub title: &'static str,
+    /// What it shows and how it was made, in plain words.
+    pub caption: String,
+    /// Its panels.
+    pub sheet: Sheet,
+    /// Numbers read off it.
+    pub rows: Vec<Row>,
+}
+
+/// What is computed once and drawn in several figures.
+#[derive(Debug)]
+pub struct Common {
+    /// The line as traced, and what was found on the way.
+    pub tracing: Tracing,
+    /// Linear systems fitted to our own responses: printed constants and traced, at 10 m.
+    pub fitted: [Option<LinearSystem>; 2],
+    /// The same with 1 m of hose.
+    pub fitted_short: [Option<LinearSystem>; 2],
+}
+
+/// Time within the cycle, s, with master and slave in degrees.
+fn columns(cycle: &Cycle) -> [Vec<f64>; 3] {
+    let start = match cycle.motion.as_slice() {
+        [first, second, ..] => 2.0 * first.time_s - second.time_s,
+        _ => 0.0,
+    };
+    let of = |value: fn(&plant::transmission::Motion) -> f64| cycle.motion.iter().map(value).collect::<Vec<_>>();
+    [
+        cycle.motion.iter().map(|motion| motion.time_s - start).collect(),
+        of(|motion| motion.master_position_rad.to_degrees()),
+        of(|motion| motion.slave_position_rad.to_degrees()),
+    ]
+}
+
+/// A figure by its turn.
+pub type Draw = fn(&Common) -> Result<Drawn>;
+
+/// Every figure that the models can draw, in the order of the thesis.
+pub const DRAW: &[Draw] = &[
+    friction::laws,
+    sines::movement,
+    response::ten_metres,
+    hose::diameter,
+    hose::length,
+    response::one_metre,
+    cable::extension,
+    cable::loops,
+    cable::static_friction,
+    cable::pretension,
+    response::measured,
+    cable::movement,
+];

@@ -1,0 +1,37 @@
+//! Redraws the thesis's figures from the models, beside the published values.
+//!
+//! ```text
+//! $ farreach figures --out figures
+//! The printed constants peak at 30.2 Hz; the rig peaked at 8 Hz. A line 14.1 times softer peaks there.
+//! Fitted to that one number, it predicts a cut-off of 13.3 Hz (measured 12), a lag of 34.5 ms at 1 Hz (measured about 30) ...
+//!   yes  The printed constants cannot give the measured resonance of 8 Hz.
+//!   ...
+//!   no   With the softening fitted to the resonance, the measured lag at 1 Hz is predicted (0.03 s, within 25 %).
+//! page: /home/lab/figures/index.html
+//! ```
+//!
+//! - [`published`] is the table of what the thesis says, [`row`] one line of the comparison;
+//! - [`line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off it;
+//! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else predicted, over all that the
+//!   thesis leaves open, and against other explanations;
+//! - [`drawn`] holds the figures, [`study`] computes all of it, [`page`] shows it.
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
+
+mod args;
+pub mod drawn;
+mod error;
+mod folder;
+pub mod line;
+pub mod linear;
+pub mod measure;
+pub mod page;
+pub mod published;
+pub mod row;
+mod run;
+pub mod slow;
+pub mod study;
+pub mod tracing;
+
+pub use args::Args;
+pub use error::{FiguresError, Result};
+pub use run::run;

@@ -1,0 +1,66 @@
+//! The thin edge: computes, then prints and writes.
+
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use report::Painter;
+
+use crate::args::Args;
+use crate::error::Result;
+use crate::study::{STEPS, Study, study};
+use crate::{folder, page};
+
+/// Where the figures go where nobody says.
+const FOLDER: &str = "farreach-figures";
+/// Width of a PNG per column, pixels: 85 mm at 600 dots per inch.
+const PNG_WIDTH: u32 = 2008;
+
+/// Runs the command; 0 when done.
+///
+/// # Errors
+/// Where the folder cannot be written, or a figure cannot be computed or drawn.
+pub fn run(args: &Args) -> anyhow::Result<i32> {
+    let out = args.out.clone().or_else(|| (!args.json).then(|| PathBuf::from(FOLDER)));
+    let out = out.map(|out| folder::check(&out)).transpose()?;
+    let bar = ProgressBar::new(STEPS as u64)
+        .with_style(ProgressStyle::with_template("{msg} [{bar:40}] {percent} %")?.progress_chars("=> "))
+        .with_message("simulating");
+    let study = study(|| bar.inc(1))?;
+    let json = serde_json::to_string_pretty(&study.rows)?;
+    if let Some(out) = &out {
+        bar.set_message("drawing");
+        folder::write(out, &files(&study, &json)?)?;
+    }
+    bar.finish_and_clear();
+    if args.json {
+        println!("{json}");
+        return Ok(0);
+    }
+    let (sentence, detail) = page::verdict(&study)?;
+    println!("{sentence}\n{detail}");
+    for conclusion in &study.conclusions {
+        println!("  {:3}  {}", if conclusion.survives() { "yes" } else { "no" }, conclusion.statement);
+    }
+    if let Some(out) = out {
+        println!("page: {}", out.join("index.html").display());
+    }
+    Ok(0)
+}
+
+/// The content of every file.
+fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
+    let painter = Painter::new()?;
+    let mut files = vec![
+        ("index.html".to_owned(), page::page(study, json)?.render()?.into_bytes()),
+        ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
+    ];
+    for figure in &study.drawn {
+        // Up to three panels stand in one column of a journal, more of them in two.
+        let columns = if figure.sheet.len() > 3 { 2 } else { 1 };
+        let svg = figure.sheet.clone().columns(columns).render_svg()?;
+        let width = PNG_WIDTH * columns as u32;
+        files.push((format!("figure-{}.png", figure.number), painter.png(figure.title, &svg, width)?));
+        files.push((format!("figure-{}.svg", figure.number), svg.into_bytes()));
+    }
+    Ok(files)
+}

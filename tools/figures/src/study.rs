@@ -1,0 +1,81 @@
+//! Everything that is computed, in one go.
+
+use plant::response::LinearSystem;
+use rayon::prelude::*;
+
+use crate::drawn::{Common, DRAW, Drawn};
+use crate::error::Result;
+use crate::line::Line;
+use crate::measure::{logarithmic, sweep};
+use crate::row::Row;
+use crate::tracing::conclusions::{Conclusion, conclusions};
+use crate::tracing::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
+use crate::tracing::rivals::{FITTED, Rival, rivals};
+use crate::tracing::{SHORT_M, rows, trace};
+
+/// All results.
+#[derive(Debug)]
+pub struct Study {
+    /// What all figures share.
+    pub common: Common,
+    /// The figures.
+    pub drawn: Vec<Drawn>,
+    /// The fit over amplitude and friction.
+    pub cells: Vec<Cell>,
+    /// Other explanations.
+    pub rivals: Vec<Rival>,
+    /// What holds everywhere, and what does not.
+    pub conclusions: Vec<Conclusion>,
+    /// All rows, of figures and loop.
+    pub rows: Vec<Row>,
+}
+
+/// How many times [`study`] calls `done`.
+pub const STEPS: usize = 2 + DRAW.len() + AMPLITUDES_DEG.len() * Friction::ALL.len() + FITTED;
+
+/// Computes everything; calls `done` after each part.
+///
+/// # Errors
+/// Where a constant is out of range, or no softening gives the measured resonance.
+pub fn study(done: impl Fn() + Sync) -> Result<Study> {
+    let tracing = trace()?;
+    done();
+    let lines = [Line::printed(), tracing.line.clone()];
+    let fit = |line: &Line, low: f64, high: f64| -> Result<Option<LinearSystem>> {
+        // A response that no such system comes near has no fit; that is a result.
+        Ok(LinearSystem::fit(&sweep(line, &logarithmic(low, high, FIT_POINTS))?).ok())
+    };
+    let [printed, traced] = &lines;
+    let short = lines.clone().map(|line| line.with_length(SHORT_M));
+    let common = Common {
+        fitted: [fit(printed, 0.2, 24.0)?, fit(traced, 0.2, 24.0)?],
+        fitted_short: [fit(&short[0], 0.2, 250.0)?, fit(&short[1], 0.2, 100.0)?],
+        tracing,
+    };
+    done();
+    let (figures, loop_results) = rayon::join(
+        || {
+            DRAW.par_iter()
+                .map(|draw| {
+                    let drawn = draw(&common);
+                    done();
+                    drawn
+                })
+                .collect::<Result<Vec<Drawn>>>()
+        },
+        || {
+            let cells = grid(&AMPLITUDES_DEG, &done)?;
+            let rivals = rivals(common.tracing.factor, common.tracing.traced, &done)?;
+            Result::Ok((cells, rivals))
+        },
+    );
+    let drawn = figures?;
+    let (cells, rivals) = loop_results?;
+    let conclusions = conclusions(&cells, common.tracing.factor)?;
+    let mut all: Vec<Row> = drawn.iter().flat_map(|figure| figure.rows.clone()).collect();
+    all.extend(rows::rows(&common.tracing, &cells, &rivals, &conclusions)?);
+    Ok(Study { common, drawn, cells, rivals, conclusions, rows: all })
+}
+
+/// Points of a response to which a linear system is fitted.
+const FIT_POINTS: usize = 60;

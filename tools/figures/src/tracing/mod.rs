@@ -1,0 +1,219 @@
+//! The loop closed on published measurements: what the printed constants give, which softening of the line gives the
+//! measured resonance, and what that softening then says of all the other published numbers.
+//!
+//! One number is fitted (`line_stiffness_factor`) to one number (`frequency_response_measured.resonance_hz`). All else is
+//! prediction. The movement's amplitude is printed nowhere, and the friction of § 3.2.1 contradicts § 5.2.2's measurement,
+//! so [`grid`] does it all again over both, and [`conclusions`] keeps what holds everywhere. [`rivals`] asks whether
+//! something else than a softer line says more.
+
+pub mod conclusions;
+pub mod grid;
+pub mod rivals;
+pub mod rows;
+
+use plant::effects::Site;
+use plant::hydrostatic::Parameters;
+use plant::hydrostatic::compliance::Explanations;
+
+use crate::error::{FiguresError, Result};
+use crate::line::{Added, Line};
+use crate::measure::{self, Peak, VANISHED_GAIN};
+use crate::published::published;
+
+/// Frequencies between which the printed line's resonance is looked for, Hz.
+const PRINTED_RANGE_HZ: (f64, f64) = (4.0, 60.0);
+/// Softest line that is tried, as a share of the printed stiffness.
+const SOFTEST: f64 = 1.0 / 100.0;
+/// Steps in which a root is bracketed.
+const BRACKETS: usize = 4;
+/// A fit that misses the peak by more than this share is none.
+const FIT_TOLERANCE: f64 = 0.02;
+/// Lowest frequency of fig. 3.4, Hz.
+const LOW_HZ: f64 = 0.2;
+/// Highest frequency of fig. 3.4, Hz.
+const HIGH_HZ: f64 = 24.0;
+/// Length of the short hose (§ 3.3.4), m.
+pub const SHORT_M: f64 = 1.0;
+
+/// What a model says of every published number on the response.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Prediction {
+    /// Frequency of the largest gain, Hz.
+    pub peak_hz: Option<f64>,
+    /// Gain there.
+    pub peak_gain: Option<f64>,
+    /// Where the gain falls below 0.707 above the peak, Hz.
+    pub cut_off_hz: Option<f64>,
+    /// Where it falls below 0.1, Hz.
+    pub vanishing_hz: Option<f64>,
+    /// Lag of the slave's fundamental at 1 Hz, s.
+    pub lag_1hz_s: Option<f64>,
+    /// Gain at 1 Hz: what is called the low-frequency gain here.
+    pub low_frequency_gain: Option<f64>,
+    /// Gain at 0.2 Hz, where stiction takes more.
+    pub slowest_gain: Option<f64>,
+    /// Peak with a hose of 1 m, Hz.
+    pub short_peak_hz: Option<f64>,
+    /// Cut-off with a hose of 1 m, Hz.
+    pub short_cut_off_hz: Option<f64>,
+}
+
+/// The resonance that was measured on the rig, Hz.
+///
+/// # Errors
+/// Never, as long as the table of published values holds it.
+pub fn measured_resonance_hz() -> Result<f64> {
+    Ok(published("hydrostatic.frequency_response_measured.resonance_hz")?.value)
+}
+
+/// What a line predicts of its own response, the peak looked for between two frequencies, Hz: peak, cut-off, lag and gain.
+///
+/// # Errors
+/// Where a constant or an effect is out of range.
+pub fn predict_response(line: &Line, (low, high): (f64, f64)) -> Result<Prediction> {
+    let peak = measure::peak(line, low, high)?;
+    let slow = measure::at(line, 1.0)?;
+    let sound = |value: f64| measure::sound(&slow).then_some(value);
+    Ok(Prediction {
+        peak_hz: peak.frequency_hz(),
+        peak_gain: peak.gain(),
+        cut_off_hz: after(line, peak, measure::CUT_OFF_GAIN)?,
+        lag_1hz_s: sound(slow.lag_s()),
+        low_frequency_gain: sound(slow.gain),
+        ..Prediction::default()
+    })
+}
+
+/// All that a line predicts: [`predict_response`], and its response with 1 m of hose, the peak looked for between the lower
+/// bound and ten times the upper one (the resonance of a shorter line rises at most with 1/length).
+///
+/// # Errors
+/// Where a constant or an effect is out of range.
+pub fn predict(line: &Line, (low, high): (f64, f64)) -> Result<Prediction> {
+    let short = line.clone().with_length(SHORT_M);
+    let peak = measure::peak(&short, low, 10.0 * high)?;
+    Ok(Prediction {
+        short_peak_hz: peak.frequency_hz(),
+        short_cut_off_hz: after(&short, peak, measure::CUT_OFF_GAIN)?,
+        ..predict_response(line, (low, high))?
+    })
+}
+
+/// [`predict`], and what happens at the ends of fig. 3.4.
+fn predict_widely(line: &Line, range: (f64, f64)) -> Result<Prediction> {
+    let prediction = predict(line, range)?;
+    let slowest = measure::at(line, LOW_HZ)?;
+    let vanishing_hz = match prediction.peak_hz {
+        Some(peak) => measure::falls_below(line, peak, VANISHED_GAIN, |response| response.gain)?,
+        None => None,
+    };
+    Ok(Prediction { slowest_gain: Some(slowest.gain), vanishing_hz, ..prediction })
+}
+
+fn after(line: &Line, peak: Peak, level: f64) -> Result<Option<f64>> {
+    match peak.frequency_hz() {
+        Some(peak_hz) => measure::falls_below(line, peak_hz, level, |response| response.gain),
+        None => Ok(None),
+    }
+}
+
+/// Where the peak of a line that was fitted to `target_hz` is looked for, Hz.
+fn near(target_hz: f64) -> (f64, f64) {
+    (0.5 * target_hz, 2.0 * target_hz)
+}
+
+/// The size with which `line(size)` peaks at `target_hz`; `None` where no size from `harmless` to `strongest` (both
+/// positive) does. Of several it is the one nearest to `harmless`.
+///
+/// Brackets a root of "simulated peak less target" in the logarithm of the size, then closes in on it. A size whose peak
+/// lies outside half to twice the target counts as on that side of it, one with which the slave no longer moves as beyond
+/// the target. What is found is simulated again, since a peak may jump.
+///
+/// # Errors
+/// Where a constant or an effect is out of range.
+pub fn fit(target_hz: f64, harmless: f64, strongest: f64, line: impl Fn(f64) -> Line) -> Result<Option<f64>> {
+    // Clamped, since the exponential of a logarithm may step over the end of a parameter's range.
+    let size = |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
+    let (low, high) = near(target_hz);
+    let miss = |logarithm: f64| -> Result<f64> {
+        Ok(match measure::peak(&line(size(logarithm)), low, high)? {
+            Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
+            Peak::Below | Peak::Still => -target_hz,
+            Peak::Above => target_hz,
+            Peak::Diverged => f64::NAN,
+        })
+    };
+    let (start, end) = (harmless.ln(), strongest.ln());
+    let mut last = (start, miss(start)?);
+    for step in 1..=BRACKETS {
+        let at = start + (end - start) * step as f64 / BRACKETS as f64;
+        let next = (at, miss(at)?);
+        if last.1 * next.1 <= 0.0 {
+            let found = measure::root(last.0, next.0, 5e-3, miss)?;
+            return match found {
+                Some(logarithm) if miss(logarithm)?.abs() <= FIT_TOLERANCE * target_hz => Ok(Some(size(logarithm))),
+                _ => Ok(None),
+            };
+        }
+        last = next;
+    }
+    Ok(None)
+}
+
+/// The softening with which a line peaks at `target_hz`: a factor on the stiffness of the line.
+///
+/// # Errors
+/// Those of [`fit`].
+pub fn fit_softening(line: &Line, target_hz: f64) -> Result<Option<f64>> {
+    fit(target_hz, 1.0, SOFTEST, |factor| line.clone().softened(factor))
+}
+
+/// The nominal case: printed friction, 30°.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tracing {
+    /// The fitted factor on the line's stiffness.
+    pub factor: f64,
+    /// The line with it.
+    pub line: Line,
+    /// What the printed constants predict.
+    pub printed: Prediction,
+    /// What the softened line predicts.
+    pub traced: Prediction,
+    /// Largest difference of gain between a line with the effect `line_compliance` and one with the bulk modulus times the
+    /// factor, over fig. 3.4's frequencies.
+    pub misprint_difference: f64,
+}
+
+impl Tracing {
+    /// What the softening would be in the terms of a hose, belts, gas, or a misprint.
+    pub fn softening_as(&self) -> Explanations {
+        Parameters::printed().explain_softening(self.factor)
+    }
+}
+
+/// Fits the softening to the measured resonance alone and predicts the rest.
+///
+/// # Errors
+/// [`FiguresError::NoPeak`] where no softening gives it.
+pub fn trace() -> Result<Tracing> {
+    let target = measured_resonance_hz()?;
+    let printed = Line::printed();
+    let factor = fit_softening(&printed, target)?.ok_or_else(|| FiguresError::NoPeak {
+        what: "the line, softened".to_owned(),
+        low: 0.5 * target,
+        high: 2.0 * target,
+    })?;
+    let line = printed.clone().softened(factor);
+    let frequencies = measure::logarithmic(LOW_HZ, HIGH_HZ, 12);
+    let compliance = Added { id: "line_compliance", site: Site::Line, size: 1.0 / factor - 1.0, more: Vec::new() };
+    let softer = measure::sweep(&printed.clone().with(compliance), &frequencies)?;
+    let misprinted = measure::sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
+    let misprint_difference = softer.iter().zip(&misprinted).map(|(a, b)| (a.gain - b.gain).abs()).fold(0.0, f64::max);
+    Ok(Tracing {
+        factor,
+        printed: predict_widely(&printed, PRINTED_RANGE_HZ)?,
+        traced: predict_widely(&line, near(target))?,
+        line,
+        misprint_difference,
+    })
+}
