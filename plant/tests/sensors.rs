@@ -14,6 +14,30 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
+proptest! {
+    /// What an instrument makes of a quantity, its own inverse makes the quantity again, within what it must lose.
+    #[test]
+    fn units_come_back(
+        counts_per_turn in 100.0_f64..1e5,
+        backwards in any::<bool>(),
+        position in -1e3_f64..1e3,
+        volts_per_nm in 0.01_f64..10.0,
+        offset_v in -1.0_f64..1.0,
+        torque in -5.0_f64..5.0,
+    ) {
+        let encoder = Encoder::per_turn(if backwards { -counts_per_turn } else { counts_per_turn });
+        let counts = encoder.counts(position);
+        let half = 0.5 * std::f64::consts::TAU / counts_per_turn;
+        prop_assert!((encoder.position(counts) - position).abs() <= half * (1.0 + 1e-9));
+        prop_assert_eq!(encoder.counts(encoder.position(counts)), counts);
+        let parameters =
+            TorqueCellParameters { volts_per_nm, offset_v, noise_v: 0.0, bandwidth_hz: f64::INFINITY, limit_v: 100.0 };
+        let mut cell = TorqueCell::new(parameters, 1);
+        let volts = cell.read(torque, 0.5e-3);
+        prop_assert!((cell.torque_nm(volts) - torque).abs() <= 1e-12 * (1.0 + 1.0 / volts_per_nm));
+    }
+}
+
 #[test]
 fn tracks_are_in_quadrature() {
     let levels = |counts: i64| {

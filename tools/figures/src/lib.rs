@@ -11,7 +11,7 @@
 //! ```
 //!
 //! - [`published`] is the table of what the thesis says, [`row`] one line of the comparison;
-//! - [`line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off it;
+//! - [`mod@line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off it;
 //! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else predicted, over all that the
 //!   thesis leaves open, and against other explanations;
 //! - [`drawn`] holds the figures, [`study`] computes all of it, [`page`] shows it.

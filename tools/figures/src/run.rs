@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*;
 use report::Painter;
 
 use crate::args::Args;
@@ -54,13 +55,19 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
         ("index.html".to_owned(), page::page(study, json)?.render()?.into_bytes()),
         ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
     ];
-    for figure in &study.drawn {
-        // Up to three panels stand in one column of a journal, more of them in two.
-        let columns = if figure.sheet.len() > 3 { 2 } else { 1 };
-        let svg = figure.sheet.clone().columns(columns).render_svg()?;
-        let width = PNG_WIDTH * columns as u32;
-        files.push((format!("figure-{}.png", figure.number), painter.png(figure.title, &svg, width)?));
-        files.push((format!("figure-{}.svg", figure.number), svg.into_bytes()));
-    }
+    // Painting takes as long as a figure's simulations do: on all cores.
+    let drawn: Result<Vec<_>> = study
+        .drawn
+        .par_iter()
+        .map(|figure| {
+            // Up to three panels stand in one column of a journal, more of them in two.
+            let columns = if figure.sheet.len() > 3 { 2 } else { 1 };
+            let svg = figure.sheet.clone().columns(columns).render_svg()?;
+            let png = painter.png(figure.title, &svg, PNG_WIDTH * columns as u32)?;
+            let name = |ending| format!("figure-{}.{ending}", figure.number);
+            Ok([(name("png"), png), (name("svg"), svg.into_bytes())])
+        })
+        .collect();
+    files.extend(drawn?.into_iter().flatten());
     Ok(files)
 }
