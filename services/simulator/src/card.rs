@@ -3,7 +3,7 @@
 use ipc_types::{ANALOG, AXES, CardScan};
 use plant::effects::{EffectError, parse};
 use plant::hydrostatic::{Input, Plant};
-use plant::sensors::{TorqueCell, TorqueCellParameters};
+use plant::sensors::{Emg, EmgParameters, TorqueCell, TorqueCellParameters};
 use plant::{ParameterError, ParameterSet};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -38,9 +38,10 @@ pub struct Card {
     plant: Plant,
     axis: Axis,
     torque_cell: Option<(usize, TorqueCell)>,
+    /// The EMG's channels, and the muscles under the electrodes; none where there are no channels.
     emg: Vec<usize>,
+    muscles: Option<Emg>,
     other: Vec<usize>,
-    emg_rms_v: f64,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand_damping: f64,
@@ -92,19 +93,29 @@ impl Card {
             };
             (torque.channel, TorqueCell::new(cell, simulation.seed))
         });
+        let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
+        let emg = channels(|kind| kind == ChannelKind::Emg);
+        let standard = EmgParameters::default();
+        let muscles = EmgParameters {
+            full_rms_v: simulation.emg_rms_v,
+            // The electrodes' noise, in proportion.
+            floor_rms_v: simulation.emg_rms_v * standard.floor_rms_v / standard.full_rms_v,
+            ..standard
+        };
+        let muscles = (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
         Ok(Self {
             plant: Plant::new(parameters, effects)?,
             axis,
             torque_cell,
-            emg: channels(|kind| kind == ChannelKind::Emg),
+            emg,
+            muscles,
             other: channels(|kind| kind == ChannelKind::Other),
-            emg_rms_v: simulation.emg_rms_v,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
             hand_damping: if held { hand.damping } else { 0.0 },
             hand_stiffness: if held { hand.stiffness } else { 0.0 },
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
-            period_s: 1.0 / f64::from(rig.rates.acquisition_hz),
+            period_s,
             line_ns,
             dac_v: [0.0; AXES],
             toggles: None,
@@ -187,10 +198,12 @@ impl Card {
         {
             *volts = cell.read(reading.slave_torque_nm, self.period_s);
         }
-        // A relaxed arm: EMG at a twentieth of full activity.
-        for index in 0..self.emg.len() {
-            let volts = self.noise(0.05 * self.emg_rms_v);
-            self.set_analog(&mut scan, self.emg[index], volts);
+        // Flexors and extensors in turn, as active as the hand's torque asks.
+        if let Some(muscles) = &mut self.muscles {
+            let volts = muscles.read(reading.slave_torque_nm);
+            for (&channel, volts) in self.emg.iter().zip(volts) {
+                self.set_analog(&mut scan, channel, volts);
+            }
         }
         for index in 0..self.other.len() {
             let volts = self.noise(self.analog_noise_v);
