@@ -5,8 +5,8 @@
 
 use crate::effects::{Effect, Moment, Side, SideLoad, Site};
 use crate::friction::{Load, advance};
-use crate::hydrostatic::Reading;
 use crate::parameter::parameter_set;
+use crate::transmission::{Reading, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
 parameter_set! {
@@ -116,12 +116,11 @@ impl Plant {
 
     /// Moves the drive on by `dt_s` with the force held, N; `dt_s` not positive does nothing.
     pub fn step(&mut self, force_n: f64, dt_s: f64) {
-        if dt_s.is_nan() || dt_s <= 0.0 {
+        let (count, step) = sub_steps(dt_s, self.longest_step_s);
+        if count == 0 {
             return;
         }
-        let count = (dt_s / self.longest_step_s - 1e-9).ceil().max(1.0);
-        let step = dt_s / count;
-        for _ in 0..count as usize {
+        for _ in 0..count {
             let velocity = self.state.velocity_m_s;
             let mean = velocity + 0.5 * self.increment;
             let mean = if mean * velocity < 0.0 { 0.0 } else { mean };

@@ -31,6 +31,7 @@ pub mod effects;
 pub mod fluid;
 pub mod friction;
 pub mod hydrostatic;
+mod modes;
 mod parameter;
 pub mod response;
 pub mod sensors;

@@ -72,6 +72,13 @@ pub struct EnergyBalance {
 }
 
 impl EnergyBalance {
+    /// Adds work of motor or hand, J.
+    #[inline]
+    pub(crate) fn count_input(&mut self, work_j: f64) {
+        self.input_j += work_j;
+        self.throughput_j += work_j.abs();
+    }
+
     /// What the balance leaves open, J; the integrator's error.
     pub fn defect_j(&self) -> f64 {
         self.input_j - self.stored_j - self.dissipated_j - self.effects_j
@@ -113,4 +120,14 @@ pub trait Transmission: Clone + Send {
 
     /// Where the energy went.
     fn energy(&self) -> EnergyBalance;
+}
+
+/// How many internal steps of at most `longest_s` an output step takes, and how long each is; none for a step that is not
+/// positive.
+pub(crate) fn sub_steps(dt_s: f64, longest_s: f64) -> (usize, f64) {
+    if dt_s.is_nan() || dt_s <= 0.0 {
+        return (0, 0.0);
+    }
+    let count = (dt_s / longest_s - 1e-9).ceil().max(1.0);
+    (count as usize, dt_s / count)
 }

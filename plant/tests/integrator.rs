@@ -161,37 +161,18 @@ fn slow_movement_does_not_chatter() {
     assert!((4..60).contains(&reversals), "{reversals}");
 }
 
-/// Positions over 0.4 s, every 1 ms; the input changes with each of them. Internal step `dt`.
 fn trajectory(parameters: &Parameters, dt: f64, amplitude_v: f64) -> Vec<[f64; 3]> {
-    let mut plant = Plant::new(parameters.clone(), Vec::new()).unwrap();
+    let plant = Plant::new(parameters.clone(), Vec::new()).unwrap();
     assert!(dt <= plant.longest_step_s() * (1.0 + 1e-9), "sub-steps would hide the order");
-    let count = (1e-3 / dt).round() as usize;
-    (0..400)
-        .map(|hold| {
-            let time = f64::from(hold) * 1e-3;
-            let hand_torque_nm = 0.5 * (13.0 * time).cos();
-            let input = Input { motor_v: amplitude_v * (20.0 * time).sin(), hand_torque_nm };
-            for _ in 0..count {
-                plant.step(input, dt);
-            }
-            let state = plant.state();
-            let ratio = plant.parameters().slave_displacement_m_per_rad();
-            [state.master_position_rad, state.slave_position_rad, state.line_position_m[0] / ratio]
-        })
-        .collect()
+    let ratio = plant.parameters().slave_displacement_m_per_rad();
+    common::trajectory(plant, dt, amplitude_v, |plant| {
+        let state = plant.state();
+        [state.master_position_rad, state.slave_position_rad, state.line_position_m[0] / ratio]
+    })
 }
 
-/// Root mean square over the trajectory against a fine reference, for each halving of the step, rad.
 fn observed_errors(parameters: &Parameters, amplitude_v: f64) -> Vec<f64> {
-    let finest = trajectory(parameters, 0.25e-3 / 256.0, amplitude_v);
-    [1.0, 0.5, 0.25, 0.125]
-        .iter()
-        .map(|part| {
-            let found = trajectory(parameters, part * 0.25e-3, amplitude_v);
-            let squares = found.iter().zip(&finest).flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)));
-            (squares.sum::<f64>() / found.len() as f64).sqrt()
-        })
-        .collect()
+    common::observed_errors(0.25e-3, 0.25e-3 / 256.0, |dt| trajectory(parameters, dt, amplitude_v))
 }
 
 #[test]

@@ -7,8 +7,8 @@ use super::lines::{Coupling, Lines, Supports};
 use super::modes::modes;
 use super::{Parameters, State};
 use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
-use crate::friction::{Advance, Load, advance};
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
+use crate::friction::{Advance, Load, advance, impose};
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
@@ -141,10 +141,10 @@ impl Plant {
 
     /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
     pub fn step(&mut self, input: Input, dt_s: f64) {
-        let (count, step) = self.sub_steps(dt_s);
+        let (count, step) = sub_steps(dt_s, self.longest_step_s);
         for _ in 0..count {
             let (half, mean) = self.middle(step);
-            let moment = self.moment(step, &half, &mean);
+            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let motor_torque =
                 self.effects.motor_torque(input.motor_v, self.parameters.motor_torque_per_volt_nm, &moment);
             let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
@@ -153,7 +153,7 @@ impl Plant {
             let moved = advance(self.state.master_velocity_rad_s, step, &master);
             self.energy.dissipated_j += moved.dissipated;
             self.energy.effects_j -= effect_torque * moved.displacement;
-            self.count_input(motor_torque * moved.displacement);
+            self.energy.count_input(motor_torque * moved.displacement);
             self.state.motor_torque_nm = motor_torque;
             self.finish(step, moved, &coupling, input.hand_torque_nm, (&half, &mean, &moment));
         }
@@ -163,7 +163,7 @@ impl Plant {
     /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
     /// the slave moves as it must. [`State::motor_torque_nm`] is then the torque that it took.
     pub fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
-        let (count, step) = self.sub_steps(dt_s);
+        let (count, step) = sub_steps(dt_s, self.longest_step_s);
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
             let (next, speed_next) = master.approach(from, speed_from, dt_s, index as f64 / count as f64);
@@ -171,23 +171,15 @@ impl Plant {
             let (mut half, mut mean) = self.middle(step);
             half[0] = 0.5 * (position + next);
             mean[0] = (next - position) / step;
-            let moment = self.moment(step, &half, &mean);
+            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
             let (load, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
-            let displacement = next - position;
-            let friction = if displacement >= 0.0 {
-                load.dry.forward + load.viscous_forward * mean[0]
-            } else {
-                -load.dry.backward + load.viscous_backward * mean[0]
-            };
-            let dissipated = friction * displacement;
-            let kinetic = 0.5 * load.inertia * (speed_next * speed_next - speed * speed);
-            self.state.motor_torque_nm = load.inertia * (speed_next - speed) / step + friction - load.force;
-            self.energy.dissipated_j += dissipated;
-            self.energy.effects_j -= effect_torque * displacement;
-            self.count_input(kinetic + dissipated - load.force * displacement);
-            let moved = Advance { velocity: speed_next, displacement, dissipated };
-            self.finish(step, moved, &coupling, hand_torque_nm, (&half, &mean, &moment));
+            let driven = impose(speed, speed_next, next - position, step, &load);
+            self.state.motor_torque_nm = driven.force;
+            self.energy.dissipated_j += driven.moved.dissipated;
+            self.energy.effects_j -= effect_torque * driven.moved.displacement;
+            self.energy.count_input(driven.work);
+            self.finish(step, driven.moved, &coupling, hand_torque_nm, (&half, &mean, &moment));
         }
         self.read(0.0, hand_torque_nm);
     }
@@ -208,7 +200,7 @@ impl Plant {
         self.effects.moved([master.displacement, slave.displacement], moment);
         self.energy.dissipated_j += slave.dissipated;
         self.energy.effects_j -= slave_effect * slave.displacement;
-        self.count_input(hand_torque_nm * slave.displacement);
+        self.energy.count_input(hand_torque_nm * slave.displacement);
 
         let mut lines = [slave; 2];
         for line in 0..2 {
@@ -281,14 +273,8 @@ impl Plant {
                 smoothing: 0.0,
             },
         };
-        let effects = match side {
-            Side::Master => &mut self.effects.master,
-            Side::Slave => &mut self.effects.slave,
-        };
-        for effect in effects {
-            effect.side(&mut load, moment);
-        }
-        (load.load, load.load.force - transmitted)
+        let added = self.effects.side(&mut load, moment);
+        (load.load, added)
     }
 
     /// What acts on the middle of a line's cables.
@@ -335,30 +321,6 @@ impl Plant {
             if mean * speeds[index] < 0.0 { 0.0 } else { mean }
         });
         (half, mean)
-    }
-
-    fn moment(&self, step: f64, half: &[f64; 4], mean: &[f64; 4]) -> Moment {
-        Moment {
-            time_s: self.state.time_s + 0.5 * step,
-            step_s: step,
-            master_position_rad: half[0],
-            master_velocity_rad_s: mean[0],
-            slave_position_rad: half[1],
-            slave_velocity_rad_s: mean[1],
-        }
-    }
-
-    fn sub_steps(&self, dt_s: f64) -> (usize, f64) {
-        if dt_s.is_nan() || dt_s <= 0.0 {
-            return (0, 0.0);
-        }
-        let count = (dt_s / self.longest_step_s - 1e-9).ceil().max(1.0);
-        (count as usize, dt_s / count)
-    }
-
-    fn count_input(&mut self, work: f64) {
-        self.energy.input_j += work;
-        self.energy.throughput_j += work.abs();
     }
 
     fn kinetic_j(&self) -> f64 {

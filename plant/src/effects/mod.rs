@@ -109,6 +109,21 @@ pub struct Moment {
     pub slave_velocity_rad_s: f64,
 }
 
+impl Moment {
+    /// Of an internal step that begins at `time_s`: positions and speeds of master and slave at its middle.
+    #[inline(always)]
+    pub(crate) fn middle(time_s: f64, step_s: f64, half: &[f64; 4], mean: &[f64; 4]) -> Self {
+        Self {
+            time_s: time_s + 0.5 * step_s,
+            step_s,
+            master_position_rad: half[0],
+            master_velocity_rad_s: mean[0],
+            slave_position_rad: half[1],
+            slave_velocity_rad_s: mean[1],
+        }
+    }
+}
+
 /// A side of the transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {

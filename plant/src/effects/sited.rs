@@ -1,6 +1,6 @@
 //! Effects by the site at which they act.
 
-use super::{Effect, LineConstants, Moment, Site};
+use super::{Effect, LineConstants, Moment, Side, SideLoad, Site};
 use crate::ParameterError;
 use crate::transmission::{Motion, Reading};
 
@@ -66,6 +66,19 @@ impl Sited {
         let volts = self.drive.iter_mut().fold(volts, |volts, effect| effect.amplifier(volts, moment));
         let torque = torque_per_volt_nm * volts;
         self.drive.iter_mut().fold(torque, |torque, effect| effect.motor(torque, moment))
+    }
+
+    /// Lets a side's effects add to its load; returns the torque that they add, N·m.
+    pub(crate) fn side(&mut self, load: &mut SideLoad, moment: &Moment) -> f64 {
+        let own = load.load.force;
+        let effects = match load.side {
+            Side::Master => &mut self.master,
+            Side::Slave => &mut self.slave,
+        };
+        for effect in effects {
+            effect.side(load, moment);
+        }
+        load.load.force - own
     }
 
     /// Tells both sides how far they moved.

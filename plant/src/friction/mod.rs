@@ -47,6 +47,7 @@ pub use load_dependent::LoadDependent;
 pub use lugre::LuGre;
 pub use piecewise_linear::Stribeck;
 pub use position_dependent::PositionDependent;
+pub(crate) use stick::impose;
 pub use stick::{Advance, DryFriction, Load, advance};
 pub use stribeck::StribeckCurve;
 pub use viscous::Viscous;

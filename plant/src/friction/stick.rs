@@ -108,6 +108,34 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     }
 }
 
+/// What it takes to move one degree of freedom along a given path for one step, from `speed` to `speed_next`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Driven {
+    /// The movement.
+    pub(crate) moved: Advance,
+    /// Mean force beside the load's own, N·m or N.
+    pub(crate) force: f64,
+    /// Its work, J.
+    pub(crate) work: f64,
+}
+
+/// Moves one degree of freedom by `displacement` in `step` seconds, whatever that takes.
+pub(crate) fn impose(speed: f64, speed_next: f64, displacement: f64, step: f64, load: &Load) -> Driven {
+    let mean = displacement / step;
+    let friction = if displacement >= 0.0 {
+        load.dry.forward + load.viscous_forward * mean
+    } else {
+        -load.dry.backward + load.viscous_backward * mean
+    };
+    let dissipated = friction * displacement;
+    let kinetic = 0.5 * load.inertia * (speed_next * speed_next - speed * speed);
+    Driven {
+        moved: Advance { velocity: speed_next, displacement, dissipated },
+        force: load.inertia * (speed_next - speed) / step + friction - load.force,
+        work: kinetic + dissipated - load.force * displacement,
+    }
+}
+
 /// From rest: stays there, or breaks away.
 #[inline(always)]
 fn start(step: f64, load: &Load) -> Advance {

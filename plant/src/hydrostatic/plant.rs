@@ -8,8 +8,8 @@
 use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
-use crate::friction::{Advance, DryFriction, Load, Stribeck, advance};
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
+use crate::friction::{Advance, DryFriction, Load, Stribeck, advance, impose};
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
@@ -154,10 +154,10 @@ impl Plant {
     }
 
     fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
-        let (count, step) = self.sub_steps(dt_s);
+        let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         for _ in 0..count {
             let (half, mean) = self.middle(step);
-            let moment = self.moment(step, &half, &mean);
+            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
             let motor_torque = if EFFECTS {
                 self.effects.motor_torque(input.motor_v, torque_per_volt, &moment)
@@ -166,20 +166,14 @@ impl Plant {
             };
             let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
             let mut master = self.master_load(&coupling, half[0], mean[0]);
-            let master_own = master.load.force;
-            if EFFECTS {
-                for effect in &mut self.effects.master {
-                    effect.side(&mut master, &moment);
-                }
-            }
-            let master_effect = master.load.force - master_own;
+            let master_effect = if EFFECTS { self.effects.side(&mut master, &moment) } else { 0.0 };
             master.load.force += motor_torque;
             let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
             self.energy.dissipated_j += moved.dissipated;
             if EFFECTS {
                 self.energy.effects_j -= master_effect * moved.displacement;
             }
-            self.count_input(motor_torque * moved.displacement);
+            self.energy.count_input(motor_torque * moved.displacement);
             self.state.motor_torque_nm = motor_torque;
             self.finish::<EFFECTS>(step, moved, &coupling, input.hand_torque_nm, &half, &mean, &moment);
         }
@@ -197,7 +191,7 @@ impl Plant {
     }
 
     fn step_imposed_with<const EFFECTS: bool>(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
-        let (count, step) = self.sub_steps(dt_s);
+        let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
             let part = index as f64 / count as f64;
@@ -206,30 +200,16 @@ impl Plant {
             let (mut half, mut mean) = self.middle(step);
             half[0] = 0.5 * (position + next);
             mean[0] = (next - position) / step;
-            let moment = self.moment(step, &half, &mean);
+            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
             let mut load = self.master_load(&coupling, half[0], mean[0]);
-            let own = load.load.force;
-            if EFFECTS {
-                for effect in &mut self.effects.master {
-                    effect.side(&mut load, &moment);
-                }
-            }
-            let effect_torque = load.load.force - own;
-            let displacement = next - position;
-            let friction = if displacement >= 0.0 {
-                load.load.dry.forward + load.load.viscous_forward * mean[0]
-            } else {
-                -load.load.dry.backward + load.load.viscous_backward * mean[0]
-            };
-            let dissipated = friction * displacement;
-            let kinetic = 0.5 * load.load.inertia * (speed_next * speed_next - speed * speed);
-            self.state.motor_torque_nm = load.load.inertia * (speed_next - speed) / step + friction - load.load.force;
-            self.energy.dissipated_j += dissipated;
-            self.energy.effects_j -= effect_torque * displacement;
-            self.count_input(kinetic + dissipated - load.load.force * displacement);
-            let moved = Advance { velocity: speed_next, displacement, dissipated };
-            self.finish::<EFFECTS>(step, moved, &coupling, hand_torque_nm, &half, &mean, &moment);
+            let effect_torque = if EFFECTS { self.effects.side(&mut load, &moment) } else { 0.0 };
+            let driven = impose(speed, speed_next, next - position, step, &load.load);
+            self.state.motor_torque_nm = driven.force;
+            self.energy.dissipated_j += driven.moved.dissipated;
+            self.energy.effects_j -= effect_torque * driven.moved.displacement;
+            self.energy.count_input(driven.work);
+            self.finish::<EFFECTS>(step, driven.moved, &coupling, hand_torque_nm, &half, &mean, &moment);
         }
         self.read(0.0, hand_torque_nm);
     }
@@ -262,12 +242,7 @@ impl Plant {
                 ..Load::default()
             },
         };
-        if EFFECTS {
-            for effect in &mut self.effects.slave {
-                effect.side(&mut load, moment);
-            }
-        }
-        let slave_effect = load.load.force - transmitted;
+        let slave_effect = if EFFECTS { self.effects.side(&mut load, moment) } else { 0.0 };
         load.load.force += hand_torque_nm;
         let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
         if EFFECTS {
@@ -277,7 +252,7 @@ impl Plant {
         if EFFECTS {
             self.energy.effects_j -= slave_effect * slave.displacement;
         }
-        self.count_input(hand_torque_nm * slave.displacement);
+        self.energy.count_input(hand_torque_nm * slave.displacement);
 
         let moved = [master.displacement, slave.displacement];
         let mut lines = [slave; 2];
@@ -423,31 +398,6 @@ impl Plant {
             if index < 2 && mean * speeds[index] < 0.0 { 0.0 } else { mean }
         });
         (half, mean)
-    }
-
-    #[inline(always)]
-    fn moment(&self, step: f64, half: &[f64; 4], mean: &[f64; 4]) -> Moment {
-        Moment {
-            time_s: self.state.time_s + 0.5 * step,
-            step_s: step,
-            master_position_rad: half[0],
-            master_velocity_rad_s: mean[0],
-            slave_position_rad: half[1],
-            slave_velocity_rad_s: mean[1],
-        }
-    }
-
-    fn sub_steps(&self, dt_s: f64) -> (usize, f64) {
-        if dt_s.is_nan() || dt_s <= 0.0 {
-            return (0, 0.0);
-        }
-        let count = (dt_s / self.constants.longest_step_s - 1e-9).ceil().max(1.0);
-        (count as usize, dt_s / count)
-    }
-
-    fn count_input(&mut self, work: f64) {
-        self.energy.input_j += work;
-        self.energy.throughput_j += work.abs();
     }
 
     fn stored_j(&self) -> f64 {

@@ -3,6 +3,7 @@
 
 use plant::effects::Effect;
 use plant::hydrostatic::{Parameters, Plant};
+use plant::transmission::{Input, Transmission};
 
 /// Output interval of the rig, s.
 pub const DT_S: f64 = 0.5e-3;
@@ -48,4 +49,38 @@ pub fn close(found: f64, expected: f64, relative: f64) {
         "expected {expected} within {} %, found {found}",
         100.0 * relative
     );
+}
+
+/// What `observe` sees over 0.4 s, every 1 ms; the input changes with each of them. Internal step `dt`.
+pub fn trajectory<P: Transmission>(
+    mut plant: P,
+    dt: f64,
+    amplitude_v: f64,
+    observe: impl Fn(&P) -> [f64; 3],
+) -> Vec<[f64; 3]> {
+    let count = (1e-3 / dt).round() as usize;
+    (0..400)
+        .map(|hold| {
+            let time = f64::from(hold) * 1e-3;
+            let hand_torque_nm = 0.5 * (13.0 * time).cos();
+            let input = Input { motor_v: amplitude_v * (20.0 * time).sin(), hand_torque_nm };
+            for _ in 0..count {
+                plant.step(input, dt);
+            }
+            observe(&plant)
+        })
+        .collect()
+}
+
+/// Root mean square over the trajectory against the one with the finest step, for each halving of the coarsest, rad.
+pub fn observed_errors(coarsest_s: f64, finest_s: f64, trajectory: impl Fn(f64) -> Vec<[f64; 3]>) -> Vec<f64> {
+    let finest = trajectory(finest_s);
+    [1.0, 0.5, 0.25, 0.125]
+        .iter()
+        .map(|part| {
+            let found = trajectory(part * coarsest_s);
+            let squares = found.iter().zip(&finest).flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)));
+            (squares.sum::<f64>() / found.len() as f64).sqrt()
+        })
+        .collect()
 }
