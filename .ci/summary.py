@@ -20,9 +20,9 @@ KEYS = (
 CONTROL_HZ = 500.0  # of the embedded rig
 PROMISED_TRIP_MS = {"realtime": 10.0, "best-effort": 60.0}
 PROMISED_RATE_SHARE = {"realtime": 0.001, "best-effort": 0.01}
-TRIP_MS = {"realtime": 30.0, "best-effort": 130.0}
+TRIP_MS = {"realtime": 20.0, "best-effort": 130.0}
 # A loop skips the periods that the machine does not give it; these are counted, and are no fault.
-RATE_SHARE = {"realtime": 0.02, "best-effort": 0.05}
+RATE_SHARE = {"realtime": 0.005, "best-effort": 0.05}
 
 
 def numbers(value):

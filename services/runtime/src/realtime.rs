@@ -187,3 +187,19 @@ pub fn prefault_stack() {
     let mut block = [0u8; 256 * 1024];
     std::hint::black_box(&mut block);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn priorities_go_watchdog_acquisition_simulator_control_experiment_helpers() {
+        let order =
+            [Process::Watchdog, Process::Acquisition, Process::Simulator, Process::Control, Process::Experiment];
+        let mut order = order.map(loop_priority).to_vec();
+        order.push(HELPER_PRIORITY);
+        assert!(order.windows(2).all(|pair| pair[0] > pair[1]), "{order:?}");
+        // LimitRTPRIO of the unit files.
+        assert!(order.iter().all(|priority| (1..=90).contains(priority)), "{order:?}");
+    }
+}
