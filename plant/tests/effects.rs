@@ -6,7 +6,7 @@ mod common;
 use common::{DT_S, close, frictionless, loose, plant};
 use plant::ParameterError;
 use plant::effects::{self, EffectError, LIST, Site};
-use plant::hydrostatic::{ImposedMotion, Input, Parameters, Plant, Reading, State};
+use plant::hydrostatic::{EnergyBalance, ImposedMotion, Input, Parameters, Plant, Reading, State};
 use std::f64::consts::TAU;
 
 fn hand(torque: f64) -> Input {
@@ -475,4 +475,31 @@ fn errors_name_what_is_allowed() {
         assert!(matches!(range, EffectError::Size { error: ParameterError::OutOfRange { .. }, .. }), "{bad}: {range}");
     }
     assert!(matches!(effects::make("leakage", Site::Slave, 1e-12), Err(EffectError::WrongSite { .. })));
+}
+
+/// Whatever the dead time, the element gives back no more than it took: not even after thousands of reflections.
+#[test]
+fn transport_delay_of_line_makes_no_energy() {
+    for delay_ms in [0.3, 0.5, 1.0, 2.0, 5.0, 7.0, 20.0] {
+        for parameters in [frictionless(Parameters::printed()), frictionless(Parameters::traced())] {
+            let name = format!("transport_delay@line={}", delay_ms * 1e-3);
+            let mut late = plant(parameters, &[&name]);
+            let mut farthest = [0.0_f64; 2];
+            for index in 1..=20_000 {
+                // Moved about for 2 s, then held for 8 s.
+                let rate = std::f64::consts::TAU * 6.0;
+                let (sine, cosine) = (rate * f64::from(index.min(4000)) * DT_S).sin_cos();
+                let velocity_rad_s = if index < 4000 { 0.3 * rate * cosine } else { 0.0 };
+                late.step_imposed(ImposedMotion { position_rad: 0.3 * sine, velocity_rad_s }, 0.0, DT_S);
+                // What is in masses, springs and waves: the balance counts the declared springs as stored.
+                let EnergyBalance { stored_j, effects_j, throughput_j, .. } = late.energy();
+                assert!(stored_j + effects_j > -1e-3 * throughput_j, "{name}, step {index}: {:?}", late.energy());
+                let moved = &mut farthest[usize::from(index > 4000)];
+                *moved = moved.max(late.state().slave_position_rad.abs());
+            }
+            assert!(farthest[0] > 0.2 && farthest[1] < 1.2 * farthest[0], "{name}: {farthest:?} rad");
+            let energy = late.energy();
+            assert!(energy.defect_j().abs() < 1e-4 * energy.throughput_j, "{name}: {energy:?}");
+        }
+    }
 }

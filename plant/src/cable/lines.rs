@@ -14,6 +14,8 @@ pub(super) struct Coupling {
     pub(super) pulley: [[f64; 2]; 2],
     /// Force on the cable's middle, against its coordinate, beyond that of the pretension, N.
     pub(super) middle: [[f64; 2]; 2],
+    /// What effects add to it with the middle's speed, N·s/m.
+    pub(super) middle_damping: [[f64; 2]; 2],
     /// Tension, N.
     pub(super) tension: [[f64; 2]; 2],
     /// The declared law's spring and damper, N.
@@ -79,6 +81,7 @@ impl Lines {
                     fluid_velocity_m_s: mean[2 + line],
                     force_n: 0.0,
                     fluid_force_n: 0.0,
+                    fluid_damping_n_s_per_m: 0.0,
                 };
                 let at_end = if index == 0 { &mut effects.master } else { &mut effects.slave };
                 for effect in effects.line.iter_mut().chain(at_end.iter_mut()) {
@@ -100,22 +103,32 @@ impl Lines {
                 }
                 // Nor can an effect.
                 let pulling = |force: f64| (self.pretension_n + pull * force).max(0.0);
-                let (at_pulley, at_middle) = (pulling(link.force_n), pulling(link.fluid_force_n));
+                let resisted = link.fluid_damping_n_s_per_m * link.fluid_velocity_m_s;
+                let (at_pulley, at_middle) = (pulling(link.force_n), pulling(link.fluid_force_n + resisted));
                 coupling.tension[line][index] = at_pulley;
                 coupling.pulley[line][index] = pull * (at_pulley - self.pretension_n);
-                coupling.middle[line][index] = pull * (at_middle - self.pretension_n);
+                coupling.middle[line][index] = pull * (at_middle - self.pretension_n) - resisted;
+                coupling.middle_damping[line][index] = link.fluid_damping_n_s_per_m;
             }
         }
         coupling
     }
 
-    /// Where a link's energy went in a step: lost in its damper, and taken by effects, J.
-    pub(super) fn work(&self, coupling: &Coupling, line: usize, end: usize, middle: f64, angle: f64) -> (f64, f64) {
+    /// Where a link's energy went in a step: lost in its damper, and taken by effects, J; the middle went `middle` at the
+    /// mean speed `speed`.
+    pub(super) fn work(
+        &self,
+        coupling: &Coupling,
+        (line, end): (usize, usize),
+        (middle, speed): (f64, f64),
+        angle: f64,
+    ) -> (f64, f64) {
         let pulley = self.radii_m[end] * angle;
         let relative = middle - pulley;
         let lost = coupling.damper[line][end] * relative;
         let declared = coupling.spring[line][end] * (relative + coupling.shift[line][end]) + lost;
-        let taken = coupling.middle[line][end] * middle - coupling.pulley[line][end] * pulley;
+        let on_middle = coupling.middle[line][end] + coupling.middle_damping[line][end] * speed;
+        let taken = on_middle * middle - coupling.pulley[line][end] * pulley;
         (lost, taken - declared)
     }
 

@@ -204,11 +204,19 @@ impl Plant {
 
         let mut lines = [slave; 2];
         for line in 0..2 {
-            let load = self.line_load(line, coupling, half[2 + line], mean[2 + line], moment);
+            let mut load = self.line_load(line, coupling, half[2 + line], mean[2 + line], moment);
+            let resistance = coupling.middle_damping[line][0] + coupling.middle_damping[line][1];
+            load.viscous_forward += resistance;
+            load.viscous_backward += resistance;
             let moved = advance(self.state.line_velocity_m_s[line], step, &load);
-            self.energy.dissipated_j += moved.dissipated;
+            let speed = moved.displacement / step;
+            // What the effects took is not lost.
+            self.energy.dissipated_j += moved.dissipated - resistance * speed * moved.displacement;
+            for effect in &mut self.effects.line {
+                effect.flowed(line, moved.displacement, moment);
+            }
             for (end, angle) in [master.displacement, slave.displacement].into_iter().enumerate() {
-                let (lost, taken) = self.lines.work(coupling, line, end, moved.displacement, angle);
+                let (lost, taken) = self.lines.work(coupling, (line, end), (moved.displacement, speed), angle);
                 self.energy.dissipated_j += lost;
                 self.energy.effects_j += taken;
             }

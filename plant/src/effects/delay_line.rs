@@ -1,7 +1,7 @@
 //! Dead time for one signal, with no allocation once made.
 
 /// Remembered points. They lie at least half an interval apart, so that all of them span the dead time.
-const POINTS: usize = 1024;
+const POINTS: usize = 8192;
 
 /// A signal's past, on a grid of its own, read back by straight lines.
 #[derive(Clone, Debug)]

@@ -170,6 +170,9 @@ pub struct Link {
     pub force_n: f64,
     /// Force on the fluid, against its coordinate, N; equals `force_n` unless an effect stores momentum between.
     pub fluid_force_n: f64,
+    /// Resistance of the link to the fluid's own speed, N·s/m: adds to the force on the fluid with the speed that it really
+    /// has in the step, where `fluid_velocity_m_s` is extrapolated.
+    pub fluid_damping_n_s_per_m: f64,
 }
 
 /// What acts on one side; effects add to `load`.
@@ -264,6 +267,9 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     fn fluid(&mut self, coefficient: f64, _moment: &Moment) -> f64 {
         coefficient
     }
+
+    /// Site line: how far the fluid of a line went in the step for which [`Effect::link`] was called, m.
+    fn flowed(&mut self, _line: usize, _displacement_m: f64, _moment: &Moment) {}
 
     /// Sites master, slave: adds force, friction.
     fn side(&mut self, _load: &mut SideLoad, _moment: &Moment) {}

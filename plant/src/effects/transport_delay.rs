@@ -5,7 +5,8 @@
 //! - line: a lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` stands between the fluid and
 //!   the slave's spring. With force `f` and speed `v` at its two ends, `f₁(t) - Z v₁(t) = f₂(t-T) - Z v₂(t-T)` and
 //!   `f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)`. It neither makes nor loses energy, where a delayed spring force
-//!   would feed the line's mode.
+//!   would feed the line's mode. Both ends take the speeds that they really have in a step, not extrapolated ones: a wave
+//!   that goes to and fro would grow with each reflection by what the extrapolation is off.
 //!
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
@@ -22,6 +23,7 @@ effect! {
         signals: Vec<DelayLine> = Vec::new();
         far_position_m: [Option<f64>; 2] = [None; 2];
         far_velocity_m_s: [f64; 2] = [0.0; 2];
+        arriving_n: [f64; 2] = [0.0; 2];
         impedance_n_s_per_m: f64 = 1.0;
         spring_rate: f64 = 0.0;
     }
@@ -45,6 +47,7 @@ impl Effect for TransportDelay {
         self.signals = vec![DelayLine::new(self.delay_s); signals];
         self.far_position_m = [None; 2];
         self.far_velocity_m_s = [0.0; 2];
+        self.arriving_n = [0.0; 2];
         let stiffness = constants.line_stiffness_n_per_m();
         self.impedance_n_s_per_m = (stiffness * constants.line_mass_kg()).sqrt();
         self.spring_rate = 2.0 * stiffness / self.impedance_n_s_per_m;
@@ -76,19 +79,28 @@ impl Effect for TransportDelay {
         }
         let (line, time, impedance) = (link.line, moment.time_s, self.impedance_n_s_per_m);
         let (outward, inward) = (2 * line, 2 * line + 1);
-        // The port's damper sees the new speed of the far end, or strong damping would make it swing.
-        let (damping, before) = (link.damping_n_s_per_m, self.far_velocity_m_s[line]);
+        // Spring and port's damper see the new speed of the far end, half a step of it at the middle of the step.
+        let damping = link.damping_n_s_per_m + 0.5 * moment.step_s * link.stiffness_n_per_m;
+        let before = self.far_velocity_m_s[line];
         let arriving = self.signals[outward].past(time);
         let far_velocity = (arriving - link.force_n + damping * before) / (impedance + damping);
         link.force_n += damping * (far_velocity - before);
-        let near_force = impedance * link.fluid_velocity_m_s + self.signals[inward].past(time);
-        self.signals[outward].push(time, near_force + impedance * link.fluid_velocity_m_s);
+        self.arriving_n[line] = self.signals[inward].past(time);
         self.signals[inward].push(time, link.force_n - impedance * far_velocity);
         if let Some(far) = &mut self.far_position_m[line] {
             *far += moment.step_s * far_velocity;
         }
         self.far_velocity_m_s[line] = far_velocity;
-        link.fluid_force_n = near_force;
+        link.fluid_force_n = self.arriving_n[line];
+        link.fluid_damping_n_s_per_m = impedance;
+    }
+
+    fn flowed(&mut self, line: usize, displacement_m: f64, moment: &Moment) {
+        if self.delay_s <= 0.0 {
+            return;
+        }
+        let velocity = displacement_m / moment.step_s;
+        self.signals[2 * line].push(moment.time_s, self.arriving_n[line] + 2.0 * self.impedance_n_s_per_m * velocity);
     }
 
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {

@@ -53,6 +53,8 @@ struct Coupling {
     piston: [[f64; 2]; 2],
     /// Force on the fluid, against its coordinate.
     fluid: [[f64; 2]; 2],
+    /// What effects add to it with the fluid's speed, N·s/m.
+    fluid_damping: [[f64; 2]; 2],
     /// The declared law's damper and spring.
     damper: [[f64; 2]; 2],
     spring: [[f64; 2]; 2],
@@ -263,7 +265,13 @@ impl Plant {
                     coefficient = effect.fluid(coefficient, moment);
                 }
             }
-            let half_damping = 0.5 * step * coefficient;
+            // Losses, and what effects take with the fluid's own speed.
+            let resistance = if EFFECTS {
+                coefficient + coupling.fluid_damping[line][0] + coupling.fluid_damping[line][1]
+            } else {
+                coefficient
+            };
+            let half_damping = 0.5 * step * resistance;
             let mass = self.constants.fluid_mass_kg;
             let before = self.state.line_velocity_m_s[line];
             let force = -coupling.fluid[line][0] - coupling.fluid[line][1];
@@ -273,15 +281,20 @@ impl Plant {
             let dissipated = coefficient * average * displacement;
             lines[line] = Advance { velocity: after, displacement, dissipated };
             self.energy.dissipated_j += dissipated;
+            if EFFECTS {
+                for effect in &mut self.effects.line {
+                    effect.flowed(line, displacement, moment);
+                }
+            }
             for (end, angle) in moved.iter().enumerate() {
                 let piston = self.constants.displacement[end] * angle;
                 let relative = displacement - piston;
                 let (spring, damper) = (coupling.spring[line][end], coupling.damper[line][end]);
                 self.energy.dissipated_j += damper * relative;
                 if EFFECTS {
-                    self.energy.effects_j += coupling.fluid[line][end] * displacement
-                        - coupling.piston[line][end] * piston
-                        - (spring + damper) * relative;
+                    let fluid = coupling.fluid[line][end] + coupling.fluid_damping[line][end] * average;
+                    self.energy.effects_j +=
+                        fluid * displacement - coupling.piston[line][end] * piston - (spring + damper) * relative;
                 }
             }
         }
@@ -339,6 +352,7 @@ impl Plant {
                     fluid_velocity_m_s: mean[2 + line],
                     force_n: 0.0,
                     fluid_force_n: 0.0,
+                    fluid_damping_n_s_per_m: 0.0,
                 };
                 for effect in self.effects.line.iter_mut().chain(at_end.iter_mut()) {
                     effect.deflect(&mut link, moment);
@@ -350,6 +364,7 @@ impl Plant {
                 }
                 coupling.piston[line][index] = link.force_n;
                 coupling.fluid[line][index] = link.fluid_force_n;
+                coupling.fluid_damping[line][index] = link.fluid_damping_n_s_per_m;
             }
         }
         coupling

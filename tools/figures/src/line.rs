@@ -4,7 +4,7 @@ use plant::effects::{self, Effect, Site};
 use plant::hydrostatic::{Parameters, Plant};
 
 use crate::error::Result;
-use crate::measure::{Finer, Rig};
+use crate::measure::Rig;
 
 /// Amplitude of the master's sine where nothing else is said, degrees. The thesis prints none.
 pub const NOMINAL_AMPLITUDE_DEG: f64 = 30.0;
@@ -34,14 +34,12 @@ pub struct Line {
     pub effects: Vec<Added>,
     /// Amplitude of the master's sine, degrees.
     pub amplitude_deg: f64,
-    /// Parts into which each step of the simulation is cut; 1 unless an effect needs it.
-    pub parts: usize,
 }
 
 impl Line {
     /// As printed, moved at the nominal amplitude.
     pub fn printed() -> Self {
-        Self { parameters: Parameters::printed(), effects: Vec::new(), amplitude_deg: NOMINAL_AMPLITUDE_DEG, parts: 1 }
+        Self { parameters: Parameters::printed(), effects: Vec::new(), amplitude_deg: NOMINAL_AMPLITUDE_DEG }
     }
 
     /// The same with a line of `factor` times the stiffness (effect `line_compliance` of size `1/factor - 1`).
@@ -86,13 +84,6 @@ impl Line {
         self
     }
 
-    /// The same, simulated in smaller steps.
-    #[must_use]
-    pub fn finer(mut self, parts: usize) -> Self {
-        self.parts = parts.max(1);
-        self
-    }
-
     /// The same, moved at another amplitude, degrees.
     #[must_use]
     pub fn at_amplitude(mut self, amplitude_deg: f64) -> Self {
@@ -122,9 +113,9 @@ impl Line {
 }
 
 impl Rig for Line {
-    type Plant = Finer<Plant>;
+    type Plant = Plant;
 
-    fn plant(&self) -> Result<Finer<Plant>> {
+    fn plant(&self) -> Result<Plant> {
         let mut made: Vec<Box<dyn Effect>> = Vec::new();
         for added in &self.effects {
             let mut effect = effects::make(added.id, added.site, added.size)?;
@@ -133,7 +124,7 @@ impl Rig for Line {
             }
             made.push(effect);
         }
-        Ok(Finer { plant: Plant::new(self.parameters.clone(), made)?, parts: self.parts })
+        Ok(Plant::new(self.parameters.clone(), made)?)
     }
 
     fn amplitude_rad(&self) -> f64 {

@@ -274,50 +274,6 @@ impl Cycle {
     }
 }
 
-/// A plant that is moved in smaller steps along the same path.
-#[derive(Clone, Debug)]
-pub struct Finer<P> {
-    /// The plant.
-    pub plant: P,
-    /// Parts into which a step is cut; 1 changes nothing.
-    pub parts: usize,
-}
-
-impl<P: Transmission> Transmission for Finer<P> {
-    fn step(&mut self, input: Input, dt_s: f64) {
-        let part_s = dt_s / self.parts as f64;
-        for _ in 0..self.parts {
-            self.plant.step(input, part_s);
-        }
-    }
-
-    fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
-        let start = self.plant.motion();
-        for part in 1..=self.parts {
-            let (position_rad, velocity_rad_s) = master.approach(
-                start.master_position_rad,
-                start.master_velocity_rad_s,
-                dt_s,
-                part as f64 / self.parts as f64,
-            );
-            let target = ImposedMotion { position_rad, velocity_rad_s };
-            self.plant.step_imposed(target, hand_torque_nm, dt_s / self.parts as f64);
-        }
-    }
-
-    fn motion(&self) -> Motion {
-        self.plant.motion()
-    }
-
-    fn reading(&self) -> Reading {
-        self.plant.reading()
-    }
-
-    fn energy(&self) -> EnergyBalance {
-        self.plant.energy()
-    }
-}
-
 /// Passes everything on to a plant and writes down how it moved.
 #[derive(Clone)]
 struct Tap<P> {

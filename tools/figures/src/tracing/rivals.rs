@@ -70,10 +70,6 @@ impl Rival {
 /// Stiffness of the relaxing branch over that of the spring, and its time, s: the effect's own defaults.
 const BRANCH: (f64, f64) = (0.5, 0.1);
 
-/// Parts of a step for a dead time in the line: the reflections at its ends are explicit, and gain energy in proportion to
-/// the step.
-const DELAY_PARTS: usize = 8;
-
 fn added(id: &'static str, site: Site, size: f64) -> Added {
     Added { id, site, size, more: Vec::new() }
 }
@@ -122,7 +118,7 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
             what: "dead time in the line; the size is its travel time",
             unit: "s",
             range: (5e-3, 0.06),
-            make: Box::new(|size| Line::printed().with(added("transport_delay", Site::Line, size)).finer(DELAY_PARTS)),
+            make: Box::new(|size| Line::printed().with(added("transport_delay", Site::Line, size))),
         },
         Candidate {
             id: "extra_inertia",
