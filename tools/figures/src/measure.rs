@@ -125,8 +125,7 @@ pub fn peak(rig: &impl Rig, low: f64, high: f64) -> Result<Peak> {
     Ok(Peak::Inside { frequency_hz, gain })
 }
 
-/// Whether a response can be that of a machine: a dead time within the line makes the simulation gain energy with each
-/// reflection, the more the coarser its steps.
+/// Whether a response can be that of a machine: a simulation that diverges is told, not drawn.
 pub fn sound(response: &Response) -> bool {
     response.gain < 1e3 && response.efficiency < 1e3
 }

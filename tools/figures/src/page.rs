@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::published::published;
 use crate::row::{Row, short};
 use crate::study::Study;
+use crate::tracing::cable::{CableCell, cut_off_range_hz};
 use crate::tracing::grid::Friction;
 
 /// Under each table of values.
@@ -126,8 +127,8 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
         .table(
             explanations(study)?,
             "Explanations of the measured 8 Hz. The miss is the root mean square of ln(predicted/published), over the two rows measured on \
-             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such cut-off or peak within five times the resonance, or \
-             the simulation diverges (dead time at 1 m); an explanation with such a row is not ranked.",
+             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such cut-off or peak within five times the resonance; an \
+             explanation with such a row is not ranked.",
         )
         .paragraph(&rival_words(study)?)
         .paragraph(&softening)
@@ -140,7 +141,46 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
                 share(Friction::Measured),
                 share(Friction::Between)
             ),
+        )
+        .paragraph(&cable_words(study)?)
+        .table(
+            cable_cells(&study.cable),
+            "The cable's stiffness, fitted anew for each amplitude and each damping of half a cable. The thesis prints neither.",
         ))
+}
+
+/// What the cable's fit comes to over its own grid.
+fn cable_words(study: &Study) -> Result<String> {
+    let measured = published("cable.cutoff_hz")?.value;
+    Ok(match cut_off_range_hz(&study.cable) {
+        Some((low, high)) => {
+            let off = |cut_off: f64| format!("{:+.0} %", 100.0 * (cut_off / measured - 1.0));
+            format!(
+                "The cable transmission too has one number fitted, the stiffness of its cables, to the same 8 Hz. It then cuts off at {} to {} Hz, \
+                 by amplitude and damping, where {measured} Hz were measured ({} to {}).",
+                short(Some(low)),
+                short(Some(high)),
+                off(low),
+                off(high)
+            )
+        }
+        None => "The cable transmission too has one number fitted, the stiffness of its cables, to the same 8 Hz; not every amplitude and \
+                 damping below has such a stiffness and a cut-off."
+            .to_owned(),
+    })
+}
+
+fn cable_cells(cells: &[CableCell]) -> Table {
+    let head = ["amplitude of the slave / °", "damping / (N·s/m)", "times softer", "gain at the peak", "cut-off / Hz"];
+    cells.iter().fold(Table::new(head), |table, cell| {
+        table.row([
+            format!("{:.0}", cell.amplitude_deg),
+            format!("{:.1}", cell.damping_n_s_per_m),
+            short(cell.factor.map(|factor| 1.0 / factor)),
+            short(cell.peak_gain),
+            short(cell.cut_off_hz),
+        ])
+    })
 }
 
 /// Which of the explanations of a softer line lie in the usual range of such parts.

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::line::Line;
 use crate::measure::{logarithmic, sweep};
 use crate::row::Row;
+use crate::tracing::cable::{self, CableCell};
 use crate::tracing::conclusions::{Conclusion, conclusions};
 use crate::tracing::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
 use crate::tracing::rivals::{FITTED, Rival, rivals};
@@ -22,6 +23,8 @@ pub struct Study {
     pub drawn: Vec<Drawn>,
     /// The fit over amplitude and friction.
     pub cells: Vec<Cell>,
+    /// The cable's fit over amplitude and damping.
+    pub cable: Vec<CableCell>,
     /// Other explanations.
     pub rivals: Vec<Rival>,
     /// What holds everywhere, and what does not.
@@ -31,7 +34,11 @@ pub struct Study {
 }
 
 /// How many times [`study`] calls `done`.
-pub const STEPS: usize = 2 + DRAW.len() + AMPLITUDES_DEG.len() * Friction::ALL.len() + FITTED;
+pub const STEPS: usize = 2
+    + DRAW.len()
+    + AMPLITUDES_DEG.len() * Friction::ALL.len()
+    + FITTED
+    + cable::AMPLITUDES_DEG.len() * cable::DAMPINGS.len();
 
 /// Computes everything; calls `done` after each part.
 ///
@@ -66,15 +73,16 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
         || {
             let cells = grid(&AMPLITUDES_DEG, &done)?;
             let rivals = rivals(common.tracing.factor, common.tracing.traced, &done)?;
-            Result::Ok((cells, rivals))
+            Result::Ok((cells, rivals, cable::cells(&done)?))
         },
     );
     let drawn = figures?;
-    let (cells, rivals) = loop_results?;
+    let (cells, rivals, cable) = loop_results?;
     let conclusions = conclusions(&cells, common.tracing.factor)?;
     let mut all: Vec<Row> = drawn.iter().flat_map(|figure| figure.rows.clone()).collect();
     all.extend(rows::rows(&common.tracing, &cells, &rivals, &conclusions)?);
-    Ok(Study { common, drawn, cells, rivals, conclusions, rows: all })
+    all.extend(cable::rows(&cable));
+    Ok(Study { common, drawn, cells, cable, rivals, conclusions, rows: all })
 }
 
 /// Points of a response to which a linear system is fitted.

@@ -21,21 +21,33 @@ const CLOSE_HZ: (f64, f64) = (5.0, 15.0);
 
 /// The cable transmission, ready to be moved.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Cable(pub Parameters);
+pub struct Cable {
+    /// Its constants.
+    pub parameters: Parameters,
+    /// Amplitude of the slave where the cables are rigid, degrees.
+    pub slave_amplitude_deg: f64,
+}
+
+impl Cable {
+    /// Moved as far as the hydrostatic line.
+    pub fn new(parameters: Parameters) -> Self {
+        Self { parameters, slave_amplitude_deg: SLAVE_AMPLITUDE_DEG }
+    }
+}
 
 impl Rig for Cable {
     type Plant = Plant;
 
     fn plant(&self) -> Result<Plant> {
-        Ok(Plant::new(self.0.clone(), Vec::new())?)
+        Ok(Plant::new(self.parameters.clone(), Vec::new())?)
     }
 
     fn amplitude_rad(&self) -> f64 {
-        SLAVE_AMPLITUDE_DEG.to_radians() * self.0.mechanical_ratio
+        self.slave_amplitude_deg.to_radians() * self.parameters.mechanical_ratio
     }
 
     fn mechanical_ratio(&self) -> f64 {
-        self.0.mechanical_ratio
+        self.parameters.mechanical_ratio
     }
 }
 
@@ -158,8 +170,8 @@ pub fn loops(_: &Common) -> Result<Drawn> {
 /// Where a constant is out of range.
 pub fn static_friction(common: &Common) -> Result<Drawn> {
     let hydrostatic = slow_cycle(&common.tracing.line)?;
-    let traced = slow_cycle(&Cable(Parameters::traced()))?;
-    let printed = slow_cycle(&Cable(Parameters::printed()))?;
+    let traced = slow_cycle(&Cable::new(Parameters::traced()))?;
+    let printed = slow_cycle(&Cable::new(Parameters::printed()))?;
     let panel = |title: &str, slow: &SlowCycle| {
         axes(title, "slave position / °", "motor torque / (N·m)").colour(Colour::Blue).line(
             "",
@@ -237,7 +249,7 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     frequencies.extend(logarithmic(CLOSE_HZ.0, CLOSE_HZ.1, 48));
     // As printed, the cable takes steps so small that the slowest are left out; its gain is flat there.
     let few = logarithmic(0.5, CLOSE_HZ.1, 28);
-    let (printed, traced) = (Cable(Parameters::printed()), Cable(Parameters::traced()));
+    let (printed, traced) = (Cable::new(Parameters::printed()), Cable::new(Parameters::traced()));
     let curves = [
         Curve::simulated("printed constants", Colour::Vermillion, false, &sweep(&printed, &few)?),
         Curve::simulated("traced cable", Colour::Blue, false, &sweep(&traced, &frequencies)?),
@@ -285,10 +297,10 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
 /// Where a constant is out of range.
 pub fn movement(common: &Common) -> Result<Drawn> {
     let hydrostatic = cycle(&common.tracing.line, 1.0)?;
-    let cable = cycle(&Cable(Parameters::traced()), 1.0)?;
+    let cable = cycle(&Cable::new(Parameters::traced()), 1.0)?;
     let printed = [
         cycle(&crate::line::Line::printed(), 1.0)?.flat_top_s(),
-        cycle(&Cable(Parameters::printed()), 1.0)?.flat_top_s(),
+        cycle(&Cable::new(Parameters::printed()), 1.0)?.flat_top_s(),
     ];
     let panel = |title: &str, cycle: &crate::measure::Cycle, ratio: f64| {
         let [time, master, slave] = columns(cycle);

@@ -6,6 +6,7 @@
 //! so [`grid`] does it all again over both, and [`conclusions`] keeps what holds everywhere. [`rivals`] asks whether
 //! something else than a softer line says more.
 
+pub mod cable;
 pub mod conclusions;
 pub mod grid;
 pub mod rivals;
@@ -17,7 +18,7 @@ use plant::hydrostatic::compliance::Explanations;
 
 use crate::error::{FiguresError, Result};
 use crate::line::{Added, Line};
-use crate::measure::{self, Peak, VANISHED_GAIN};
+use crate::measure::{self, Peak, Rig, VANISHED_GAIN};
 use crate::published::published;
 
 /// Frequencies between which the printed line's resonance is looked for, Hz.
@@ -63,7 +64,12 @@ pub struct Prediction {
 /// # Errors
 /// Never, as long as the table of published values holds it.
 pub fn measured_resonance_hz() -> Result<f64> {
-    Ok(published("hydrostatic.frequency_response_measured.resonance_hz")?.value)
+    measured("hydrostatic.frequency_response_measured.resonance_hz")
+}
+
+/// A published value by its name.
+fn measured(id: &'static str) -> Result<f64> {
+    Ok(published(id)?.value)
 }
 
 /// What a line predicts of its own response, the peak looked for between two frequencies, Hz: peak, cut-off, lag and gain.
@@ -122,7 +128,7 @@ fn near(target_hz: f64) -> (f64, f64) {
     (0.5 * target_hz, 2.0 * target_hz)
 }
 
-/// The size with which `line(size)` peaks at `target_hz`; `None` where no size from `harmless` to `strongest` (both
+/// The size with which `rig(size)` peaks at `target_hz`; `None` where no size from `harmless` to `strongest` (both
 /// positive) does. Of several it is the one nearest to `harmless`.
 ///
 /// Brackets a root of "simulated peak less target" in the logarithm of the size, then closes in on it. A size whose peak
@@ -131,12 +137,12 @@ fn near(target_hz: f64) -> (f64, f64) {
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
-pub fn fit(target_hz: f64, harmless: f64, strongest: f64, line: impl Fn(f64) -> Line) -> Result<Option<f64>> {
+pub fn fit<R: Rig>(target_hz: f64, harmless: f64, strongest: f64, rig: impl Fn(f64) -> R) -> Result<Option<f64>> {
     // Clamped, since the exponential of a logarithm may step over the end of a parameter's range.
     let size = |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
     let (low, high) = near(target_hz);
     let miss = |logarithm: f64| -> Result<f64> {
-        Ok(match measure::peak(&line(size(logarithm)), low, high)? {
+        Ok(match measure::peak(&rig(size(logarithm)), low, high)? {
             Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
             Peak::Below | Peak::Still => -target_hz,
             Peak::Above => target_hz,
