@@ -122,6 +122,22 @@ impl RigFile {
         self.model.hydrostatic(&self.file_name)
     }
 
+    /// The declared constants of the cable transmission; those that the file leaves out are as printed.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is of another kind.
+    pub fn cable_parameters(&self) -> Result<plant::cable::Parameters, RigError> {
+        self.model.cable(&self.file_name)
+    }
+
+    /// The declared constants of the transmission, whichever kind it is; those that the file leaves out are as printed.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
+    pub fn transmission_parameters(&self) -> Result<plant::any::Parameters, RigError> {
+        self.model.transmission(&self.file_name)
+    }
+
     /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.
     ///
     /// # Errors

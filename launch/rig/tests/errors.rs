@@ -59,6 +59,23 @@ fn unknown_parameter_with_no_like() {
     );
 }
 
+/// The message after one edit of the shipped cable rig.
+fn cable_error(from: &str, to: &str) -> String {
+    let text = include_str!("../../rigs/cable.toml");
+    assert_eq!(text.matches(from).count(), 1, "the edit must hit one place: {from}");
+    RigFile::parse(&text.replace(from, to), "rig.toml").unwrap_err().to_string()
+}
+
+#[test]
+fn unknown_parameter_of_the_cable() {
+    insta::assert_snapshot!(cable_error("pretension_n = {", "pre_tension_n = {"));
+}
+
+#[test]
+fn parameter_of_the_cable_out_of_range() {
+    insta::assert_snapshot!(cable_error("line_length_m = { value = 9.0", "line_length_m = { value = 900.0"));
+}
+
 #[test]
 fn control_beyond_the_limit_on_volts() {
     insta::assert_snapshot!(rig_error("volts_max = 10.0", "volts_max = 5.0"));

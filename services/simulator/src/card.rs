@@ -1,14 +1,15 @@
 //! The card without a clock.
 
 use ipc_types::{ANALOG, AXES, CardScan};
+use plant::ParameterError;
+use plant::any::Plant;
 use plant::effects::{EffectError, parse};
-use plant::hydrostatic::{Input, Plant};
 use plant::sensors::{Emg, EmgParameters, TorqueCell, TorqueCellParameters};
-use plant::{ParameterError, ParameterSet};
+use plant::transmission::{Input, Motion, Transmission};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, HandKind, ModelKind, RigFile};
+use rig::{Axis, ChannelKind, HandKind, RigFile};
 use thiserror::Error;
 
 /// The virtual card cannot be made from this rig file.
@@ -23,8 +24,8 @@ pub enum CardError {
     Effect(#[from] EffectError),
     /// No plant for that.
     #[error(
-        "{file}: the virtual card has a plant for model kind \"hydrostatic\" with one axis; found kind \"{kind}\" with \
-         {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
+        "{file}: the virtual card has a plant for the model kinds \"hydrostatic\" and \"cable\", with one axis; found kind \
+         \"{kind}\" with {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
     )]
     NoPlant { file: String, kind: &'static str, axes: usize },
 }
@@ -64,19 +65,18 @@ impl Card {
     /// `line_ns` is how long after the enable line's last toggle the motor keeps its power.
     pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
         let axis = match rig.axes.as_slice() {
-            [axis] if rig.model.kind == ModelKind::Hydrostatic => axis.clone(),
+            [axis] if rig.model.kind.is_transmission() => axis.clone(),
             axes => {
                 let file = rig.file_name().to_owned();
                 return Err(CardError::NoPlant { file, kind: rig.model.kind.name(), axes: axes.len() });
             }
         };
-        let mut parameters = rig.hydrostatic_parameters()?;
+        let mut parameters = rig.transmission_parameters()?;
         let simulation = &rig.simulation;
         let hand = simulation.hand;
         let held = hand.kind == HandKind::Passive;
         if held {
-            let handle = parameters.slave_handle_inertia_kg_m2;
-            parameters.set("slave_handle_inertia_kg_m2", handle + hand.inertia)?;
+            parameters.load_handle(hand.inertia)?;
         }
         let effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
@@ -104,7 +104,7 @@ impl Card {
         };
         let muscles = (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
         Ok(Self {
-            plant: Plant::new(parameters, effects)?,
+            plant: parameters.plant(effects)?,
             axis,
             torque_cell,
             emg,
@@ -171,7 +171,7 @@ impl Card {
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
         let powered = self.powered(time_ns);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
-        let reading = *self.plant.reading();
+        let reading = self.plant.reading();
         let mut scan = CardScan {
             tick,
             scan_time_ns: time_ns,
@@ -209,9 +209,9 @@ impl Card {
             let volts = self.noise(self.analog_noise_v);
             self.set_analog(&mut scan, self.other[index], volts);
         }
-        let state = self.plant.state();
+        let motion = self.plant.motion();
         let hand_torque_nm =
-            -self.hand_stiffness * state.slave_position_rad - self.hand_damping * state.slave_velocity_rad_s;
+            -self.hand_stiffness * motion.slave_position_rad - self.hand_damping * motion.slave_velocity_rad_s;
         self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
         scan
     }
@@ -223,8 +223,8 @@ impl Card {
         }
     }
 
-    /// The plant's state, for tests.
-    pub fn state(&self) -> &plant::hydrostatic::State {
-        self.plant.state()
+    /// Where the plant truly is, for tests.
+    pub fn motion(&self) -> Motion {
+        self.plant.motion()
     }
 }

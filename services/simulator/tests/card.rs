@@ -9,15 +9,19 @@ use simulator::{Card, LockStepDaq};
 const LINE_NS: u64 = 5_000_000;
 const TICK_NS: u64 = 500_000;
 
-fn rig() -> RigFile {
-    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+fn shipped(name: &str) -> RigFile {
+    RigFile::load(format!("{}/../../launch/rigs/{name}.toml", env!("CARGO_MANIFEST_DIR"))).unwrap()
 }
 
-struct LockStepBench(LockStepDaq);
+fn rig() -> RigFile {
+    shipped("hydrostatic")
+}
+
+struct LockStepBench(LockStepDaq, RigFile);
 
 impl Bench for LockStepBench {
     fn reset(&mut self) {
-        self.0 = LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap();
+        self.0 = LockStepDaq::new(&self.1, &[], LINE_NS, true).unwrap();
     }
     fn advance(&mut self, ticks: u64) {
         self.0.advance(ticks);
@@ -32,8 +36,11 @@ impl Bench for LockStepBench {
 
 #[test]
 fn the_lock_step_card_conforms() {
-    let mut bench = LockStepBench(LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap());
-    conformance::check(&mut bench).unwrap();
+    for name in ["hydrostatic", "cable"] {
+        let rig = shipped(name);
+        let mut bench = LockStepBench(LockStepDaq::new(&rig, &[], LINE_NS, true).unwrap(), rig);
+        conformance::check(&mut bench).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+    }
 }
 
 #[test]
@@ -82,7 +89,7 @@ fn volts_move_the_handle_and_counts_say_so() {
         scan = Some(card.clock(tick, tick * TICK_NS));
     }
     let scan = scan.unwrap();
-    let state = *card.state();
+    let state = card.motion();
     assert!(state.master_position_rad > 0.1, "{}", state.master_position_rad);
     let master = rig().axes[0].master.position(scan.master_counts[0]);
     // the scan is of the state one period before, at most one count and the noise away
@@ -99,7 +106,7 @@ fn an_effect_changes_the_plant_and_an_unknown_one_is_refused() {
             card.enable_line(tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }
-        card.state().master_position_rad
+        card.motion().master_position_rad
     };
     let plain = travel(&[]);
     let rubbing = travel(&["coulomb_friction@master=1.0".to_owned()]);
@@ -113,4 +120,66 @@ fn not_finite_volts_are_written_as_zero() {
     let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
     card.write([f64::NAN, f64::INFINITY, 1.0], 1, 7);
     assert_eq!(card.clock(1, TICK_NS).dac_v, [0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn volts_move_the_cables_handle_and_both_encoders_say_so() {
+    let rig = shipped("cable");
+    let mut card = Card::new(&rig, &[], LINE_NS).unwrap();
+    card.write([4.0, 0.0, 0.0], 1, 7);
+    let mut scan = card.clock(1, TICK_NS);
+    for tick in 2..=400 {
+        card.enable_line(tick, tick * TICK_NS);
+        scan = card.clock(tick, tick * TICK_NS);
+    }
+    let motion = card.motion();
+    assert!(motion.slave_position_rad > 0.1, "{motion:?}");
+    assert!(motion.slave_position_rad < motion.master_position_rad / 6.0, "{motion:?}");
+    let axis = &rig.axes[0];
+    let slack = |counts_per_unit: f64, speed: f64| 3.0 / counts_per_unit + speed.abs() * 0.5e-3;
+    let (master, slave) = (axis.master, axis.slave.unwrap());
+    let error = master.position(scan.master_counts[0]) - motion.master_position_rad;
+    assert!(error.abs() <= slack(master.counts_per_unit, motion.master_velocity_rad_s), "{error}");
+    let error = slave.position(scan.slave_counts[0]) - motion.slave_position_rad;
+    assert!(error.abs() <= slack(slave.counts_per_unit, motion.slave_velocity_rad_s), "{error}");
+}
+
+#[test]
+fn the_hands_inertia_slows_the_cables_handle() {
+    let travel = |inertia: &str| {
+        let text = shipped("cable").text().replace("inertia = 0.0 ", &format!("inertia = {inertia} "));
+        let mut card = Card::new(&RigFile::parse(&text, "cable.toml").unwrap(), &[], LINE_NS).unwrap();
+        card.write([6.0, 0.0, 0.0], 1, 7);
+        for tick in 1..=200 {
+            card.enable_line(tick, tick * TICK_NS);
+            card.clock(tick, tick * TICK_NS);
+        }
+        card.motion().slave_position_rad
+    };
+    let (light, heavy) = (travel("0.0"), travel("0.05"));
+    assert!(heavy > 0.0 && heavy < 0.7 * light, "{heavy} against {light}");
+}
+
+#[test]
+fn an_effect_acts_in_the_cables_and_one_of_fluids_is_refused() {
+    let rig = shipped("cable");
+    let travel = |effects: &[String]| {
+        let mut card = Card::new(&rig, effects, LINE_NS).unwrap();
+        card.write([4.0, 0.0, 0.0], 1, 7);
+        for tick in 1..=400 {
+            card.enable_line(tick, tick * TICK_NS);
+            card.clock(tick, tick * TICK_NS);
+        }
+        card.motion().master_position_rad
+    };
+    let (plain, rubbing) = (travel(&[]), travel(&["coulomb_friction@master=0.3".to_owned()]));
+    assert!(rubbing < 0.9 * plain, "{rubbing} against {plain}");
+    let error = Card::new(&rig, &["leakage".to_owned()], LINE_NS).unwrap_err().to_string();
+    assert!(error.contains("`leakage`") && error.contains("does not act on a cable transmission"), "{error}");
+}
+
+#[test]
+fn a_machine_without_a_plant_is_refused() {
+    let error = Card::new(&shipped("emps"), &[], LINE_NS).unwrap_err().to_string();
+    assert!(error.contains("\"hydrostatic\" and \"cable\", with one axis; found kind \"drive\" with 1"), "{error}");
 }
