@@ -104,6 +104,7 @@ impl RigFile {
         }
         Channel::check_all(&self.channels, source);
         self.model.check(source);
+        self.simulation.check(&self.channels, &self.rates, source);
         for (at, axis) in self.axes.iter().enumerate() {
             axis.check(at, &self.channels, &self.rates, source);
             if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {

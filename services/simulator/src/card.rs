@@ -4,7 +4,7 @@ use ipc_types::{ANALOG, AXES, CardScan};
 use plant::ParameterError;
 use plant::any::Plant;
 use plant::effects::{EffectError, parse};
-use plant::sensors::{Emg, EmgParameters, TorqueCell, TorqueCellParameters};
+use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
 use plant::transmission::{Input, Motion, Transmission};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -30,9 +30,6 @@ pub enum CardError {
     NoPlant { file: String, kind: &'static str, axes: usize },
 }
 
-/// Bandwidth of the optical torque cell [Hz]: none is printed; well above the hand's.
-const TORQUE_CELL_HZ: f64 = 200.0;
-
 /// The card.
 #[derive(Debug)]
 pub struct Card {
@@ -43,6 +40,10 @@ pub struct Card {
     emg: Vec<usize>,
     muscles: Option<Emg>,
     other: Vec<usize>,
+    /// The scanner and the channels that its line goes to; none where no scanner runs.
+    scanner: Option<ScannerTrigger>,
+    triggers: Vec<usize>,
+    first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand_damping: f64,
@@ -88,10 +89,14 @@ impl Card {
                 volts_per_nm: torque.volts_per_unit,
                 offset_v: torque.offset_v,
                 noise_v: simulation.torque_noise_v,
-                bandwidth_hz: TORQUE_CELL_HZ,
+                bandwidth_hz: simulation.torque_bandwidth_hz,
                 limit_v: range.map_or(10.0, |channel| channel.range_v),
             };
-            (torque.channel, TorqueCell::new(cell, simulation.seed))
+            let drift = Drift {
+                ramp_v_per_s: simulation.torque_drift_v_per_s,
+                walk_v_per_sqrt_s: simulation.torque_walk_v_per_sqrt_s,
+            };
+            (torque.channel, TorqueCell::new(cell, simulation.seed).with_drift(drift))
         });
         let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
         let emg = channels(|kind| kind == ChannelKind::Emg);
@@ -110,6 +115,9 @@ impl Card {
             emg,
             muscles,
             other: channels(|kind| kind == ChannelKind::Other),
+            scanner: simulation.scanner.map(ScannerTrigger::checked).transpose()?,
+            triggers: channels(|kind| kind == ChannelKind::Trigger),
+            first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
             hand_damping: if held { hand.damping } else { 0.0 },
@@ -208,6 +216,15 @@ impl Card {
         for index in 0..self.other.len() {
             let volts = self.noise(self.analog_noise_v);
             self.set_analog(&mut scan, self.other[index], volts);
+        }
+        if let Some(scanner) = &self.scanner {
+            // The first volume begins with the card's first scan.
+            let ticks = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
+            let level = scanner.volts(ticks as f64 * self.period_s);
+            for index in 0..self.triggers.len() {
+                let volts = level + self.noise(self.analog_noise_v);
+                self.set_analog(&mut scan, self.triggers[index], volts);
+            }
         }
         let motion = self.plant.motion();
         let hand_torque_nm =

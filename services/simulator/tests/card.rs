@@ -17,6 +17,22 @@ fn rig() -> RigFile {
     shipped("hydrostatic")
 }
 
+/// The shipped hydrostatic rig with some of its keys' values changed.
+fn edited(edits: &[(&str, &str)]) -> RigFile {
+    let mut text = rig().text().to_owned();
+    for (from, to) in edits {
+        assert_eq!(text.matches(from).count(), 1, "the edit must hit one place: {from}");
+        text = text.replace(from, to);
+    }
+    RigFile::parse(&text, "rig.toml").unwrap()
+}
+
+/// The scans of a card without power.
+fn scans(rig: &RigFile, count: u64) -> Vec<ipc_types::CardScan> {
+    let mut card = Card::new(rig, &[], LINE_NS).unwrap();
+    (1000..1000 + count).map(|tick| card.clock(tick, tick * TICK_NS)).collect()
+}
+
 struct LockStepBench(LockStepDaq, RigFile);
 
 impl Bench for LockStepBench {
@@ -182,4 +198,58 @@ fn an_effect_acts_in_the_cables_and_one_of_fluids_is_refused() {
 fn a_machine_without_a_plant_is_refused() {
     let error = Card::new(&shipped("emps"), &[], LINE_NS).unwrap_err().to_string();
     assert!(error.contains("\"hydrostatic\" and \"cable\", with one axis; found kind \"drive\" with 1"), "{error}");
+}
+
+#[test]
+fn the_torque_cells_zero_drifts_as_declared() {
+    let torque = |rig: &RigFile| scans(rig, 4000).iter().map(|scan| scan.analog_v[0]).collect::<Vec<_>>();
+    let mean = |volts: &[f64]| volts.iter().sum::<f64>() / volts.len() as f64;
+    let still = torque(&rig());
+    assert!(mean(&still[3000..]).abs() < 3e-4, "{}", mean(&still[3000..]));
+    let ramp = torque(&edited(&[("torque_drift_v_per_s = 0.0", "torque_drift_v_per_s = 0.1")]));
+    // the last of two seconds: 0.175 V in the mean of its second half
+    assert!((mean(&ramp[3000..]) - 0.175).abs() < 1e-3, "{}", mean(&ramp[3000..]));
+    let walk = torque(&edited(&[("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = 0.1")]));
+    // drift leaves the noise as it was: what is left is the walk, of 0.1 V after a second
+    let steps: Vec<f64> = walk.iter().zip(&still).map(|(walk, still)| walk - still).collect();
+    let squares: f64 = steps.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    assert!((squares / 2.0 / 0.01 - 1.0).abs() < 0.1, "{squares}");
+}
+
+#[test]
+fn a_narrow_torque_cell_smooths_and_lags() {
+    let after = |bandwidth: &str| {
+        let rig = edited(&[
+            ("torque_bandwidth_hz = 200.0", bandwidth),
+            ("torque_noise_v = 0.002", "torque_noise_v = 0.0"),
+            ("stiffness = 0.3 ", "stiffness = 10.0 "),
+        ]);
+        let mut card = Card::new(&rig, &[], LINE_NS).unwrap();
+        card.write([6.0, 0.0, 0.0], 1, 7);
+        let mut volts = 0.0;
+        for tick in 1..=200 {
+            card.enable_line(tick, tick * TICK_NS);
+            volts = card.clock(tick, tick * TICK_NS).analog_v[0];
+        }
+        volts
+    };
+    let (wide, narrow) = (after("torque_bandwidth_hz = 200.0"), after("torque_bandwidth_hz = 1.0"));
+    assert!(wide < -0.1 && narrow < 0.0 && narrow > 0.7 * wide, "{narrow} against {wide}");
+}
+
+#[test]
+fn the_scanner_pulses_on_its_channel_once_a_volume() {
+    assert!(scans(&rig(), 200).iter().all(|scan| scan.analog_v[7] == 0.0), "no scanner runs");
+    let scanner = edited(&[
+        ("trigger_repetition_s = 0.0", "trigger_repetition_s = 0.5"),
+        ("analog_noise_v = 0.001", "analog_noise_v = 0.0"),
+    ]);
+    let volts: Vec<f64> = scans(&scanner, 3500).iter().map(|scan| scan.analog_v[7]).collect();
+    for (index, volts) in volts.iter().enumerate() {
+        // every 1,000 scans, 20 of them long, the first with the first scan
+        let expected = if index % 1000 < 20 { 0.0 } else { 5.0 };
+        assert_eq!(*volts, expected, "scan {index}");
+    }
+    let noisy = edited(&[("trigger_repetition_s = 0.0", "trigger_repetition_s = 0.5")]);
+    assert!(scans(&noisy, 100)[50..].iter().any(|scan| (scan.analog_v[7] - 5.0).abs() > 1e-4));
 }
