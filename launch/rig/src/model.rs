@@ -1,6 +1,6 @@
 //! The declared model: a kind, and parameters that are known to a tolerance.
 
-use plant::{ParameterInfo, ParameterSet, drive, hydrostatic};
+use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
 
 use crate::error::{Problem, RigError};
 use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
@@ -41,6 +41,11 @@ impl ModelKind {
     /// The word in the file.
     pub fn name(self) -> &'static str {
         Self::WORDS.iter().find(|(_, kind)| *kind == self).map_or("", |(word, _)| word)
+    }
+
+    /// Whether it is a transmission between a motor that takes volts and a handle: what the virtual card can simulate.
+    pub fn is_transmission(self) -> bool {
+        matches!(self, Self::Hydrostatic | Self::Cable)
     }
 }
 
@@ -92,6 +97,12 @@ const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
     source: "EMPS: Janot, Gautier, Brunot 2019",
 };
 
+/// The file's model is not the one that was asked for.
+fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
+    let (file, advice) = (file.to_owned(), "take a rig file with that model".to_owned());
+    RigError::Invalid { problems: vec![Problem { file, line: 1, key, expected, found, advice }] }
+}
+
 fn is_of_the_motor(kind: ModelKind, name: &str) -> bool {
     kind == ModelKind::Drive && name == FORCE_PER_VOLT.name
 }
@@ -110,22 +121,34 @@ impl Model {
         self.fill(ModelKind::Hydrostatic, hydrostatic::Parameters::printed(), file)
     }
 
+    /// The declared constants of a cable transmission; those that the file leaves out are as printed.
+    pub(crate) fn cable(&self, file: &str) -> Result<cable::Parameters, RigError> {
+        self.fill(ModelKind::Cable, cable::Parameters::printed(), file)
+    }
+
+    /// The declared constants of a transmission, whichever it is.
+    pub(crate) fn transmission(&self, file: &str) -> Result<any::Parameters, RigError> {
+        match self.kind {
+            ModelKind::Hydrostatic => self.hydrostatic(file).map(Into::into),
+            ModelKind::Cable => self.cable(file).map(Into::into),
+            ModelKind::Drive | ModelKind::Oscillator | ModelKind::Element => {
+                let expected = format!(
+                    "a transmission: the model \"{}\" or \"{}\"",
+                    ModelKind::Hydrostatic.name(),
+                    ModelKind::Cable.name()
+                );
+                Err(unfit(file, "model.kind".to_owned(), expected, format!("\"{}\"", self.kind.name())))
+            }
+        }
+    }
+
     /// The declared constants of a one-mass drive.
     pub(crate) fn drive(&self, file: &str) -> Result<drive::Parameters, RigError> {
         self.fill(ModelKind::Drive, drive::Parameters::default(), file)
     }
 
     fn fill<P: ParameterSet>(&self, kind: ModelKind, mut parameters: P, file: &str) -> Result<P, RigError> {
-        let problem = |key: String, expected: String, found: String| RigError::Invalid {
-            problems: vec![Problem {
-                file: file.to_owned(),
-                line: 1,
-                key,
-                expected,
-                found,
-                advice: "take a rig file with that model".to_owned(),
-            }],
-        };
+        let problem = |key, expected, found| unfit(file, key, expected, found);
         if self.kind != kind {
             let (expected, found) = (format!("the model \"{}\"", kind.name()), format!("\"{}\"", self.kind.name()));
             return Err(problem("model.kind".to_owned(), expected, found));
@@ -143,8 +166,9 @@ impl Model {
     pub(crate) fn check(&self, source: &Source<'_>) {
         let infos: &[ParameterInfo] = match self.kind {
             ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
+            ModelKind::Cable => cable::Parameters::NAMES,
             ModelKind::Drive => drive::Parameters::NAMES,
-            ModelKind::Cable | ModelKind::Oscillator | ModelKind::Element => return,
+            ModelKind::Oscillator | ModelKind::Element => return,
         };
         let extra = (self.kind == ModelKind::Drive).then_some(FORCE_PER_VOLT);
         let infos = || infos.iter().chain(extra.iter());

@@ -104,6 +104,7 @@ impl RigFile {
         }
         Channel::check_all(&self.channels, source);
         self.model.check(source);
+        self.simulation.check(&self.channels, &self.rates, source);
         for (at, axis) in self.axes.iter().enumerate() {
             axis.check(at, &self.channels, &self.rates, source);
             if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {
@@ -120,6 +121,22 @@ impl RigFile {
     /// [`RigError::Invalid`] where the model is of another kind.
     pub fn hydrostatic_parameters(&self) -> Result<plant::hydrostatic::Parameters, RigError> {
         self.model.hydrostatic(&self.file_name)
+    }
+
+    /// The declared constants of the cable transmission; those that the file leaves out are as printed.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is of another kind.
+    pub fn cable_parameters(&self) -> Result<plant::cable::Parameters, RigError> {
+        self.model.cable(&self.file_name)
+    }
+
+    /// The declared constants of the transmission, whichever kind it is; those that the file leaves out are as printed.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
+    pub fn transmission_parameters(&self) -> Result<plant::any::Parameters, RigError> {
+        self.model.transmission(&self.file_name)
     }
 
     /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.

@@ -1,6 +1,10 @@
 //! What the virtual card adds to the declared model.
 
-use crate::read::{Section, bounds};
+use plant::sensors::ScannerTrigger;
+
+use crate::channel::{Channel, ChannelKind};
+use crate::rates::Rates;
+use crate::read::{Section, Source, bounds};
 
 /// Defaults for the virtual card: the sensors' noise, the hand at the handle, the seed of all chance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,10 +15,18 @@ pub struct Simulation {
     pub encoder_noise_counts: f64,
     /// Standard deviation of the noise on the torque channel (V).
     pub torque_noise_v: f64,
+    /// Cut-off of the torque cell's low pass (Hz).
+    pub torque_bandwidth_hz: f64,
+    /// Steady drift of the torque cell's zero (V/s).
+    pub torque_drift_v_per_s: f64,
+    /// Random walk of the torque cell's zero (V/√s): after `t` seconds its standard deviation is this times `√t`.
+    pub torque_walk_v_per_sqrt_s: f64,
     /// Standard deviation of the noise on every other analog input (V).
     pub analog_noise_v: f64,
     /// RMS of the simulated EMG of a fully active muscle (V).
     pub emg_rms_v: f64,
+    /// The scanner that pulses on the channels of kind `trigger`; `None` where none runs.
+    pub scanner: Option<ScannerTrigger>,
     /// Who holds the handle.
     pub hand: Hand,
 }
@@ -48,14 +60,86 @@ impl Simulation {
             seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
             encoder_noise_counts: noise("encoder_noise_counts", 0.3, "an encoder's noise is a fraction of a count"),
             torque_noise_v: noise("torque_noise_v", 0.002, "in V, standard deviation"),
+            torque_bandwidth_hz: section.number_or(
+                "torque_bandwidth_hz",
+                200.0,
+                bounds(0.1, 1e5, "in Hz; an optical cell follows a hand with ease"),
+            ),
+            torque_drift_v_per_s: section.number_or(
+                "torque_drift_v_per_s",
+                0.0,
+                bounds(-1.0, 1.0, "in V/s; 1 mV a minute is 1.7e-5"),
+            ),
+            torque_walk_v_per_sqrt_s: section.number_or(
+                "torque_walk_v_per_sqrt_s",
+                0.0,
+                bounds(0.0, 1.0, "in V/√s; a zero that is off by 60 mV (standard deviation) after an hour is 1e-3"),
+            ),
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
+            scanner: read_scanner(&section),
             hand: Hand::read(section.section("hand")),
         };
         section.finish();
         simulation
     }
+
+    /// What can only be seen with the other sections at hand.
+    pub(crate) fn check(&self, channels: &[Channel], rates: &Rates, source: &Source<'_>) {
+        let Some(scanner) = &self.scanner else { return };
+        let key = |name: &str| format!("simulation.{name}");
+        let scan_s = rates.acquisition_period_ns() as f64 * 1e-9;
+        if scanner.pulse_s >= scanner.repetition_s {
+            let expected = format!("less than trigger_repetition_s ({} s)", scanner.repetition_s);
+            source.problem(&key("trigger_pulse_s"), expected, scanner.pulse_s, "a pulse ends before the next begins");
+        } else if scanner.pulse_s < scan_s || scanner.repetition_s - scanner.pulse_s < scan_s {
+            let expected = format!("at least one scan ({scan_s} s), and as much between two pulses");
+            let advice = "what is shorter falls between two scans and is missed";
+            source.problem(&key("trigger_pulse_s"), expected, scanner.pulse_s, advice);
+        }
+        let inputs: Vec<_> = channels.iter().filter(|channel| channel.kind == ChannelKind::Trigger).collect();
+        if inputs.is_empty() {
+            let (expected, found) = ("0, as no channel is of kind \"trigger\"", scanner.repetition_s);
+            let advice = "add [[channels]] with kind = \"trigger\", or switch the scanner off";
+            source.problem(&key("trigger_repetition_s"), expected, found, advice);
+        }
+        for channel in inputs {
+            for (name, volts) in [("trigger_idle_v", scanner.idle_v), ("trigger_pulse_v", scanner.pulse_v)] {
+                if volts.abs() > channel.range_v {
+                    let expected = format!("within the ±{} V of the channel \"{}\"", channel.range_v, channel.name);
+                    source.problem(&key(name), expected, volts, "widen the channel's range_v, or lower the level");
+                }
+            }
+        }
+        if scanner.idle_v == scanner.pulse_v {
+            let expected = format!("another level than trigger_idle_v ({} V)", scanner.idle_v);
+            let advice = "nobody sees a pulse that changes nothing";
+            source.problem(&key("trigger_pulse_v"), expected, scanner.pulse_v, advice);
+        }
+    }
 }
+
+/// The scanner's keys; its first volume begins with the card.
+fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
+    let number = |key, default, least, most, advice| section.number_or(key, default, bounds(least, most, advice));
+    let usual = ScannerTrigger::default();
+    let repetition_s = number("trigger_repetition_s", 0.0, 0.0, 60.0, "TR in s; 0 where no scanner runs");
+    let scanner = ScannerTrigger {
+        repetition_s,
+        pulse_s: number("trigger_pulse_s", usual.pulse_s, 1e-6, 60.0, "length of a pulse, in s"),
+        idle_v: number("trigger_idle_v", usual.idle_v, -10.0, 10.0, "level between pulses, in V"),
+        pulse_v: number("trigger_pulse_v", usual.pulse_v, -10.0, 10.0, "level during a pulse, in V"),
+        ..usual
+    };
+    if repetition_s > 0.0 && repetition_s < SHORTEST_REPETITION_S {
+        let expected = format!("0 or at least {SHORTEST_REPETITION_S} s");
+        section.problem("trigger_repetition_s", expected, repetition_s, "TR in s; 0 where no scanner runs");
+    }
+    (repetition_s > 0.0).then_some(scanner)
+}
+
+/// Shortest time between two volumes that the model of the trigger stands for (s).
+const SHORTEST_REPETITION_S: f64 = 1e-3;
 
 impl Hand {
     fn read(section: Section<'_>) -> Self {

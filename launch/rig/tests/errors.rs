@@ -59,6 +59,54 @@ fn unknown_parameter_with_no_like() {
     );
 }
 
+/// The message after one edit of the shipped cable rig.
+fn cable_error(from: &str, to: &str) -> String {
+    let text = include_str!("../../rigs/cable.toml");
+    assert_eq!(text.matches(from).count(), 1, "the edit must hit one place: {from}");
+    RigFile::parse(&text.replace(from, to), "rig.toml").unwrap_err().to_string()
+}
+
+#[test]
+fn unknown_parameter_of_the_cable() {
+    insta::assert_snapshot!(cable_error("pretension_n = {", "pre_tension_n = {"));
+}
+
+#[test]
+fn parameter_of_the_cable_out_of_range() {
+    insta::assert_snapshot!(cable_error("line_length_m = { value = 9.0", "line_length_m = { value = 900.0"));
+}
+
+#[test]
+fn torque_cell_that_drifts_out_of_range() {
+    insta::assert_snapshot!(rig_error("torque_drift_v_per_s = 0.0", "torque_drift_v_per_s = 5.0"));
+    insta::assert_snapshot!(rig_error("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = -0.1"));
+    insta::assert_snapshot!(rig_error("torque_bandwidth_hz = 200.0", "torque_bandwidth_hz = 0.0"));
+}
+
+#[test]
+fn trigger_that_cannot_be_seen() {
+    let scanner = |pulse: &str, more: &[(&str, &str)]| {
+        let edited = RIG.replace("trigger_repetition_s = 0.0", "trigger_repetition_s = 2.0");
+        let mut edited = edited.replace("trigger_pulse_s = 0.01", &format!("trigger_pulse_s = {pulse}"));
+        for (from, to) in more {
+            assert_eq!(edited.matches(from).count(), 1, "the edit must hit one place: {from}");
+            edited = edited.replace(from, to);
+        }
+        RigFile::parse(&edited, "rig.toml").map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(scanner("0.01", &[]), Ok(()));
+    insta::assert_snapshot!(scanner("2.5", &[]).unwrap_err());
+    insta::assert_snapshot!(scanner("1e-4", &[]).unwrap_err());
+    insta::assert_snapshot!(scanner("0.01", &[("trigger_pulse_v = 0.0", "trigger_pulse_v = 5.0")]).unwrap_err());
+    insta::assert_snapshot!(scanner("0.01", &[("kind = \"trigger\"\nunit", "kind = \"other\"\nunit")]).unwrap_err());
+    insta::assert_snapshot!(rig_error("trigger_repetition_s = 0.0", "trigger_repetition_s = 1e-4"));
+    let narrow = [
+        ("name = \"scanner_trigger\"", "name = \"scanner_trigger\"\nrange_v = 2.0"),
+        ("unit = \"V\"\nrange_v = 10.0", "unit = \"V\""),
+    ];
+    insta::assert_snapshot!(scanner("0.01", &narrow).unwrap_err());
+}
+
 #[test]
 fn control_beyond_the_limit_on_volts() {
     insta::assert_snapshot!(rig_error("volts_max = 10.0", "volts_max = 5.0"));

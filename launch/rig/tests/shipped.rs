@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use plant::ParameterSet;
 use rig::protocol::Protocol;
 use rig::{AxisUnit, ChannelKind, HandKind, ModelKind, ParameterSource, RigFile};
 
@@ -45,6 +46,26 @@ fn the_two_hydrostatic_rigs_differ_in_the_line_alone() {
 }
 
 #[test]
+fn the_cable_rig_is_the_test_bed_of_chapter_5() {
+    let rig = shipped("cable.toml");
+    assert_eq!((rig.name.as_str(), rig.model.kind), ("cable", ModelKind::Cable));
+    let axis = &rig.axes[0];
+    // § 5.1: 5000 lines at the motor and at the handle
+    assert!((axis.master.position(20_000) - std::f64::consts::TAU).abs() < 1e-12);
+    assert_eq!(axis.slave, Some(axis.master));
+    let declared = rig.cable_parameters().unwrap();
+    let traced = plant::cable::Parameters::traced();
+    for info in plant::cable::Parameters::NAMES {
+        let parameter = rig.model.parameter(info.name).unwrap_or_else(|| panic!("{} is not declared", info.name));
+        let (value, reference) = (declared.get(info.name).unwrap(), traced.get(info.name).unwrap());
+        assert_eq!(value, parameter.value);
+        assert!((value - reference).abs() <= 1e-6 * reference.abs(), "{}: {value}, {reference}", info.name);
+    }
+    assert_eq!(rig.model.parameter("mechanical_ratio").unwrap().source, ParameterSource::Printed);
+    assert_eq!(rig.model.parameter("cable_stiffness_factor").unwrap().source, ParameterSource::Traced);
+}
+
+#[test]
 fn the_emps_carriage_counts_in_metres() {
     let rig = shipped("emps.toml");
     let axis = &rig.axes[0];
@@ -75,7 +96,18 @@ fn declared_parameters_reach_the_model() {
     let reference = plant::hydrostatic::Parameters::traced().line_stiffness_factor;
     assert!((traced.line_stiffness_factor / reference - 1.0).abs() < 1e-6);
 
+    let cable = shipped("cable.toml");
+    assert_eq!(cable.transmission_parameters().unwrap(), cable.cable_parameters().unwrap().into());
+    assert_eq!(shipped("hydrostatic.toml").transmission_parameters().unwrap(), traced.into());
+    let edited = cable.text().replace("cable_stiffness_factor = {", "# cable_stiffness_factor = {");
+    let edited = RigFile::parse(&edited, "cable.toml").unwrap();
+    assert_eq!(edited.cable_parameters().unwrap().cable_stiffness_factor, 1.0, "left out, it is as printed");
+    let error = cable.hydrostatic_parameters().unwrap_err().to_string();
+    assert!(error.contains("expected the model \"hydrostatic\", found \"cable\""), "{error}");
+
     let emps = shipped("emps.toml");
+    let error = emps.transmission_parameters().unwrap_err().to_string();
+    assert!(error.contains("the model \"hydrostatic\" or \"cable\", found \"drive\""), "{error}");
     assert_eq!(emps.drive_parameters().unwrap().mass_kg, 100.0);
     assert_eq!(emps.force_per_volt(), Some(35.15065));
     let error = emps.hydrostatic_parameters().unwrap_err().to_string();
@@ -88,9 +120,10 @@ fn declared_parameters_reach_the_model() {
 }
 
 #[test]
-fn the_protocols_fit_the_hydrostatic_rig() {
-    let rig = shipped("hydrostatic.toml");
-    for name in ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml"] {
+fn the_protocols_fit_both_transmissions() {
+    for (rig, name) in ["hydrostatic.toml", "cable.toml"].into_iter().flat_map(|rig| {
+        ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml"].map(|name| (shipped(rig), name))
+    }) {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../protocols").join(name);
         let protocol = Protocol::load(path).unwrap_or_else(|error| panic!("{error}"));
         protocol.check_against(&rig).unwrap_or_else(|error| panic!("{error}"));

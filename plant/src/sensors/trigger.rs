@@ -8,7 +8,7 @@ parameter_set! {
     ///
     /// The thesis's programs wait while the line reads more than 2.0 V (appendix, `tg.s90 > 2.0`): it idles high and a
     /// pulse pulls it low. For a scanner that pulses high, exchange the two levels.
-    #[derive(PartialEq)]
+    #[derive(Copy, PartialEq)]
     pub struct ScannerTrigger {
         /// Repetition time TR: from the start of one volume to that of the next.
         repetition_s: "s", 1e-3, 60.0, 2.0, "assumed: usual in fMRI";

@@ -1,14 +1,15 @@
 //! The card without a clock.
 
 use ipc_types::{ANALOG, AXES, CardScan};
+use plant::ParameterError;
+use plant::any::Plant;
 use plant::effects::{EffectError, parse};
-use plant::hydrostatic::{Input, Plant};
-use plant::sensors::{Emg, EmgParameters, TorqueCell, TorqueCellParameters};
-use plant::{ParameterError, ParameterSet};
+use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
+use plant::transmission::{Input, Motion, Transmission};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, HandKind, ModelKind, RigFile};
+use rig::{Axis, ChannelKind, HandKind, RigFile};
 use thiserror::Error;
 
 /// The virtual card cannot be made from this rig file.
@@ -23,14 +24,11 @@ pub enum CardError {
     Effect(#[from] EffectError),
     /// No plant for that.
     #[error(
-        "{file}: the virtual card has a plant for model kind \"hydrostatic\" with one axis; found kind \"{kind}\" with \
-         {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
+        "{file}: the virtual card has a plant for the model kinds \"hydrostatic\" and \"cable\", with one axis; found kind \
+         \"{kind}\" with {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
     )]
     NoPlant { file: String, kind: &'static str, axes: usize },
 }
-
-/// Bandwidth of the optical torque cell [Hz]: none is printed; well above the hand's.
-const TORQUE_CELL_HZ: f64 = 200.0;
 
 /// The card.
 #[derive(Debug)]
@@ -42,6 +40,10 @@ pub struct Card {
     emg: Vec<usize>,
     muscles: Option<Emg>,
     other: Vec<usize>,
+    /// The scanner and the channels that its line goes to; none where no scanner runs.
+    scanner: Option<ScannerTrigger>,
+    triggers: Vec<usize>,
+    first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand_damping: f64,
@@ -64,19 +66,18 @@ impl Card {
     /// `line_ns` is how long after the enable line's last toggle the motor keeps its power.
     pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
         let axis = match rig.axes.as_slice() {
-            [axis] if rig.model.kind == ModelKind::Hydrostatic => axis.clone(),
+            [axis] if rig.model.kind.is_transmission() => axis.clone(),
             axes => {
                 let file = rig.file_name().to_owned();
                 return Err(CardError::NoPlant { file, kind: rig.model.kind.name(), axes: axes.len() });
             }
         };
-        let mut parameters = rig.hydrostatic_parameters()?;
+        let mut parameters = rig.transmission_parameters()?;
         let simulation = &rig.simulation;
         let hand = simulation.hand;
         let held = hand.kind == HandKind::Passive;
         if held {
-            let handle = parameters.slave_handle_inertia_kg_m2;
-            parameters.set("slave_handle_inertia_kg_m2", handle + hand.inertia)?;
+            parameters.load_handle(hand.inertia)?;
         }
         let effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
@@ -88,10 +89,14 @@ impl Card {
                 volts_per_nm: torque.volts_per_unit,
                 offset_v: torque.offset_v,
                 noise_v: simulation.torque_noise_v,
-                bandwidth_hz: TORQUE_CELL_HZ,
+                bandwidth_hz: simulation.torque_bandwidth_hz,
                 limit_v: range.map_or(10.0, |channel| channel.range_v),
             };
-            (torque.channel, TorqueCell::new(cell, simulation.seed))
+            let drift = Drift {
+                ramp_v_per_s: simulation.torque_drift_v_per_s,
+                walk_v_per_sqrt_s: simulation.torque_walk_v_per_sqrt_s,
+            };
+            (torque.channel, TorqueCell::new(cell, simulation.seed).with_drift(drift))
         });
         let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
         let emg = channels(|kind| kind == ChannelKind::Emg);
@@ -104,12 +109,15 @@ impl Card {
         };
         let muscles = (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
         Ok(Self {
-            plant: Plant::new(parameters, effects)?,
+            plant: parameters.plant(effects)?,
             axis,
             torque_cell,
             emg,
             muscles,
             other: channels(|kind| kind == ChannelKind::Other),
+            scanner: simulation.scanner.map(ScannerTrigger::checked).transpose()?,
+            triggers: channels(|kind| kind == ChannelKind::Trigger),
+            first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
             hand_damping: if held { hand.damping } else { 0.0 },
@@ -171,7 +179,7 @@ impl Card {
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
         let powered = self.powered(time_ns);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
-        let reading = *self.plant.reading();
+        let reading = self.plant.reading();
         let mut scan = CardScan {
             tick,
             scan_time_ns: time_ns,
@@ -209,9 +217,18 @@ impl Card {
             let volts = self.noise(self.analog_noise_v);
             self.set_analog(&mut scan, self.other[index], volts);
         }
-        let state = self.plant.state();
+        if let Some(scanner) = &self.scanner {
+            // The first volume begins with the card's first scan.
+            let ticks = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
+            let level = scanner.volts(ticks as f64 * self.period_s);
+            for index in 0..self.triggers.len() {
+                let volts = level + self.noise(self.analog_noise_v);
+                self.set_analog(&mut scan, self.triggers[index], volts);
+            }
+        }
+        let motion = self.plant.motion();
         let hand_torque_nm =
-            -self.hand_stiffness * state.slave_position_rad - self.hand_damping * state.slave_velocity_rad_s;
+            -self.hand_stiffness * motion.slave_position_rad - self.hand_damping * motion.slave_velocity_rad_s;
         self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
         scan
     }
@@ -223,8 +240,8 @@ impl Card {
         }
     }
 
-    /// The plant's state, for tests.
-    pub fn state(&self) -> &plant::hydrostatic::State {
-        self.plant.state()
+    /// Where the plant truly is, for tests.
+    pub fn motion(&self) -> Motion {
+        self.plant.motion()
     }
 }

@@ -9,15 +9,35 @@ use simulator::{Card, LockStepDaq};
 const LINE_NS: u64 = 5_000_000;
 const TICK_NS: u64 = 500_000;
 
-fn rig() -> RigFile {
-    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+fn shipped(name: &str) -> RigFile {
+    RigFile::load(format!("{}/../../launch/rigs/{name}.toml", env!("CARGO_MANIFEST_DIR"))).unwrap()
 }
 
-struct LockStepBench(LockStepDaq);
+fn rig() -> RigFile {
+    shipped("hydrostatic")
+}
+
+/// The shipped hydrostatic rig with some of its keys' values changed.
+fn edited(edits: &[(&str, &str)]) -> RigFile {
+    let mut text = rig().text().to_owned();
+    for (from, to) in edits {
+        assert_eq!(text.matches(from).count(), 1, "the edit must hit one place: {from}");
+        text = text.replace(from, to);
+    }
+    RigFile::parse(&text, "rig.toml").unwrap()
+}
+
+/// The scans of a card without power.
+fn scans(rig: &RigFile, count: u64) -> Vec<ipc_types::CardScan> {
+    let mut card = Card::new(rig, &[], LINE_NS).unwrap();
+    (1000..1000 + count).map(|tick| card.clock(tick, tick * TICK_NS)).collect()
+}
+
+struct LockStepBench(LockStepDaq, RigFile);
 
 impl Bench for LockStepBench {
     fn reset(&mut self) {
-        self.0 = LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap();
+        self.0 = LockStepDaq::new(&self.1, &[], LINE_NS, true).unwrap();
     }
     fn advance(&mut self, ticks: u64) {
         self.0.advance(ticks);
@@ -32,8 +52,11 @@ impl Bench for LockStepBench {
 
 #[test]
 fn the_lock_step_card_conforms() {
-    let mut bench = LockStepBench(LockStepDaq::new(&rig(), &[], LINE_NS, true).unwrap());
-    conformance::check(&mut bench).unwrap();
+    for name in ["hydrostatic", "cable"] {
+        let rig = shipped(name);
+        let mut bench = LockStepBench(LockStepDaq::new(&rig, &[], LINE_NS, true).unwrap(), rig);
+        conformance::check(&mut bench).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+    }
 }
 
 #[test]
@@ -82,7 +105,7 @@ fn volts_move_the_handle_and_counts_say_so() {
         scan = Some(card.clock(tick, tick * TICK_NS));
     }
     let scan = scan.unwrap();
-    let state = *card.state();
+    let state = card.motion();
     assert!(state.master_position_rad > 0.1, "{}", state.master_position_rad);
     let master = rig().axes[0].master.position(scan.master_counts[0]);
     // the scan is of the state one period before, at most one count and the noise away
@@ -99,7 +122,7 @@ fn an_effect_changes_the_plant_and_an_unknown_one_is_refused() {
             card.enable_line(tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }
-        card.state().master_position_rad
+        card.motion().master_position_rad
     };
     let plain = travel(&[]);
     let rubbing = travel(&["coulomb_friction@master=1.0".to_owned()]);
@@ -113,4 +136,120 @@ fn not_finite_volts_are_written_as_zero() {
     let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
     card.write([f64::NAN, f64::INFINITY, 1.0], 1, 7);
     assert_eq!(card.clock(1, TICK_NS).dac_v, [0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn volts_move_the_cables_handle_and_both_encoders_say_so() {
+    let rig = shipped("cable");
+    let mut card = Card::new(&rig, &[], LINE_NS).unwrap();
+    card.write([4.0, 0.0, 0.0], 1, 7);
+    let mut scan = card.clock(1, TICK_NS);
+    for tick in 2..=400 {
+        card.enable_line(tick, tick * TICK_NS);
+        scan = card.clock(tick, tick * TICK_NS);
+    }
+    let motion = card.motion();
+    assert!(motion.slave_position_rad > 0.1, "{motion:?}");
+    assert!(motion.slave_position_rad < motion.master_position_rad / 6.0, "{motion:?}");
+    let axis = &rig.axes[0];
+    let slack = |counts_per_unit: f64, speed: f64| 3.0 / counts_per_unit + speed.abs() * 0.5e-3;
+    let (master, slave) = (axis.master, axis.slave.unwrap());
+    let error = master.position(scan.master_counts[0]) - motion.master_position_rad;
+    assert!(error.abs() <= slack(master.counts_per_unit, motion.master_velocity_rad_s), "{error}");
+    let error = slave.position(scan.slave_counts[0]) - motion.slave_position_rad;
+    assert!(error.abs() <= slack(slave.counts_per_unit, motion.slave_velocity_rad_s), "{error}");
+}
+
+#[test]
+fn the_hands_inertia_slows_the_cables_handle() {
+    let travel = |inertia: &str| {
+        let text = shipped("cable").text().replace("inertia = 0.0 ", &format!("inertia = {inertia} "));
+        let mut card = Card::new(&RigFile::parse(&text, "cable.toml").unwrap(), &[], LINE_NS).unwrap();
+        card.write([6.0, 0.0, 0.0], 1, 7);
+        for tick in 1..=200 {
+            card.enable_line(tick, tick * TICK_NS);
+            card.clock(tick, tick * TICK_NS);
+        }
+        card.motion().slave_position_rad
+    };
+    let (light, heavy) = (travel("0.0"), travel("0.05"));
+    assert!(heavy > 0.0 && heavy < 0.7 * light, "{heavy} against {light}");
+}
+
+#[test]
+fn an_effect_acts_in_the_cables_and_one_of_fluids_is_refused() {
+    let rig = shipped("cable");
+    let travel = |effects: &[String]| {
+        let mut card = Card::new(&rig, effects, LINE_NS).unwrap();
+        card.write([4.0, 0.0, 0.0], 1, 7);
+        for tick in 1..=400 {
+            card.enable_line(tick, tick * TICK_NS);
+            card.clock(tick, tick * TICK_NS);
+        }
+        card.motion().master_position_rad
+    };
+    let (plain, rubbing) = (travel(&[]), travel(&["coulomb_friction@master=0.3".to_owned()]));
+    assert!(rubbing < 0.9 * plain, "{rubbing} against {plain}");
+    let error = Card::new(&rig, &["leakage".to_owned()], LINE_NS).unwrap_err().to_string();
+    assert!(error.contains("`leakage`") && error.contains("does not act on a cable transmission"), "{error}");
+}
+
+#[test]
+fn a_machine_without_a_plant_is_refused() {
+    let error = Card::new(&shipped("emps"), &[], LINE_NS).unwrap_err().to_string();
+    assert!(error.contains("\"hydrostatic\" and \"cable\", with one axis; found kind \"drive\" with 1"), "{error}");
+}
+
+#[test]
+fn the_torque_cells_zero_drifts_as_declared() {
+    let torque = |rig: &RigFile| scans(rig, 4000).iter().map(|scan| scan.analog_v[0]).collect::<Vec<_>>();
+    let mean = |volts: &[f64]| volts.iter().sum::<f64>() / volts.len() as f64;
+    let still = torque(&rig());
+    assert!(mean(&still[3000..]).abs() < 3e-4, "{}", mean(&still[3000..]));
+    let ramp = torque(&edited(&[("torque_drift_v_per_s = 0.0", "torque_drift_v_per_s = 0.1")]));
+    // the last of two seconds: 0.175 V in the mean of its second half
+    assert!((mean(&ramp[3000..]) - 0.175).abs() < 1e-3, "{}", mean(&ramp[3000..]));
+    let walk = torque(&edited(&[("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = 0.1")]));
+    // drift leaves the noise as it was: what is left is the walk, of 0.1 V after a second
+    let steps: Vec<f64> = walk.iter().zip(&still).map(|(walk, still)| walk - still).collect();
+    let squares: f64 = steps.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    assert!((squares / 2.0 / 0.01 - 1.0).abs() < 0.1, "{squares}");
+}
+
+#[test]
+fn a_narrow_torque_cell_smooths_and_lags() {
+    let after = |bandwidth: &str| {
+        let rig = edited(&[
+            ("torque_bandwidth_hz = 200.0", bandwidth),
+            ("torque_noise_v = 0.002", "torque_noise_v = 0.0"),
+            ("stiffness = 0.3 ", "stiffness = 10.0 "),
+        ]);
+        let mut card = Card::new(&rig, &[], LINE_NS).unwrap();
+        card.write([6.0, 0.0, 0.0], 1, 7);
+        let mut volts = 0.0;
+        for tick in 1..=200 {
+            card.enable_line(tick, tick * TICK_NS);
+            volts = card.clock(tick, tick * TICK_NS).analog_v[0];
+        }
+        volts
+    };
+    let (wide, narrow) = (after("torque_bandwidth_hz = 200.0"), after("torque_bandwidth_hz = 1.0"));
+    assert!(wide < -0.1 && narrow < 0.0 && narrow > 0.7 * wide, "{narrow} against {wide}");
+}
+
+#[test]
+fn the_scanner_pulses_on_its_channel_once_a_volume() {
+    assert!(scans(&rig(), 200).iter().all(|scan| scan.analog_v[7] == 0.0), "no scanner runs");
+    let scanner = edited(&[
+        ("trigger_repetition_s = 0.0", "trigger_repetition_s = 0.5"),
+        ("analog_noise_v = 0.001", "analog_noise_v = 0.0"),
+    ]);
+    let volts: Vec<f64> = scans(&scanner, 3500).iter().map(|scan| scan.analog_v[7]).collect();
+    for (index, volts) in volts.iter().enumerate() {
+        // every 1,000 scans, 20 of them long, the first with the first scan
+        let expected = if index % 1000 < 20 { 0.0 } else { 5.0 };
+        assert_eq!(*volts, expected, "scan {index}");
+    }
+    let noisy = edited(&[("trigger_repetition_s = 0.0", "trigger_repetition_s = 0.5")]);
+    assert!(scans(&noisy, 100)[50..].iter().any(|scan| (scan.analog_v[7] - 5.0).abs() > 1e-4));
 }

@@ -142,15 +142,25 @@ fn the_model_is_run_on_the_recorded_volts() {
 
 #[test]
 fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
-    let rig = rig();
+    leaves_only_the_resolution(&rig(), 4000.0, 2.0, "coulomb_friction@slave=0.3");
+}
+
+#[test]
+fn so_do_the_cables() {
+    let cable = RigFile::parse(include_str!("../../../launch/rigs/cable.toml"), "cable.toml").unwrap();
+    leaves_only_the_resolution(&cable, 20_000.0, 3.0, "coulomb_friction@slave=0.3");
+}
+
+/// Plays a sine of volts on the virtual card, as declared and with an effect of slave friction.
+fn leaves_only_the_resolution(rig: &RigFile, counts_per_turn: f64, peak_v: f64, effect: &str) {
     let card = |effects: &[String]| {
-        let mut card = simulator::Card::new(&rig, effects, u64::MAX).unwrap();
+        let mut card = simulator::Card::new(rig, effects, u64::MAX).unwrap();
         (0..3).for_each(|toggles| card.enable_line(toggles, 0));
         let row = |tick: u64| {
             let time_s = tick as f64 * 5e-4;
-            card.write([2.0 * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
+            card.write([peak_v * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
             let scan = card.clock(1000 + tick, 1 + tick * common::PERIOD_NS);
-            let rad = |counts: i64| counts as f64 * std::f64::consts::TAU / 4000.0;
+            let rad = |counts: i64| counts as f64 * std::f64::consts::TAU / counts_per_turn;
             demo::analysis::SampleRow {
                 tick: scan.tick,
                 master: rad(scan.master_counts[0]),
@@ -161,13 +171,13 @@ fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
             }
         };
         let rows: Vec<_> = (0..8000).map(row).collect();
-        demo::analysis::model(&rows, &rig).unwrap().unwrap().errors()
+        demo::analysis::model(&rows, rig).unwrap().unwrap().errors()
     };
     let declared = card(&[]);
-    // a count is 1.6 mrad; the torque cell has 2 mV of noise at 0.5 V/N·m, and its bandwidth
+    // a count of the hydrostatic rig is 1.6 mrad; the torque cell has 2 mV of noise at 0.5 V/N·m, and its bandwidth
     assert!(declared["master_rad"] < 1.6e-3 && declared["slave_rad"] < 1.6e-3, "{declared:?}");
     assert!(declared["slave_torque_nm"] < 0.05, "{declared:?}");
-    let other = card(&["coulomb_friction@slave=0.3".to_owned()]);
+    let other = card(&[effect.to_owned()]);
     assert!(other["slave_rad"] > 10.0 * declared["slave_rad"], "{other:?}");
 }
 

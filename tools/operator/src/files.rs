@@ -27,7 +27,7 @@ macro_rules! shipped {
 }
 
 /// The rig files of `launch/rigs`.
-pub const RIGS: &[Shipped] = shipped!("rigs": "emps", "hydrostatic", "hydrostatic-printed");
+pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed");
 /// The protocols of `launch/protocols`.
 pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "demo", "excitation", "guided-1hz", "steps");
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use plant::ParameterSet as _;
-use plant::hydrostatic::{Input, Plant, State};
-use rig::{HandKind, ModelKind, RigFile};
+use plant::any::Plant;
+use plant::transmission::{Input, Transmission as _};
+use rig::{HandKind, RigFile};
 
 use super::trace::{SampleRow, by_tick};
 
@@ -65,7 +65,7 @@ const INITIAL: usize = 20;
 /// [`ModelError`].
 pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, ModelError> {
     let rows = by_tick(samples);
-    let (Some(first), 1, ModelKind::Hydrostatic) = (rows.first(), rig.axes.len(), rig.model.kind) else {
+    let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission()) else {
         return Ok(None);
     };
     let initial = &rows[..rows.len().min(INITIAL)];
@@ -75,21 +75,12 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
     }
     let hand = rig.simulation.hand;
     let held = hand.kind == HandKind::Passive;
-    let mut parameters = rig.hydrostatic_parameters()?;
+    let mut parameters = rig.transmission_parameters()?;
     if held {
-        parameters.set("slave_handle_inertia_kg_m2", parameters.slave_handle_inertia_kg_m2 + hand.inertia)?;
+        parameters.load_handle(hand.inertia)?;
     }
-    let displacement = [parameters.master_displacement_m_per_rad(), parameters.slave_displacement_m_per_rad()];
-    let mut plant = Plant::new(parameters, Vec::new())?;
-    let slave_0 = if slave_0.is_finite() { slave_0 } else { master_0 * displacement[0] / displacement[1] };
-    // At rest the fluid stands midway between what both pistons ask of it.
-    let fluid = 0.5 * (displacement[0] * master_0 + displacement[1] * slave_0);
-    plant.set_state(State {
-        master_position_rad: master_0,
-        slave_position_rad: slave_0,
-        line_position_m: [fluid; 2],
-        ..State::default()
-    });
+    let mut plant = parameters.plant(Vec::new())?;
+    plant.rest_at(master_0, Some(slave_0).filter(|slave| slave.is_finite()));
     let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
     let (first_tick, mut tick) = (first.tick, first.tick);
     let mut volts = first.motor_v;
@@ -103,8 +94,9 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         }
         volts = row.motor_v;
         time_s.push((row.tick - first_tick) as f64 * period_s);
-        declared[0].push(plant.state().master_position_rad);
-        declared[1].push(plant.state().slave_position_rad);
+        let motion = plant.motion();
+        declared[0].push(motion.master_position_rad);
+        declared[1].push(motion.slave_position_rad);
         declared[2].push(hand_torque(&plant, held, hand.stiffness, hand.damping));
     }
     let [master, slave, torque] = declared;
@@ -129,8 +121,8 @@ fn hand_torque(plant: &Plant, held: bool, stiffness: f64, damping: f64) -> f64 {
     if !held {
         return 0.0;
     }
-    let state = plant.state();
-    -stiffness * state.slave_position_rad - damping * state.slave_velocity_rad_s
+    let motion = plant.motion();
+    -stiffness * motion.slave_position_rad - damping * motion.slave_velocity_rad_s
 }
 
 impl Channel {

@@ -1,0 +1,220 @@
+//! A transmission whose kind is known at run time only: what a rig file declares.
+//!
+//! An enum, so that a loop steps it without allocating and without a table of functions.
+//!
+//! ```
+//! use plant::transmission::{Input, Transmission};
+//! use plant::{any, cable};
+//!
+//! let mut plant = any::Parameters::from(cable::Parameters::traced()).plant(Vec::new())?;
+//! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.2);
+//! assert!(plant.motion().slave_position_rad > 0.0);
+//! # Ok::<(), plant::ParameterError>(())
+//! ```
+
+use crate::effects::Effect;
+use crate::transmission::{EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
+use crate::{ParameterError, ParameterSet, cable, hydrostatic};
+
+/// Constants of a transmission of either kind, SI.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Parameters {
+    /// Two oil lines (ch. 3).
+    Hydrostatic(hydrostatic::Parameters),
+    /// Two cables (ch. 5).
+    Cable(cable::Parameters),
+}
+
+impl From<hydrostatic::Parameters> for Parameters {
+    fn from(parameters: hydrostatic::Parameters) -> Self {
+        Self::Hydrostatic(parameters)
+    }
+}
+
+impl From<cable::Parameters> for Parameters {
+    fn from(parameters: cable::Parameters) -> Self {
+        Self::Cable(parameters)
+    }
+}
+
+impl Parameters {
+    /// Fixes an inertia to the handle (kg·m²): that of the hand that holds it.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`] where handle and hand together are beyond what the model stands for.
+    pub fn load_handle(&mut self, inertia_kg_m2: f64) -> Result<(), ParameterError> {
+        match self {
+            Self::Hydrostatic(own) => {
+                let handle = own.slave_handle_inertia_kg_m2;
+                own.set("slave_handle_inertia_kg_m2", handle + inertia_kg_m2)
+            }
+            Self::Cable(own) => {
+                let slave = own.slave_inertia_kg_m2;
+                own.set("slave_inertia_kg_m2", slave + inertia_kg_m2)
+            }
+        }
+    }
+
+    /// A plant with these constants, at rest at zero.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect;
+    /// [`ParameterError::EffectNotApplicable`] for an effect that has no meaning in this kind.
+    pub fn plant(self, effects: Vec<Box<dyn Effect>>) -> Result<Plant, ParameterError> {
+        Ok(match self {
+            Self::Hydrostatic(own) => Plant::Hydrostatic(Box::new(hydrostatic::Plant::new(own, effects)?)),
+            Self::Cable(own) => Plant::Cable(Box::new(cable::Plant::new(own, effects)?)),
+        })
+    }
+}
+
+/// A transmission of either kind, moving.
+#[derive(Clone, Debug)]
+pub enum Plant {
+    /// Two oil lines.
+    Hydrostatic(Box<hydrostatic::Plant>),
+    /// Two cables.
+    Cable(Box<cable::Plant>),
+}
+
+impl Plant {
+    /// Puts the plant to rest with the master there (rad), and the slave there or, for `None`, where the line at
+    /// rest would have it. The middle of each line stands midway between what its two ends ask of it.
+    pub fn rest_at(&mut self, master_rad: f64, slave_rad: Option<f64>) {
+        let radii = match self {
+            Self::Hydrostatic(plant) => {
+                let own = plant.parameters();
+                [own.master_displacement_m_per_rad(), own.slave_displacement_m_per_rad()]
+            }
+            Self::Cable(plant) => {
+                let own = plant.parameters();
+                [own.master_pulley_radius_m, own.slave_pulley_radius_m()]
+            }
+        };
+        let slave_rad = slave_rad.unwrap_or(master_rad * radii[0] / radii[1]);
+        let middle = [0.5 * (radii[0] * master_rad + radii[1] * slave_rad); 2];
+        match self {
+            Self::Hydrostatic(plant) => plant.set_state(hydrostatic::State {
+                master_position_rad: master_rad,
+                slave_position_rad: slave_rad,
+                line_position_m: middle,
+                ..hydrostatic::State::default()
+            }),
+            Self::Cable(plant) => plant.set_state(cable::State {
+                master_position_rad: master_rad,
+                slave_position_rad: slave_rad,
+                line_position_m: middle,
+                ..cable::State::default()
+            }),
+        }
+    }
+}
+
+/// The same call on whichever plant there is.
+macro_rules! each {
+    ($plant:expr, $inner:ident => $call:expr) => {
+        match $plant {
+            Plant::Hydrostatic($inner) => $call,
+            Plant::Cable($inner) => $call,
+        }
+    };
+}
+
+impl Transmission for Plant {
+    fn step(&mut self, input: Input, dt_s: f64) {
+        each!(self, plant => plant.step(input, dt_s));
+    }
+
+    fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
+        each!(self, plant => plant.step_imposed(master, hand_torque_nm, dt_s));
+    }
+
+    fn motion(&self) -> Motion {
+        each!(self, plant => plant.motion())
+    }
+
+    fn reading(&self) -> Reading {
+        each!(self, plant => *plant.reading())
+    }
+
+    fn energy(&self) -> EnergyBalance {
+        each!(self, plant => plant.energy())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::parse;
+
+    fn kinds() -> [Parameters; 2] {
+        [hydrostatic::Parameters::traced().into(), cable::Parameters::traced().into()]
+    }
+
+    #[test]
+    fn it_moves_as_the_plant_inside_does() {
+        let input = Input { motor_v: 5.0, hand_torque_nm: 0.1 };
+        let mut oil = hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
+        let mut cable = cable::Plant::new(cable::Parameters::traced(), Vec::new()).unwrap();
+        let [mut any_oil, mut any_cable] = kinds().map(|kind| kind.plant(Vec::new()).unwrap());
+        for _ in 0..400 {
+            oil.step(input, 5e-4);
+            cable.step(input, 5e-4);
+            any_oil.step(input, 5e-4);
+            any_cable.step(input, 5e-4);
+        }
+        assert_eq!((any_oil.motion(), any_oil.reading()), (Motion::from(oil.state()), *oil.reading()));
+        assert_eq!((any_cable.motion(), any_cable.reading()), (Motion::from(cable.state()), *cable.reading()));
+        assert!(any_oil.motion().slave_position_rad > 0.01 && any_cable.motion().slave_position_rad > 0.01);
+    }
+
+    #[test]
+    fn a_hand_makes_the_slave_slower() {
+        for parameters in kinds() {
+            let travel = |inertia| {
+                let mut parameters = parameters.clone();
+                parameters.load_handle(inertia).unwrap();
+                let mut plant = parameters.plant(Vec::new()).unwrap();
+                plant.step(Input { motor_v: 8.0, hand_torque_nm: 0.0 }, 0.1);
+                plant.motion().slave_position_rad
+            };
+            let (free, held) = (travel(0.0), travel(0.05));
+            assert!(held < 0.7 * free, "{parameters:?}: {held} against {free}");
+        }
+    }
+
+    #[test]
+    fn a_hand_beyond_the_model_is_refused_and_changes_nothing() {
+        for parameters in kinds() {
+            let mut loaded = parameters.clone();
+            let error = loaded.load_handle(1e3).unwrap_err();
+            assert!(matches!(error, ParameterError::OutOfRange { .. }), "{error}");
+            assert_eq!(loaded, parameters);
+        }
+    }
+
+    #[test]
+    fn at_rest_away_from_zero_it_stays() {
+        for parameters in kinds() {
+            let mut plant = parameters.plant(Vec::new()).unwrap();
+            plant.rest_at(0.8, None);
+            let before = plant.motion();
+            assert_eq!(before.master_position_rad, 0.8);
+            assert!(before.slave_position_rad > 0.1);
+            plant.step(Input::default(), 1.0);
+            let after = plant.motion();
+            assert!((after.master_position_rad - 0.8).abs() < 1e-9, "{after:?}");
+            assert!((after.slave_position_rad - before.slave_position_rad).abs() < 1e-9, "{after:?}");
+            plant.rest_at(0.8, Some(0.5));
+            assert_eq!(plant.motion().slave_position_rad, 0.5);
+        }
+    }
+
+    #[test]
+    fn leakage_acts_in_oil_alone() {
+        let [oil, cable] = kinds();
+        assert!(oil.plant(vec![parse("leakage").unwrap()]).is_ok());
+        let error = cable.plant(vec![parse("leakage").unwrap()]).unwrap_err().to_string();
+        assert!(error.contains("`leakage`") && error.contains("cable transmission"), "{error}");
+    }
+}

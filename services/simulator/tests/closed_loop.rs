@@ -1,0 +1,129 @@
+//! The shipped rigs under their own control: the law of the control process on the virtual card, in lock step.
+#![allow(clippy::unwrap_used)]
+
+use std::f64::consts::TAU;
+
+use acquisition::Converter;
+use control::law::Law;
+use control::law_config;
+use ipc_types::{Mode, Setpoint};
+use rig::RigFile;
+use runtime::daq::Daq;
+use simulator::LockStepDaq;
+
+const LINE_NS: u64 = 5_000_000;
+/// Ticks of the card from a sample to the volts that answer it: through control and the gate, about 1 ms.
+const ANSWER_TICKS: u64 = 2;
+/// Time after which the movement has come up and its transients have died (s).
+const SETTLED_S: f64 = 4.0;
+
+fn rig(name: &str) -> RigFile {
+    RigFile::load(format!("{}/../../launch/rigs/{name}.toml", env!("CARGO_MANIFEST_DIR"))).unwrap()
+}
+
+/// What a guided sine came to, once settled.
+#[derive(Debug)]
+struct Followed {
+    /// Root mean square of reference less master (rad).
+    error_rad: f64,
+    /// Half the way of the master, and of the slave (rad).
+    master_rad: f64,
+    slave_rad: f64,
+    /// Highest volts, and root mean square of their change from one command to the next (V).
+    peak_v: f64,
+    step_v: f64,
+}
+
+fn guided_sine(rig: &RigFile, amplitude_deg: f64, hertz: f64, seconds: f64) -> Followed {
+    let mut daq = LockStepDaq::new(rig, &[], LINE_NS, true).unwrap();
+    let (converter, mut law) = (Converter::new(rig), Law::new(law_config(rig)));
+    let cycle_ticks = u64::from(rig.rates.acquisition_hz / rig.rates.control_hz);
+    let (amplitude, omega) = (amplitude_deg.to_radians(), TAU * hertz);
+    let (mut errors, mut steps) = (Vec::new(), Vec::new());
+    let (mut master, mut slave) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
+    let (mut last_v, mut peak_v) = (0.0_f64, 0.0_f64);
+    let mut ticks = 0;
+    while (ticks as f64) < seconds * f64::from(rig.rates.acquisition_hz) {
+        let time_s = ticks as f64 / f64::from(rig.rates.acquisition_hz);
+        daq.advance(cycle_ticks - ANSWER_TICKS);
+        let now_ns = daq.now_ns();
+        let sample = converter.convert(daq.read_due(now_ns).unwrap().last().unwrap());
+        let (sine, cosine) = (omega * time_s).sin_cos();
+        let mut setpoint = Setpoint {
+            incarnation: 61,
+            at_ns: sample.scan_time_ns,
+            lease_until_ns: now_ns + 100_000_000,
+            mode: Mode::Position.code(),
+            axes: 1,
+            ..Setpoint::default()
+        };
+        setpoint.position[0] = amplitude * sine;
+        setpoint.velocity[0] = amplitude * omega * cosine;
+        setpoint.acceleration[0] = -amplitude * omega * omega * sine;
+        setpoint.peak_speed[0] = amplitude * omega;
+        let command = law.step(now_ns, &sample, Some(&setpoint), true);
+        daq.advance(ANSWER_TICKS);
+        daq.write(command.volts).unwrap();
+        ticks += cycle_ticks;
+        let volts = command.volts[0];
+        peak_v = peak_v.max(volts.abs());
+        if time_s >= SETTLED_S {
+            let motion = daq.card().motion();
+            errors.push(command.reference_position[0] - sample.master_position[0]);
+            steps.push(volts - last_v);
+            master = (master.0.min(motion.master_position_rad), master.1.max(motion.master_position_rad));
+            slave = (slave.0.min(motion.slave_position_rad), slave.1.max(motion.slave_position_rad));
+        }
+        last_v = volts;
+    }
+    let rms = |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt();
+    Followed {
+        error_rad: rms(&errors),
+        master_rad: 0.5 * (master.1 - master.0),
+        slave_rad: 0.5 * (slave.1 - slave.0),
+        peak_v,
+        step_v: rms(&steps),
+    }
+}
+
+#[test]
+fn the_hydrostatic_rig_follows_a_guided_sine() {
+    let followed = guided_sine(&rig("hydrostatic"), 30.0, 1.0, 10.0);
+    println!("hydrostatic, 30°, 1 Hz: {followed:?}");
+    assert!(followed.error_rad < 0.08, "{followed:?}");
+    assert!(followed.slave_rad > 0.3, "{followed:?}");
+    assert!(followed.peak_v < 3.0 && followed.step_v < 0.2, "{followed:?}");
+}
+
+#[test]
+fn the_cable_rig_follows_a_guided_sine() {
+    let rig = rig("cable");
+    // The movement of the shipped protocols: the handle's friction holds it, the cables give.
+    let small = guided_sine(&rig, 30.0, 1.0, 10.0);
+    println!("cable, 30°, 1 Hz: {small:?}");
+    assert!(small.error_rad < 0.04, "{small:?}");
+    // One that the handle follows: a sixth of the motor's way less what the cables give.
+    let large = guided_sine(&rig, 100.0, 1.0, 10.0);
+    println!("cable, 100°, 1 Hz: {large:?}");
+    assert!(large.error_rad < 0.06, "{large:?}");
+    assert!(large.slave_rad > 0.1 && large.slave_rad < large.master_rad / 6.0, "{large:?}");
+    let fast = guided_sine(&rig, 60.0, 3.0, 10.0);
+    println!("cable, 60°, 3 Hz: {fast:?}");
+    assert!(fast.error_rad < 0.07, "{fast:?}");
+    // A loop near its margin would show in the volts first.
+    for followed in [small, large, fast] {
+        assert!(followed.peak_v < 3.0 && followed.step_v < 0.2, "{followed:?}");
+    }
+}
+
+#[test]
+fn the_cable_rig_holds_still_with_and_without_a_hand() {
+    for kind in ["passive", "absent"] {
+        let text = rig("cable").text().replace("kind = \"passive\"", &format!("kind = \"{kind}\""));
+        let rig = RigFile::parse(&text, "cable.toml").unwrap();
+        let held = guided_sine(&rig, 0.0, 1.0, 8.0);
+        // a count is 3.1e-4 rad
+        assert!(held.error_rad < 3.2e-4 && held.master_rad < 3.2e-4, "{kind}: {held:?}");
+        assert!(held.step_v < 0.05, "{kind}: {held:?}");
+    }
+}
