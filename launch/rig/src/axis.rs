@@ -53,8 +53,10 @@ impl AxisUnit {
 /// An incremental encoder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Encoder {
-    /// Counts per rad or per m, positive (1/rad or 1/m).
+    /// Counts per rad or per m of the axis, positive (1/rad or 1/m).
     pub counts_per_unit: f64,
+    /// Turns of what the encoder sits on per turn of the handle, positive; 1 where there is no gear.
+    pub turns_per_handle_turn: f64,
     /// Whether it counts down when the axis moves positive.
     pub inverted: bool,
 }
@@ -207,6 +209,7 @@ impl Unit {
 }
 
 const COUNTS_PER_TURN: Bounds = bounds(100.0, 1e7, "counts of one whole turn, all four edges of each line");
+const GEAR: Bounds = bounds(0.05, 50.0, "how often the motor turns while the handle turns once");
 const COUNTS_PER_METRE: Bounds = bounds(1e3, 1e10, "counts of one metre; 5e-8 m per count are 2e7");
 const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "the thesis moves within ±120° (§ 4.2); the value is in degrees");
 const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
@@ -229,9 +232,9 @@ impl Axis {
         if !section.has("master") {
             section.problem("master", "the encoder at the motor", "nothing", "control needs the master's position");
         }
-        let master = Encoder::read(section.section("master"), &unit);
+        let master = Encoder::read(section.section("master"), &unit, true);
         let slave = section.section("slave");
-        let slave = if slave.exists() { Some(Encoder::read(slave, &unit)) } else { None };
+        let slave = if slave.exists() { Some(Encoder::read(slave, &unit, false)) } else { None };
         let torque = section.section("torque");
         let torque = if torque.exists() { Some(TorqueChannel::read(torque, &unit)) } else { None };
         if !section.has("limits") {
@@ -300,16 +303,21 @@ impl Axis {
 }
 
 impl Encoder {
-    fn read(section: Section<'_>, unit: &Unit) -> Self {
+    /// `geared`: whether there may be a gear between the encoder and the handle.
+    fn read(section: Section<'_>, unit: &Unit, geared: bool) -> Self {
         let key = unit.key(&section, |keys| keys.counts);
         let counts = section.number(key, unit.choose(COUNTS_PER_TURN, COUNTS_PER_METRE));
         let inverted = section.flag_or("inverted", false);
+        let turns = match unit.unit {
+            AxisUnit::Radian if geared => section.number_or("turns_per_handle_turn", 1.0, GEAR),
+            _ => 1.0,
+        };
         section.finish();
         let turn = match unit.unit {
             AxisUnit::Radian => std::f64::consts::TAU,
             AxisUnit::Metre => 1.0,
         };
-        Self { counts_per_unit: counts / turn, inverted }
+        Self { counts_per_unit: turns * counts / turn, turns_per_handle_turn: turns, inverted }
     }
 }
 

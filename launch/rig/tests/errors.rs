@@ -359,3 +359,10 @@ fn an_override_that_is_no_key_is_found_when_the_text_is_read() {
     assert_eq!(error.problems()[0].key, "segments.0.amplitude");
     assert_eq!(error.problems()[0].advice, "did you mean `amplitude_deg`?");
 }
+
+#[test]
+fn gear_that_no_handle_has_or_that_stands_at_the_handle() {
+    insta::assert_snapshot!(rig_error("turns_per_handle_turn = 1.0", "turns_per_handle_turn = 600"));
+    let edited = RIG.replace("[axes.slave]\n", "[axes.slave]\nturns_per_handle_turn = 6.0\n");
+    insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
+}

@@ -51,8 +51,8 @@ fn the_cable_rig_is_the_test_bed_of_chapter_5() {
     assert_eq!((rig.name.as_str(), rig.model.kind), ("cable", ModelKind::Cable));
     let axis = &rig.axes[0];
     // § 5.1: 5000 lines at the motor and at the handle
-    assert!((axis.master.position(20_000) - std::f64::consts::TAU).abs() < 1e-12);
-    assert_eq!(axis.slave, Some(axis.master));
+    assert!((axis.master.position(6 * 20_000) - std::f64::consts::TAU).abs() < 1e-12);
+    assert!((axis.slave.unwrap().position(20_000) - std::f64::consts::TAU).abs() < 1e-12);
     let declared = rig.cable_parameters().unwrap();
     let traced = plant::cable::Parameters::traced();
     for info in plant::cable::Parameters::NAMES {

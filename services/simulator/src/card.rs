@@ -196,7 +196,8 @@ impl Card {
         // Noise of the encoder is a fraction of a count, before rounding: it decides only near an edge.
         let count = 1.0 / self.axis.master.counts_per_unit;
         let jitter = self.noise(self.encoder_noise_counts * count);
-        scan.master_counts[0] = self.axis.master.counts(reading.master_rad + jitter).round() as i64;
+        let master_rad = reading.master_rad / self.axis.master.turns_per_handle_turn;
+        scan.master_counts[0] = self.axis.master.counts(master_rad + jitter).round() as i64;
         if let Some(slave) = self.axis.slave {
             let jitter = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
             scan.slave_counts[0] = slave.counts(reading.slave_rad + jitter).round() as i64;

@@ -142,17 +142,19 @@ fn the_model_is_run_on_the_recorded_volts() {
 
 #[test]
 fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
-    leaves_only_the_resolution(&rig(), 4000.0, 2.0, "coulomb_friction@slave=0.3");
+    leaves_only_the_resolution(&rig(), 2.0, "coulomb_friction@slave=0.3");
 }
 
 #[test]
 fn so_do_the_cables() {
     let cable = RigFile::parse(include_str!("../../../launch/rigs/cable.toml"), "cable.toml").unwrap();
-    leaves_only_the_resolution(&cable, 20_000.0, 3.0, "coulomb_friction@slave=0.3");
+    leaves_only_the_resolution(&cable, 3.0, "coulomb_friction@slave=0.3");
 }
 
 /// Plays a sine of volts on the virtual card, as declared and with an effect of slave friction.
-fn leaves_only_the_resolution(rig: &RigFile, counts_per_turn: f64, peak_v: f64, effect: &str) {
+fn leaves_only_the_resolution(rig: &RigFile, peak_v: f64, effect: &str) {
+    let axis = &rig.axes[0];
+    let slave = axis.slave.unwrap();
     let card = |effects: &[String]| {
         let mut card = simulator::Card::new(rig, effects, u64::MAX).unwrap();
         (0..3).for_each(|toggles| card.enable_line(toggles, 0));
@@ -160,11 +162,10 @@ fn leaves_only_the_resolution(rig: &RigFile, counts_per_turn: f64, peak_v: f64, 
             let time_s = tick as f64 * 5e-4;
             card.write([peak_v * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
             let scan = card.clock(1000 + tick, 1 + tick * common::PERIOD_NS);
-            let rad = |counts: i64| counts as f64 * std::f64::consts::TAU / counts_per_turn;
             demo::analysis::SampleRow {
                 tick: scan.tick,
-                master: rad(scan.master_counts[0]),
-                slave: rad(scan.slave_counts[0]),
+                master: axis.master.position(scan.master_counts[0]),
+                slave: slave.position(scan.slave_counts[0]),
                 torque: scan.analog_v[0] / 0.5,
                 motor_v: scan.motor_v[0],
                 ..Default::default()

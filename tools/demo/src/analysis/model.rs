@@ -80,7 +80,9 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         parameters.load_handle(hand.inertia)?;
     }
     let mut plant = parameters.plant(Vec::new())?;
-    plant.rest_at(master_0, Some(slave_0).filter(|slave| slave.is_finite()));
+    // Measured positions are the handle's; the plant's master turns as often as the motor.
+    let gear = rig.axes[0].master.turns_per_handle_turn;
+    plant.rest_at(gear * master_0, Some(slave_0).filter(|slave| slave.is_finite()));
     let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
     let (first_tick, mut tick) = (first.tick, first.tick);
     let mut volts = first.motor_v;
@@ -95,7 +97,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         volts = row.motor_v;
         time_s.push((row.tick - first_tick) as f64 * period_s);
         let motion = plant.motion();
-        declared[0].push(motion.master_position_rad);
+        declared[0].push(motion.master_position_rad / gear);
         declared[1].push(motion.slave_position_rad);
         declared[2].push(hand_torque(&plant, held, hand.stiffness, hand.damping));
     }
