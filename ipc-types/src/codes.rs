@@ -193,6 +193,8 @@ codes! {
         Hold = 1, "hold";
         /// Follows the setpoint's position, velocity, acceleration.
         Position = 2, "position";
+        /// Moves with the hand (force control) and lets it feel the setpoint's force field.
+        Impedance = 3, "impedance";
     }
 }
 

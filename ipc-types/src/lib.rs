@@ -24,6 +24,8 @@ pub use types::*;
 
 /// Most axes that one rig has.
 pub const AXES: usize = 3;
+/// Elements of a matrix over the axes, row by row.
+pub const MATRIX: usize = AXES * AXES;
 /// Most analog channels that one card has.
 pub const ANALOG: usize = 16;
 /// Bytes of an [`Event`]'s text.

@@ -3,7 +3,7 @@
 //! time of publishing.
 
 use crate::message::message;
-use crate::{ANALOG, AXES, TEXT};
+use crate::{ANALOG, AXES, MATRIX, TEXT};
 
 message! {
     /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
@@ -256,7 +256,7 @@ message! {
 
 message! {
     /// Where the handle shall go, from the experiment or the operator; holds until its lease lapses.
-    Setpoint, "farreach.Setpoint.v1", "farreach/msg/Setpoint" {
+    Setpoint, "farreach.Setpoint.v2", "farreach/msg/Setpoint" {
         /// session of the rig
         session: u64,
         /// incarnation of the sender
@@ -279,6 +279,16 @@ message! {
         acceleration: [f64; AXES],
         /// peak speed of the movement that it is part of, for the shape of the friction feed-forward; 0 where none (rad/s or m/s)
         peak_speed: [f64; AXES],
+        /// force field of mode impedance: stiffness about `position`, row by row; torque = - stiffness (position - centre) (N·m/rad or N/m)
+        stiffness: [f64; MATRIX],
+        /// force field: damping, row by row; torque = - damping velocity (N·m·s/rad or N·s/m)
+        damping: [f64; MATRIX],
+        /// force field: where the lower wall begins (rad or m)
+        wall_min: [f64; AXES],
+        /// force field: where the upper wall begins (rad or m)
+        wall_max: [f64; AXES],
+        /// force field: stiffness of the walls; 0 where there are none (N·m/rad or N/m)
+        wall_stiffness: [f64; AXES],
         /// index of the protocol's segment
         segment: u32,
         /// number of segments

@@ -18,6 +18,7 @@
 mod axis;
 mod channel;
 mod error;
+mod force;
 mod identity;
 mod model;
 pub mod protocol;
@@ -30,6 +31,7 @@ mod simulation;
 pub use axis::{Axis, AxisControl, AxisUnit, Encoder, Feedforward, Limits, TorqueChannel};
 pub use channel::{Channel, ChannelKind};
 pub use error::{FileError, Problem, ProtocolError, RigError};
+pub use force::ForceControl;
 pub use identity::{identity, identity_of_bytes};
 pub use model::{Model, ModelKind, Parameter, ParameterSource};
 pub use rates::{Phases, Rates};

@@ -13,15 +13,18 @@
 //!
 //! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and limits.
 
+mod field;
 mod movement;
 mod overrides;
 
 use std::path::Path;
 
+pub use field::Field;
+use field::torque_symbol;
 pub use movement::{Line, MIN_JERK_PEAK_SPEED, Movement, MovementKind};
 pub use overrides::with_overrides;
 
-use crate::axis::AxisUnit;
+use crate::axis::{Axis, AxisUnit};
 use crate::error::ProtocolError;
 use crate::identity::identity;
 use crate::read::{Section, Source};
@@ -170,7 +173,7 @@ impl Protocol {
                 misfits[index] = !segment.check(index, start, rig, &source);
             }
             match segment.movement {
-                Movement::Rest { .. } => ends.fill(None),
+                Movement::Rest { .. } | Movement::Free { .. } => ends.fill(None),
                 _ => {
                     if let Some(end) = ends.get_mut(segment.axis) {
                         *end = segment.movement.end(*end);
@@ -238,6 +241,9 @@ impl Segment {
             AxisUnit::Metre => format!("{si:.4} m"),
         };
         let limits = &axis.limits;
+        if let Movement::Free { field, .. } = &self.movement {
+            return check_field(field, axis, &key, &show, source);
+        }
         if let Some((least, most)) = self.movement.range()
             && (least < limits.position_min || most > limits.position_max)
         {
@@ -261,4 +267,30 @@ impl Segment {
         }
         from <= limits.speed_max
     }
+}
+
+/// Whether an axis can give a hand this field: it measures the hand's torque, and the field stays below the limit on it.
+fn check_field(
+    field: &Field,
+    axis: &Axis,
+    key: impl Fn(&str) -> String,
+    show: impl Fn(f64) -> String,
+    source: &Source<'_>,
+) -> bool {
+    let Some(most) = axis.limits.torque_max.filter(|_| axis.control.force.is_some()) else {
+        let expected =
+            format!("an axis that measures the hand's torque, with a limit on it (axis \"{}\" does not)", axis.name);
+        source.problem(&key("kind"), expected, "a free movement", "add axes.torque to the rig file, or use rest");
+        return false;
+    };
+    let (torque, at) = field.largest_torque(axis.limits.position_min, axis.limits.position_max);
+    if torque.abs() > most {
+        let symbol = torque_symbol(axis.unit);
+        let found = format!("{:.1} {symbol} at {}", torque.abs(), show(at));
+        let stem = if source.has(&key("spring")) { "spring" } else { "wall_stiffness" };
+        let advice = "the watchdog would cut the power there; soften the field, or move its centre or walls";
+        source.problem(&key(stem), format!("a field of at most {most} {symbol} within the limits"), found, advice);
+        return false;
+    }
+    true
 }

@@ -88,7 +88,7 @@ impl RigFile {
             channels,
             model: Model::read(root.section("model")),
             replay: Replay::read(root.section("replay"), unit),
-            simulation: Simulation::read(root.section("simulation")),
+            simulation: Simulation::read(root.section("simulation"), unit),
             text: text.to_owned(),
             file_name: file_name.to_owned(),
             identity: identity(text),

@@ -2,6 +2,7 @@
 
 use plant::sensors::ScannerTrigger;
 
+use crate::axis::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
 use crate::rates::Rates;
 use crate::read::{Section, Source, bounds};
@@ -40,8 +41,12 @@ pub struct Hand {
     pub inertia: f64,
     /// Damping (N·m·s/rad or N·s/m).
     pub damping: f64,
-    /// Stiffness about the position at rest, 0 (N·m/rad or N/m).
+    /// Stiffness about where the hand wants to be (N·m/rad or N/m).
     pub stiffness: f64,
+    /// Amplitude of the movement that a moving hand wants (rad or m).
+    pub amplitude: f64,
+    /// Its frequency (Hz).
+    pub frequency_hz: f64,
 }
 
 /// What the hand does.
@@ -51,10 +56,12 @@ pub enum HandKind {
     Absent,
     /// A relaxed hand: a spring and a damper (and a mass) that the handle moves.
     Passive,
+    /// A hand that moves to and fro along a sine: the same spring and damper, about where it wants to be.
+    Moving,
 }
 
 impl Simulation {
-    pub(crate) fn read(section: Section<'_>) -> Self {
+    pub(crate) fn read(section: Section<'_>, unit: AxisUnit) -> Self {
         let noise = |key, default, advice| section.number_or(key, default, bounds(0.0, 1.0, advice));
         let simulation = Self {
             seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
@@ -78,7 +85,7 @@ impl Simulation {
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
             scanner: read_scanner(&section),
-            hand: Hand::read(section.section("hand")),
+            hand: Hand::read(section.section("hand"), unit),
         };
         section.finish();
         simulation
@@ -141,15 +148,41 @@ fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
 /// Shortest time between two volumes that the model of the trigger stands for (s).
 const SHORTEST_REPETITION_S: f64 = 1e-3;
 
+/// Time in which a moving hand comes to its full amplitude (s).
+const SETTING_OFF_S: f64 = 1.0;
+
 impl Hand {
-    fn read(section: Section<'_>) -> Self {
-        let words = &[("absent", HandKind::Absent), ("passive", HandKind::Passive)];
+    /// Torque on the handle (N·m or N) at its position and velocity, `time_s` after the hand took it. A moving hand sets off
+    /// gently: its amplitude grows to the full in the first second.
+    pub fn torque(&self, position: f64, velocity: f64, time_s: f64) -> f64 {
+        let (wanted, wanted_velocity) = match self.kind {
+            HandKind::Absent => return 0.0,
+            HandKind::Passive => (0.0, 0.0),
+            HandKind::Moving => {
+                let omega = std::f64::consts::TAU * self.frequency_hz;
+                let (sine, cosine) = (omega * time_s).sin_cos();
+                let (share, rate) =
+                    if time_s < SETTING_OFF_S { (time_s / SETTING_OFF_S, 1.0 / SETTING_OFF_S) } else { (1.0, 0.0) };
+                (self.amplitude * share * sine, self.amplitude * (share * omega * cosine + rate * sine))
+            }
+        };
+        self.stiffness * (wanted - position) + self.damping * (wanted_velocity - velocity)
+    }
+
+    fn read(section: Section<'_>, unit: AxisUnit) -> Self {
+        let words = &[("absent", HandKind::Absent), ("passive", HandKind::Passive), ("moving", HandKind::Moving)];
         let positive = |key, default, most, advice| section.number_or(key, default, bounds(0.0, most, advice));
+        let amplitude = match unit {
+            AxisUnit::Radian => positive("amplitude_deg", 60.0, 120.0, "either way, in degrees; of a moving hand"),
+            AxisUnit::Metre => positive("amplitude_m", 0.05, 5.0, "either way, in m; of a moving hand"),
+        };
         let hand = Self {
             kind: section.word_or_none("kind", words).unwrap_or(HandKind::Passive),
             inertia: positive("inertia", 0.0, 5.0, "kg·m², or kg on an axis in m"),
             damping: positive("damping", 0.05, 100.0, "N·m·s/rad, or N·s/m on an axis in m"),
             stiffness: positive("stiffness", 0.3, 1e4, "N·m/rad, or N/m on an axis in m"),
+            amplitude: unit.si_per_file_unit() * amplitude,
+            frequency_hz: positive("frequency_hz", 1.0, 10.0, "in Hz; § 4.2 has 3; for kind = \"moving\""),
         };
         section.finish();
         hand

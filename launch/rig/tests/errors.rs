@@ -366,3 +366,32 @@ fn gear_that_no_handle_has_or_that_stands_at_the_handle() {
     let edited = RIG.replace("[axes.slave]\n", "[axes.slave]\nturns_per_handle_turn = 6.0\n");
     insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
 }
+
+const FREE: &str = "[protocol]\nname = \"free\"\n\n[[segments]]\nkind = \"free\"\nduration_s = 10.0\n";
+
+/// A free movement with one more line, held against a rig.
+fn free(line: &str, rig: &str) -> String {
+    let rig = RigFile::parse(rig, "rig.toml").unwrap();
+    match Protocol::parse(&format!("{FREE}{line}\n"), "p.toml") {
+        Ok(protocol) => protocol.check_against(&rig).unwrap_err().to_string(),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn field_that_is_none_or_stronger_than_the_rig_allows() {
+    insta::assert_snapshot!(free("spring = 8.0", RIG));
+    insta::assert_snapshot!(free("spring = 800.0", RIG));
+    insta::assert_snapshot!(free("wall_min_deg = 30.0\nwall_max_deg = -30.0", RIG));
+    insta::assert_snapshot!(free("wall_min_deg = 30.0", RIG));
+    insta::assert_snapshot!(free("wall_stiffness = 3.0", RIG));
+    insta::assert_snapshot!(free("amplitude_deg = 30.0", RIG));
+    insta::assert_snapshot!(free("", include_str!("../../rigs/emps.toml")));
+}
+
+#[test]
+fn force_control_without_a_torque_cell() {
+    let edited = RIG.replace("[axes.torque]\nchannel = 0             # index of one of the channels below\nvolts_per_nm = 0.5      # assumed: no calibration is printed\noffset_v = 0.0          # reading with nobody at the handle\n", "").replace("torque_max_nm = 12.0\n", "");
+    assert!(edited.len() + 100 < RIG.len());
+    insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
+}

@@ -7,6 +7,9 @@
 //! the new target and goes there by a minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next the output
 //! therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to the real motion of the hand.
 //!
+//! **Force control.** In [`Mode::Impedance`] the machine moves with the hand, as [`force`] says. Going there and coming back,
+//! the output goes on from where it is, and the difference fades within [`AUTHORITY_S`].
+//!
 //! **No setpoint.** Without one, or after its lease, the law comes to rest and holds. [`Mode::Passive`] takes the output to 0 V
 //! within [`AUTHORITY_S`]. A measured value that is not finite gives 0 V on all axes at once, flagged by `limited`
 //! and mode passive.
@@ -16,12 +19,15 @@
 mod blend;
 mod estimate;
 mod feedforward;
+pub mod force;
+mod yielding;
 
 use blend::{Blend, Motion, stopping_way};
 use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+use rig::ForceControl;
 
 /// Time in which the output gets or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;
@@ -63,6 +69,8 @@ pub struct AxisLaw {
     pub position_min: f64,
     /// Highest position to hold at (rad or m).
     pub position_max: f64,
+    /// Force control; `None` where no torque is measured.
+    pub force: Option<ForceControl>,
 }
 
 impl AxisLaw {
@@ -98,6 +106,8 @@ pub struct LawConfig {
 enum Source {
     /// Nobody's: holding.
     Own,
+    /// The hand's: force control.
+    Hand,
     /// A setpoint's.
     Setpoint { incarnation: u64, protocol: u64, owner: u8, mode: u8 },
 }
@@ -112,6 +122,15 @@ struct Axis {
     blend: Option<Blend>,
     friction: Slew,
     inertia: Slew,
+    /// Speed of the handle.
+    handle: VelocityEstimate,
+    /// Output of the force control, eq. 4.2.1 (V).
+    force_v: f64,
+    /// Whether the last output was the force control's.
+    yields: bool,
+    /// The last output before it was weighed (V), and what of it still fades after a change between the two controls.
+    output_v: f64,
+    carried_v: f64,
 }
 
 /// The law. See the module's documentation.
@@ -146,6 +165,11 @@ impl Law {
                 blend: None,
                 friction: Slew::default(),
                 inertia: Slew::default(),
+                handle: VelocityEstimate::new(axis.velocity_filter_hz),
+                force_v: 0.0,
+                yields: false,
+                output_v: 0.0,
+                carried_v: 0.0,
             }),
             source: None,
             authority: 0.0,
@@ -161,7 +185,7 @@ impl Law {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
             + period_s
-                * (law.output_limit_v / AUTHORITY_S
+                * (2.0 * law.output_limit_v / AUTHORITY_S
                     + law.friction_peak_v / FRICTION_SLEW_S
                     + law.output_limit_v / INERTIA_SLEW_S)
     }
@@ -188,7 +212,10 @@ impl Law {
             (0..axes).all(|axis| sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0);
         if !measured {
             self.let_go();
-            self.axis.iter_mut().for_each(|axis| axis.velocity.reset());
+            self.axis.iter_mut().for_each(|axis| {
+                axis.velocity.reset();
+                axis.handle.reset();
+            });
             command.limited = 1;
             return command;
         }
@@ -198,8 +225,9 @@ impl Law {
             self.let_go();
         }
         self.last_sample_ns = time_ns;
-        for (axis, &position) in self.axis.iter_mut().zip(&sample.master_position).take(axes) {
-            axis.velocity.update(time_ns, position);
+        for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
+            axis.velocity.update(time_ns, sample.master_position[index]);
+            axis.handle.update(time_ns, handle_position(sample, index));
         }
 
         let live = setpoint
@@ -208,17 +236,28 @@ impl Law {
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
         let mode = live.map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
 
-        if !powered || (mode == Mode::Passive && self.authority == 0.0) {
+        if mode == Mode::Impedance && !self.can_yield(sample) {
+            // Without a torque there is nothing to move with.
+            self.let_go();
+            command.limited = 1;
+        } else if !powered || (mode == Mode::Passive && self.authority == 0.0) {
             self.let_go();
         } else {
             let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
             self.authority += (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
-            self.take_aim(time_ns, sample, live, mode, axes);
+            if mode == Mode::Impedance {
+                self.source = Some(Source::Hand);
+            } else {
+                self.take_aim(time_ns, sample, live, mode, axes);
+            }
             command.mode = mode.code();
         }
         let mut finite = true;
         for axis in 0..axes {
-            finite &= self.drive(axis, time_ns, sample.master_position[axis], live, elapsed_s, &mut command);
+            finite &= match (self.source, live) {
+                (Some(Source::Hand), Some(setpoint)) => self.give_way(axis, sample, setpoint, elapsed_s, &mut command),
+                _ => self.drive(axis, time_ns, sample.master_position[axis], live, elapsed_s, &mut command),
+            };
         }
         if !finite {
             // A reference or a gain beyond what numbers can hold: let go on every axis.
@@ -241,6 +280,7 @@ impl Law {
             axis.blend = None;
             axis.friction.reset();
             axis.inertia.reset();
+            axis.forget();
         }
     }
 
@@ -255,7 +295,7 @@ impl Law {
             },
             _ => Source::Own,
         };
-        let begins = self.source.is_none();
+        let begins = matches!(self.source, None | Some(Source::Hand));
         let changed = self.source != Some(source);
         self.source = Some(source);
         for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
@@ -333,10 +373,13 @@ impl Law {
         if !wanted_v.is_finite() {
             return false;
         }
+        let carried_v = axis.carry(false, wanted_v.max(-limit_v).min(limit_v), limit_v * elapsed_s / AUTHORITY_S);
         // Limited before it is weighed, so that authority takes the output to 0 V from wherever it is.
+        let wanted_v = wanted_v + carried_v;
         let limited_v = wanted_v.max(-limit_v).min(limit_v);
+        axis.output_v = limited_v;
         command.limited |= u8::from(limited_v != wanted_v);
-        command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0);
+        command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
         command.volts[index] = self.authority * limited_v;
         command.feedforward_v[index] = self.authority * feedforward_v;
         command.reference_position[index] = reference.position;
@@ -363,9 +406,18 @@ impl Axis {
     }
 }
 
+/// Where the handle is: its own encoder's word, or else the motor's (rad or m).
+fn handle_position(sample: &Sample, axis: usize) -> f64 {
+    let slave = sample.slave_position[axis];
+    if sample.slave_present & (1 << axis) != 0 && slave.is_finite() { slave } else { sample.master_position[axis] }
+}
+
 /// Whether a setpoint can be followed: in position mode every number that the rig's axes need is one, and a
-/// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position.
+/// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position, a force field all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
+    if setpoint.mode == Mode::Impedance.code() {
+        return force::is_finite(setpoint);
+    }
     let near = time_ns.abs_diff(setpoint.at_ns) as f64 * 1e-9 <= EXTRAPOLATION_S;
     (0..axes).all(|axis| {
         let (velocity, acceleration) = (setpoint.velocity[axis], setpoint.acceleration[axis]);

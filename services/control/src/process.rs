@@ -53,6 +53,7 @@ pub fn law_config(rig: &RigFile) -> LawConfig {
         catch_up_speed: 0.0,
         position_min: 0.0,
         position_max: 0.0,
+        force: None,
     };
     let mut laws = [nothing; AXES];
     for (law, axis) in laws.iter_mut().zip(&rig.axes) {
@@ -69,6 +70,7 @@ pub fn law_config(rig: &RigFile) -> LawConfig {
             catch_up_speed: CATCH_UP * axis.limits.speed_max,
             position_min: axis.limits.position_min,
             position_max: axis.limits.position_max,
+            force: control.force,
         };
     }
     LawConfig { axes: rig.axes.len(), axis: laws, period_s: 1.0 / f64::from(rig.rates.control_hz) }

@@ -15,7 +15,7 @@
 use std::sync::Arc;
 
 use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
-use rig::protocol::{Movement, Protocol};
+use rig::protocol::{Field, Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
 use crate::state::PlayerState;
@@ -315,7 +315,7 @@ impl Player {
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
                 Some(change)
             }
-            Phase::Playing { segment, .. } if self.stop_asked && (paused || is_rest(program, segment)) => {
+            Phase::Playing { segment, .. } if self.stop_asked && (paused || is_given_away(program, segment)) => {
                 self.stop_asked = false;
                 self.find_axes(program, measured);
                 self.phase = Phase::Idle;
@@ -364,7 +364,7 @@ impl Player {
         if now_ns < edge_ns {
             return None;
         }
-        if is_rest(program, segment) {
+        if is_given_away(program, segment) {
             self.find_axes(program, measured);
         } else {
             self.rest[step.axis] = step.track.at(self.rest[step.axis], step.track.duration_s()).position;
@@ -375,7 +375,7 @@ impl Player {
         }
         self.completed = true;
         self.elapsed_s = program.duration_s;
-        self.phase = match is_rest(program, segment) {
+        self.phase = match is_given_away(program, segment) {
             true => Phase::Idle,
             false => Phase::Holding { segment, since_ns: edge_ns },
         };
@@ -412,7 +412,7 @@ impl Player {
                 self.elapsed_s =
                     program.steps.get(segment).map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
                 let mode = program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
-                if mode == Mode::Passive {
+                if is_given_away(program, segment) {
                     self.find_axes(program, measured);
                 }
                 (segment, self.points(program, segment, t), mode)
@@ -429,7 +429,7 @@ impl Player {
             Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),
         };
         self.segment = segment as u32;
-        Setpoint {
+        let mut setpoint = Setpoint {
             at_ns: now_ns,
             lease_until_ns: now_ns + self.settings.lease_ns,
             protocol: program.identity,
@@ -443,12 +443,35 @@ impl Player {
             owner: Process::Experiment.code(),
             axes: program.axes as u8,
             ..Setpoint::default()
+        };
+        if mode == Mode::Impedance
+            && let Some((axis, field)) =
+                program.steps.get(segment).and_then(|step| Some((step.axis, step.track.field()?)))
+        {
+            put(&mut setpoint, axis, field);
         }
+        setpoint
     }
 }
 
-fn is_rest(program: &Program, segment: usize) -> bool {
-    program.steps.get(segment).is_some_and(|step| matches!(step.track.movement(), Movement::Rest { .. }))
+/// Puts the force field of one axis into a setpoint.
+fn put(setpoint: &mut Setpoint, axis: usize, field: &Field) {
+    let diagonal = axis * (AXES + 1);
+    setpoint.stiffness[diagonal] = field.stiffness;
+    setpoint.damping[diagonal] = field.damping;
+    if let Some((least, most)) = field.walls {
+        setpoint.wall_min[axis] = least;
+        setpoint.wall_max[axis] = most;
+        setpoint.wall_stiffness[axis] = field.wall_stiffness;
+    }
+}
+
+/// Whether the hand has the handle to itself: nobody knows where it will be.
+fn is_given_away(program: &Program, segment: usize) -> bool {
+    program
+        .steps
+        .get(segment)
+        .is_some_and(|step| matches!(step.track.movement(), Movement::Rest { .. } | Movement::Free { .. }))
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

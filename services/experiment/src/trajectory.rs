@@ -8,7 +8,7 @@
 use std::f64::consts::TAU;
 
 use ipc_types::Mode;
-use rig::protocol::{Line, MIN_JERK_PEAK_SPEED, Movement};
+use rig::protocol::{Field, Line, MIN_JERK_PEAK_SPEED, Movement};
 
 /// One axis at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,7 +96,7 @@ impl Track {
         let sine_peak_speed = match &movement {
             Movement::GuidedSine { amplitude, frequency_hz, .. } => amplitude * TAU * frequency_hz,
             Movement::Multisine { lines, duration_s, .. } => sampled_peak_speed(lines, *duration_s),
-            Movement::Steps { .. } | Movement::Hold { .. } | Movement::Rest { .. } => 0.0,
+            Movement::Steps { .. } | Movement::Hold { .. } | Movement::Rest { .. } | Movement::Free { .. } => 0.0,
         };
         Self { movement, sine_peak_speed }
     }
@@ -115,6 +115,7 @@ impl Track {
     pub fn mode(&self, t: f64) -> Mode {
         match &self.movement {
             Movement::Rest { .. } => Mode::Passive,
+            Movement::Free { .. } => Mode::Impedance,
             Movement::Hold { position: None, .. } => Mode::Hold,
             Movement::Hold { position: Some(_), rise_s, .. } if t >= *rise_s => Mode::Hold,
             _ => Mode::Position,
@@ -145,6 +146,16 @@ impl Track {
             }
             Movement::Hold { position, .. } => Point::at_rest(position.unwrap_or(start)),
             Movement::Rest { .. } => Point::at_rest(start),
+            // What the field is about, not where the handle is.
+            Movement::Free { field, .. } => Point::at_rest(field.centre),
+        }
+    }
+
+    /// The force field, if the hand moves in one.
+    pub fn field(&self) -> Option<&Field> {
+        match &self.movement {
+            Movement::Free { field, .. } => Some(field),
+            _ => None,
         }
     }
 

@@ -9,7 +9,7 @@ use plant::transmission::{Input, Motion, Transmission};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, HandKind, RigFile};
+use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
 use thiserror::Error;
 
 /// The virtual card cannot be made from this rig file.
@@ -46,8 +46,8 @@ pub struct Card {
     first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
-    hand_damping: f64,
-    hand_stiffness: f64,
+    hand: Hand,
+    scans: u64,
     generator: Pcg64Mcg,
     period_s: f64,
     line_ns: u64,
@@ -75,7 +75,7 @@ impl Card {
         let mut parameters = rig.transmission_parameters()?;
         let simulation = &rig.simulation;
         let hand = simulation.hand;
-        let held = hand.kind == HandKind::Passive;
+        let held = hand.kind != HandKind::Absent;
         if held {
             parameters.load_handle(hand.inertia)?;
         }
@@ -120,8 +120,8 @@ impl Card {
             first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
-            hand_damping: if held { hand.damping } else { 0.0 },
-            hand_stiffness: if held { hand.stiffness } else { 0.0 },
+            hand,
+            scans: 0,
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
             period_s,
             line_ns,
@@ -228,8 +228,9 @@ impl Card {
             }
         }
         let motion = self.plant.motion();
-        let hand_torque_nm =
-            -self.hand_stiffness * motion.slave_position_rad - self.hand_damping * motion.slave_velocity_rad_s;
+        let time_s = self.scans as f64 * self.period_s;
+        self.scans += 1;
+        let hand_torque_nm = self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
         self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
         scan
     }

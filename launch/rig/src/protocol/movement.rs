@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use super::field::Field;
 use crate::axis::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
@@ -65,6 +66,13 @@ pub enum Movement {
         /// Duration (s).
         duration_s: f64,
     },
+    /// The hand moves as it likes, the machine with it (§ 4.2), in a force field.
+    Free {
+        /// Duration (s).
+        duration_s: f64,
+        /// What the hand feels.
+        field: Field,
+    },
 }
 
 /// One sine of a multisine.
@@ -91,6 +99,8 @@ pub enum MovementKind {
     Hold,
     /// [`Movement::Rest`].
     Rest,
+    /// [`Movement::Free`].
+    Free,
 }
 
 impl MovementKind {
@@ -100,6 +110,7 @@ impl MovementKind {
         ("steps", Self::Steps),
         ("hold", Self::Hold),
         ("rest", Self::Rest),
+        ("free", Self::Free),
     ];
 
     /// The word in the file.
@@ -117,6 +128,7 @@ impl Movement {
             Self::Steps { .. } => MovementKind::Steps,
             Self::Hold { .. } => MovementKind::Hold,
             Self::Rest { .. } => MovementKind::Rest,
+            Self::Free { .. } => MovementKind::Free,
         }
     }
 
@@ -126,7 +138,8 @@ impl Movement {
             Self::GuidedSine { duration_s, .. }
             | Self::Multisine { duration_s, .. }
             | Self::Hold { duration_s, .. }
-            | Self::Rest { duration_s } => *duration_s,
+            | Self::Rest { duration_s }
+            | Self::Free { duration_s, .. } => *duration_s,
             Self::Steps { positions, dwell_s, rise_s } => positions.len() as f64 * (dwell_s + rise_s),
         }
     }
@@ -145,7 +158,7 @@ impl Movement {
                 Some((least, positions.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
             }
             Self::Hold { position, .. } => position.map(|position| (position, position)),
-            Self::Rest { .. } => None,
+            Self::Rest { .. } | Self::Free { .. } => None,
         }
     }
 
@@ -155,7 +168,7 @@ impl Movement {
             Self::GuidedSine { centre, .. } | Self::Multisine { centre, .. } => Some(*centre),
             Self::Steps { positions, .. } => positions.last().copied(),
             Self::Hold { position, .. } => position.or(start),
-            Self::Rest { .. } => None,
+            Self::Rest { .. } | Self::Free { .. } => None,
         }
     }
 
@@ -185,7 +198,7 @@ impl Movement {
             Self::Hold { position: Some(position), rise_s, .. } => {
                 MIN_JERK_PEAK_SPEED * (position - start).abs() / rise_s
             }
-            Self::Hold { position: None, .. } | Self::Rest { .. } => 0.0,
+            Self::Hold { position: None, .. } | Self::Rest { .. } | Self::Free { .. } => 0.0,
         }
     }
 }
@@ -300,6 +313,14 @@ impl Movement {
                 Self::Hold { position, rise_s: rise_s.unwrap_or(f64::min(1.0, duration_s / 2.0)), duration_s }
             }
             MovementKind::Rest => Self::Rest { duration_s: section.number("duration_s", DURATION) },
+            MovementKind::Free => {
+                let mut position = |stem| lengths.optional(stem, POSITION_DEG, POSITION_M);
+                let (centre, walls) = (position("centre").unwrap_or(0.0), ["wall_min", "wall_max"].map(&mut position));
+                Self::Free {
+                    duration_s: section.number("duration_s", DURATION),
+                    field: Field::read(section, centre, walls),
+                }
+            }
         };
         (movement, lengths.unit)
     }

@@ -1,10 +1,12 @@
 //! The control law: closed forms, continuity, limits, symmetry.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod force;
 mod properties;
 
 use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+use rig::ForceControl;
 
 const SECOND: u64 = 1_000_000_000;
 const COUNTS: f64 = 4000.0 / std::f64::consts::TAU;
@@ -23,8 +25,25 @@ fn axis_law() -> AxisLaw {
         catch_up_speed: 2.0,
         position_min: -2.0,
         position_max: 2.0,
+        force: Some(force_control()),
     }
     .with_count_gains(4.5e-3, 7e-4, COUNTS)
+}
+
+/// Eq. 4.2.1 to 4.2.3, with a torque cell of 0.5 V/(N·m).
+fn force_control() -> ForceControl {
+    ForceControl {
+        volts_per_torque: 0.5,
+        torque_gain: 0.333,
+        forgetting: 0.4,
+        offset_slow_v: 1.5,
+        offset_fast_v: 1.2,
+        threshold_speed: 1000.0 / COUNTS,
+        offset_slope: 1.11e-4 * COUNTS,
+        torque_threshold_v: 0.02,
+        end_stop_stiffness: 10.0,
+        end_stop_way: 0.1,
+    }
 }
 
 fn config(law: AxisLaw, rate: u64) -> LawConfig {
@@ -32,8 +51,15 @@ fn config(law: AxisLaw, rate: u64) -> LawConfig {
 }
 
 fn sample(time_ns: u64, position: f64) -> Sample {
-    let mut sample =
-        Sample { scan_time_ns: time_ns, time_ns, tick: time_ns, master_present: 1, axes: 1, ..Sample::default() };
+    let mut sample = Sample {
+        scan_time_ns: time_ns,
+        time_ns,
+        tick: time_ns,
+        master_present: 1,
+        torque_present: 1,
+        axes: 1,
+        ..Sample::default()
+    };
     sample.master_position[0] = position;
     sample
 }

@@ -17,6 +17,8 @@ enum Act {
     Lapse,
     Restart,
     Owner(u8),
+    /// Torque of the hand, stiffness, damping.
+    Free(f64, f64, f64),
 }
 
 fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
@@ -29,6 +31,7 @@ fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
         1 => Just(Act::Lapse),
         1 => Just(Act::Restart),
         1 => any::<u8>().prop_map(Act::Owner),
+        3 => (-8.0..8.0f64, -5.0..10.0f64, -0.5..2.0f64).prop_map(|(torque, k, d)| Act::Free(torque, k, d)),
     ];
     prop::collection::vec((act, 1u16..200), 1..12)
 }
@@ -45,6 +48,12 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
         Act::Passive => setpoint(now, Mode::Passive, [0.0; 4]),
         Act::Lapse => Setpoint { lease_until_ns: begin, ..setpoint(begin, Mode::Position, sine(begin, 1.0)) },
         Act::Owner(_) => setpoint(now, Mode::Position, sine(now, 0.5)),
+        Act::Free(_, stiffness, damping) => {
+            let mut free = setpoint(now, Mode::Impedance, [0.3, 0.0, 0.0, 0.0]);
+            (free.stiffness[0], free.damping[0]) = (stiffness, damping);
+            (free.wall_min[0], free.wall_max[0], free.wall_stiffness[0]) = (-1.0, 1.0, 20.0);
+            free
+        }
         Act::Nothing | Act::Restart => return None,
     };
     aim.owner = owner;
@@ -72,7 +81,11 @@ fn play(acts: &[(Act, u16)], hand: f64, mirror: f64, mut look: impl FnMut(&Law, 
                 setpoint.velocity[0] *= mirror;
                 setpoint.acceleration[0] *= mirror;
             }
-            let command = law.step(now, &sample(now, hand * mirror), setpoint.as_ref(), true);
+            let mut sample = sample(now, hand * mirror);
+            if let Act::Free(torque, ..) = act {
+                sample.slave_torque[0] = torque * mirror;
+            }
+            let command = law.step(now, &sample, setpoint.as_ref(), true);
             look(&law, &command, restart && cycle == 0);
         }
     }
@@ -98,12 +111,17 @@ proptest! {
             if let Some(before) = before {
                 let moved = (command.reference_position[0] - before.reference_position[0]).abs();
                 let sped = (command.reference_velocity[0] - before.reference_velocity[0]).abs();
-                let bound = controller.step_bound_v(0, 2e-3) + law.position_gain * moved + law.velocity_gain * sped;
+                let mut bound = controller.step_bound_v(0, 2e-3) + law.position_gain * moved + law.velocity_gain * sped;
+                if [command.mode, before.mode].contains(&Mode::Impedance.code()) {
+                    // Eq. 4.2.1 goes 0.4 of its way in a step, from limit to limit at most.
+                    bound += 0.4 * 2.0 * law.output_limit_v;
+                }
                 let step = (command.volts[0] - before.volts[0]).abs();
                 let mode = Mode::from_code(command.mode);
                 // Two sines of 2 Hz in opposite phase, and the speed of catching up.
                 let jumped = moved > 2e-3 * 28.0 + SWITCH_STEP_V / law.position_gain
-                    && mode != Some(Mode::Passive);
+                    // Where the law lets go, the reference is where the hand is.
+                    && !matches!(mode, Some(Mode::Passive | Mode::Impedance));
                 if step > bound || jumped {
                     failed = Some((step, bound, moved, *command));
                 }
@@ -131,15 +149,18 @@ proptest! {
     /// Whatever is measured and asked for, by numbers of any kind: finite, within the limit.
     #[test]
     fn sr_22_any_input_gives_a_finite_output_within_the_limit(
-        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..4, any::<bool>(), -1i64..20_000_000), 1..80),
+        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..5, any::<bool>(), -1i64..20_000_000, number()), 1..80),
     ) {
         let mut law = Law::new(config(axis_law(), 500));
         let mut now = SECOND;
-        for (position, aim, mode, powered, step) in cycles {
+        for (position, aim, mode, powered, step, torque) in cycles {
             now = now.wrapping_add(step as u64);
             let mut aim = setpoint(now, Mode::Position, aim);
             aim.mode = mode;
-            let command = law.step(now, &sample(now, position), Some(&aim), powered);
+            let mut sample = sample(now, position);
+            sample.slave_torque[0] = torque;
+            aim.stiffness[0] = torque;
+            let command = law.step(now, &sample, Some(&aim), powered);
             let values = [command.volts, command.feedforward_v, command.reference_position, command.reference_velocity];
             prop_assert!(values.iter().flatten().all(|value| value.is_finite()), "{command:?}");
             prop_assert!(command.volts[0].abs() <= 5.0);
@@ -162,7 +183,7 @@ proptest! {
                 sample.master_present = 1;
                 sample.master_position[0] = 0.5;
                 setpoint.lease_until_ns = u64::MAX;
-                setpoint.mode %= 3;
+                setpoint.mode %= 4;
             }
             let command = law.step(now, &sample, Some(&setpoint), true);
             prop_assert!(command.volts.iter().all(|volts| volts.is_finite() && volts.abs() <= 5.0), "{command:?}");

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use plant::any::Plant;
 use plant::transmission::{Input, Transmission as _};
-use rig::{HandKind, RigFile};
+use rig::{Hand, HandKind, RigFile};
 
 use super::trace::{SampleRow, by_tick};
 
@@ -74,6 +74,10 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         return Ok(None);
     }
     let hand = rig.simulation.hand;
+    if hand.kind == HandKind::Moving {
+        // Nobody knows when it set off.
+        return Ok(None);
+    }
     let held = hand.kind == HandKind::Passive;
     let mut parameters = rig.transmission_parameters()?;
     if held {
@@ -90,7 +94,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
     let mut time_s = Vec::with_capacity(rows.len());
     for row in &rows {
         while tick < row.tick {
-            let hand_torque_nm = hand_torque(&plant, held, hand.stiffness, hand.damping);
+            let hand_torque_nm = hand_torque(&plant, &hand);
             plant.step(Input { motor_v: volts, hand_torque_nm }, period_s);
             tick += 1;
         }
@@ -99,7 +103,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         let motion = plant.motion();
         declared[0].push(motion.master_position_rad / gear);
         declared[1].push(motion.slave_position_rad);
-        declared[2].push(hand_torque(&plant, held, hand.stiffness, hand.damping));
+        declared[2].push(hand_torque(&plant, &hand));
     }
     let [master, slave, torque] = declared;
     let measured = |value: fn(&SampleRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
@@ -118,13 +122,10 @@ fn median(rows: &[SampleRow], value: fn(&SampleRow) -> f64) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// What a passive hand does to the handle: a spring about 0 and a damper, as in the virtual card.
-fn hand_torque(plant: &Plant, held: bool, stiffness: f64, damping: f64) -> f64 {
-    if !held {
-        return 0.0;
-    }
+/// What the hand does to the handle, as in the virtual card.
+fn hand_torque(plant: &Plant, hand: &Hand) -> f64 {
     let motion = plant.motion();
-    -stiffness * motion.slave_position_rad - damping * motion.slave_velocity_rad_s
+    hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, 0.0)
 }
 
 impl Channel {

@@ -1,0 +1,70 @@
+//! Gains of force control (§ 4.2), as the rig file gives them.
+
+use crate::axis::{Encoder, TorqueChannel};
+use crate::read::{Section, bounds};
+
+/// Gains of force control (§ 4.2, eq. 4.2.1-4.2.3), in SI and for speeds of the axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ForceControl {
+    /// Magnitude of the torque cell's sensitivity: `v_s` per torque (V/(N·m) or V/N).
+    pub volts_per_torque: f64,
+    /// `P₁` (V/V).
+    pub torque_gain: f64,
+    /// `β` at 500 Hz.
+    pub forgetting: f64,
+    /// Offset below the threshold speed (V).
+    pub offset_slow_v: f64,
+    /// Offset at the threshold speed (V).
+    pub offset_fast_v: f64,
+    /// `C` (rad/s or m/s).
+    pub threshold_speed: f64,
+    /// `P₂` (V·s/rad or V·s/m).
+    pub offset_slope: f64,
+    /// Torque signal below which the offset grows in proportion (V).
+    pub torque_threshold_v: f64,
+    /// Stiffness of the soft stops before both ends (N·m/rad or N/m).
+    pub end_stop_stiffness: f64,
+    /// How far before the ends they begin (rad or m).
+    pub end_stop_way: f64,
+}
+
+impl ForceControl {
+    /// The section `control.force` of an axis with a torque cell; `way` is the width of the axis's range (rad or m), `per_file_unit`
+    /// the SI value of a degree (or of a metre).
+    pub(crate) fn read(
+        section: &Section<'_>,
+        master: &Encoder,
+        torque: &TorqueChannel,
+        way: f64,
+        per_file_unit: f64,
+    ) -> Self {
+        let volts = |key, printed, advice| section.number_or(key, printed, bounds(0.0, 5.0, advice));
+        let slow = volts("offset_slow_v", 1.5, "eq. 4.2.3 has 1.5 V below the threshold speed");
+        let fast = volts("offset_fast_v", 1.2, "eq. 4.2.3 has 1.2 V from the threshold speed on");
+        let counts = master.counts_per_unit;
+        let threshold = bounds(0.0, 1e9, "C of eq. 4.2.3, in counts/s");
+        let slope = bounds(0.0, 1.0, "P2 of eq. 4.2.3, in V·s/count");
+        // A wide axis has room for 10 degrees (of a slide: 0.1 m) at each end, a narrow one for a twentieth of its way.
+        let stop = if per_file_unit < 1.0 { 10.0 * per_file_unit } else { 0.1 };
+        Self {
+            volts_per_torque: torque.volts_per_unit.abs(),
+            torque_gain: section.number_or("p1", 0.333, bounds(0.0, 20.0, "P1 of eq. 4.2.2, in V/V")),
+            forgetting: section.number_or("forgetting", 0.4, bounds(0.01, 1.0, "beta of eq. 4.2.1, at 500 Hz")),
+            offset_slow_v: slow,
+            offset_fast_v: fast,
+            threshold_speed: section.number_or("threshold_counts_per_s", 1000.0, threshold) / counts,
+            offset_slope: section.number_or("p2_v_s_per_count", 1.11e-4, slope) * counts,
+            torque_threshold_v: section.number_or(
+                "torque_threshold_v",
+                0.02,
+                bounds(1e-3, 5.0, "some times the noise of the torque channel, in V"),
+            ),
+            end_stop_stiffness: section.number_or(
+                "end_stop_stiffness",
+                10.0,
+                bounds(0.0, 1e5, "N·m/rad, or N/m on an axis in m"),
+            ),
+            end_stop_way: stop.min(0.05 * way),
+        }
+    }
+}

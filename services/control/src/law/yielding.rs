@@ -1,0 +1,79 @@
+//! The law's side of force control: measured values in, output that goes on from where it is.
+
+use ipc_types::{AXES, MotorCommand, Sample, Setpoint};
+
+use super::force::{end_stop_torque, field_torque, step};
+use super::{AUTHORITY_S, Axis, Law, Motion, handle_position};
+
+impl Law {
+    /// Whether every axis has force control, and a torque to go by.
+    pub(super) fn can_yield(&self, sample: &Sample) -> bool {
+        (0..self.config.axes).all(|axis| {
+            self.config.axis[axis].force.is_some()
+                && sample.torque_present & (1 << axis) != 0
+                && sample.slave_torque[axis].is_finite()
+        })
+    }
+
+    /// Force control of one axis into the command; false where a number is none.
+    pub(super) fn give_way(
+        &mut self,
+        index: usize,
+        sample: &Sample,
+        setpoint: &Setpoint,
+        elapsed_s: f64,
+        command: &mut MotorCommand,
+    ) -> bool {
+        let position: [f64; AXES] = std::array::from_fn(|axis| handle_position(sample, axis));
+        let velocity = self.axis.map(|axis| axis.handle.velocity());
+        let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
+        let Some(force) = &law.force else { return false };
+        let limit_v = law.output_limit_v;
+        let field = field_torque(setpoint, index, &position, &velocity)
+            + end_stop_torque(force, position[index], law.position_min, law.position_max);
+        let torque = sample.slave_torque[index] + field;
+        let before_v = if axis.yields { axis.force_v } else { 0.0 };
+        // The speed is the motor's: what rubs most turns with it.
+        axis.force_v = step(force, before_v, torque, axis.velocity.velocity(), elapsed_s, limit_v);
+        if !axis.force_v.is_finite() {
+            return false;
+        }
+        let carried_v = axis.carry(true, axis.force_v, limit_v * elapsed_s / AUTHORITY_S);
+        let limited_v = (axis.force_v + carried_v).max(-limit_v).min(limit_v);
+        axis.output_v = limited_v;
+        let master = sample.master_position[index];
+        axis.reference = Motion::at_rest(master);
+        axis.target = axis.reference;
+        axis.target_ns = sample.scan_time_ns;
+        axis.blend = None;
+        axis.friction.reset();
+        axis.inertia.reset();
+        command.velocity[index] = axis.velocity.velocity();
+        command.reference_position[index] = master;
+        command.limited |= u8::from(limited_v.abs() >= limit_v);
+        command.ramping |= u8::from(self.authority < 1.0 || carried_v != 0.0);
+        command.volts[index] = self.authority * limited_v;
+        true
+    }
+}
+
+impl Axis {
+    /// What of the last output is still to be added to the `next_v` of this control; fades by `fade_v` a step.
+    pub(super) fn carry(&mut self, yields: bool, next_v: f64, fade_v: f64) -> f64 {
+        if yields == self.yields {
+            self.carried_v -= self.carried_v.clamp(-fade_v, fade_v);
+        } else {
+            self.yields = yields;
+            self.carried_v = self.output_v - next_v;
+        }
+        self.carried_v
+    }
+
+    /// No output: nothing to go on from.
+    pub(super) fn forget(&mut self) {
+        self.force_v = 0.0;
+        self.yields = false;
+        self.output_v = 0.0;
+        self.carried_v = 0.0;
+    }
+}

@@ -1,0 +1,156 @@
+//! Force control: eq. 4.2.1 to 4.2.3, fields, and what happens where they meet the law.
+
+use control::law::force::{end_stop_torque, field_torque, offset_v, settled_v, step};
+use control::law::{AUTHORITY_S, Law};
+use ipc_types::{AXES, Mode, MotorCommand, Setpoint};
+
+use super::{COUNTS, SECOND, axis_law, config, force_control, sample, setpoint, sine};
+
+fn close(found: f64, expected: f64) {
+    assert!((found - expected).abs() < 1e-12, "found {found}, expected {expected}");
+}
+
+#[test]
+fn offset_is_that_of_eq_4_2_3() {
+    let gains = force_control();
+    // counts/s and V
+    for (speed, volts) in [(0.0, 1.5), (999.0, 1.5), (1000.0, 1.2), (2000.0, 1.2 - 0.111), (11_000.0, 1.2 - 1.11)] {
+        close(offset_v(&gains, speed / COUNTS), volts);
+        close(offset_v(&gains, -speed / COUNTS), volts);
+    }
+    // The printed line goes below zero at 11,811 counts/s, and would brake.
+    assert_eq!(offset_v(&gains, 20_000.0 / COUNTS), 0.0);
+}
+
+#[test]
+fn settles_at_eq_4_2_2_in_the_direction_of_the_torque() {
+    let gains = force_control();
+    for velocity in [-1.0, 1.0] {
+        close(settled_v(&gains, 2.0, velocity), 0.333 + 1.5);
+        close(settled_v(&gains, -2.0, velocity), -0.333 - 1.5);
+    }
+    assert_eq!(settled_v(&gains, 0.0, 0.0), 0.0, "no torque, no offset");
+    // Within the threshold of 0.02 V, 0.04 N·m, in proportion.
+    close(settled_v(&gains, 0.02, 0.0), 0.333 * 0.01 + 0.75);
+}
+
+#[test]
+fn forgets_as_eq_4_2_1_whatever_the_rate() {
+    let gains = force_control();
+    let wanted = settled_v(&gains, 2.0, 0.0);
+    let once = step(&gains, 0.7, 2.0, 0.0, 2e-3, 5.0);
+    close(once, 0.6 * 0.7 + 0.4 * wanted);
+    let twice = step(&gains, step(&gains, 0.7, 2.0, 0.0, 1e-3, 5.0), 2.0, 0.0, 1e-3, 5.0);
+    close(twice, once);
+    assert_eq!(step(&gains, 0.0, 1e9, 0.0, 1.0, 5.0), 5.0, "within the limit");
+    assert!(step(&gains, 0.0, f64::NAN, 0.0, 2e-3, 5.0).is_nan());
+}
+
+#[test]
+fn fields_pull_as_their_matrices_say() {
+    let mut field = Setpoint { position: [0.1, 0.2, 0.0], ..Setpoint::default() };
+    // A spring on axis 0, a curl field on both: torque across the velocity, no work.
+    field.stiffness[0] = 2.0;
+    (field.damping[1], field.damping[AXES]) = (0.5, -0.5);
+    let (position, velocity) = ([0.4, 0.7, 0.0], [1.0, -2.0, 0.0]);
+    let torque: [f64; AXES] = std::array::from_fn(|axis| field_torque(&field, axis, &position, &velocity));
+    close(torque[0], -2.0 * 0.3 - 0.5 * -2.0);
+    close(torque[1], 0.5 * 1.0);
+    close(torque[0] * velocity[0] + torque[1] * velocity[1], -2.0 * 0.3);
+    (field.wall_min[1], field.wall_max[1], field.wall_stiffness[1]) = (-0.5, 0.5, 10.0);
+    close(field_torque(&field, 1, &position, &[0.0; AXES]), -10.0 * 0.2);
+    close(field_torque(&field, 1, &[0.1, 0.2, 0.0], &[0.0; AXES]), 0.0);
+}
+
+#[test]
+fn soft_stops_begin_before_the_ends() {
+    let gains = force_control();
+    assert_eq!(end_stop_torque(&gains, 1.89, -2.0, 2.0), 0.0);
+    close(end_stop_torque(&gains, 2.0, -2.0, 2.0), -1.0);
+    close(end_stop_torque(&gains, -2.05, -2.0, 2.0), 1.5);
+}
+
+fn free(now: u64) -> Setpoint {
+    setpoint(now, Mode::Impedance, [0.0; 4])
+}
+
+/// Runs a law for some cycles of 2 ms on a hand that rests and pushes; the last command.
+fn run(law: &mut Law, now: &mut u64, cycles: u32, torque: f64, aim: impl Fn(u64) -> Setpoint) -> Vec<MotorCommand> {
+    (0..cycles)
+        .map(|_| {
+            *now += 2_000_000;
+            let mut sample = sample(*now, 0.5);
+            sample.slave_torque[0] = torque;
+            law.step(*now, &sample, Some(&aim(*now)), true)
+        })
+        .collect()
+}
+
+#[test]
+fn goes_over_from_guidance_to_the_hand_and_back_without_a_jump() {
+    let mut law = Law::new(config(axis_law(), 500));
+    let mut now = SECOND;
+    let guided = run(&mut law, &mut now, 600, 0.0, |now| setpoint(now, Mode::Position, sine(now, 0.3)));
+    let held_v = guided.last().unwrap().volts[0];
+    assert!(held_v.abs() > 0.5, "{held_v}");
+    let given = run(&mut law, &mut now, 200, 0.0, free);
+    assert!((given[0].volts[0] - held_v).abs() < 1e-9, "{held_v}, then {}", given[0].volts[0]);
+    // Without a torque the carried volts fade in AUTHORITY_S from the limit at most, and nothing is left.
+    let faded = (AUTHORITY_S * 500.0) as usize + 1;
+    assert_eq!((given[faded].volts[0], given[faded].ramping), (0.0, 0));
+    let pushed = run(&mut law, &mut now, 200, 2.0, free);
+    close(pushed[199].volts[0], 0.333 + 1.5);
+    let taken = run(&mut law, &mut now, 1, 2.0, |now| setpoint(now, Mode::Hold, [0.5, 0.0, 0.0, 0.0]));
+    assert!((taken[0].volts[0] - pushed[199].volts[0]).abs() < 1e-9, "{:?}", taken[0].volts);
+    assert_eq!(taken[0].reference_position[0], 0.5, "from where the hand is");
+}
+
+#[test]
+fn without_a_torque_there_is_no_force_control() {
+    for broken in 0..4 {
+        let mut axis = axis_law();
+        if broken == 0 {
+            axis.force = None;
+        }
+        let mut law = Law::new(config(axis, 500));
+        let mut now = SECOND;
+        run(&mut law, &mut now, 100, 2.0, free);
+        now += 2_000_000;
+        let (mut sample, mut aim) = (sample(now, 0.5), free(now));
+        sample.slave_torque[0] = 2.0;
+        match broken {
+            1 => sample.torque_present = 0,
+            2 => sample.slave_torque[0] = f64::NAN,
+            3 => aim.damping[4] = f64::INFINITY,
+            _ => {}
+        }
+        let command = law.step(now, &sample, Some(&aim), true);
+        if broken == 3 {
+            // A field that is no field is no setpoint: the hand is held.
+            assert_eq!((command.lapsed, command.mode), (1, Mode::Hold.code()), "{command:?}");
+        } else {
+            assert_eq!(
+                (command.volts[0], command.limited, command.mode),
+                (0.0, 1, Mode::Passive.code()),
+                "{command:?}"
+            );
+        }
+    }
+}
+
+/// A spring that the hand is pulled away from: the law works for the spring until the hand holds it.
+#[test]
+fn a_field_drives_the_handle_until_the_hand_holds_against_it() {
+    let mut law = Law::new(config(axis_law(), 500));
+    let mut now = SECOND;
+    let spring = |now| {
+        let mut aim = free(now);
+        aim.stiffness[0] = 4.0;
+        aim
+    };
+    let alone = run(&mut law, &mut now, 100, 0.0, spring);
+    // At 0.5 rad the spring pulls with 2 N·m towards 0.
+    close(alone[99].volts[0], -0.333 - 1.5);
+    let held = run(&mut law, &mut now, 100, 2.0, spring);
+    assert!(held[99].volts[0].abs() < 1e-9, "{}", held[99].volts[0]);
+}
