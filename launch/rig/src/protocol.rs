@@ -242,7 +242,7 @@ impl Segment {
         };
         let limits = &axis.limits;
         if let Movement::Free { field, .. } = &self.movement {
-            return check_field(field, axis, &key, &show, source);
+            return check_field(field, axis, key, show, source);
         }
         if let Some((least, most)) = self.movement.range()
             && (least < limits.position_min || most > limits.position_max)
