@@ -152,8 +152,8 @@ const SHORTEST_REPETITION_S: f64 = 1e-3;
 const SETTING_OFF_S: f64 = 1.0;
 
 impl Hand {
-    /// Torque on the handle (N·m or N) at its position and velocity, `time_s` after the hand took it. A moving hand sets off
-    /// gently: its amplitude grows to the full in the first second.
+    /// Torque on the handle (N·m or N) at its position and velocity, `time_s` after it set off. A moving hand does so gently:
+    /// its amplitude grows to the full in the first second.
     pub fn torque(&self, position: f64, velocity: f64, time_s: f64) -> f64 {
         let (wanted, wanted_velocity) = match self.kind {
             HandKind::Absent => return 0.0,

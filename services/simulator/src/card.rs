@@ -47,7 +47,8 @@ pub struct Card {
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand: Hand,
-    scans: u64,
+    /// Scans since the motor has had power: a moving hand sets off with it, so that the rig can be armed at rest.
+    powered_scans: u64,
     generator: Pcg64Mcg,
     period_s: f64,
     line_ns: u64,
@@ -121,7 +122,7 @@ impl Card {
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
             hand,
-            scans: 0,
+            powered_scans: 0,
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
             period_s,
             line_ns,
@@ -228,8 +229,8 @@ impl Card {
             }
         }
         let motion = self.plant.motion();
-        let time_s = self.scans as f64 * self.period_s;
-        self.scans += 1;
+        self.powered_scans = if powered { self.powered_scans + 1 } else { 0 };
+        let time_s = self.powered_scans as f64 * self.period_s;
         let hand_torque_nm = self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
         self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
         scan
