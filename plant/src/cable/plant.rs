@@ -212,9 +212,7 @@ impl Plant {
             let speed = moved.displacement / step;
             // What the effects took is not lost.
             self.energy.dissipated_j += moved.dissipated - resistance * speed * moved.displacement;
-            for effect in &mut self.effects.line {
-                effect.flowed(line, moved.displacement, moment);
-            }
+            self.effects.flowed(line, moved.displacement, moment);
             for (end, angle) in [master.displacement, slave.displacement].into_iter().enumerate() {
                 let (lost, taken) = self.lines.work(coupling, (line, end), (moved.displacement, speed), angle);
                 self.energy.dissipated_j += lost;
@@ -294,10 +292,7 @@ impl Plant {
         // An effect knows one coefficient of loss, viscous and dry together.
         let moving = if speed >= 0.0 { dry.forward } else { dry.backward };
         let coefficient = viscous + moving / speed.abs().max(1e-6);
-        let mut changed = coefficient;
-        for effect in &mut self.effects.line {
-            changed = effect.fluid(changed, moment);
-        }
+        let changed = self.effects.fluid(coefficient, moment);
         let factor = if coefficient > 0.0 { changed / coefficient } else { 1.0 };
         dry.scale(factor);
         Load {

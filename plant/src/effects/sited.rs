@@ -81,6 +81,18 @@ impl Sited {
         load.load.force - own
     }
 
+    /// A line's loss coefficient with effects, N·s/m.
+    pub(crate) fn fluid(&mut self, coefficient: f64, moment: &Moment) -> f64 {
+        self.line.iter_mut().fold(coefficient, |coefficient, effect| effect.fluid(coefficient, moment))
+    }
+
+    /// Tells how far the fluid of a line went, m.
+    pub(crate) fn flowed(&mut self, line: usize, displacement_m: f64, moment: &Moment) {
+        for effect in &mut self.line {
+            effect.flowed(line, displacement_m, moment);
+        }
+    }
+
     /// Tells both sides how far they moved.
     pub(crate) fn moved(&mut self, [master, slave]: [f64; 2], moment: &Moment) {
         for (effects, displacement) in [(&mut self.master, master), (&mut self.slave, slave)] {

@@ -261,9 +261,7 @@ impl Plant {
         for line in 0..2 {
             let mut coefficient = self.constants.pipe.coefficient(mean[2 + line]);
             if EFFECTS {
-                for effect in &mut self.effects.line {
-                    coefficient = effect.fluid(coefficient, moment);
-                }
+                coefficient = self.effects.fluid(coefficient, moment);
             }
             // Losses, and what effects take with the fluid's own speed.
             let resistance = if EFFECTS {
@@ -282,9 +280,7 @@ impl Plant {
             lines[line] = Advance { velocity: after, displacement, dissipated };
             self.energy.dissipated_j += dissipated;
             if EFFECTS {
-                for effect in &mut self.effects.line {
-                    effect.flowed(line, displacement, moment);
-                }
+                self.effects.flowed(line, displacement, moment);
             }
             for (end, angle) in moved.iter().enumerate() {
                 let piston = self.constants.displacement[end] * angle;

@@ -13,6 +13,11 @@ pub fn effects(names: &[&str]) -> Vec<Box<dyn Effect>> {
     names.iter().map(|name| plant::effects::parse(name).unwrap()).collect()
 }
 
+/// Volts at the motor, and no hand.
+pub fn volts(motor_v: f64) -> Input {
+    Input { motor_v, hand_torque_nm: 0.0 }
+}
+
 /// A plant with effects.
 pub fn plant(parameters: Parameters, names: &[&str]) -> Plant {
     Plant::new(parameters, effects(names)).unwrap()

@@ -305,7 +305,7 @@ impl Law {
             if begins || !reference.is_finite() {
                 // Power came: from the hand's own motion, so that there is no error to begin with.
                 let speed = law.catch_up_speed.abs();
-                let velocity = axis.velocity.velocity().max(-speed).min(speed);
+                let velocity = within(axis.velocity.velocity(), speed);
                 axis.reference = Motion { position, velocity, acceleration: 0.0 };
                 axis.blend = None;
             } else {
@@ -352,9 +352,7 @@ impl Law {
         let velocity = axis.velocity.velocity();
         command.velocity[index] = velocity;
         if self.source.is_none() {
-            axis.reference = Motion::at_rest(position);
-            axis.target = axis.reference;
-            axis.target_ns = time_ns;
+            axis.rest_at(position, time_ns);
             command.reference_position[index] = position;
             return true;
         }
@@ -364,7 +362,7 @@ impl Law {
         let friction_v = friction(reference.velocity, peak_speed, law.friction_peak_v, law.friction_floor_v);
         let friction_v = axis.friction.follow(friction_v, law.friction_peak_v * elapsed_s / FRICTION_SLEW_S);
         let limit_v = law.output_limit_v;
-        let inertia_v = (law.inertia_v * reference.acceleration).max(-limit_v).min(limit_v);
+        let inertia_v = within(law.inertia_v * reference.acceleration, limit_v);
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let feedforward_v = friction_v + inertia_v;
         let feedback_v =
@@ -373,10 +371,10 @@ impl Law {
         if !wanted_v.is_finite() {
             return false;
         }
-        let carried_v = axis.carry(false, wanted_v.max(-limit_v).min(limit_v), limit_v * elapsed_s / AUTHORITY_S);
+        let carried_v = axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
         // Limited before it is weighed, so that authority takes the output to 0 V from wherever it is.
         let wanted_v = wanted_v + carried_v;
-        let limited_v = wanted_v.max(-limit_v).min(limit_v);
+        let limited_v = within(wanted_v, limit_v);
         axis.output_v = limited_v;
         command.limited |= u8::from(limited_v != wanted_v);
         command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
@@ -389,6 +387,13 @@ impl Law {
 }
 
 impl Axis {
+    /// The reference is where the hand is (rad or m), at rest.
+    fn rest_at(&mut self, position: f64, time_ns: u64) {
+        self.reference = Motion::at_rest(position);
+        self.target = self.reference;
+        self.target_ns = time_ns;
+    }
+
     /// The target that was last aimed at, moved on to now.
     fn target_at(&self, time_ns: u64) -> Motion {
         self.target.after(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
@@ -404,6 +409,11 @@ impl Axis {
         let way = stopping_way(self.reference.velocity, law.stop_s());
         Motion::at_rest((self.reference.position + way).max(law.position_min).min(law.position_max))
     }
+}
+
+/// A value held within ± a limit. Not `clamp`, which panics where the limit is not a number or negative.
+fn within(value: f64, limit: f64) -> f64 {
+    value.max(-limit).min(limit)
 }
 
 /// Where the handle is: its own encoder's word, or else the motor's (rad or m).

@@ -14,6 +14,8 @@
 use ipc_types::{AXES, Setpoint};
 use rig::ForceControl;
 
+use super::within;
+
 /// Period to which the printed forgetting factor belongs (s): 500 Hz.
 const PRINTED_PERIOD_S: f64 = 2e-3;
 
@@ -45,7 +47,7 @@ fn share(gains: &ForceControl, elapsed_s: f64) -> f64 {
 pub fn step(gains: &ForceControl, output_v: f64, torque: f64, velocity: f64, elapsed_s: f64, limit_v: f64) -> f64 {
     let wanted_v = settled_v(gains, torque, velocity);
     let next_v = output_v + share(gains, elapsed_s) * (wanted_v - output_v);
-    if next_v.is_finite() { next_v.max(-limit_v).min(limit_v) } else { f64::NAN }
+    if next_v.is_finite() { within(next_v, limit_v) } else { f64::NAN }
 }
 
 /// Torque of the soft stops (N·m or N) at a position, for the ends of the axis (rad or m).

@@ -3,7 +3,7 @@
 use ipc_types::{AXES, MotorCommand, Sample, Setpoint};
 
 use super::force::{end_stop_torque, field_torque, step};
-use super::{AUTHORITY_S, Axis, Law, Motion, handle_position};
+use super::{AUTHORITY_S, Axis, Law, handle_position, within};
 
 impl Law {
     /// Whether every axis has force control, and a torque to go by.
@@ -39,12 +39,10 @@ impl Law {
             return false;
         }
         let carried_v = axis.carry(true, axis.force_v, limit_v * elapsed_s / AUTHORITY_S);
-        let limited_v = (axis.force_v + carried_v).max(-limit_v).min(limit_v);
+        let limited_v = within(axis.force_v + carried_v, limit_v);
         axis.output_v = limited_v;
         let master = sample.master_position[index];
-        axis.reference = Motion::at_rest(master);
-        axis.target = axis.reference;
-        axis.target_ns = sample.scan_time_ns;
+        axis.rest_at(master, sample.scan_time_ns);
         axis.blend = None;
         axis.friction.reset();
         axis.inertia.reset();
