@@ -376,7 +376,7 @@ impl Learner {
             *point =
                 ReferencePoint { position: self.reference[n], velocity: velocity[n], acceleration: acceleration[n] };
             let speed = velocity[n].abs();
-            if !(speed <= self.peak_speed) {
+            if speed > self.peak_speed || speed.is_nan() {
                 self.peak_speed = speed;
             }
         }
