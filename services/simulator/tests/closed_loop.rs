@@ -1,19 +1,9 @@
 //! The shipped rigs under their own control: the law of the control process on the virtual card, in lock step.
 #![allow(clippy::unwrap_used)]
 
-use std::f64::consts::TAU;
-
-use acquisition::Converter;
-use control::law::Law;
-use control::law_config;
-use ipc_types::{Mode, Setpoint};
 use rig::RigFile;
-use runtime::daq::Daq;
-use simulator::LockStepDaq;
+use twin::{Aim, Twin};
 
-const LINE_NS: u64 = 5_000_000;
-/// Ticks of the card from a sample to the volts that answer it: through control and the gate, about 1 ms.
-const ANSWER_TICKS: u64 = 2;
 /// Time after which the movement has come up and its transients have died (s).
 const SETTLED_S: f64 = 4.0;
 
@@ -35,44 +25,20 @@ struct Followed {
 }
 
 fn guided_sine(rig: &RigFile, amplitude_deg: f64, hertz: f64, seconds: f64) -> Followed {
-    let mut daq = LockStepDaq::new(rig, &[], LINE_NS, true).unwrap();
-    let (converter, mut law) = (Converter::new(rig), Law::new(law_config(rig)));
-    let cycle_ticks = u64::from(rig.rates.acquisition_hz / rig.rates.control_hz);
-    let (amplitude, omega) = (amplitude_deg.to_radians(), TAU * hertz);
+    let mut twin = Twin::new(rig, &[]).unwrap();
     let (mut errors, mut steps) = (Vec::new(), Vec::new());
     let (mut master, mut slave) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
     let (mut last_v, mut peak_v) = (0.0_f64, 0.0_f64);
-    let mut ticks = 0;
-    while (ticks as f64) < seconds * f64::from(rig.rates.acquisition_hz) {
-        let time_s = ticks as f64 / f64::from(rig.rates.acquisition_hz);
-        daq.advance(cycle_ticks - ANSWER_TICKS);
-        let now_ns = daq.now_ns();
-        let sample = converter.convert(daq.read_due(now_ns).unwrap().last().unwrap());
-        let (sine, cosine) = (omega * time_s).sin_cos();
-        let mut setpoint = Setpoint {
-            incarnation: 61,
-            at_ns: sample.scan_time_ns,
-            lease_until_ns: now_ns + 100_000_000,
-            mode: Mode::Position.code(),
-            axes: 1,
-            ..Setpoint::default()
-        };
-        setpoint.position[0] = amplitude * sine;
-        setpoint.velocity[0] = amplitude * omega * cosine;
-        setpoint.acceleration[0] = -amplitude * omega * omega * sine;
-        setpoint.peak_speed[0] = amplitude * omega;
-        let command = law.step(now_ns, &sample, Some(&setpoint), true);
-        daq.advance(ANSWER_TICKS);
-        daq.write(command.volts).unwrap();
-        ticks += cycle_ticks;
-        let volts = command.volts[0];
+    while twin.time_s() < seconds {
+        let setpoint = twin.setpoint(&Aim::sine(amplitude_deg.to_radians(), hertz, twin.time_s()));
+        let moment = twin.cycle(&setpoint).unwrap();
+        let volts = moment.command.volts[0];
         peak_v = peak_v.max(volts.abs());
-        if time_s >= SETTLED_S {
-            let motion = daq.card().motion();
-            errors.push(command.reference_position[0] - sample.master_position[0]);
+        if moment.time_s >= SETTLED_S {
+            let motion = moment.motion;
+            errors.push(moment.command.reference_position[0] - moment.sample.master_position[0]);
             steps.push(volts - last_v);
-            let turned = motion.master_position_rad / rig.axes[0].master.turns_per_handle_turn;
-            master = (master.0.min(turned), master.1.max(turned));
+            master = (master.0.min(motion.master_position_rad), master.1.max(motion.master_position_rad));
             slave = (slave.0.min(motion.slave_position_rad), slave.1.max(motion.slave_position_rad));
         }
         last_v = volts;

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 /// Redraws the thesis's figures from the models, beside the published values.
 ///
-/// One page (index.html, needs no network), each figure as SVG and PNG, and all numbers (figures.json). Fits one
+/// One page (index.html, needs no network), each figure as SVG and PNG, and all numbers (figures.json; figure-4.6.csv has the
+/// error of each block of the learning). Fits one
 /// softening of the line to the measured resonance and predicts the other published numbers with it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(

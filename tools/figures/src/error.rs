@@ -15,6 +15,12 @@ pub enum FiguresError {
     /// A figure or the page could not be drawn.
     #[error(transparent)]
     Report(#[from] report::Error),
+    /// A rig file that is built in is not in order.
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
+    /// The learning could not be simulated.
+    #[error(transparent)]
+    Lesson(#[from] twin::learning::LessonError),
     /// A published value that is asked for is not in the table.
     #[error("no published value `{0}`; its id must stand in the table of published values")]
     Published(&'static str),

@@ -8,6 +8,9 @@ use crate::error::{FiguresError, Result};
 /// Stands in every folder that this command wrote, so that the next run may replace it.
 const MARK: &str = ".farreach-figures";
 
+/// Error per block of the learning, as a table.
+pub(crate) const ERRORS_CSV: &str = "figure-4.6.csv";
+
 /// Checks that a folder can be written before anything is computed.
 ///
 /// # Errors
@@ -64,7 +67,7 @@ fn beside(folder: &Path) -> Result<tempfile::TempDir> {
 
 fn is_result(name: &str) -> bool {
     let figure = name.strip_prefix("figure-").and_then(|rest| rest.strip_suffix(".svg").or(rest.strip_suffix(".png")));
-    [MARK, "index.html", "figures.json"].contains(&name)
+    [MARK, "index.html", "figures.json", ERRORS_CSV].contains(&name)
         || figure.is_some_and(|number| number.chars().all(|c| c.is_ascii_digit() || c == '.'))
 }
 

@@ -52,7 +52,7 @@ pub struct Published {
 
 macro_rules! published {
     ($($id:literal $figure:literal $section:literal $kind:ident $value:literal $unit:literal;)+) => {
-        /// All published values on response, friction, delay and fits.
+        /// All published values on response, friction, delay, fits and learning.
         pub const PUBLISHED: &[Published] = &[$(Published {
             id: $id, figure: $figure, section: $section, kind: Kind::$kind, unit: $unit, value: $value,
         }),+];
@@ -79,6 +79,11 @@ published! {
     "hydrostatic.gain_bounds.min_db" "3.4" "eq. 4.3.6" Stated -3.0 "dB";
     "hydrostatic.gain_bounds.max_db" "3.4" "eq. 4.3.6" Stated 12.0 "dB";
     "hydrostatic.vanishing.frequency_hz" "3.4" "§ 3.3.1" Stated 20.0 "Hz";
+    "hydrostatic.ilc.initial_error_deg" "4.6" "§ 4.3" Simulated 11.0 "°";
+    "hydrostatic.ilc.final_error_deg" "4.6" "§ 4.3" Simulated 1.0 "°";
+    "hydrostatic.ilc.blocks" "4.6" "§ 4.3" Simulated 83.0 "1";
+    "hydrostatic.ilc.block_s" "4.6" "§ 4.3" Simulated 3.0 "s";
+    "hydrostatic.ilc.delay_samples_2khz" "4.6" "§ 4.3" Simulated 60.0 "1";
     "cable.length_m" "5.7" "§ 5.1" Measured 9.0 "m";
     "cable.cable_length_m" "5.7" "§ 5.1" Measured 18.0 "m";
     "cable.diameter_mm" "5.7" "§ 5.1" Measured 1.0 "mm";

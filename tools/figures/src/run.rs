@@ -8,6 +8,7 @@ use report::Painter;
 
 use crate::args::Args;
 use crate::error::Result;
+use crate::folder::ERRORS_CSV;
 use crate::study::{STEPS, Study, study};
 use crate::{folder, page};
 
@@ -54,6 +55,7 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
     let mut files = vec![
         ("index.html".to_owned(), page::page(study, json)?.render()?.into_bytes()),
         ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
+        (ERRORS_CSV.to_owned(), study.common.learning.csv().into_bytes()),
     ];
     // Painting takes as long as a figure's simulations do: on all cores.
     let drawn: Result<Vec<_>> = study

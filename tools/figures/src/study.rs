@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::drawn::{Common, DRAW, Drawn};
 use crate::error::Result;
+use crate::learning::{PARTS, learn};
 use crate::line::Line;
 use crate::measure::{logarithmic, sweep};
 use crate::row::Row;
@@ -36,6 +37,7 @@ pub struct Study {
 /// How many times [`study`] calls `done`.
 pub const STEPS: usize = 2
     + DRAW.len()
+    + PARTS
     + AMPLITUDES_DEG.len() * Friction::ALL.len()
     + FITTED
     + cable::AMPLITUDES_DEG.len() * cable::DAMPINGS.len();
@@ -45,7 +47,9 @@ pub const STEPS: usize = 2
 /// # Errors
 /// Where a constant is out of range, or no softening gives the measured resonance.
 pub fn study(done: impl Fn() + Sync) -> Result<Study> {
-    let tracing = trace()?;
+    // One after the other, tracing leaves a core idle.
+    let (tracing, learning) = rayon::join(trace, || learn(&done));
+    let (tracing, learning) = (tracing?, learning?);
     done();
     let lines = [Line::printed(), tracing.line.clone()];
     let fit = |line: &Line, low: f64, high: f64| -> Result<Option<LinearSystem>> {
@@ -58,6 +62,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
         fitted: [fit(printed, 0.2, 24.0)?, fit(traced, 0.2, 24.0)?],
         fitted_short: [fit(&short[0], 0.2, 250.0)?, fit(&short[1], 0.2, 100.0)?],
         tracing,
+        learning,
     };
     done();
     let (figures, loop_results) = rayon::join(

@@ -3,6 +3,7 @@
 pub mod cable;
 pub mod friction;
 pub mod hose;
+pub mod learning;
 pub mod reserved;
 pub mod response;
 pub mod sines;
@@ -12,6 +13,7 @@ use plant::response::LinearSystem;
 use report::Sheet;
 
 use crate::error::Result;
+use crate::learning::Learning;
 use crate::measure::Cycle;
 use crate::row::Row;
 use crate::tracing::Tracing;
@@ -40,6 +42,8 @@ pub struct Common {
     pub fitted: [Option<LinearSystem>; 2],
     /// The same with 1 m of hose.
     pub fitted_short: [Option<LinearSystem>; 2],
+    /// Iterative learning on the rig's twin.
+    pub learning: Learning,
 }
 
 /// Time within the cycle, s, with master and slave in degrees.
@@ -67,6 +71,8 @@ pub const DRAW: &[Draw] = &[
     hose::diameter,
     hose::length,
     response::one_metre,
+    learning::monotonicity,
+    learning::learning,
     cable::extension,
     cable::loops,
     cable::static_friction,

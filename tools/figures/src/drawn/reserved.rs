@@ -17,7 +17,5 @@ const LAWS: &str = "Comes with the control laws: the master is moved by a contro
 pub const RESERVED: &[Reserved] = &[
     Reserved { number: "4.1", title: "Movement under position control", reason: LAWS },
     Reserved { number: "4.3", title: "Feed-forward and friction compensation", reason: LAWS },
-    Reserved { number: "4.5", title: "Monotonicity of the transmission", reason: LAWS },
-    Reserved { number: "4.6", title: "Iterative learning of a movement", reason: LAWS },
     Reserved { number: "4.7", title: "Movement before and after learning", reason: LAWS },
 ];
