@@ -26,6 +26,10 @@ pub use types::*;
 pub const AXES: usize = 3;
 /// Elements of a matrix over the axes, row by row.
 pub const MATRIX: usize = AXES * AXES;
+/// Entries of a force field's table over position or velocity, for one axis.
+pub const TABLE: usize = 17;
+/// Entries of the tables of all axes, axis by axis.
+pub const TABLES: usize = AXES * TABLE;
 /// Most analog channels that one card has.
 pub const ANALOG: usize = 16;
 /// Bytes of an [`Event`]'s text.

@@ -3,7 +3,7 @@
 //! time of publishing.
 
 use crate::message::message;
-use crate::{ANALOG, AXES, MATRIX, TEXT};
+use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 message! {
     /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
@@ -256,7 +256,7 @@ message! {
 
 message! {
     /// Where the handle shall go, from the experiment or the operator; holds until its lease lapses.
-    Setpoint, "farreach.Setpoint.v2", "farreach/msg/Setpoint" {
+    Setpoint, "farreach.Setpoint.v3", "farreach/msg/Setpoint" {
         /// session of the rig
         session: u64,
         /// incarnation of the sender
@@ -283,12 +283,26 @@ message! {
         stiffness: [f64; MATRIX],
         /// force field: damping, row by row; torque = - damping velocity (N·m·s/rad or N·s/m)
         damping: [f64; MATRIX],
+        /// force field: inertia, row by row; torque = - inertia acceleration (kg·m² or kg)
+        inertia: [f64; MATRIX],
+        /// force field: torque at evenly spaced positions from `table_position_min` to `table_position_max`, axis by axis (N·m or N)
+        position_table: [f64; TABLES],
+        /// force field: torque at evenly spaced velocities from - `table_speed` to + `table_speed`, axis by axis (N·m or N)
+        velocity_table: [f64; TABLES],
+        /// force field: position of the first entry of `position_table` (rad or m)
+        table_position_min: [f64; AXES],
+        /// force field: position of its last entry; no table where not above the first (rad or m)
+        table_position_max: [f64; AXES],
+        /// force field: speed of the last entry of `velocity_table`; no table where not positive (rad/s or m/s)
+        table_speed: [f64; AXES],
         /// force field: where the lower wall begins (rad or m)
         wall_min: [f64; AXES],
         /// force field: where the upper wall begins (rad or m)
         wall_max: [f64; AXES],
         /// force field: stiffness of the walls; 0 where there are none (N·m/rad or N/m)
         wall_stiffness: [f64; AXES],
+        /// the output stays within ± this, where it is below the rig's own limit; 0 for the rig's (V)
+        output_limit_v: [f64; AXES],
         /// index of the protocol's segment
         segment: u32,
         /// number of segments

@@ -7,7 +7,7 @@
 //! the new target and goes there by a minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next the output
 //! therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to the real motion of the hand.
 //!
-//! **Force control.** In [`Mode::Impedance`] the machine moves with the hand, as [`force`] says. Going there and coming back,
+//! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand, as [`force`] says. Going there and coming back,
 //! the output goes on from where it is, and the difference fades within [`AUTHORITY_S`].
 //!
 //! **No setpoint.** Without one, or after its lease, the law comes to rest and holds. [`Mode::Passive`] takes the output to 0 V
@@ -236,7 +236,7 @@ impl Law {
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
         let mode = live.map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
 
-        if mode == Mode::Impedance && !self.can_yield(sample) {
+        if mode.yields() && !self.can_yield(sample) {
             // Without a torque there is nothing to move with.
             self.let_go();
             command.limited = 1;
@@ -245,7 +245,7 @@ impl Law {
         } else {
             let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
             self.authority += (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
-            if mode == Mode::Impedance {
+            if mode.yields() {
                 self.source = Some(Source::Hand);
             } else {
                 self.take_aim(time_ns, sample, live, mode, axes);
@@ -425,14 +425,14 @@ fn handle_position(sample: &Sample, axis: usize) -> f64 {
 /// Whether a setpoint can be followed: in position mode every number that the rig's axes need is one, and a
 /// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position, a force field all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
-    if setpoint.mode == Mode::Impedance.code() {
+    if Mode::from_code(setpoint.mode).is_some_and(Mode::yields) {
         return force::is_finite(setpoint);
     }
     let near = time_ns.abs_diff(setpoint.at_ns) as f64 * 1e-9 <= EXTRAPOLATION_S;
     (0..axes).all(|axis| {
         let (velocity, acceleration) = (setpoint.velocity[axis], setpoint.acceleration[axis]);
         let rests = velocity == 0.0 && acceleration == 0.0;
-        setpoint.mode != Mode::Position.code()
+        !Mode::from_code(setpoint.mode).is_some_and(Mode::moves)
             || (setpoint.position[axis].is_finite()
                 && velocity.is_finite()
                 && acceleration.is_finite()
@@ -442,7 +442,7 @@ fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
 
 /// Where a setpoint aims at the time of a sample.
 fn aimed(setpoint: &Setpoint, axis: usize, mode: Mode, time_ns: u64) -> Motion {
-    if mode != Mode::Position {
+    if !mode.moves() {
         return Motion::at_rest(setpoint.position[axis]);
     }
     let ahead_s = (i128::from(time_ns) - i128::from(setpoint.at_ns)) as f64 * 1e-9;

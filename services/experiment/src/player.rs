@@ -444,7 +444,7 @@ impl Player {
             axes: program.axes as u8,
             ..Setpoint::default()
         };
-        if mode == Mode::Impedance
+        if mode.yields()
             && let Some((axis, field)) =
                 program.steps.get(segment).and_then(|step| Some((step.axis, step.track.field()?)))
         {
