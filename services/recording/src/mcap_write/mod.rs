@@ -30,15 +30,24 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod error;
+mod output;
+mod start;
+
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
+
+pub use error::WriteError;
+use error::disk_error;
+pub use output::Output;
+use output::Shared;
+pub use start::{END_RECORD, START_RECORD, Start, key};
 
 /// Longest time between two flushes (ns).
 pub const FLUSH_NS: u64 = 300_000_000;
@@ -46,200 +55,6 @@ pub const FLUSH_NS: u64 = 300_000_000;
 pub const SYNC_NS: u64 = 900_000_000;
 /// Size at which a chunk is closed even before the flush (bytes, uncompressed).
 pub const CHUNK_BYTES: u64 = 1024 * 1024;
-/// Name of the metadata record at the start of a recording.
-pub const START_RECORD: &str = "farreach";
-/// Name of the metadata record at the end of a recording that was ended in good order.
-pub const END_RECORD: &str = "farreach.end";
-
-/// Keys of the metadata records.
-pub mod key {
-    /// Layout of the metadata themselves: `1`.
-    pub const FORMAT: &str = "format";
-    /// Git revision of the build.
-    pub const REVISION: &str = "revision";
-    /// Version of farreach.
-    pub const VERSION: &str = "farreach_version";
-    /// Name of the rig.
-    pub const RIG: &str = "rig";
-    /// Text of the rig file.
-    pub const RIG_FILE: &str = "rig_file";
-    /// Timing profile, `realtime` or `best-effort`.
-    pub const PROFILE: &str = "profile";
-    /// Name of the protocol.
-    pub const PROTOCOL: &str = "protocol";
-    /// Text of the protocol.
-    pub const PROTOCOL_FILE: &str = "protocol_file";
-    /// Command line that started the recording.
-    pub const COMMAND_LINE: &str = "command_line";
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file (ns).
-    pub const REALTIME_OFFSET_NS: &str = "realtime_offset_ns";
-    /// `CLOCK_MONOTONIC` when the file was begun (ns).
-    pub const STARTED_NS: &str = "started_ns";
-    /// Number of the part: 1, or higher after a restart of the logger.
-    pub const PART: &str = "part";
-    /// `true` in the end record.
-    pub const CLEAN_END: &str = "clean_end";
-}
-
-/// Where the bytes go. A file; in tests something that fails when told to.
-pub trait Output: Write + Send {
-    /// Brings everything written so far to the disk.
-    ///
-    /// # Errors
-    /// Those of the device.
-    fn sync(&mut self) -> io::Result<()>;
-}
-
-impl Output for File {
-    fn sync(&mut self) -> io::Result<()> {
-        self.sync_data()
-    }
-}
-
-/// What a recording says about itself from the start.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Start {
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start (ns).
-    pub realtime_offset_ns: i64,
-    /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format and, where the caller gave
-    /// none, the part.
-    pub metadata: BTreeMap<String, String>,
-}
-
-impl Start {
-    /// With one more pair.
-    #[must_use]
-    pub fn with(mut self, key: &str, value: &str) -> Self {
-        self.metadata.insert(key.to_owned(), value.to_owned());
-        self
-    }
-}
-
-/// Why a recording cannot be written, or no longer.
-#[derive(Debug, thiserror::Error)]
-pub enum WriteError {
-    /// There is already something of that name.
-    #[error("{}: a file of that name exists; recordings are never overwritten: choose another name or move it away", path.display())]
-    Exists {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The file could not be created.
-    #[error("{}: cannot create the recording: {source}; check that the directory exists and is writable", path.display())]
-    Create {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The disk is full. The writer takes nothing more.
-    #[error("{}: the disk is full; {refused} messages refused; what was flushed before stays readable: free some space and start a new recording", path.display())]
-    DiskFull {
-        /// The file.
-        path: PathBuf,
-        /// Messages that are not in the file, or came after the last flush that held.
-        refused: u64,
-    },
-    /// The disk failed. The writer takes nothing more.
-    #[error("{}: cannot write: {source}; {refused} messages refused; what was flushed before stays readable: start a new recording on a sound disk", path.display())]
-    Disk {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-        /// Messages that are not in the file, or came after the last flush that held.
-        refused: u64,
-    },
-    /// An earlier error ended this recording.
-    #[error("{}: the recording ended with an error ({cause}); {refused} messages refused since: start a new recording", path.display())]
-    Poisoned {
-        /// The file.
-        path: PathBuf,
-        /// What happened.
-        cause: String,
-        /// Messages that are not in the file, or came after the last flush that held.
-        refused: u64,
-    },
-    /// No such topic.
-    #[error("topic {topic}: expected one of the table of topics")]
-    Topic {
-        /// Index or name.
-        topic: String,
-    },
-    /// A message of the wrong size.
-    #[error("{topic}: expected {expected} bytes, found {found}: the sender is of another build")]
-    Length {
-        /// Name of the topic.
-        topic: &'static str,
-        /// Size by the table of topics (bytes).
-        expected: usize,
-        /// Size that came (bytes).
-        found: usize,
-    },
-    /// The MCAP library refused.
-    #[error("{}: {source}", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What the library said.
-        source: mcap::McapError,
-    },
-}
-
-/// The buffered output, shared with the MCAP library's writer so that it can be synced and, after an error, cut off.
-#[derive(Clone)]
-struct Shared(Arc<Mutex<Target>>);
-
-struct Target {
-    /// `None` after an error: nothing may follow the torn record.
-    output: Option<BufWriter<Box<dyn Output>>>,
-    bytes: u64,
-}
-
-impl Shared {
-    fn new(output: Box<dyn Output>) -> Self {
-        Self(Arc::new(Mutex::new(Target { output: Some(BufWriter::with_capacity(128 * 1024, output)), bytes: 0 })))
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Target> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn sync(&self) -> io::Result<()> {
-        match &mut self.lock().output {
-            Some(output) => {
-                output.flush()?;
-                output.get_mut().sync()
-            }
-            None => Err(cut_off()),
-        }
-    }
-
-    /// Drops the output together with whatever it buffers.
-    fn cut(&self) {
-        if let Some(output) = self.lock().output.take() {
-            drop(output.into_parts());
-        }
-    }
-}
-
-fn cut_off() -> io::Error {
-    io::Error::other("the recording was given up after an error")
-}
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut target = self.lock();
-        let written = target.output.as_mut().ok_or_else(cut_off)?.write(bytes)?;
-        target.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.lock().output.as_mut().ok_or_else(cut_off)?.flush()
-    }
-}
-
 /// What a recording held when it was ended in good order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Summary {
@@ -538,19 +353,6 @@ impl Writer {
             other => other.to_string(),
         });
         error
-    }
-}
-
-fn disk_error(path: &Path, source: mcap::McapError, refused: u64) -> WriteError {
-    let path = path.to_owned();
-    match source {
-        mcap::McapError::Io(source)
-            if matches!(source.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) =>
-        {
-            WriteError::DiskFull { path, refused }
-        }
-        mcap::McapError::Io(source) => WriteError::Disk { path, source, refused },
-        source => WriteError::Format { path, source },
     }
 }
 

@@ -1,0 +1,171 @@
+//! The keeper's side of a domain.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::*;
+use ipc_types::{COMMAND_SERVICES, Profile, TOPICS};
+
+use super::error::{at, library};
+use super::room::check_room;
+use super::{
+    ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SHARED_MEMORY, SessionFile,
+    join_configuration, make_node, parse_session, read_session, write_configuration,
+};
+use crate::identity::random_u64;
+use crate::locks::LockFile;
+use crate::{ports, realtime, request, sweep};
+
+/// The founder of a domain: holds every service open and cleans up after the dead; has no ports.
+#[derive(Debug)]
+pub struct Keeper {
+    // Field order is drop order: services before node, node before locks.
+    services: Vec<Box<dyn std::any::Any>>,
+    node: Node<ipc::Service>,
+    orphans: sweep::Orphans,
+    name: RigName,
+    session: u64,
+    profile: Profile,
+    cold: bool,
+    alive: LockFile,
+    _keeper: LockFile,
+}
+
+impl Keeper {
+    /// Founds the domain of a rig, or rejoins it if processes of it live on.
+    pub fn start(name: &RigName) -> Result<Self, DomainError> {
+        let directory = name.make_directory()?;
+        let keeper_path = directory.join(KEEPER_LOCK);
+        let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
+        // A worker that looks whether a keeper lives holds this lock for a moment.
+        let started = Instant::now();
+        while !keeper.try_exclusive().map_err(at("locking", &keeper_path))? {
+            if started.elapsed() > Duration::from_millis(300) {
+                return Err(DomainError::AlreadyKept(name.to_string()));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let alive_path = directory.join(ALIVE_LOCK);
+        let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
+        let cold = alive.try_exclusive().map_err(at("locking", &alive_path))?;
+        let session_path = directory.join(SESSION);
+        if cold {
+            match fs::remove_file(&session_path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(at("removing", &session_path)(error));
+                }
+                _ => {}
+            }
+            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix()).map_err(at("cleaning", &directory))?;
+            check_room()?;
+            let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
+            write_configuration(&directory, &prefix)?;
+            let file = SessionFile { session: format!("{:016x}", random_u64()), profile: granted_profile(), prefix };
+            Self::found(name, &directory, file, true, alive, keeper)
+        } else if session_path.exists() {
+            if !alive.try_shared().map_err(at("locking", &alive_path))? {
+                return Err(DomainError::BrokenStart(name.to_string()));
+            }
+            let file = read_session(&directory)?;
+            Self::found(name, &directory, file, false, alive, keeper)
+        } else {
+            Err(DomainError::BrokenStart(name.to_string()))
+        }
+    }
+
+    fn found(
+        name: &RigName,
+        directory: &Path,
+        file: SessionFile,
+        cold: bool,
+        alive: LockFile,
+        keeper: LockFile,
+    ) -> Result<Self, DomainError> {
+        join_configuration(directory)?;
+        let node = make_node("keeper")?;
+        let mut services: Vec<Box<dyn std::any::Any>> = Vec::new();
+        for topic in TOPICS {
+            services.push(ports::hold(&node, topic)?);
+        }
+        for service in COMMAND_SERVICES {
+            services.push(request::hold(&node, service)?);
+        }
+        // The library makes one of its segments world-writable; the rest of the machine has no business with it.
+        sweep::close_to_others(&name.segment_prefix())
+            .map_err(at("closing to other users", Path::new(SHARED_MEMORY)))?;
+        let kept = Self {
+            services,
+            node,
+            orphans: sweep::Orphans::new(&directory.join(LIBRARY_ROOT), &file.prefix),
+            name: name.clone(),
+            session: parse_session(directory, &file)?,
+            profile: file.profile,
+            cold,
+            alive,
+            _keeper: keeper,
+        };
+        if cold {
+            // Written last, and in one step: its presence is what tells the workers that the domain is ready.
+            let text = toml::to_string(&file).map_err(|e| library("writing the session")(e.to_string()))?;
+            let temporary = directory.join("session.new");
+            let path = directory.join(SESSION);
+            fs::write(&temporary, text).map_err(at("writing", &temporary))?;
+            fs::rename(&temporary, &path).map_err(at("writing", &path))?;
+            kept.alive.try_shared().map_err(at("locking", &path))?;
+        }
+        Ok(kept)
+    }
+
+    /// The rig's name.
+    pub fn name(&self) -> &RigName {
+        &self.name
+    }
+
+    /// The session.
+    pub fn session(&self) -> u64 {
+        self.session
+    }
+
+    /// The profile that the machine grants.
+    pub fn profile(&self) -> Profile {
+        self.profile
+    }
+
+    /// Whether nothing was alive, so that a new session began.
+    pub fn is_cold(&self) -> bool {
+        self.cold
+    }
+
+    /// Services held open.
+    pub fn services(&self) -> usize {
+        self.services.len()
+    }
+
+    /// Cleans up after processes that died: call every 20 to 50 ms.
+    pub fn clean(&mut self) {
+        self.node.try_cleanup_dead_nodes();
+        self.orphans.sweep();
+    }
+
+    /// Ends in good order: wipes the domain if nothing else of it is alive. Returns whether it did.
+    pub fn end(self) -> Result<bool, DomainError> {
+        let Self { services, node, orphans: _, name, alive, _keeper, .. } = self;
+        drop(services);
+        drop(node);
+        let directory = name.directory();
+        let alone = alive.try_exclusive().map_err(at("locking", &directory.join(ALIVE_LOCK)))?;
+        if alone {
+            let session = directory.join(SESSION);
+            fs::remove_file(&session).map_err(at("removing", &session))?;
+            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix()).map_err(at("cleaning", &directory))?;
+        }
+        Ok(alone)
+    }
+}
+
+/// Whether this machine grants `SCHED_FIFO` to the user, tried on a thread that ends at once.
+fn granted_profile() -> Profile {
+    std::thread::spawn(|| realtime::request_fifo(1)).join().unwrap_or(Profile::BestEffort)
+}

@@ -1,0 +1,186 @@
+//! The shared-memory domain of one rig, and the keeper that founds it.
+//!
+//! A domain is a directory of mode 0700 on tmpfs with a generated iceoryx2 configuration, two lock files and
+//! the library's own files; the segments beside it bear a prefix that is drawn anew at each cold start.
+//! Several rigs on one machine never meet. The first keeper, when nothing of the rig is alive, wipes what an
+//! earlier one left; a keeper that comes back while others live joins them and keeps their session.
+
+mod error;
+mod keeper;
+mod name;
+mod room;
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::*;
+use ipc_types::Profile;
+use serde::{Deserialize, Serialize};
+
+pub use error::DomainError;
+use error::{at, library};
+pub use keeper::Keeper;
+pub use name::RigName;
+
+use crate::locks::LockFile;
+
+/// Where POSIX shared memory lives on Linux.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+const CONFIGURATION: &str = "iceoryx2.toml";
+const SESSION: &str = "session.toml";
+const KEEPER_LOCK: &str = "keeper.lock";
+const ALIVE_LOCK: &str = "alive.lock";
+const LIBRARY_ROOT: &str = "iox";
+const RUN: &str = "run";
+/// How long a start waits for the keeper.
+const OPEN_LIMIT: Duration = Duration::from_secs(5);
+
+/// What the keeper wrote when the domain was ready.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct SessionFile {
+    session: String,
+    profile: Profile,
+    prefix: String,
+}
+
+/// A domain that this process has joined.
+#[derive(Debug)]
+pub struct Domain {
+    name: RigName,
+    session: u64,
+    profile: Profile,
+    _alive: LockFile,
+}
+
+impl Domain {
+    /// Joins the domain of a rig. Waits up to 5 s for a keeper that is just founding it.
+    pub fn open(name: &RigName) -> Result<Self, DomainError> {
+        let directory = name.directory();
+        if !directory.join(KEEPER_LOCK).exists() {
+            return Err(DomainError::NoKeeper(name.to_string()));
+        }
+        let alive_path = directory.join(ALIVE_LOCK);
+        let keeper_path = directory.join(KEEPER_LOCK);
+        let started = Instant::now();
+        loop {
+            let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
+            if alive.try_shared().map_err(at("locking", &alive_path))? {
+                // The keeper holds its lock exclusively for as long as it lives.
+                let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
+                if keeper.try_shared().map_err(at("locking", &keeper_path))? {
+                    return Err(DomainError::NoKeeper(name.to_string()));
+                }
+                if directory.join(SESSION).exists() {
+                    let file = read_session(&directory)?;
+                    join_configuration(&directory)?;
+                    return Ok(Self {
+                        name: name.clone(),
+                        session: parse_session(&directory, &file)?,
+                        profile: file.profile,
+                        _alive: alive,
+                    });
+                }
+            }
+            if started.elapsed() > OPEN_LIMIT {
+                return Err(DomainError::KeeperNotReady(name.to_string(), OPEN_LIMIT));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// The rig's name.
+    pub fn name(&self) -> &RigName {
+        &self.name
+    }
+
+    /// The session, drawn at the cold start.
+    pub fn session(&self) -> u64 {
+        self.session
+    }
+
+    /// The profile that the keeper found the machine to grant.
+    pub fn profile(&self) -> Profile {
+        self.profile
+    }
+
+    /// Whether the keeper lives, found out through its lock. Not for a real-time loop.
+    pub fn keeper_lives(&self) -> bool {
+        LockFile::open(&self.name.directory().join(KEEPER_LOCK))
+            .and_then(|lock| lock.try_shared())
+            .is_ok_and(|free| !free)
+    }
+
+    /// A node of this process in the domain; ports are made from it. Nodes and ports stay in their thread.
+    pub fn node(&self, name: &str) -> Result<Node<ipc::Service>, DomainError> {
+        make_node(name)
+    }
+}
+
+fn make_node(name: &str) -> Result<Node<ipc::Service>, DomainError> {
+    let node_name: NodeName = name.try_into().map_err(|e| library(format!("naming node {name}"))(format!("{e:?}")))?;
+    NodeBuilder::new()
+        .name(&node_name)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>()
+        .map_err(|e| library(format!("creating node {name}"))(format!("{e:?}")))
+}
+
+fn read_session(directory: &Path) -> Result<SessionFile, DomainError> {
+    let path = directory.join(SESSION);
+    let text = fs::read_to_string(&path).map_err(at("reading", &path))?;
+    toml::from_str(&text).map_err(|error| DomainError::Session { path, reason: error.to_string() })
+}
+
+fn parse_session(directory: &Path, file: &SessionFile) -> Result<u64, DomainError> {
+    u64::from_str_radix(&file.session, 16).map_err(|error| DomainError::Session {
+        path: directory.join(SESSION),
+        reason: format!("session {:?}: {error}", file.session),
+    })
+}
+
+/// Loads the domain's configuration as the process-wide one: a configuration given to the node alone is
+/// not enough, because the library then counts dead nodes as cleaned and never cleans them.
+fn join_configuration(directory: &Path) -> Result<(), DomainError> {
+    set_log_level(LogLevel::Error);
+    let path = directory.join(CONFIGURATION);
+    let text = path.to_string_lossy().into_owned();
+    let file: FilePath =
+        text.as_str().try_into().map_err(|e| library("configuration path")(format!("{text}: {e:?}")))?;
+    let config = Config::setup_global_config_from_file(&file)
+        .map_err(|e| library("reading configuration")(format!("{text}: {e:?}")))?;
+    let wanted = directory.join(LIBRARY_ROOT).to_string_lossy().into_owned();
+    let found = config.global.root_path().to_string();
+    if found.trim_end_matches('/') != wanted {
+        return Err(DomainError::OtherRig { found, wanted });
+    }
+    Ok(())
+}
+
+fn write_configuration(directory: &Path, prefix: &str) -> Result<(), DomainError> {
+    let mut config = Config::default();
+    let root = directory.join(LIBRARY_ROOT).to_string_lossy().into_owned();
+    let root = root.as_str().try_into().map_err(|e| library("root path")(format!("{root}: {e:?}")))?;
+    config.global.set_root_path(&root);
+    config.global.prefix = prefix.try_into().map_err(|e| library("prefix")(format!("{prefix}: {e:?}")))?;
+    // Cleaning up is the keeper's: a worker must not spend its start, or its end, on somebody else's remains.
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    let text = toml::to_string(&config).map_err(|e| library("writing configuration")(e.to_string()))?;
+    let path = directory.join(CONFIGURATION);
+    fs::write(&path, text).map_err(at("writing", &path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joining_without_a_keeper_says_so() {
+        let name: RigName = format!("none-{}", std::process::id()).parse().unwrap();
+        let error = Domain::open(&name).unwrap_err();
+        assert!(matches!(error, DomainError::NoKeeper(_)), "{error}");
+        assert!(error.to_string().contains("farreach up"), "{error}");
+    }
+}

@@ -1,0 +1,130 @@
+//! A rig's name, and the places on this machine that it stands for.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use super::error::at;
+use super::room::check_room;
+use super::{ALIVE_LOCK, DomainError, KEEPER_LOCK, RUN, SHARED_MEMORY};
+use crate::locks::LockFile;
+use crate::sweep;
+
+/// The name of a rig: 1 to 32 lower-case letters, digits or '-', beginning with a letter.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct RigName(String);
+
+impl FromStr for RigName {
+    type Err = DomainError;
+
+    fn from_str(name: &str) -> Result<Self, DomainError> {
+        let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if (1..=32).contains(&name.len())
+            && name.starts_with(|c: char| c.is_ascii_lowercase())
+            && name.chars().all(allowed)
+        {
+            Ok(Self(name.to_owned()))
+        } else {
+            Err(DomainError::Name(name.to_owned()))
+        }
+    }
+}
+
+impl RigName {
+    /// As text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    /// The rig's directory on tmpfs.
+    pub fn directory(&self) -> PathBuf {
+        // SAFETY: takes nothing, cannot fail.
+        let user = unsafe { libc::geteuid() };
+        Path::new(SHARED_MEMORY).join(format!("farreach-{user}-{}", self.0))
+    }
+
+    /// Where the launcher keeps its files (pid, status, logs).
+    pub fn run_directory(&self) -> PathBuf {
+        self.directory().join(RUN)
+    }
+
+    /// What the names of all of the rig's segments begin with. A '.' ends it: no rig name holds one.
+    pub(crate) fn segment_prefix(&self) -> String {
+        // SAFETY: takes nothing, cannot fail.
+        let user = unsafe { libc::geteuid() };
+        format!("farreach-{user}-{}.", self.0)
+    }
+
+    /// Makes the rig's directory, or checks that an existing one is ours alone.
+    pub fn make_directory(&self) -> Result<PathBuf, DomainError> {
+        let path = self.directory();
+        if !path.exists() {
+            check_room()?;
+        }
+        match fs::DirBuilder::new().mode(0o700).create(&path) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(at("making", &path)(error)),
+        }
+        let found = fs::symlink_metadata(&path).map_err(at("looking at", &path))?;
+        // SAFETY: takes nothing, cannot fail.
+        let user = unsafe { libc::geteuid() };
+        if !found.is_dir() || found.uid() != user || found.permissions().mode() & 0o077 != 0 {
+            let found = format!("mode {:o}, owner {}", found.permissions().mode(), found.uid());
+            return Err(DomainError::NotOurs { path, found });
+        }
+        Ok(path)
+    }
+
+    /// Removes everything of the rig if nothing of it is alive. Returns whether it did.
+    pub fn remove(&self) -> Result<bool, DomainError> {
+        let directory = self.directory();
+        if !directory.exists() {
+            return sweep::segments(&self.segment_prefix()).map(|()| true).map_err(at("cleaning", &directory));
+        }
+        let keeper_path = directory.join(KEEPER_LOCK);
+        let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
+        let alive_path = directory.join(ALIVE_LOCK);
+        let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
+        let free = keeper.try_exclusive().map_err(at("locking", &keeper_path))?
+            && alive.try_exclusive().map_err(at("locking", &alive_path))?;
+        if free {
+            sweep::segments(&self.segment_prefix()).map_err(at("cleaning", &directory))?;
+            fs::remove_dir_all(&directory).map_err(at("removing", &directory))?;
+        }
+        Ok(free)
+    }
+}
+
+impl std::fmt::Display for RigName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(&self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names() {
+        for good in ["demo", "a", "rig-2", "x234567890123456789012345678901"] {
+            assert!(good.parse::<RigName>().is_ok(), "{good}");
+        }
+        for bad in ["", "2rig", "Demo", "a_b", "a.b", "../x", "x2345678901234567890123456789012345", "a b"] {
+            assert!(matches!(bad.parse::<RigName>(), Err(DomainError::Name(_))), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_directory_that_others_can_read_is_refused() {
+        let name: RigName = format!("open-{}", std::process::id()).parse().unwrap();
+        fs::create_dir(name.directory()).unwrap();
+        fs::set_permissions(name.directory(), fs::Permissions::from_mode(0o755)).unwrap();
+        let error = name.make_directory().unwrap_err();
+        fs::remove_dir(name.directory()).unwrap();
+        assert!(matches!(error, DomainError::NotOurs { .. }), "{error}");
+    }
+}

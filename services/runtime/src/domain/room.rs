@@ -1,0 +1,53 @@
+//! What a rig takes in shared memory, and whether there is so much.
+
+use std::path::Path;
+
+use ipc_types::{COMMAND_SERVICES, TOPICS};
+
+use super::error::at;
+use super::{DomainError, SHARED_MEMORY};
+use crate::{ports, request};
+
+pub(super) const MEBIBYTE: u64 = 1 << 20;
+
+/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory is locked (bytes).
+fn room_needed() -> u64 {
+    // The library's header in front of each message, and its alignment.
+    const HEADER: usize = 64;
+    // Connections and tables of the library, the launcher's files.
+    const REST: u64 = 4 * MEBIBYTE;
+    let topics: usize = TOPICS.iter().map(|topic| ports::messages_in_segment(topic) * (topic.size + HEADER)).sum();
+    let servers: usize =
+        COMMAND_SERVICES.iter().map(|service| request::ANSWERS_IN_SEGMENT * (service.bytes + HEADER)).sum();
+    let all = (topics + servers) as u64 + REST;
+    // The segments of a process that was killed a moment ago stay while its successor makes its own.
+    all + all / 4
+}
+
+/// Refuses to found a domain that would not fit.
+pub(super) fn check_room() -> Result<(), DomainError> {
+    let found = rustix::fs::statvfs(SHARED_MEMORY)
+        .map_err(|error| at("looking for free space in", Path::new(SHARED_MEMORY))(error.into()))?;
+    // A tmpfs without a limit says that it has no blocks at all.
+    let free = if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
+    fits(room_needed(), free)
+}
+
+fn fits(needed: u64, found: u64) -> Result<(), DomainError> {
+    if found < needed { Err(DomainError::NoRoom { needed, found }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rig_fits_into_what_containers_have_and_says_what_it_lacks() {
+        let needed = room_needed();
+        // What the segments of a running rig were measured to be, and the usual size in a container.
+        assert!((30 * MEBIBYTE..60 * MEBIBYTE).contains(&needed), "{needed}");
+        assert!(fits(needed, needed).is_ok());
+        let error = fits(needed, 3 * MEBIBYTE).unwrap_err().to_string();
+        assert!(error.contains("/dev/shm, found 3 MiB free"), "{error}");
+    }
+}
