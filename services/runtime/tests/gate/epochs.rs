@@ -1,0 +1,126 @@
+//! Epochs that end or wait, and a gate that is late itself.
+
+use super::*;
+
+#[test]
+fn sr_07_a_disabled_token_withdraws_and_the_epoch_stays_burnt() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.enabled = 0;
+    let output = rig.step();
+    assert_eq!((output.state, output.cause, output.volts), (GateState::Closed, GateCause::Withdrawn, [0.0; AXES]));
+    rig.token.enabled = 1;
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Closed);
+    }
+    rig.token.epoch = 2;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_07_a_withdrawal_hidden_between_two_cycles_counts() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.gate.observe_token(&EnableToken { enabled: 0, ..rig.token });
+    rig.renew();
+    let output = rig.step();
+    assert_eq!((output.state, output.cause), (GateState::Closed, GateCause::Withdrawn));
+}
+
+#[test]
+fn sr_07_a_withdrawn_epoch_never_opens_even_if_it_was_never_open() {
+    let mut rig = Rig::new();
+    rig.renew();
+    rig.gate.observe_token(&EnableToken { enabled: 0, epoch: 5, ..rig.token });
+    rig.token.epoch = 5;
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Closed);
+    }
+}
+
+#[test]
+fn sr_07_a_higher_epoch_ends_the_present_one_with_a_cycle_at_0_v() {
+    let mut rig = Rig::opened();
+    rig.renew();
+    rig.token.epoch = 2;
+    assert_eq!(rig.step().volts, [0.0; AXES]);
+    rig.renew();
+    let output = rig.step();
+    assert_eq!((output.state, output.epoch), (GateState::Open, 2));
+}
+
+#[test]
+fn sr_08_a_waiting_epoch_survives_an_absent_or_stale_command() {
+    let mut rig = Rig::new();
+    let old = MotorCommand { computed_ns: START - 50 * MS, sequence: 0, ..rig.command };
+    rig.renew();
+    assert_eq!(rig.gate.step(rig.now, Some(&rig.token), None).hindrance, GateCause::CommandStale);
+    rig.renew();
+    let output = rig.gate.step(rig.now, Some(&rig.token), Some(&old));
+    assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::CommandStale));
+    rig.renew();
+    let sample_time = rig.command.sample_time_ns;
+    rig.command.sample_time_ns = START - 50 * MS;
+    assert_eq!(rig.step().hindrance, GateCause::CommandSampleOld);
+    rig.command.sample_time_ns = sample_time;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_08_a_waiting_epoch_burns_on_a_bad_command() {
+    type Spoil = fn(&mut MotorCommand);
+    let cases: [(Spoil, GateCause); 3] = [
+        (|command| command.volts[0] = 5.5, GateCause::CommandRange),
+        (|command| command.volts[0] = f64::NAN, GateCause::CommandNotFinite),
+        (|command| command.incarnation = 42, GateCause::CommandSender),
+    ];
+    for (spoil, cause) in cases {
+        let mut rig = Rig::new();
+        rig.renew();
+        spoil(&mut rig.command);
+        rig.burns(cause);
+    }
+}
+
+#[test]
+fn sr_09_a_late_gate_burns() {
+    let mut rig = Rig::opened();
+    for _ in 0..11 {
+        rig.renew();
+    }
+    rig.burns(GateCause::GateLate);
+}
+
+#[test]
+fn sr_09_time_going_backwards_burns() {
+    let mut rig = Rig::opened();
+    rig.now -= 1;
+    let output = rig.step();
+    assert_eq!((output.state, output.cause, output.volts), (GateState::Burnt, GateCause::GateLate, [0.0; AXES]));
+}
+
+#[test]
+fn sr_09_a_late_gate_does_not_open_in_that_cycle() {
+    let mut rig = Rig::new();
+    rig.gate.step(rig.now, None, None);
+    for _ in 0..11 {
+        rig.renew();
+    }
+    let output = rig.step();
+    assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::GateLate));
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+}
+
+#[test]
+fn sr_09_a_refused_write_burns() {
+    let mut rig = Rig::opened();
+    rig.gate.write_failed();
+    assert_eq!(rig.gate.state(), GateState::Burnt);
+    rig.renew();
+    rig.burns(GateCause::WriteFailed);
+}
