@@ -1,10 +1,8 @@
 //! The control process and its laws.
 //!
-//! [`law`] is pure; [`run`] is the loop around it: the newest sample and setpoint in, one command out. [`learning`] is pure too: it
-//! makes the reference of a periodic movement better from cycle to cycle.
+//! [`law`] is pure; [`run`] is the loop around it: the newest sample and setpoint in, one command out.
 
 pub mod law;
-pub mod learning;
 mod process;
 
 pub use process::{ControlError, Options, law_config, run};

@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use control::learning::{LearningLaw, Published};
+use learning::{LearningLaw, Published};
 use rayon::prelude::*;
 use rig::{HandKind, RigFile};
 use twin::learning::{Lesson, PUBLISHED, Pupil, Trace, bench, ended, model_based};

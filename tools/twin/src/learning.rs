@@ -1,7 +1,7 @@
 //! Learning on the twin: the movement of § 4.3, block by block.
 
-use control::learning::spectral::Spectral;
-use control::learning::{
+use learning::spectral::Spectral;
+use learning::{
     BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published, Response, Step, Stop,
 };
 use rig::{HandKind, RigFile};

@@ -1,7 +1,7 @@
 //! § 4.3 on the twin: what the learning laws come to on the hydrostatic rig.
 #![allow(clippy::unwrap_used)]
 
-use control::learning::{BlockReport, LearningLaw};
+use learning::{BlockReport, LearningLaw};
 use rig::RigFile;
 use twin::learning::{Lesson, LessonError, PUBLISHED, Pupil, bench, model_based};
 

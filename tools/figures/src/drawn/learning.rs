@@ -16,7 +16,7 @@ fn standing_deg_s(lesson: &Lesson) -> f64 {
 }
 
 fn lesson() -> Lesson {
-    Lesson::of_the_thesis(control::learning::LearningLaw::Published(PUBLISHED))
+    Lesson::of_the_thesis(learning::LearningLaw::Published(PUBLISHED))
 }
 
 fn degrees(values: &[f64]) -> Vec<f64> {

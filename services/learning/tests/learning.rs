@@ -3,8 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use control::learning::store::{LearntReference, StoreError};
-use control::learning::{
+use learning::store::{LearntReference, StoreError};
+use learning::{
     Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published, Response, Step, Stop,
 };
 use proptest::prelude::*;

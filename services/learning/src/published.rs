@@ -1,6 +1,6 @@
 //! The published learning law.
 
-use super::spectral::{Spectral, advance};
+use crate::spectral::{Spectral, advance};
 
 /// Eq. 4.3.2 and 4.3.3. The thesis prints the delay; gains and cut-off are "kept low" and "selected heuristically".
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,19 +25,19 @@ impl Published {
 
 /// The law with what it remembers: the filtered and shifted error of the block before.
 #[derive(Clone, Debug)]
-pub(super) struct PublishedRule {
+pub(crate) struct PublishedRule {
     law: Published,
     delay_samples: usize,
     before: Option<Vec<f64>>,
 }
 
 impl PublishedRule {
-    pub(super) fn new(law: Published, rate_hz: f64) -> Self {
+    pub(crate) fn new(law: Published, rate_hz: f64) -> Self {
         Self { law, delay_samples: law.delay_samples(rate_hz), before: None }
     }
 
     /// Learns from one cycle's error, which is used up.
-    pub(super) fn learn(&mut self, spectral: &mut Spectral, mut error: Vec<f64>, reference: &mut [f64]) {
+    pub(crate) fn learn(&mut self, spectral: &mut Spectral, mut error: Vec<f64>, reference: &mut [f64]) {
         spectral.low_pass(&mut error, self.law.cutoff_hz);
         advance(&mut error, self.delay_samples);
         for (n, (value, now)) in reference.iter_mut().zip(&error).enumerate() {
@@ -48,7 +48,7 @@ impl PublishedRule {
     }
 
     /// Forgets the block before: nothing can be compared with it.
-    pub(super) fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.before = None;
     }
 }

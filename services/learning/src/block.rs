@@ -39,7 +39,7 @@ impl Sums {
 
 /// Gathers the slave's path over a block. What is not a number is left out, and counted.
 #[derive(Clone, Debug)]
-pub(super) struct Block {
+pub(crate) struct Block {
     sums: Vec<f64>,
     counts: Vec<u32>,
     whole: Sums,
@@ -48,7 +48,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    pub(super) fn new(samples: usize) -> Self {
+    pub(crate) fn new(samples: usize) -> Self {
         Self {
             sums: vec![0.0; samples],
             counts: vec![0; samples],
@@ -59,7 +59,7 @@ impl Block {
     }
 
     /// Takes in the slave's position at a step of the cycle. `settled`: the change of the reference has died away.
-    pub(super) fn record(&mut self, step: usize, slave: f64, desired: f64, settled: bool) {
+    pub(crate) fn record(&mut self, step: usize, slave: f64, desired: f64, settled: bool) {
         let error = desired - slave;
         if !error.is_finite() {
             self.not_finite += 1;
@@ -74,28 +74,28 @@ impl Block {
     }
 
     /// Error over the whole block, and over its settled cycles.
-    pub(super) fn errors(&self) -> Option<(BlockError, BlockError)> {
+    pub(crate) fn errors(&self) -> Option<(BlockError, BlockError)> {
         Some((self.whole.error()?, self.settled.error()?))
     }
 
     /// Values that were no numbers.
-    pub(super) fn not_finite(&self) -> usize {
+    pub(crate) fn not_finite(&self) -> usize {
         self.not_finite
     }
 
     /// Steps of the cycle that no settled cycle has a value for.
-    pub(super) fn missing(&self) -> usize {
+    pub(crate) fn missing(&self) -> usize {
         self.counts.iter().filter(|count| **count == 0).count()
     }
 
     /// The slave's mean path over the settled cycles; call with nothing [`Block::missing`].
-    pub(super) fn path(&self, path: &mut [f64]) {
+    pub(crate) fn path(&self, path: &mut [f64]) {
         for ((value, sum), count) in path.iter_mut().zip(&self.sums).zip(&self.counts) {
             *value = sum / f64::from((*count).max(1));
         }
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.sums.fill(0.0);
         self.counts.fill(0);
         (self.whole, self.settled, self.not_finite) = (Sums::default(), Sums::default(), 0);

@@ -1,5 +1,5 @@
 //! Iterative learning of a periodic movement (§ 4.3): the master's position reference is made better from block to block, until
-//! the slave goes where it should. An ordinary law ([`crate::law`]) moves the master along the reference.
+//! the slave goes where it should. An ordinary law (that of the control process) moves the master along the reference.
 //!
 //! A movement repeats with a fixed period of N control steps. A *block* is a few cycles with one reference: the first
 //! ones let the change of reference die away, the mean of the others is what is learnt from. Two learning laws:

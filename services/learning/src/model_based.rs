@@ -2,7 +2,7 @@
 
 use realfft::num_complex::Complex;
 
-use super::spectral::Spectral;
+use crate::spectral::Spectral;
 
 /// From the master's reference to the slave, at the harmonics of one cycle; `None` where it is not known.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,7 +49,7 @@ pub struct ModelBased {
 
 impl ModelBased {
     /// Adds to the reference what takes the error of a cycle to 0, were the plant as its response says; the error is used up.
-    pub(super) fn learn(&self, spectral: &mut Spectral, mut error: Vec<f64>, reference: &mut [f64]) {
+    pub(crate) fn learn(&self, spectral: &mut Spectral, mut error: Vec<f64>, reference: &mut [f64]) {
         let floor = self.regularisation.powi(2);
         spectral.shape(&mut error, |harmonic| {
             let inverse = |at: Complex<f64>| self.gain * at.conj() / (at.norm_sqr() + floor);
