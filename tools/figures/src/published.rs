@@ -79,6 +79,14 @@ published! {
     "hydrostatic.gain_bounds.min_db" "3.4" "eq. 4.3.6" Stated -3.0 "dB";
     "hydrostatic.gain_bounds.max_db" "3.4" "eq. 4.3.6" Stated 12.0 "dB";
     "hydrostatic.vanishing.frequency_hz" "3.4" "§ 3.3.1" Stated 20.0 "Hz";
+    "hydrostatic.force_control.beta" "4.2" "§ 4.2" Stated 0.4 "1";
+    "hydrostatic.force_control.p1" "4.2" "§ 4.2" Stated 0.333 "V/V";
+    "hydrostatic.force_control.p2_v_s_per_count" "4.2" "eq. 4.2.3" Stated 1.11e-4 "V·s/count";
+    "hydrostatic.force_control.c_counts_per_s" "4.2" "eq. 4.2.3" Stated 1000.0 "counts/s";
+    "hydrostatic.force_control.offset_low_v" "4.2" "eq. 4.2.3" Stated 1.5 "V";
+    "hydrostatic.force_control.offset_high_v" "4.2" "eq. 4.2.3" Stated 1.2 "V";
+    "hydrostatic.force_control.free_movement_deg" "4.2" "§ 4.2" Stated 120.0 "°";
+    "hydrostatic.force_control.free_movement_hz" "4.2" "§ 4.2" Stated 3.0 "Hz";
     "hydrostatic.ilc.initial_error_deg" "4.6" "§ 4.3" Simulated 11.0 "°";
     "hydrostatic.ilc.final_error_deg" "4.6" "§ 4.3" Simulated 1.0 "°";
     "hydrostatic.ilc.blocks" "4.6" "§ 4.3" Simulated 83.0 "1";

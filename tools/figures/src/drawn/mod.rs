@@ -1,6 +1,7 @@
 //! The figures, one file for each kind; what each shows, drawn and with its numbers.
 
 pub mod cable;
+pub mod free;
 pub mod friction;
 pub mod hose;
 pub mod learning;
@@ -71,6 +72,7 @@ pub const DRAW: &[Draw] = &[
     hose::diameter,
     hose::length,
     response::one_metre,
+    free::movement,
     learning::monotonicity,
     learning::learning,
     cable::extension,

@@ -1,0 +1,221 @@
+//! Fig. 4.2's control at work: the torque that a hand must spend to move the handle freely, on the rig's twin.
+
+use rayon::prelude::*;
+use report::{Colour, Figure, Sheet};
+use rig::RigFile;
+use twin::free::{Machine, Spent, Swing, TURN_S, swing};
+use twin::learning::LessonError;
+
+use super::style::{axes, tall};
+use super::{Common, Drawn};
+use crate::error::Result;
+use crate::published::published;
+use crate::row::{Role, Row, short};
+
+/// Frequencies of the movement (Hz); the last is the highest that § 4.2 claims.
+const HERTZ: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
+/// Places in [`HERTZ`] of the cycles that are drawn.
+const DRAWN: [usize; 2] = [1, 3];
+
+const RIGS: [(&str, &str); 2] = [
+    ("hydrostatic-printed.toml", include_str!("../../../../launch/rigs/hydrostatic-printed.toml")),
+    ("hydrostatic.toml", include_str!("../../../../launch/rigs/hydrostatic.toml")),
+];
+
+/// A hand or a gain other than in the figure.
+struct Case {
+    id: &'static str,
+    what: &'static str,
+    /// Stiffness and damping of the hand (N·m/rad, N·m·s/rad).
+    hand: Option<(f64, f64)>,
+    /// Times `P₁ v_s` per torque.
+    gain: f64,
+}
+
+const CASES: [Case; 4] = [
+    Case { id: "soft_hand", what: "a hand of 5 N·m/rad and 0.2 N·m·s/rad", hand: Some((5.0, 0.2)), gain: 1.0 },
+    Case { id: "stiff_hand", what: "a hand of 100 N·m/rad and 1 N·m·s/rad", hand: Some((100.0, 1.0)), gain: 1.0 },
+    Case {
+        id: "sensitivity_twice",
+        what: "twice the volts per N·m of the torque cell, which are assumed",
+        hand: None,
+        gain: 2.0,
+    },
+    Case { id: "sensitivity_four_times", what: "four times the volts per N·m", hand: None, gain: 4.0 },
+];
+
+/// One movement: at 0 V, and under force control.
+type Pair = [Spent; 2];
+
+fn pair(rig: &RigFile, movement: &Swing) -> Result<Pair> {
+    let one = |machine| swing(rig, machine, movement).map_err(LessonError::from);
+    Ok([one(Machine::Dead)?, one(Machine::Yielding)?])
+}
+
+fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
+    let mut rig = rig.clone();
+    if let Some(force) = &mut rig.axes[0].control.force {
+        force.torque_gain *= case.gain;
+    }
+    let plain = Swing::of_the_thesis(hertz);
+    let (stiffness, damping) = case.hand.unwrap_or((plain.stiffness, plain.damping));
+    pair(&rig, &Swing { stiffness, damping, ..plain })
+}
+
+/// Free movement, as one of the figures.
+///
+/// # Errors
+/// As [`free_movement`].
+pub fn movement(_: &Common) -> Result<Drawn> {
+    free_movement()
+}
+
+/// Free movement by a hand that swings the handle; needs nothing that other figures do.
+///
+/// # Errors
+/// Where a rig file that is built in is not in order, or a published value is missing from the table.
+pub fn free_movement() -> Result<Drawn> {
+    let mut rigs = Vec::with_capacity(RIGS.len());
+    for (name, text) in RIGS {
+        rigs.push(RigFile::parse(text, name)?);
+    }
+    let (pairs, cases) = rayon::join(
+        || {
+            (0..RIGS.len() * HERTZ.len())
+                .into_par_iter()
+                .map(|at| pair(&rigs[at / HERTZ.len()], &Swing::of_the_thesis(HERTZ[at % HERTZ.len()])))
+                .collect::<Result<Vec<Pair>>>()
+        },
+        || {
+            (0..CASES.len() * DRAWN.len())
+                .into_par_iter()
+                .map(|at| case(&rigs[1], &CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]))
+                .collect::<Result<Vec<Pair>>>()
+        },
+    );
+    let (pairs, cases) = (pairs?, cases?);
+    let (printed, traced) = pairs.split_at(HERTZ.len());
+    let sheet = Sheet::new("Fig. 4.2, free movement under force control")
+        .panel(over_frequency("A  Torque of the hand, rms", [printed, traced], |spent| spent.rms))
+        .panel(over_frequency("B  Peak-to-peak torque at the turns", [printed, traced], |spent| spent.ripple))
+        .panel(cycle("C  Traced line, 1 Hz", &traced[DRAWN[0]]))
+        .panel(cycle("D  Traced line, 3 Hz", &traced[DRAWN[1]]));
+    let limits = &rigs[1].axes[0].limits;
+    let [slow, fast] = DRAWN.map(|at| &traced[at]);
+    let caption = format!(
+        "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end to end, the traced line (full) and the \
+         printed constants (dashed), with the motor at 0 V and under the force control of § 4.2. A: the torque that it spends. Force control takes \
+         {} of {} N·m away at 1 Hz, where nearly all is friction, but at 3 Hz {} of {} N·m remain (peak {} of {}): they accelerate oil and \
+         pistons, of which P1 with the assumed 0.5 V/(N·m) takes a quarter. The claimed 120° at 3 Hz can be moved within the rig's limits, and is \
+         work, not free. B: peak-to-peak torque within {:.0} ms of a turn. It grows at slow turns, where the offset has to change \
+         its direction and pushes before friction holds. C, D: the torque over one cycle.",
+        Swing::of_the_thesis(1.0).stiffness,
+        Swing::of_the_thesis(1.0).damping,
+        short(Some(slow[0].rms - slow[1].rms)),
+        short(Some(slow[0].rms)),
+        short(Some(fast[1].rms)),
+        short(Some(fast[0].rms)),
+        short(Some(fast[1].peak)),
+        short(Some(fast[0].peak)),
+        1e3 * TURN_S,
+    );
+    let possible = |pairs: &[Pair]| {
+        let within = |spent: &Spent| {
+            (spent.amplitude / Swing::of_the_thesis(1.0).amplitude - 1.0).abs() < 0.03
+                && spent.speed < limits.speed_max
+                && limits.torque_max.is_none_or(|most| spent.peak < most)
+        };
+        HERTZ.iter().zip(pairs).filter(|(_, pair)| within(&pair[1])).map(|(hertz, _)| *hertz).last()
+    };
+    let mut rows = claims(&rigs, [possible(printed), possible(traced)], [&printed[3][1], &traced[3][1]])?;
+    for (at, hertz) in HERTZ.into_iter().enumerate() {
+        rows.extend(values(hertz, &printed[at], &traced[at]));
+    }
+    for (at, pair) in cases.iter().enumerate() {
+        let (case, hertz) = (&CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]);
+        for (name, spent) in [("uncompensated_hand_torque_rms_nm", &pair[0]), ("hand_torque_rms_nm", &pair[1])] {
+            let id = format!("own.free.{}.{hertz}hz.{name}", case.id);
+            rows.push(Row::own(id, "4.2", "N·m", None, Some(spent.rms)).note(case.what));
+        }
+    }
+    Ok(Drawn { number: "4.2", title: "Free movement under force control", caption, sheet, rows })
+}
+
+/// The published gains and the claim, beside what is used and what came of it.
+fn claims(rigs: &[RigFile], hertz: [Option<f64>; 2], fastest: [&Spent; 2]) -> Result<Vec<Row>> {
+    let gains = [&rigs[0], &rigs[1]].map(|rig| {
+        let axis = &rig.axes[0];
+        axis.control.force.map(|force| (force, axis.master.counts_per_unit))
+    });
+    let used =
+        |read: fn(&rig::ForceControl, f64) -> f64| gains.map(|gains| gains.map(|(force, counts)| read(&force, counts)));
+    let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
+        Ok(Row::beside(published(id)?, role, printed, traced))
+    };
+    let way = fastest.map(|spent| Some(2.0 * spent.amplitude.to_degrees()));
+    Ok(vec![
+        beside("hydrostatic.force_control.beta", Role::Input, used(|force, _| force.forgetting))?,
+        beside("hydrostatic.force_control.p1", Role::Input, used(|force, _| force.torque_gain))?,
+        beside("hydrostatic.force_control.p2_v_s_per_count", Role::Input, used(|force, counts| force.offset_slope / counts))?,
+        beside("hydrostatic.force_control.c_counts_per_s", Role::Input, used(|force, counts| force.threshold_speed * counts))?,
+        beside("hydrostatic.force_control.offset_low_v", Role::Input, used(|force, _| force.offset_slow_v))?,
+        beside("hydrostatic.force_control.offset_high_v", Role::Input, used(|force, _| force.offset_fast_v))?,
+        beside("hydrostatic.force_control.free_movement_deg", Role::Predicted, way)?
+            .note("way from end to end at 3 Hz; the hand was asked for 120°"),
+        beside("hydrostatic.force_control.free_movement_hz", Role::Predicted, hertz)?.note(
+            "highest frequency of those tried at which the handle goes through 120° within the rig's limits of speed and torque; 3 Hz was the highest tried",
+        ),
+    ])
+}
+
+fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
+    type Read = fn(&Spent) -> f64;
+    let reads: [(&str, Read); 3] = [
+        ("hand_torque_rms_nm", |spent| spent.rms),
+        ("hand_torque_peak_nm", |spent| spent.peak),
+        ("torque_ripple_nm", |spent| spent.ripple),
+    ];
+    let mut rows = Vec::with_capacity(2 * reads.len());
+    for (machine, before, what) in [(1, "", "under force control"), (0, "uncompensated_", "with the motor at 0 V")] {
+        for (name, read) in reads {
+            let id = format!("hydrostatic.free.{hertz}hz.{before}{name}");
+            let row = Row::own(id, "4.2", "N·m", Some(read(&printed[machine])), Some(read(&traced[machine])));
+            let how = match name {
+                "torque_ripple_nm" => {
+                    format!(", peak to peak within {:.0} ms of a turn, mean over the turns", 1e3 * TURN_S)
+                }
+                _ => String::new(),
+            };
+            rows.push(row.note(format!("120° from end to end, {what}{how}")));
+        }
+    }
+    rows
+}
+
+fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&Spent) -> f64) -> Figure {
+    let of = |pairs: &[Pair], machine: usize| pairs.iter().map(|pair| read(&pair[machine])).collect::<Vec<_>>();
+    let [printed, traced] = pairs;
+    tall(title, "frequency / Hz", "torque / (N·m)")
+        .x_range(0.0, 3.2)
+        .colour(Colour::Black)
+        .line("motor at 0 V", &HERTZ, &of(traced, 0))
+        .colour(Colour::Vermillion)
+        .line("force control", &HERTZ, &of(traced, 1))
+        .colour(Colour::Black)
+        .dashed("motor at 0 V, printed constants", &HERTZ, &of(printed, 0))
+        .colour(Colour::Vermillion)
+        .dashed("force control, printed constants", &HERTZ, &of(printed, 1))
+}
+
+fn cycle(title: &str, pair: &Pair) -> Figure {
+    let columns = |spent: &Spent| -> (Vec<f64>, Vec<f64>) {
+        spent.cycle.iter().map(|(time_s, _, torque)| (*time_s, *torque)).unzip()
+    };
+    let [dead, free] = pair;
+    let ((dead_s, dead), (free_s, free)) = (columns(dead), columns(free));
+    axes(title, "time / s", "torque of the hand / (N·m)")
+        .colour(Colour::Black)
+        .line("motor at 0 V", &dead_s, &dead)
+        .colour(Colour::Vermillion)
+        .line("force control", &free_s, &free)
+}
