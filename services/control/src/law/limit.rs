@@ -30,7 +30,8 @@ impl Axis {
     ) {
         let wanted_v = wanted_v(law, live, index);
         let largest = law.output_limit_v * elapsed_s / AUTHORITY_S;
-        self.limit_v = if begins { wanted_v } else { self.limit_v + (wanted_v - self.limit_v).clamp(-largest, largest) };
+        self.limit_v =
+            if begins { wanted_v } else { self.limit_v + (wanted_v - self.limit_v).clamp(-largest, largest) };
     }
 
     /// Where the reference is: that of the last step where it was held back, else along target and blend.
