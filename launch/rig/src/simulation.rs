@@ -28,6 +28,8 @@ pub struct Simulation {
     pub emg_rms_v: f64,
     /// The scanner that pulses on the channels of kind `trigger`; `None` where none runs.
     pub scanner: Option<ScannerTrigger>,
+    /// Hard stops that end the handle's travel: below and above (rad or m); `None` where it moves without end.
+    pub end_stops: Option<(f64, f64)>,
     /// Who holds the handle.
     pub hand: Hand,
 }
@@ -85,6 +87,7 @@ impl Simulation {
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
             scanner: read_scanner(&section),
+            end_stops: read_end_stops(&section, unit),
             hand: Hand::read(section.section("hand"), unit),
         };
         section.finish();
@@ -122,6 +125,31 @@ impl Simulation {
             let expected = format!("another level than trigger_idle_v ({} V)", scanner.idle_v);
             let advice = "nobody sees a pulse that changes nothing";
             source.problem(&key("trigger_pulse_v"), expected, scanner.pulse_v, advice);
+        }
+    }
+}
+
+/// The ends of the handle's travel, both or none.
+fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
+    let (low, high, most) = match unit {
+        AxisUnit::Radian => ("end_stop_min_deg", "end_stop_max_deg", 360.0),
+        AxisUnit::Metre => ("end_stop_min_m", "end_stop_max_m", 5.0),
+    };
+    let lower = section.number_or_none(low, bounds(-most, 0.0, "the card begins at 0, between the stops"));
+    let upper = section.number_or_none(high, bounds(0.0, most, "the card begins at 0, between the stops"));
+    match (lower, upper) {
+        (Some(lower), Some(upper)) if lower < upper => {
+            Some((lower * unit.si_per_file_unit(), upper * unit.si_per_file_unit()))
+        }
+        (None, None) => None,
+        (Some(_), Some(_)) => {
+            section.problem(high, format!("more than {low}"), "stops at the same place", "leave some way between them");
+            None
+        }
+        (lower, _) => {
+            let (given, missing) = if lower.is_some() { (low, high) } else { (high, low) };
+            section.problem(given, "both stops", "one", format!("add {missing}, or take this one out"));
+            None
         }
     }
 }

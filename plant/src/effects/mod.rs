@@ -21,6 +21,7 @@ pub mod asymmetric_friction;
 pub mod backlash;
 pub mod coulomb_friction;
 pub mod encoder_eccentricity;
+pub mod end_stop;
 pub mod extra_inertia;
 pub mod gravity_imbalance;
 pub mod hand_impedance;

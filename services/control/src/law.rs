@@ -10,6 +10,9 @@
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand, as [`force`] says. Going there and coming back,
 //! the output goes on from where it is, and the difference fades within [`AUTHORITY_S`].
 //!
+//! **Limits.** A setpoint may narrow the limit on the output, as `limit` says; in [`Mode::Initialise`] the reference then stays within what
+//! that output can hold.
+//!
 //! **No setpoint.** Without one, or after its lease, the law comes to rest and holds. [`Mode::Passive`] takes the output to 0 V
 //! within [`AUTHORITY_S`]. A measured value that is not finite gives 0 V on all axes at once, flagged by `limited`
 //! and mode passive.
@@ -20,6 +23,7 @@ mod blend;
 mod estimate;
 mod feedforward;
 pub mod force;
+mod limit;
 mod yielding;
 
 use blend::{Blend, Motion, stopping_way};
@@ -131,6 +135,11 @@ struct Axis {
     /// The last output before it was weighed (V), and what of it still fades after a change between the two controls.
     output_v: f64,
     carried_v: f64,
+    /// Limit on the output (V), and whether the reference was held back for it.
+    limit_v: f64,
+    held_back: bool,
+    /// How far the reference may be from the measured position (rad or m).
+    lead: f64,
 }
 
 /// The law. See the module's documentation.
@@ -170,6 +179,9 @@ impl Law {
                 yields: false,
                 output_v: 0.0,
                 carried_v: 0.0,
+                limit_v: 0.0,
+                held_back: false,
+                lead: f64::INFINITY,
             }),
             source: None,
             authority: 0.0,
@@ -185,7 +197,7 @@ impl Law {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
             + period_s
-                * (2.0 * law.output_limit_v / AUTHORITY_S
+                * (3.0 * law.output_limit_v / AUTHORITY_S
                     + law.friction_peak_v / FRICTION_SLEW_S
                     + law.output_limit_v / INERTIA_SLEW_S)
     }
@@ -235,6 +247,9 @@ impl Law {
         command.lapsed = u8::from(setpoint.is_some() && live.is_none());
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
         let mode = live.map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
+        for (index, (axis, law)) in self.axis.iter_mut().zip(&self.config.axis).enumerate().take(axes) {
+            axis.limit_output(law, live, index, self.source.is_none(), elapsed_s);
+        }
 
         if mode.yields() && !self.can_yield(sample) {
             // Without a torque there is nothing to move with.
@@ -248,7 +263,7 @@ impl Law {
             if mode.yields() {
                 self.source = Some(Source::Hand);
             } else {
-                self.take_aim(time_ns, sample, live, mode, axes);
+                self.take_aim(time_ns, sample, live, mode, axes, elapsed_s);
             }
             command.mode = mode.code();
         }
@@ -278,6 +293,7 @@ impl Law {
         self.authority = 0.0;
         for axis in &mut self.axis {
             axis.blend = None;
+            axis.release();
             axis.friction.reset();
             axis.inertia.reset();
             axis.forget();
@@ -285,7 +301,15 @@ impl Law {
     }
 
     /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving on.
-    fn take_aim(&mut self, time_ns: u64, sample: &Sample, live: Option<&Setpoint>, mode: Mode, axes: usize) {
+    fn take_aim(
+        &mut self,
+        time_ns: u64,
+        sample: &Sample,
+        live: Option<&Setpoint>,
+        mode: Mode,
+        axes: usize,
+        elapsed_s: f64,
+    ) {
         let source = match live {
             Some(setpoint) if mode != Mode::Passive => Source::Setpoint {
                 incarnation: setpoint.incarnation,
@@ -301,7 +325,7 @@ impl Law {
         for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
             let law = &self.config.axis[index];
             let position = sample.master_position[index];
-            let reference = axis.reference_at(time_ns);
+            let reference = axis.present_reference(time_ns);
             if begins || !reference.is_finite() {
                 // Power came: from the hand's own motion, so that there is no error to begin with.
                 let speed = law.catch_up_speed.abs();
@@ -334,6 +358,7 @@ impl Law {
                 axis.blend = None;
             }
             axis.reference = target.plus(&offset.unwrap_or_default());
+            axis.hold_back(law, position, mode == Mode::Initialise, elapsed_s);
         }
     }
 
@@ -361,7 +386,7 @@ impl Law {
         let peak_speed = axis.blend.map_or(peak_speed, |blend| peak_speed.max(blend.peak_speed()));
         let friction_v = friction(reference.velocity, peak_speed, law.friction_peak_v, law.friction_floor_v);
         let friction_v = axis.friction.follow(friction_v, law.friction_peak_v * elapsed_s / FRICTION_SLEW_S);
-        let limit_v = law.output_limit_v;
+        let limit_v = axis.limit_v;
         let inertia_v = within(law.inertia_v * reference.acceleration, limit_v);
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let feedforward_v = friction_v + inertia_v;

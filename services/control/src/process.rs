@@ -11,6 +11,7 @@ use runtime::clock::now_ns;
 use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
 use thiserror::Error;
 
+use crate::admit::Admission;
 use crate::law::{AxisLaw, Law, LawConfig};
 
 /// The reference catches up with a far target at this fraction of the axis's speed limit.
@@ -90,6 +91,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
     let mut law = Law::new(law_config(&rig));
     let identity = service.identity();
+    let mut admission = Admission::of_rig(identity.session, &rig);
     let profile = service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
     let mut meter = LoopMeter::new(Process::Control, service.grants()).map_err(ServiceError::from)?;
@@ -104,7 +106,16 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
             }
             sample = Some(newest);
         }
-        setpoint = setpoints.latest()?.or(setpoint);
+        if let Some(newest) = setpoints.latest()? {
+            match admission.admit(now_ns(), &newest) {
+                Ok(()) => setpoint = Some(newest),
+                Err(refusal) => {
+                    if let Some(notice) = admission.notice(now_ns(), refusal, &newest) {
+                        events.send(notice.event())?;
+                    }
+                }
+            }
+        }
         token = tokens.latest()?.or(token);
         if let Some(sample) = &sample {
             // Powered means: the gate is open, for the epoch of the newest token, and for our commands.

@@ -3,6 +3,7 @@
 use ipc_types::{ANALOG, AXES, CardScan};
 use plant::ParameterError;
 use plant::any::Plant;
+use plant::effects::end_stop::EndStop;
 use plant::effects::{EffectError, parse};
 use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
 use plant::transmission::{Input, Motion, Transmission};
@@ -80,7 +81,10 @@ impl Card {
         if held {
             parameters.load_handle(hand.inertia)?;
         }
-        let effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+        let mut effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+        if let Some((lower, upper)) = simulation.end_stops {
+            effects.push(Box::new(EndStop::between(lower, upper)));
+        }
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
             rig.channels.iter().filter(|channel| wanted(channel.kind)).map(|channel| channel.index).collect()
         };

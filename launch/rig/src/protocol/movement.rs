@@ -2,7 +2,11 @@
 
 use std::f64::consts::TAU;
 
+use super::excitation::{Chirp, Ramp};
 use super::field::Field;
+use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
+use super::modes::{Centre, Initialise, Rhythm};
+use super::table::Tabled;
 use crate::axis::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
@@ -73,6 +77,18 @@ pub enum Movement {
         /// What the hand feels.
         field: Field,
     },
+    /// Gently to the ends of the travel, to find them.
+    Initialise(Initialise),
+    /// To the middle of the experiment, and rest there under power.
+    Centre(Centre),
+    /// The hand keeps a rhythm in a spring field, the machine moves with it.
+    Rhythm(Rhythm),
+    /// To a position at constant speed.
+    Ramp(Ramp),
+    /// A sine of which the frequency changes.
+    Chirp(Chirp),
+    /// Along points of a table.
+    File(Tabled),
 }
 
 /// One sine of a multisine.
@@ -101,6 +117,18 @@ pub enum MovementKind {
     Rest,
     /// [`Movement::Free`].
     Free,
+    /// [`Movement::Initialise`].
+    Initialise,
+    /// [`Movement::Centre`].
+    Centre,
+    /// [`Movement::Rhythm`].
+    Rhythm,
+    /// [`Movement::Ramp`].
+    Ramp,
+    /// [`Movement::Chirp`].
+    Chirp,
+    /// [`Movement::File`].
+    File,
 }
 
 impl MovementKind {
@@ -111,6 +139,12 @@ impl MovementKind {
         ("hold", Self::Hold),
         ("rest", Self::Rest),
         ("free", Self::Free),
+        ("initialise", Self::Initialise),
+        ("centre", Self::Centre),
+        ("rhythm", Self::Rhythm),
+        ("ramp", Self::Ramp),
+        ("chirp", Self::Chirp),
+        ("file", Self::File),
     ];
 
     /// The word in the file.
@@ -129,6 +163,12 @@ impl Movement {
             Self::Hold { .. } => MovementKind::Hold,
             Self::Rest { .. } => MovementKind::Rest,
             Self::Free { .. } => MovementKind::Free,
+            Self::Initialise(_) => MovementKind::Initialise,
+            Self::Centre(_) => MovementKind::Centre,
+            Self::Rhythm(_) => MovementKind::Rhythm,
+            Self::Ramp(_) => MovementKind::Ramp,
+            Self::Chirp(_) => MovementKind::Chirp,
+            Self::File(_) => MovementKind::File,
         }
     }
 
@@ -141,6 +181,12 @@ impl Movement {
             | Self::Rest { duration_s }
             | Self::Free { duration_s, .. } => *duration_s,
             Self::Steps { positions, dwell_s, rise_s } => positions.len() as f64 * (dwell_s + rise_s),
+            Self::Initialise(own) => own.duration_s,
+            Self::Centre(own) => own.duration_s,
+            Self::Rhythm(own) => own.duration_s,
+            Self::Ramp(own) => own.duration_s,
+            Self::Chirp(own) => own.duration_s,
+            Self::File(own) => own.duration_s(),
         }
     }
 
@@ -158,7 +204,11 @@ impl Movement {
                 Some((least, positions.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
             }
             Self::Hold { position, .. } => position.map(|position| (position, position)),
-            Self::Rest { .. } | Self::Free { .. } => None,
+            Self::Centre(own) => Some((own.position, own.position)),
+            Self::Ramp(own) => Some((own.position, own.position)),
+            Self::Chirp(own) => Some(own.range()),
+            Self::File(own) => Some(own.spline.range()),
+            Self::Rest { .. } | Self::Free { .. } | Self::Initialise(_) | Self::Rhythm(_) => None,
         }
     }
 
@@ -168,8 +218,17 @@ impl Movement {
             Self::GuidedSine { centre, .. } | Self::Multisine { centre, .. } => Some(*centre),
             Self::Steps { positions, .. } => positions.last().copied(),
             Self::Hold { position, .. } => position.or(start),
-            Self::Rest { .. } | Self::Free { .. } => None,
+            Self::Centre(own) => Some(own.position),
+            Self::Ramp(own) => Some(own.position),
+            Self::Chirp(own) => Some(own.centre),
+            Self::File(own) => Some(own.spline.end()),
+            Self::Rest { .. } | Self::Free { .. } | Self::Initialise(_) | Self::Rhythm(_) => None,
         }
+    }
+
+    /// Whether the hand or the machine's ends decide where it ends: nobody knows before.
+    pub const fn ends_anywhere(&self) -> bool {
+        matches!(self, Self::Rest { .. } | Self::Free { .. } | Self::Initialise(_) | Self::Rhythm(_))
     }
 
     /// A speed that it never passes when it begins at rest at `start` (rad/s or m/s).
@@ -198,74 +257,22 @@ impl Movement {
             Self::Hold { position: Some(position), rise_s, .. } => {
                 MIN_JERK_PEAK_SPEED * (position - start).abs() / rise_s
             }
-            Self::Hold { position: None, .. } | Self::Rest { .. } | Self::Free { .. } => 0.0,
+            Self::Initialise(own) => own.speed,
+            Self::Centre(own) => MIN_JERK_PEAK_SPEED * (own.position - start).abs() / own.rise_s,
+            Self::Ramp(own) => own.profile(start).speed,
+            Self::Chirp(own) => {
+                faded(own.amplitude, own.amplitude * TAU * own.highest_hz(), own.centre, own.fade_in_s, own.fade_out_s)
+            }
+            Self::File(own) => {
+                let approach = MIN_JERK_PEAK_SPEED * (own.spline.begin() - start).abs() / own.rise_s;
+                own.spline.peak_speed().max(approach)
+            }
+            Self::Hold { position: None, .. } | Self::Rest { .. } | Self::Free { .. } | Self::Rhythm(_) => 0.0,
         }
     }
 }
 
-const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
-const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
 const GUIDED_HZ: Bounds = bounds(0.2, 3.0, "guided movements are of 0.2 to 3 Hz (ch. 4)");
-const LINE_HZ: Bounds = bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
-const AMPLITUDE_DEG: Bounds = bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
-const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
-const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
-const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
-
-/// Reads lengths whose keys end in `_deg` or `_m`, and remembers which.
-struct Lengths<'r, 's> {
-    section: &'r Section<'s>,
-    unit: Option<AxisUnit>,
-}
-
-impl Lengths<'_, '_> {
-    /// The key and unit under which `stem` stands in the file; degrees where it does not.
-    fn key(&mut self, stem: &str) -> (String, AxisUnit) {
-        let (degrees, metres) = (format!("{stem}_deg"), format!("{stem}_m"));
-        let (key, other, unit) = match self.section.has(&metres) && !self.section.has(&degrees) {
-            true => (metres, degrees, AxisUnit::Metre),
-            false if self.unit == Some(AxisUnit::Metre) && !self.section.has(&degrees) => {
-                (metres, degrees, AxisUnit::Metre)
-            }
-            false => (degrees, metres, AxisUnit::Radian),
-        };
-        if self.section.has(&other) {
-            self.section.misplaced(&other, &format!("`{key}` alone"), "give the value once");
-        }
-        if self.section.has(&key) {
-            if self.unit.is_some_and(|before| before != unit) {
-                let advice = "keep to degrees or to metres within a segment";
-                self.section.problem(&key, "the unit of the segment's other values", "another unit", advice);
-            }
-            self.unit = Some(unit);
-        }
-        (key, unit)
-    }
-
-    fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
-        let (key, unit) = self.key(stem);
-        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
-    }
-
-    fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
-        let (key, unit) = self.key(stem);
-        self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.si_per_file_unit())
-    }
-
-    fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {
-        let (key, unit) = self.key(stem);
-        let mut values = self.section.numbers(&key, choose(unit, degrees, metres));
-        values.iter_mut().for_each(|value| *value *= unit.si_per_file_unit());
-        values
-    }
-}
-
-fn choose(unit: AxisUnit, degrees: Bounds, metres: Bounds) -> Bounds {
-    match unit {
-        AxisUnit::Radian => degrees,
-        AxisUnit::Metre => metres,
-    }
-}
 
 impl Movement {
     pub(super) fn read(section: &Section<'_>) -> (Self, Option<AxisUnit>) {
@@ -321,13 +328,19 @@ impl Movement {
                     field: Field::read(section, centre, walls),
                 }
             }
+            MovementKind::Initialise => Self::Initialise(Initialise::read(section, &mut lengths)),
+            MovementKind::Centre => Self::Centre(Centre::read(section, &mut lengths)),
+            MovementKind::Rhythm => Self::Rhythm(Rhythm::read(section, &mut lengths)),
+            MovementKind::Ramp => Self::Ramp(Ramp::read(section, &mut lengths)),
+            MovementKind::Chirp => Self::Chirp(Chirp::read(section, &mut lengths)),
+            MovementKind::File => Self::File(Tabled::read(section, &mut lengths)),
         };
         (movement, lengths.unit)
     }
 }
 
 /// Duration and fades of a sine; the fades share the duration.
-fn read_times(section: &Section<'_>) -> (f64, f64, f64) {
+pub(super) fn read_times(section: &Section<'_>) -> (f64, f64, f64) {
     let duration_s = section.number("duration_s", DURATION);
     let fade_in_s = section.number_or("fade_in_s", f64::min(1.0, duration_s / 2.0), FADE);
     let fade_out_s = section.number_or("fade_out_s", f64::min(fade_in_s, duration_s / 2.0), FADE);

@@ -28,7 +28,7 @@ impl Law {
         let velocity = self.axis.map(|axis| axis.handle.velocity());
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
         let Some(force) = &law.force else { return false };
-        let limit_v = law.output_limit_v;
+        let limit_v = axis.limit_v;
         let field = field_torque(setpoint, index, &position, &velocity)
             + end_stop_torque(force, position[index], law.position_min, law.position_max);
         let torque = sample.slave_torque[index] + field;
@@ -44,6 +44,7 @@ impl Law {
         let master = sample.master_position[index];
         axis.rest_at(master, sample.scan_time_ns);
         axis.blend = None;
+        axis.release();
         axis.friction.reset();
         axis.inertia.reset();
         command.velocity[index] = axis.velocity.velocity();

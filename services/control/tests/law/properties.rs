@@ -23,6 +23,39 @@ enum Act {
     Owner(u8),
     /// Torque of the hand, stiffness, damping.
     Free(f64, f64, f64),
+    /// Any mode with any field, and the torque of the hand.
+    Any(Box<Fields>, f64),
+}
+
+/// What a setpoint may say.
+#[derive(Clone, Debug)]
+struct Fields {
+    mode: Mode,
+    position: f64,
+    velocity: f64,
+    acceleration: f64,
+    peak_speed: f64,
+    output_limit_v: f64,
+    stiffness: f64,
+    damping: f64,
+    wall: f64,
+}
+
+fn fields() -> impl Strategy<Value = Fields> {
+    let limit = prop_oneof![2 => Just(0.0), 4 => 0.05..6.0f64, 1 => -3.0..0.0f64, 1 => Just(f64::NAN)];
+    let motion = (-2.0..2.0f64, -3.0..3.0f64, -20.0..20.0f64, 0.0..20.0f64);
+    let field = (-5.0..10.0f64, -0.5..2.0f64, 0.0..20.0f64);
+    (prop::sample::select(Mode::ALL), motion, limit, field).prop_map(|(mode, motion, output_limit_v, field)| Fields {
+        mode,
+        position: motion.0,
+        velocity: motion.1,
+        acceleration: motion.2,
+        peak_speed: motion.3,
+        output_limit_v,
+        stiffness: field.0,
+        damping: field.1,
+        wall: field.2,
+    })
 }
 
 fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
@@ -36,6 +69,7 @@ fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
         1 => Just(Act::Restart),
         1 => any::<u8>().prop_map(Act::Owner),
         3 => (-8.0..8.0f64, -5.0..10.0f64, -0.5..2.0f64).prop_map(|(torque, k, d)| Act::Free(torque, k, d)),
+        8 => (fields(), -8.0..8.0f64).prop_map(|(fields, torque)| Act::Any(Box::new(fields), torque)),
     ];
     prop::collection::vec((act, 1u16..200), 1..12)
 }
@@ -57,6 +91,16 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
             (free.stiffness[0], free.damping[0]) = (stiffness, damping);
             (free.wall_min[0], free.wall_max[0], free.wall_stiffness[0]) = (-1.0, 1.0, 20.0);
             free
+        }
+        Act::Any(ref fields, _) => {
+            let Fields { mode, position, velocity, acceleration, peak_speed, .. } = **fields;
+            let moved = Fields { position: position + velocity * (now - begin) as f64 * 1e-9, ..(**fields).clone() };
+            let position = if mode.moves() { moved.position } else { position };
+            let mut any = setpoint(now, mode, [position, velocity, acceleration, peak_speed]);
+            (any.stiffness[0], any.damping[0], any.output_limit_v[0]) =
+                (fields.stiffness, fields.damping, fields.output_limit_v);
+            (any.wall_min[0], any.wall_max[0], any.wall_stiffness[0]) = (-1.0, 1.0, fields.wall);
+            any
         }
         Act::Nothing | Act::Restart => return None,
     };
@@ -86,7 +130,7 @@ fn play(acts: &[(Act, u16)], hand: f64, mirror: f64, mut look: impl FnMut(&Law, 
                 setpoint.acceleration[0] *= mirror;
             }
             let mut sample = sample(now, hand * mirror);
-            if let Act::Free(torque, ..) = act {
+            if let Act::Free(torque, ..) | Act::Any(_, torque) = act {
                 sample.slave_torque[0] = torque * mirror;
             }
             let command = law.step(now, &sample, setpoint.as_ref(), true);
@@ -116,7 +160,8 @@ proptest! {
                 let moved = (command.reference_position[0] - before.reference_position[0]).abs();
                 let sped = (command.reference_velocity[0] - before.reference_velocity[0]).abs();
                 let mut bound = controller.step_bound_v(0, 2e-3) + law.position_gain * moved + law.velocity_gain * sped;
-                if [command.mode, before.mode].contains(&Mode::Impedance.code()) {
+                let yields = |code| Mode::from_code(code).is_some_and(Mode::yields);
+                if yields(command.mode) || yields(before.mode) {
                     // Eq. 4.2.1 goes 0.4 of its way in a step, from limit to limit at most.
                     bound += 0.4 * 2.0 * law.output_limit_v;
                 }
@@ -125,7 +170,7 @@ proptest! {
                 // Two sines of 2 Hz in opposite phase, and the speed of catching up.
                 let jumped = moved > 2e-3 * 28.0 + SWITCH_STEP_V / law.position_gain
                     // Where the law lets go, the reference is where the hand is.
-                    && !matches!(mode, Some(Mode::Passive | Mode::Impedance));
+                    && !mode.is_some_and(|mode| mode == Mode::Passive || mode.yields());
                 if step > bound || jumped {
                     failed = Some((step, bound, moved, *command));
                 }
@@ -153,17 +198,18 @@ proptest! {
     /// Whatever is measured and asked for, by numbers of any kind: finite, within the limit.
     #[test]
     fn sr_22_any_input_gives_a_finite_output_within_the_limit(
-        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..9, any::<bool>(), -1i64..20_000_000, number()), 1..80),
+        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..9, any::<bool>(), -1i64..20_000_000, number(), number()), 1..80),
     ) {
         let mut law = Law::new(config(axis_law(), 500));
         let mut now = SECOND;
-        for (position, aim, mode, powered, step, torque) in cycles {
+        for (position, aim, mode, powered, step, torque, limit_v) in cycles {
             now = now.wrapping_add(step as u64);
             let mut aim = setpoint(now, Mode::Position, aim);
             aim.mode = mode;
             let mut sample = sample(now, position);
             sample.slave_torque[0] = torque;
             aim.stiffness[0] = torque;
+            aim.output_limit_v[0] = limit_v;
             let command = law.step(now, &sample, Some(&aim), powered);
             let values = [command.volts, command.feedforward_v, command.reference_position, command.reference_velocity];
             prop_assert!(values.iter().flatten().all(|value| value.is_finite()), "{command:?}");

@@ -1,0 +1,78 @@
+//! Lengths, angles and speeds in a segment, by the unit in which their keys end.
+
+use crate::axis::AxisUnit;
+use crate::read::{Bounds, Section, bounds};
+
+pub(super) const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
+pub(super) const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
+pub(super) const LINE_HZ: Bounds = bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
+pub(super) const AMPLITUDE_DEG: Bounds = bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
+pub(super) const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
+pub(super) const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
+pub(super) const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
+
+/// Reads lengths whose keys end in `_deg` or `_m`, and remembers which.
+pub(super) struct Lengths<'r, 's> {
+    pub(super) section: &'r Section<'s>,
+    pub(super) unit: Option<AxisUnit>,
+}
+
+impl Lengths<'_, '_> {
+    /// The key and unit under which `stem` stands in the file; degrees where it does not.
+    fn key(&mut self, stem: &str) -> (String, AxisUnit) {
+        self.key_per(stem, "")
+    }
+
+    /// The same for keys whose unit goes on with `per`: `_s` for speeds.
+    fn key_per(&mut self, stem: &str, per: &str) -> (String, AxisUnit) {
+        let (degrees, metres) = (format!("{stem}_deg{per}"), format!("{stem}_m{per}"));
+        let (key, other, unit) = match self.section.has(&metres) && !self.section.has(&degrees) {
+            true => (metres, degrees, AxisUnit::Metre),
+            false if self.unit == Some(AxisUnit::Metre) && !self.section.has(&degrees) => {
+                (metres, degrees, AxisUnit::Metre)
+            }
+            false => (degrees, metres, AxisUnit::Radian),
+        };
+        if self.section.has(&other) {
+            self.section.misplaced(&other, &format!("`{key}` alone"), "give the value once");
+        }
+        if self.section.has(&key) {
+            if self.unit.is_some_and(|before| before != unit) {
+                let advice = "keep to degrees or to metres within a segment";
+                self.section.problem(&key, "the unit of the segment's other values", "another unit", advice);
+            }
+            self.unit = Some(unit);
+        }
+        (key, unit)
+    }
+
+    pub(super) fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
+        let (key, unit) = self.key(stem);
+        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
+    }
+
+    /// A speed, `stem_deg_s` or `stem_m_s`.
+    pub(super) fn speed(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
+        let (key, unit) = self.key_per(stem, "_s");
+        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
+    }
+
+    pub(super) fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
+        let (key, unit) = self.key(stem);
+        self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.si_per_file_unit())
+    }
+
+    pub(super) fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {
+        let (key, unit) = self.key(stem);
+        let mut values = self.section.numbers(&key, choose(unit, degrees, metres));
+        values.iter_mut().for_each(|value| *value *= unit.si_per_file_unit());
+        values
+    }
+}
+
+fn choose(unit: AxisUnit, degrees: Bounds, metres: Bounds) -> Bounds {
+    match unit {
+        AxisUnit::Radian => degrees,
+        AxisUnit::Metre => metres,
+    }
+}

@@ -1,0 +1,54 @@
+//! `end_stop`: hard stops that end the handle's travel.
+//!
+//! Beyond an end the stop pushes back, `τ = -k (q - q_end)`, and a damper `b = k t_b` brakes what runs into it; it never
+//! holds back what leaves. It acts on the handle's side of the transmission, and the torque cell does not see it, as it sits between
+//! hand and handle. It is part of the machine that the virtual card simulates (`simulation.end_stop_min_deg`), so it stands
+//! in no list of deviations.
+//!
+//! The spring acts at the middle of the internal step, which keeps its energy; the damper only takes. Defaults are assumed:
+//! a rubber buffer that yields 0.4° under 3.5 N·m.
+
+use super::{Effect, Moment, SideLoad, Site, effect};
+
+effect! {
+    /// Two stiff, damped stops.
+    pub struct EndStop {
+        /// Stiffness `k`.
+        stiffness: "N m/rad", 0.0, 2000.0, 500.0, "assumed";
+        /// Damping over stiffness `t_b`.
+        damper_time_s: "s", 0.0, 0.1, 0.002, "assumed";
+        /// Where the lower stop begins.
+        lower_rad: "rad", -100.0, 100.0, -2.0, "assumed";
+        /// Where the upper stop begins.
+        upper_rad: "rad", -100.0, 100.0, 2.0, "assumed";
+    }
+}
+
+impl EndStop {
+    /// Stops at these angles of the handle (rad).
+    pub fn between(lower_rad: f64, upper_rad: f64) -> Self {
+        Self { lower_rad, upper_rad, ..Self::at(Site::Slave) }
+    }
+}
+
+impl Effect for EndStop {
+    fn id(&self) -> &'static str {
+        "end_stop"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
+        let inside = load.position_rad.max(self.lower_rad).min(self.upper_rad);
+        let beyond = load.position_rad - inside;
+        load.load.force -= self.stiffness * beyond;
+        let viscous = self.stiffness * self.damper_time_s;
+        if beyond > 0.0 {
+            load.load.viscous_forward += viscous;
+        } else if beyond < 0.0 {
+            load.load.viscous_backward += viscous;
+        }
+    }
+}

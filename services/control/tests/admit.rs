@@ -1,0 +1,186 @@
+//! Which setpoints control follows.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use control::admit::{Admission, AxisLimits, Refusal, TELL_NS};
+use ipc_types::{EventKind, Message, Mode, Process, Setpoint};
+use proptest::prelude::*;
+
+const SESSION: u64 = 7;
+const MS: u64 = 1_000_000;
+
+fn admission() -> Admission {
+    Admission::new(SESSION, &[AxisLimits { position_min: -2.0, position_max: 1.5, speed_max: 10.0 }])
+}
+
+fn setpoint(sequence: u64, now_ns: u64) -> Setpoint {
+    Setpoint {
+        session: SESSION,
+        incarnation: 61,
+        sequence,
+        at_ns: now_ns,
+        lease_until_ns: now_ns + 100 * MS,
+        mode: Mode::Position.code(),
+        owner: Process::Experiment.code(),
+        axes: 1,
+        ..Setpoint::default()
+    }
+}
+
+fn with(change: impl FnOnce(&mut Setpoint)) -> Setpoint {
+    let mut changed = setpoint(1, 10 * MS);
+    change(&mut changed);
+    changed
+}
+
+#[test]
+fn refuses_what_the_rig_cannot_do_and_says_why() {
+    let cases: Vec<(Refusal, Setpoint)> = vec![
+        (Refusal::Session, with(|s| s.session = 8)),
+        (Refusal::Unknown, with(|s| s.mode = 99)),
+        (Refusal::Unknown, with(|s| s.owner = Process::Logger.code())),
+        (Refusal::Axes, with(|s| s.axes = 2)),
+        (Refusal::NotFinite, with(|s| s.position[0] = f64::NAN)),
+        (Refusal::NotFinite, with(|s| s.velocity[0] = f64::INFINITY)),
+        (Refusal::NotFinite, with(|s| s.acceleration[0] = f64::NAN)),
+        (Refusal::Position, with(|s| s.position[0] = 1.51)),
+        (Refusal::Position, with(|s| s.position[0] = -2.01)),
+        (Refusal::Speed, with(|s| s.velocity[0] = -10.01)),
+    ];
+    for (expected, bad) in cases {
+        let mut admission = admission();
+        assert_eq!(admission.admit(10 * MS, &setpoint(0, 9 * MS)), Ok(()));
+        assert_eq!(admission.admit(10 * MS, &bad), Err(expected), "{bad:?}");
+        assert_eq!(admission.refused(expected), 1);
+        // Nothing was changed: the next good one is followed.
+        assert_eq!(admission.admit(11 * MS, &setpoint(1, 11 * MS)), Ok(()));
+    }
+}
+
+#[test]
+fn a_limit_itself_is_within_and_axes_beyond_the_rig_mean_nothing() {
+    let at = |position, velocity| {
+        with(|s| {
+            (s.position, s.velocity) = ([position, f64::NAN, 99.0], [velocity, f64::NAN, 99.0]);
+        })
+    };
+    for (position, velocity) in [(1.5, 10.0), (-2.0, -10.0), (1.5 + 1e-9, 0.0)] {
+        assert_eq!(admission().admit(0, &at(position, velocity)), Ok(()));
+    }
+}
+
+#[test]
+fn modes_ask_for_the_numbers_that_they_use() {
+    let of = |mode: Mode, position| {
+        with(|s| {
+            s.mode = mode.code();
+            (s.position[0], s.velocity[0]) = (position, f64::NAN);
+        })
+    };
+    let verdict = |mode, position| admission().admit(0, &of(mode, position));
+    for mode in Mode::ALL.iter().copied() {
+        let expected = if mode.moves() { Err(Refusal::NotFinite) } else { Ok(()) };
+        assert_eq!(verdict(mode, 0.0), expected, "{mode}");
+    }
+    assert_eq!(verdict(Mode::Passive, f64::NAN), Ok(()));
+    assert_eq!(verdict(Mode::Hold, f64::NAN), Ok(()), "it holds where it is");
+    assert_eq!(verdict(Mode::Hold, 9.0), Err(Refusal::Position));
+    assert_eq!(verdict(Mode::Centre, f64::NAN), Err(Refusal::NotFinite));
+    assert_eq!(verdict(Mode::Rhythm, f64::NAN), Err(Refusal::NotFinite));
+}
+
+#[test]
+fn order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
+    let mut admission = admission();
+    assert_eq!(admission.admit(20 * MS, &setpoint(5, 20 * MS)), Ok(()));
+    assert_eq!(admission.admit(21 * MS, &setpoint(5, 21 * MS)), Err(Refusal::Sequence), "the same again");
+    assert_eq!(admission.admit(21 * MS, &setpoint(4, 21 * MS)), Err(Refusal::Sequence));
+    assert_eq!(admission.admit(21 * MS, &setpoint(6, 19 * MS)), Err(Refusal::Backwards));
+    assert_eq!(admission.admit(22 * MS, &setpoint(9, 22 * MS)), Ok(()), "gaps are no disorder");
+    // The experiment was restarted: it counts from 0.
+    let fresh = Setpoint { incarnation: 62, ..setpoint(0, 30 * MS) };
+    assert_eq!(admission.admit(30 * MS, &fresh), Ok(()));
+    // The old one wakes up.
+    assert_eq!(admission.admit(31 * MS, &setpoint(10, 31 * MS)), Err(Refusal::Sequence));
+}
+
+#[test]
+fn another_owner_waits_for_the_lease() {
+    let other = |now: u64| Setpoint { incarnation: 90, owner: Process::Operator.code(), ..setpoint(0, now) };
+    let mut busy = admission();
+    assert_eq!(busy.admit(0, &setpoint(0, 0)), Ok(()));
+    assert_eq!(busy.admit(100 * MS, &other(100 * MS)), Err(Refusal::Owner));
+    assert_eq!(busy.admit(101 * MS, &other(101 * MS)), Ok(()), "the lease has lapsed");
+    assert_eq!(busy.admit(102 * MS, &setpoint(1, 102 * MS)), Err(Refusal::Owner));
+    assert_eq!(busy.admit(202 * MS, &setpoint(2, 202 * MS)), Ok(()), "and back");
+    // One that has let go of the motor keeps nobody waiting.
+    let mut idle = admission();
+    assert_eq!(idle.admit(0, &Setpoint { mode: Mode::Passive.code(), ..setpoint(0, 0) }), Ok(()));
+    assert_eq!(idle.admit(MS, &other(MS)), Ok(()));
+}
+
+#[test]
+fn each_reason_is_told_once_a_second_with_its_count() {
+    let mut admission = admission();
+    let mut told = vec![];
+    for cycle in 0..2_000u64 {
+        let now = cycle * MS;
+        let mut bad = setpoint(cycle, now);
+        if cycle % 2 == 0 {
+            bad.position[0] = 9.0
+        } else {
+            bad.velocity[0] = 99.0
+        }
+        let refusal = admission.admit(now, &bad).unwrap_err();
+        told.extend(admission.notice(now, refusal, &bad));
+    }
+    assert_eq!(TELL_NS, 1_000 * MS);
+    let told: Vec<_> = told.iter().map(|notice| (notice.refusal, notice.sequence, notice.count)).collect();
+    let (position, speed) = (Refusal::Position, Refusal::Speed);
+    assert_eq!(told, [(position, 0, 1), (speed, 1, 1), (position, 1_000, 501), (speed, 1_001, 501)]);
+}
+
+#[test]
+fn every_reason_fits_into_an_event() {
+    let mut admission = admission();
+    for refusal in Refusal::ALL {
+        let event = admission.notice(0, refusal, &setpoint(3, 0)).unwrap().event();
+        assert_eq!(event.text(), refusal.text());
+        assert_eq!((event.kind, event.a), (EventKind::SetpointRefused.code(), 3.0));
+    }
+}
+
+proptest! {
+    /// Whatever comes: what is followed is within the limits and in order, and the counts add up.
+    #[test]
+    fn what_is_followed_is_in_range_and_in_order(
+        bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<Setpoint>()), any::<u64>(), any::<bool>(), -3.0..3.0f64, -12.0..12.0f64), 1..60),
+    ) {
+        let mut admission = admission();
+        let (mut followed, mut refused) = (None::<Setpoint>, 0);
+        for (bytes, now, ours, position, velocity) in bytes {
+            let mut came = Setpoint::from_bytes(&bytes).unwrap();
+            if ours {
+                (came.session, came.axes, came.owner) = (SESSION, 1, Process::Experiment.code());
+                came.mode %= Mode::ALL.len() as u8;
+                came.incarnation %= 3;
+                (came.position[0], came.velocity[0], came.acceleration[0]) = (position, velocity, 0.0);
+            }
+            match admission.admit(now, &came) {
+                Ok(()) => {
+                    prop_assert!(ours, "arbitrary bytes have no session");
+                    let mode = Mode::from_code(came.mode).unwrap();
+                    if !mode.yields() && mode != Mode::Passive {
+                        prop_assert!((-2.0 - 1e-5..=1.5 + 1e-5).contains(&came.position[0]));
+                        prop_assert!(!mode.moves() || came.velocity[0].abs() <= 10.0 + 1e-4);
+                    }
+                    if let Some(before) = followed.filter(|before| before.incarnation == came.incarnation) {
+                        prop_assert!(came.sequence > before.sequence && came.at_ns >= before.at_ns);
+                    }
+                    followed = Some(came);
+                }
+                Err(_) => refused += 1,
+            }
+        }
+        prop_assert_eq!(Refusal::ALL.iter().map(|refusal| admission.refused(*refusal)).sum::<u64>(), refused);
+    }
+}
