@@ -4,7 +4,7 @@
 mod force;
 mod properties;
 
-use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig};
+use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig, LawOptions};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use rig::ForceControl;
 
@@ -26,6 +26,7 @@ fn axis_law() -> AxisLaw {
         position_min: -2.0,
         position_max: 2.0,
         force: Some(force_control()),
+        options: LawOptions::default(),
     }
     .with_count_gains(4.5e-3, 7e-4, COUNTS)
 }
