@@ -157,7 +157,7 @@ impl SlaveLoop {
             AxisUnit::Metre => ("limit_m", 0.02),
         };
         let scale = unit.si_per_file_unit();
-        let most = bounds(0.0, 0.5 * way / scale, "at most half the axis's range");
+        let most = bounds(0.0, (0.5 * way / scale * 1e6).round() * 1e-6, "at most half the axis's range");
         let limit = section.number_or(key, f64::min(limit, 0.25 * way / scale), most) * scale;
         Self {
             limit,

@@ -48,7 +48,9 @@ impl AxisLaw {
         match (compensation.kind, &self.options.model) {
             (CompensationKind::Printed, _) => self.friction_peak_v,
             (CompensationKind::Identified, Some(model)) => {
-                within(compensation.share * (model.near.peak_v() + model.far.peak_v()), self.output_limit_v)
+                let peak_v = compensation.share * (model.near.peak_v() + model.far.peak_v());
+                // A minimum would make a number of what is none.
+                if peak_v >= 0.0 { peak_v.min(self.output_limit_v) } else { 0.0 }
             }
             _ => 0.0,
         }
@@ -81,7 +83,6 @@ impl AxisLaw {
                 let sign = soft_sign(reference.velocity, compensation.reversal_speed);
                 let peak = self.friction_peak();
                 let wanted = compensation.share * (near * sign + windup.follow(model, reference));
-                // A maximum would make a number of what is none.
                 if wanted.is_finite() { within(wanted, peak) } else { wanted }
             }
             _ => 0.0,

@@ -10,7 +10,7 @@
 //! - and corrects windup and ratio themselves, by how the error goes with the sign of the velocity and with the position. Friction and
 //!   ratio that the model has wrong are found so, at any speed of movement, and at rest nothing is integrated: no hunting.
 //!
-//! The whole stays within a limit and passes through a critically damped filter of second order, whose speed is limited: the master's reference
+//! It comes to its effect within [`ENGAGE_S`] of power. The whole stays within a limit and passes through a critically damped filter of second order, whose speed is limited: the master's reference
 //! never jumps. Without the slave's position the corrections rest and the error counts as none.
 
 use std::f64::consts::TAU;
@@ -29,6 +29,8 @@ const REVERSAL: f64 = 0.15;
 const LEAST_REVERSAL: f64 = 0.02;
 /// The corrections of windup and ratio stay within this share of what the model says.
 const CORRECTION: f64 = 0.6;
+/// Time in which the loop comes to its full effect (s).
+const ENGAGE_S: f64 = 1.0;
 
 /// Within ± a limit; what is no number stays none.
 fn bounded(value: f64, limit: f64) -> f64 {
@@ -43,6 +45,8 @@ pub(super) struct SlaveOffset {
     /// Corrections of the windup (rad or m) and of the ratio (1).
     windup: f64,
     ratio: f64,
+    /// 0 to 1: how far it has come to its effect.
+    engaged: f64,
 }
 
 /// What the loop sees of a step.
@@ -84,6 +88,10 @@ impl SlaveOffset {
         let wanted = (lengthening + self.ratio) * ahead.position
             + (level + self.windup) * soft_sign(ahead.velocity, reversal)
             + settings.proportional_gain * self.filtered_error;
+        // By minimum jerk, so that power may come while the slave is far off.
+        self.engaged = (self.engaged + dt / ENGAGE_S).min(1.0);
+        let x = self.engaged;
+        let wanted = x * x * x * (10.0 - x * (15.0 - 6.0 * x)) * wanted;
         self.shape(wanted, settings.limit, seen.speed, dt)
     }
 
