@@ -1,6 +1,7 @@
 //! Axes: encoders, torque channel, limits, the control law's gains.
 
 use crate::channel::{ANALOG, Channel, ChannelKind};
+use crate::compensation::ControlOptions;
 use crate::force::ForceControl;
 use crate::rates::Rates;
 use crate::read::{Bounds, Section, Source, bounds};
@@ -135,6 +136,8 @@ pub struct AxisControl {
     pub ramp_s: f64,
     /// Force control, where the hand's torque is measured.
     pub force: Option<ForceControl>,
+    /// Compensation, observer, loop on the slave.
+    pub options: ControlOptions,
 }
 
 /// Feed-forward of § 4.1, fig. 4.3A: a triangle against friction, a term against inertia.
@@ -249,7 +252,14 @@ impl Axis {
             );
         }
         let limits = Limits::read(section.section("limits"), &unit, torque.is_some());
-        let control = AxisControl::read(section.section("control"), &unit, &master, torque.as_ref(), &limits, rates);
+        let control = AxisControl::read(
+            section.section("control"),
+            &unit,
+            (&master, slave.as_ref()),
+            torque.as_ref(),
+            &limits,
+            rates,
+        );
         section.finish();
         Self { name, unit: unit.unit, master, slave, torque, limits, control }
     }
@@ -375,11 +385,12 @@ impl AxisControl {
     fn read(
         section: Section<'_>,
         unit: &Unit,
-        master: &Encoder,
+        (master, slave): (&Encoder, Option<&Encoder>),
         torque: Option<&TorqueChannel>,
         limits: &Limits,
         rates: &Rates,
     ) -> Self {
+        let way = limits.position_max - limits.position_min;
         let gain = |key, printed| {
             let bounds = bounds(0.0, 1.0, "volts per count: § 4.1 has P = 4.5e-3 and D = 7e-4");
             match unit.unit {
@@ -399,11 +410,11 @@ impl AxisControl {
             ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
             force: torque.map(|torque| {
                 let force = section.section("force");
-                let way = limits.position_max - limits.position_min;
                 let control = ForceControl::read(&force, master, torque, way, unit.unit.si_per_file_unit());
                 force.finish();
                 control
             }),
+            options: ControlOptions::read(&section, unit.unit, slave, way),
         };
         if torque.is_none() {
             let advice = "add the axis's torque channel, or take the section out";

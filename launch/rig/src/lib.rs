@@ -17,6 +17,7 @@
 
 mod axis;
 mod channel;
+mod compensation;
 mod error;
 mod force;
 mod identity;
@@ -30,6 +31,9 @@ mod simulation;
 
 pub use axis::{Axis, AxisControl, AxisUnit, Encoder, Feedforward, Limits, TorqueChannel};
 pub use channel::{Channel, ChannelKind};
+pub use compensation::{
+    CURVE_POINTS, Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer, SlaveLoop,
+};
 pub use error::{FileError, Problem, ProtocolError, RigError};
 pub use force::ForceControl;
 pub use identity::{identity, identity_of_bytes};

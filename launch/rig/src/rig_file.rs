@@ -107,6 +107,13 @@ impl RigFile {
         self.simulation.check(&self.channels, &self.rates, source);
         for (at, axis) in self.axes.iter().enumerate() {
             axis.check(at, &self.channels, &self.rates, source);
+            if let Some(key) = axis.control.options.needs_transmission()
+                && !self.model.kind.is_transmission()
+            {
+                let found = format!("the model \"{}\"", self.model.kind.name());
+                let advice = "take the key out, or declare the transmission in [model]";
+                source.problem(&format!("axes.{at}.{key}"), "the declared model of a transmission", found, advice);
+            }
             if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {
                 let expected = format!("a name of its own (axes.{before} has it already)");
                 let found = format!("the text \"{}\"", axis.name);

@@ -20,13 +20,19 @@
 //! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but the sampling.
 
 mod blend;
+mod compensation;
+mod driving;
 mod estimate;
 mod feedforward;
 pub mod force;
 mod limit;
+mod observer;
+mod slave;
 mod yielding;
 
 use blend::{Blend, Motion, stopping_way};
+use compensation::OptionState;
+pub use compensation::{LawOptions, OBSERVER_SLEW_S};
 use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
@@ -75,6 +81,8 @@ pub struct AxisLaw {
     pub position_max: f64,
     /// Force control; `None` where no torque is measured.
     pub force: Option<ForceControl>,
+    /// Which compensation, observer and loop on the slave.
+    pub options: LawOptions,
 }
 
 impl AxisLaw {
@@ -126,6 +134,7 @@ struct Axis {
     blend: Option<Blend>,
     friction: Slew,
     inertia: Slew,
+    options: OptionState,
     /// Speed of the handle.
     handle: VelocityEstimate,
     /// Output of the force control, eq. 4.2.1 (V).
@@ -163,6 +172,7 @@ impl Law {
             for limit in [&mut law.output_limit_v, &mut law.friction_peak_v, &mut law.friction_floor_v] {
                 *limit = if limit.is_finite() { limit.max(0.0) } else { 0.0 };
             }
+            law.options = law.options.sanitised();
         }
         Self {
             config,
@@ -174,6 +184,7 @@ impl Law {
                 blend: None,
                 friction: Slew::default(),
                 inertia: Slew::default(),
+                options: OptionState::default(),
                 handle: VelocityEstimate::new(axis.velocity_filter_hz),
                 force_v: 0.0,
                 yields: false,
@@ -196,10 +207,8 @@ impl Law {
     pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
-            + period_s
-                * (3.0 * law.output_limit_v / AUTHORITY_S
-                    + law.friction_peak_v / FRICTION_SLEW_S
-                    + law.output_limit_v / INERTIA_SLEW_S)
+            + period_s * (3.0 * law.output_limit_v / AUTHORITY_S + law.output_limit_v / INERTIA_SLEW_S)
+            + law.options_step_v(period_s)
     }
 
     /// One cycle. `powered`: the sample shows the gate open for the epoch that the newest token names.
@@ -271,7 +280,7 @@ impl Law {
         for axis in 0..axes {
             finite &= match (self.source, live) {
                 (Some(Source::Hand), Some(setpoint)) => self.give_way(axis, sample, setpoint, elapsed_s, &mut command),
-                _ => self.drive(axis, time_ns, sample.master_position[axis], live, elapsed_s, &mut command),
+                _ => self.drive(axis, sample, live, elapsed_s, &mut command),
             };
         }
         if !finite {
@@ -296,6 +305,7 @@ impl Law {
             axis.release();
             axis.friction.reset();
             axis.inertia.reset();
+            axis.options.reset();
             axis.forget();
         }
     }
@@ -360,54 +370,6 @@ impl Law {
             axis.reference = target.plus(&offset.unwrap_or_default());
             axis.hold_back(law, position, mode == Mode::Initialise, elapsed_s);
         }
-    }
-
-    /// Feedback and feed-forward of one axis into the command; false where they are not finite.
-    fn drive(
-        &mut self,
-        index: usize,
-        time_ns: u64,
-        position: f64,
-        live: Option<&Setpoint>,
-        elapsed_s: f64,
-        command: &mut MotorCommand,
-    ) -> bool {
-        let law = &self.config.axis[index];
-        let axis = &mut self.axis[index];
-        let velocity = axis.velocity.velocity();
-        command.velocity[index] = velocity;
-        if self.source.is_none() {
-            axis.rest_at(position, time_ns);
-            command.reference_position[index] = position;
-            return true;
-        }
-        let reference = axis.reference;
-        let peak_speed = live.map_or(0.0, |setpoint| setpoint.peak_speed[index].max(0.0));
-        let peak_speed = axis.blend.map_or(peak_speed, |blend| peak_speed.max(blend.peak_speed()));
-        let friction_v = friction(reference.velocity, peak_speed, law.friction_peak_v, law.friction_floor_v);
-        let friction_v = axis.friction.follow(friction_v, law.friction_peak_v * elapsed_s / FRICTION_SLEW_S);
-        let limit_v = axis.limit_v;
-        let inertia_v = within(law.inertia_v * reference.acceleration, limit_v);
-        let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
-        let feedforward_v = friction_v + inertia_v;
-        let feedback_v =
-            law.position_gain * (reference.position - position) + law.velocity_gain * (reference.velocity - velocity);
-        let wanted_v = feedback_v + feedforward_v;
-        if !wanted_v.is_finite() {
-            return false;
-        }
-        let carried_v = axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
-        // Limited before it is weighed, so that authority takes the output to 0 V from wherever it is.
-        let wanted_v = wanted_v + carried_v;
-        let limited_v = within(wanted_v, limit_v);
-        axis.output_v = limited_v;
-        command.limited |= u8::from(limited_v != wanted_v);
-        command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
-        command.volts[index] = self.authority * limited_v;
-        command.feedforward_v[index] = self.authority * feedforward_v;
-        command.reference_position[index] = reference.position;
-        command.reference_velocity[index] = reference.velocity;
-        reference.is_finite()
     }
 }
 

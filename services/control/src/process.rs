@@ -12,7 +12,7 @@ use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::admit::Admission;
-use crate::law::{AxisLaw, Law, LawConfig};
+use crate::law::{AxisLaw, Law, LawConfig, LawOptions};
 
 /// The reference catches up with a far target at this fraction of the axis's speed limit.
 const CATCH_UP: f64 = 0.2;
@@ -55,9 +55,10 @@ pub fn law_config(rig: &RigFile) -> LawConfig {
         position_min: 0.0,
         position_max: 0.0,
         force: None,
+        options: LawOptions::default(),
     };
     let mut laws = [nothing; AXES];
-    for (law, axis) in laws.iter_mut().zip(&rig.axes) {
+    for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
         let control = &axis.control;
         *law = AxisLaw {
             position_gain: control.position_gain,
@@ -72,6 +73,7 @@ pub fn law_config(rig: &RigFile) -> LawConfig {
             position_min: axis.limits.position_min,
             position_max: axis.limits.position_max,
             force: control.force,
+            options: LawOptions { control: control.options, model: rig.identified(index) },
         };
     }
     LawConfig { axes: rig.axes.len(), axis: laws, period_s: 1.0 / f64::from(rig.rates.control_hz) }

@@ -26,9 +26,23 @@ pub struct Trace {
     pub master_velocity: Vec<f64>,
     /// Speed of the slave (rad/s or m/s).
     pub slave_velocity: Vec<f64>,
+    /// What control put out (V).
+    pub volts: Vec<f64>,
 }
 
 impl Trace {
+    /// Adds a control step of a block that began at `begin_s` (s); positions in rad or m.
+    pub fn push(&mut self, begin_s: f64, desired: f64, reference: f64, moment: &Moment) {
+        self.time_s.push(moment.time_s - begin_s);
+        self.desired.push(desired);
+        self.reference.push(reference);
+        self.master.push(moment.motion.master_position_rad);
+        self.slave.push(moment.motion.slave_position_rad);
+        self.master_velocity.push(moment.motion.master_velocity_rad_s);
+        self.slave_velocity.push(moment.motion.slave_velocity_rad_s);
+        self.volts.push(moment.command.volts[0]);
+    }
+
     /// Its last `steps` control steps, time from 0.
     #[must_use]
     pub fn last(&self, steps: usize) -> Self {
@@ -43,6 +57,7 @@ impl Trace {
             slave: cut(&self.slave),
             master_velocity: cut(&self.master_velocity),
             slave_velocity: cut(&self.slave_velocity),
+            volts: cut(&self.volts),
         }
     }
 }
@@ -178,13 +193,7 @@ impl Pupil {
             self.learner.record(step, slave_position(&moment));
             if let Some(trace) = trace.as_deref_mut() {
                 let desired = self.learner.desired(step);
-                trace.time_s.push(moment.time_s - begin_s);
-                trace.desired.push(desired);
-                trace.reference.push(point.position);
-                trace.master.push(moment.motion.master_position_rad);
-                trace.slave.push(moment.motion.slave_position_rad);
-                trace.master_velocity.push(moment.motion.master_velocity_rad_s);
-                trace.slave_velocity.push(moment.motion.slave_velocity_rad_s);
+                trace.push(begin_s, desired, point.position, &moment);
             }
         }
         Ok(self.learner.finish_block())

@@ -22,6 +22,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 pub mod free;
+pub mod guided;
 pub mod learning;
 
 use std::collections::VecDeque;

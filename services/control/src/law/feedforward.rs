@@ -35,6 +35,7 @@ impl Slew {
     }
 
     pub(super) fn follow(&mut self, wanted: f64, largest_step: f64) -> f64 {
+        let largest_step = largest_step.max(0.0);
         self.value += (wanted - self.value).clamp(-largest_step, largest_step);
         self.value
     }

@@ -47,6 +47,7 @@ impl Law {
         axis.release();
         axis.friction.reset();
         axis.inertia.reset();
+        axis.options.reset();
         command.velocity[index] = axis.velocity.velocity();
         command.reference_position[index] = master;
         command.limited |= u8::from(limited_v.abs() >= limit_v);

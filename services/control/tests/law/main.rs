@@ -2,9 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod force;
+mod options;
 mod properties;
 
-use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig};
+use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig, LawOptions};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use rig::ForceControl;
 
@@ -26,6 +27,7 @@ fn axis_law() -> AxisLaw {
         position_min: -2.0,
         position_max: 2.0,
         force: Some(force_control()),
+        options: LawOptions::default(),
     }
     .with_count_gains(4.5e-3, 7e-4, COUNTS)
 }
