@@ -252,7 +252,14 @@ impl Axis {
             );
         }
         let limits = Limits::read(section.section("limits"), &unit, torque.is_some());
-        let control = AxisControl::read(section.section("control"), &unit, (&master, slave.as_ref()), torque.as_ref(), &limits, rates);
+        let control = AxisControl::read(
+            section.section("control"),
+            &unit,
+            (&master, slave.as_ref()),
+            torque.as_ref(),
+            &limits,
+            rates,
+        );
         section.finish();
         Self { name, unit: unit.unit, master, slave, torque, limits, control }
     }

@@ -20,7 +20,10 @@ fn near(value: f64, expected: f64, relative: f64) {
 #[test]
 fn absent_sections_leave_the_printed_feed_forward_alone() {
     let defaults = ControlOptions::default();
-    assert_eq!((defaults.compensation.kind, defaults.observer, defaults.slave), (CompensationKind::Printed, None, None));
+    assert_eq!(
+        (defaults.compensation.kind, defaults.observer, defaults.slave),
+        (CompensationKind::Printed, None, None)
+    );
     for (text, name) in [(RIG, "hydrostatic.toml"), (CABLE, "cable.toml")] {
         assert_eq!(RigFile::parse(text, name).unwrap().axes[0].control.options, defaults, "{name}");
     }
@@ -28,7 +31,8 @@ fn absent_sections_leave_the_printed_feed_forward_alone() {
 
 #[test]
 fn sections_are_read_with_the_defaults_that_the_shipped_file_shows() {
-    let rig = RigFile::parse(&with("[axes.control.observer]\n[axes.control.slave]\nlimit_deg = 10.0\n"), "rig.toml").unwrap();
+    let rig =
+        RigFile::parse(&with("[axes.control.observer]\n[axes.control.slave]\nlimit_deg = 10.0\n"), "rig.toml").unwrap();
     let options = rig.axes[0].control.options;
     assert_eq!(options.compensation.kind, CompensationKind::Identified);
     let (observer, slave) = (options.observer.unwrap(), options.slave.unwrap());
@@ -102,8 +106,11 @@ fn a_loop_on_a_slave_that_is_not_measured_is_refused() {
 
 #[test]
 fn settings_out_of_range_are_refused_with_their_keys() {
-    let sections = "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\nlimit_deg = 500.0\nfilter = 3.0\n";
-    insta::assert_snapshot!(error(&with(sections).replace("share = 1.0                     # of the model's", "share = 1.2 #")));
+    let sections =
+        "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\nlimit_deg = 500.0\nfilter = 3.0\n";
+    insta::assert_snapshot!(error(
+        &with(sections).replace("share = 1.0                     # of the model's", "share = 1.2 #")
+    ));
 }
 
 #[test]

@@ -74,9 +74,10 @@ impl Quality {
         }
         let reach_s = reach as f64 * step_s;
         let less = |of: &[f64]| rms(trace.desired.iter().zip(of).map(|(desired, value)| desired - value));
-        let jerk = trace.slave_velocity.windows(2 * reach + 1).map(|velocity| {
-            (velocity[0] - 2.0 * velocity[reach] + velocity[2 * reach]) / (reach_s * reach_s)
-        });
+        let jerk = trace
+            .slave_velocity
+            .windows(2 * reach + 1)
+            .map(|velocity| (velocity[0] - 2.0 * velocity[reach] + velocity[2 * reach]) / (reach_s * reach_s));
         Some(Self {
             slave_error: less(&trace.slave),
             master_error: less(&trace.master),

@@ -91,12 +91,8 @@ mod tests {
     #[test]
     fn stays_within_its_limit_and_comes_back_at_once() {
         let mut observer = Disturbance::default();
-        let mut step = |volts| observer.step(&SETTINGS, INERTIA_V, &Seen {
-            volts,
-            velocity: 0.0,
-            moves: true,
-            elapsed_s: STEP_S,
-        });
+        let mut step =
+            |volts| observer.step(&SETTINGS, INERTIA_V, &Seen { volts, velocity: 0.0, moves: true, elapsed_s: STEP_S });
         for _ in 0..5000 {
             assert!(step(10.0) <= 2.0);
         }

@@ -148,7 +148,10 @@ fn at_rest_the_loop_on_the_slave_leads_by_its_gain_and_integrates_nothing() {
     assert_eq!(references[0].abs(), references[0].abs().min(1e-3), "begins where the master is");
     let (middle, last) = (references[2500], references[4999]);
     assert!((middle - 0.03).abs() < 1e-6 && (last - middle).abs() < 1e-9, "{middle} {last}");
-    assert!(references.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2e-3 * 2.0 + 1e-12), "no faster than 2 rad/s");
+    assert!(
+        references.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2e-3 * 2.0 + 1e-12),
+        "no faster than 2 rad/s"
+    );
 }
 
 #[test]
