@@ -65,6 +65,26 @@ pub struct SlaveLoop {
     pub lead_s: f64,
 }
 
+impl Default for Observer {
+    fn default() -> Self {
+        Self { cutoff_hz: 3.0, share: 1.0, limit_v: 1.5 }
+    }
+}
+
+impl Default for SlaveLoop {
+    /// That of an axis that turns.
+    fn default() -> Self {
+        Self {
+            limit: 20f64.to_radians(),
+            windup_share: 1.0,
+            proportional_gain: 0.3,
+            integral_gain: 2.0,
+            filter_hz: 3.0,
+            lead_s: 0.03,
+        }
+    }
+}
+
 /// Points of a [`FrictionCurve`].
 pub const CURVE_POINTS: usize = 65;
 
@@ -141,10 +161,12 @@ impl Compensation {
 
 impl Observer {
     pub(crate) fn read(section: &Section<'_>) -> Self {
+        let own = Self::default();
+        let cutoff = bounds(0.1, 20.0, "below the line's resonance, in Hz");
         Self {
-            cutoff_hz: section.number_or("cutoff_hz", 3.0, bounds(0.1, 20.0, "below the line's resonance, in Hz")),
-            share: section.number_or("share", 1.0, SHARE),
-            limit_v: section.number_or("limit_v", 1.5, bounds(0.0, 10.0, "about the friction, in V")),
+            cutoff_hz: section.number_or("cutoff_hz", own.cutoff_hz, cutoff),
+            share: section.number_or("share", own.share, SHARE),
+            limit_v: section.number_or("limit_v", own.limit_v, bounds(0.0, 10.0, "about the friction, in V")),
         }
     }
 }
@@ -157,15 +179,18 @@ impl SlaveLoop {
             AxisUnit::Metre => ("limit_m", 0.02),
         };
         let scale = unit.si_per_file_unit();
-        let most = bounds(0.0, (0.5 * way / scale * 1e6).round() * 1e-6, "at most half the axis's range");
-        let limit = section.number_or(key, f64::min(limit, 0.25 * way / scale), most) * scale;
+        let half_way = (0.5 * way / scale * 1e6).round() * 1e-6;
+        let most = bounds(0.0, half_way, "at most half the axis's range");
+        let number = |key, own, most, advice| section.number_or(key, own, bounds(0.0, most, advice));
+        let own = Self::default();
+        let filter = bounds(0.1, 20.0, "below the line's resonance, in Hz");
         Self {
-            limit,
-            windup_share: section.number_or("windup_share", 1.0, SHARE),
-            proportional_gain: section.number_or("proportional_gain", 0.3, bounds(0.0, 2.0, "reference per error")),
-            integral_gain: section.number_or("integral_gain_per_s", 2.0, bounds(0.0, 20.0, "1/s")),
-            filter_hz: section.number_or("filter_hz", 3.0, bounds(0.1, 20.0, "below the line's resonance, in Hz")),
-            lead_s: section.number_or("lead_s", 0.03, bounds(0.0, 0.1, "the lag of line and loop, in s")),
+            limit: section.number_or(key, f64::min(limit, 0.5 * half_way), most) * scale,
+            windup_share: section.number_or("windup_share", own.windup_share, SHARE),
+            proportional_gain: number("proportional_gain", own.proportional_gain, 2.0, "reference per error"),
+            integral_gain: number("integral_gain_per_s", own.integral_gain, 20.0, "1/s"),
+            filter_hz: section.number_or("filter_hz", own.filter_hz, filter),
+            lead_s: number("lead_s", own.lead_s, 0.1, "the lag of line and loop, in s"),
         }
     }
 }

@@ -15,11 +15,11 @@ pub const BLOCKS: usize = 83;
 /// Error that the thesis's learning came to (°).
 pub const GOAL_DEG: f64 = 1.0;
 /// Blocks that the model-based law gets: half as many again as a tenth of the thesis's.
-const MODEL_BASED_BLOCKS: usize = 12;
+pub const MODEL_BASED_BLOCKS: usize = 12;
 /// The block of fig. 4.5, in the middle of the learning.
 pub const MIDDLE: usize = 20;
 
-const RIGS: [(&str, &str); 2] = [
+pub(crate) const RIGS: [(&str, &str); 2] = [
     ("hydrostatic-printed.toml", include_str!("../../../launch/rigs/hydrostatic-printed.toml")),
     ("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml")),
 ];
@@ -77,6 +77,11 @@ pub struct Learning {
 }
 
 impl Learning {
+    /// A case by its name in rows.
+    pub fn case(&self, id: &str) -> Option<&Case> {
+        self.cases.iter().find(|case| case.id == id)
+    }
+
     /// Error per block (°), one row each.
     pub fn csv(&self) -> String {
         let mut text = "block,published_law_traced_deg,model_based_law_traced_deg,published_law_printed_constants_deg,\
@@ -191,7 +196,7 @@ fn case(rig: &RigFile, plain: &Lesson, change: &Change) -> Result<Case> {
     })
 }
 
-fn by_model(rig: &RigFile, lesson: &Lesson) -> Result<Course> {
+pub(crate) fn by_model(rig: &RigFile, lesson: &Lesson) -> Result<Course> {
     let law = LearningLaw::ModelBased(model_based(rig, &[], lesson)?);
     course(rig, &Lesson { law, ..lesson.clone() }, MODEL_BASED_BLOCKS)
 }

@@ -3,8 +3,8 @@
 use plant::hydrostatic::compliance::Explanations;
 use report::{Page, Table, Tone};
 
-use crate::drawn::reserved::RESERVED;
 use crate::error::Result;
+use crate::guided;
 use crate::published::published;
 use crate::row::{Row, short};
 use crate::study::Study;
@@ -31,13 +31,8 @@ pub fn page(study: &Study, json: &str) -> Result<Page> {
             .sheet(&figure.sheet.clone().columns(2), &figure.caption)
             .table(values(&figure.rows), VALUES);
     }
-    page = page.heading("Figures that are not here yet");
-    let mut table = Table::new(["figure", "what", "why"]);
-    for reserved in RESERVED {
-        table = table.row([reserved.number, reserved.title, reserved.reason]);
-    }
+    page = guided::on_page(page, &study.common.guided);
     Ok(page
-        .table(table, "")
         .details("All values as written by --json", json)
         .footer(concat!("farreach figures ", env!("CARGO_PKG_VERSION"))))
 }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::drawn::{Common, DRAW, Drawn};
 use crate::error::Result;
+use crate::guided;
 use crate::learning::{PARTS, learn};
 use crate::line::Line;
 use crate::measure::{logarithmic, sweep};
@@ -36,6 +37,7 @@ pub struct Study {
 
 /// How many times [`study`] calls `done`.
 pub const STEPS: usize = 2
+    + guided::PARTS
     + DRAW.len()
     + PARTS
     + AMPLITUDES_DEG.len() * Friction::ALL.len()
@@ -48,8 +50,9 @@ pub const STEPS: usize = 2
 /// Where a constant is out of range, or no softening gives the measured resonance.
 pub fn study(done: impl Fn() + Sync) -> Result<Study> {
     // One after the other, tracing leaves a core idle.
-    let (tracing, learning) = rayon::join(trace, || learn(&done));
+    let (tracing, (learning, guided)) = rayon::join(trace, || rayon::join(|| learn(&done), || guided::laws(&done)));
     let (tracing, learning) = (tracing?, learning?);
+    let guided = guided?.with_learnt(&learning);
     done();
     let lines = [Line::printed(), tracing.line.clone()];
     let fit = |line: &Line, low: f64, high: f64| -> Result<Option<LinearSystem>> {
@@ -63,6 +66,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
         fitted_short: [fit(&short[0], 0.2, 250.0)?, fit(&short[1], 0.2, 100.0)?],
         tracing,
         learning,
+        guided,
     };
     done();
     let (figures, loop_results) = rayon::join(
@@ -87,6 +91,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
     let mut all: Vec<Row> = drawn.iter().flat_map(|figure| figure.rows.clone()).collect();
     all.extend(rows::rows(&common.tracing, &cells, &rivals, &conclusions)?);
     all.extend(cable::rows(&cable));
+    all.extend(common.guided.rows());
     Ok(Study { common, drawn, cells, cable, rivals, conclusions, rows: all })
 }
 

@@ -28,6 +28,8 @@ pub struct Trace {
     pub slave_velocity: Vec<f64>,
     /// What control put out (V).
     pub volts: Vec<f64>,
+    /// What of it was feed-forward (V).
+    pub feedforward: Vec<f64>,
 }
 
 impl Trace {
@@ -41,6 +43,7 @@ impl Trace {
         self.master_velocity.push(moment.motion.master_velocity_rad_s);
         self.slave_velocity.push(moment.motion.slave_velocity_rad_s);
         self.volts.push(moment.command.volts[0]);
+        self.feedforward.push(moment.command.feedforward_v[0]);
     }
 
     /// Its last `steps` control steps, time from 0.
@@ -58,6 +61,7 @@ impl Trace {
             master_velocity: cut(&self.master_velocity),
             slave_velocity: cut(&self.slave_velocity),
             volts: cut(&self.volts),
+            feedforward: cut(&self.feedforward),
         }
     }
 }

@@ -5,7 +5,7 @@ pub mod free;
 pub mod friction;
 pub mod hose;
 pub mod learning;
-pub mod reserved;
+pub mod position;
 pub mod response;
 pub mod sines;
 mod style;
@@ -14,6 +14,7 @@ use plant::response::LinearSystem;
 use report::Sheet;
 
 use crate::error::Result;
+use crate::guided::Guided;
 use crate::learning::Learning;
 use crate::measure::Cycle;
 use crate::row::Row;
@@ -45,6 +46,8 @@ pub struct Common {
     pub fitted_short: [Option<LinearSystem>; 2],
     /// Iterative learning on the rig's twin.
     pub learning: Learning,
+    /// Guided movement under each law of position control.
+    pub guided: Guided,
 }
 
 /// Time within the cycle, s, with master and slave in degrees.
@@ -72,9 +75,12 @@ pub const DRAW: &[Draw] = &[
     hose::diameter,
     hose::length,
     response::one_metre,
+    position::movement,
+    position::feedforward,
     free::movement,
     learning::monotonicity,
     learning::learning,
+    learning::before_and_after,
     cable::extension,
     cable::loops,
     cable::static_friction,

@@ -1,0 +1,271 @@
+//! Guided movement (§ 4.1) under each law of position control, on the rig's twin: from feedback alone to learning.
+//!
+//! The line is as traced, and nobody is at the handle. The handle is to follow a sine of ±[`AMPLITUDE_DEG`]; the master's reference is
+//! that same sine but where a loop on the slave or learning changes it. By the ratio of the pistons a master that
+//! follows perfectly moves the slave by 0.854 of that.
+
+use control::learning::LearningLaw;
+use rayon::prelude::*;
+use report::{Page, Table};
+use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
+use twin::guided::{Quality, Sine, guided};
+use twin::learning::{Lesson, LessonError, PUBLISHED, Trace, bench};
+
+use crate::error::Result;
+use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, RIGS, by_model};
+use crate::row::{Row, short};
+
+/// Amplitude of the sine, which the thesis does not print (°).
+pub const AMPLITUDE_DEG: f64 = 40.0;
+/// Frequencies (Hz).
+pub const HERTZ: [f64; 5] = [0.2, 0.5, 1.0, 2.0, 3.0];
+/// The frequency at which movements are kept for figures (Hz).
+pub const FIGURE_HZ: f64 = 1.0;
+/// Time in which the laws settle, and time over which they are measured, both in whole cycles (s).
+const SETTLE_S: f64 = 4.0;
+const KEEP_S: f64 = 2.0;
+/// The case of the learning study at this amplitude.
+const LEARNING_CASE: &str = "amplitude_40deg";
+
+/// A law of the comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LawKind {
+    /// Proportional feedback alone.
+    Proportional,
+    /// Proportional and derivative feedback.
+    Feedback,
+    /// With the feed-forward of fig. 4.3A: the thesis's law.
+    Printed,
+    /// With the compensation from the identified model in its place.
+    Identified,
+    /// That with the disturbance observer.
+    Observer,
+    /// The identified compensation with the loop on the slave.
+    Slave,
+    /// All three.
+    All,
+    /// Feedback, and the reference learnt by the published law.
+    Learnt,
+    /// Feedback, and the reference learnt by the model-based law.
+    LearntByModel,
+}
+
+impl LawKind {
+    /// All of them, in the order of the table.
+    pub const ALL: [Self; 9] = [
+        Self::Proportional,
+        Self::Feedback,
+        Self::Printed,
+        Self::Identified,
+        Self::Observer,
+        Self::Slave,
+        Self::All,
+        Self::Learnt,
+        Self::LearntByModel,
+    ];
+
+    /// Its name in rows.
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Proportional => "p",
+            Self::Feedback => "pd",
+            Self::Printed => "pd_printed",
+            Self::Identified => "pd_identified",
+            Self::Observer => "pd_identified_observer",
+            Self::Slave => "pd_identified_slave",
+            Self::All => "pd_identified_observer_slave",
+            Self::Learnt => "pd_ilc",
+            Self::LearntByModel => "pd_ilc_model_based",
+        }
+    }
+
+    /// Its name for a reader.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Proportional => "P",
+            Self::Feedback => "PD",
+            Self::Printed => "PD + printed feed-forward",
+            Self::Identified => "PD + identified compensation",
+            Self::Observer => "… + disturbance observer",
+            Self::Slave => "PD + identified + slave loop",
+            Self::All => "… + disturbance observer",
+            Self::Learnt => "PD + learning, published law",
+            Self::LearntByModel => "PD + learning, model-based law",
+        }
+    }
+
+    /// Whether it is a reference that was learnt, not a law of the rig file.
+    const fn learnt(self) -> bool {
+        matches!(self, Self::Learnt | Self::LearntByModel)
+    }
+
+    /// The rig under this law, nobody at the handle.
+    fn rig(self, mut rig: RigFile) -> RigFile {
+        rig.simulation.hand.kind = HandKind::Absent;
+        let control = &mut rig.axes[0].control;
+        let options = &mut control.options;
+        options.compensation.kind = match self {
+            Self::Proportional | Self::Feedback | Self::Learnt | Self::LearntByModel => CompensationKind::None,
+            Self::Printed => CompensationKind::Printed,
+            Self::Identified | Self::Observer | Self::Slave | Self::All => CompensationKind::Identified,
+        };
+        if matches!(self, Self::Observer | Self::All) {
+            options.observer = Some(Observer::default());
+        }
+        if matches!(self, Self::Slave | Self::All) {
+            options.slave = Some(SlaveLoop::default());
+        }
+        if self == Self::Proportional {
+            control.velocity_gain = 0.0;
+        }
+        rig
+    }
+}
+
+/// A law at a frequency.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Which law.
+    pub law: LawKind,
+    /// Which frequency (Hz).
+    pub hertz: f64,
+    /// What it came to; `None` where the movement cannot be learnt.
+    pub quality: Option<Quality>,
+    /// The movement.
+    pub trace: Trace,
+}
+
+/// The comparison.
+#[derive(Clone, Debug, Default)]
+pub struct Guided {
+    /// Each law at each frequency, law by law.
+    pub cells: Vec<Cell>,
+}
+
+/// How many times [`laws`] calls `done`.
+pub const PARTS: usize = LawKind::ALL.len();
+
+/// Moves the twin under each law; calls `done` after each law. The learnt reference of the published law, and at 1 Hz that of the
+/// model-based law, come from the learning study: [`Guided::with_learnt`].
+///
+/// # Errors
+/// Where the rig file that is built in is not in order.
+pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
+    let (name, text) = RIGS[1];
+    let rig = RigFile::parse(text, name)?;
+    let of_law = |law: LawKind| -> Result<Vec<Cell>> {
+        let cells = HERTZ
+            .into_par_iter()
+            .map(|hertz| {
+                let trace = match law {
+                    LawKind::Learnt => Trace::default(),
+                    // A cycle of 3 Hz is no whole number of control steps at 500 Hz.
+                    LawKind::LearntByModel if hertz == FIGURE_HZ || hertz == 3.0 => Trace::default(),
+                    LawKind::LearntByModel => learnt(&rig, hertz)?,
+                    law => {
+                        let amplitude = AMPLITUDE_DEG.to_radians();
+                        let sine = Sine { amplitude, hertz, settle_s: SETTLE_S, keep_s: KEEP_S };
+                        guided(&law.rig(rig.clone()), &[], &sine).map_err(LessonError::from)?
+                    }
+                };
+                Ok(Cell { law, hertz, quality: Quality::of(&trace), trace })
+            })
+            .collect();
+        done();
+        cells
+    };
+    let cells: Vec<Vec<Cell>> = LawKind::ALL.into_par_iter().map(of_law).collect::<Result<_>>()?;
+    Ok(Guided { cells: cells.into_iter().flatten().collect() })
+}
+
+/// The last cycle of a movement that the model-based law learns.
+fn learnt(rig: &RigFile, hertz: f64) -> Result<Trace> {
+    let law = LearningLaw::Published(PUBLISHED);
+    let amplitude = AMPLITUDE_DEG.to_radians();
+    let lesson = Lesson { amplitude, hertz, ..Lesson::of_the_thesis(law) };
+    let [.., last] = by_model(&bench(rig.clone()), &lesson)?.cycles;
+    Ok(last)
+}
+
+impl Guided {
+    /// With what was learnt at 1 Hz and this amplitude.
+    #[must_use]
+    pub fn with_learnt(mut self, learning: &Learning) -> Self {
+        let Some(case) = learning.case(LEARNING_CASE) else { return self };
+        let last = |course: &Course| course.cycles[2].clone();
+        for cell in self.cells.iter_mut().filter(|cell| cell.hertz == FIGURE_HZ && cell.law.learnt()) {
+            cell.trace = match (cell.law, &case.model_based) {
+                (LawKind::Learnt, _) => last(&case.published),
+                (_, Some(course)) => last(course),
+                (_, None) => Trace::default(),
+            };
+            cell.quality = Quality::of(&cell.trace);
+        }
+        self
+    }
+
+    /// A law at a frequency (Hz).
+    pub fn cell(&self, law: LawKind, hertz: f64) -> Option<&Cell> {
+        self.cells.iter().find(|cell| cell.law == law && cell.hertz == hertz)
+    }
+
+    /// The table as rows.
+    pub fn rows(&self) -> Vec<Row> {
+        let mut rows = Vec::new();
+        for Cell { law, hertz, quality, .. } in &self.cells {
+            let Some(quality) = quality else { continue };
+            let note = format!(
+                "{}, ±{AMPLITUDE_DEG:.0}° at {hertz} Hz, nobody at the handle",
+                if *law == LawKind::All { "PD + identified + slave loop + observer" } else { law.name() }
+            );
+            for (name, unit, value, what) in values(quality) {
+                let id = format!("hydrostatic.guided.{hertz}hz.{}.{name}", law.id());
+                rows.push(Row::own(id, "4.1", unit, None, Some(value)).note(format!("{what}; {note}")));
+            }
+        }
+        rows
+    }
+}
+
+/// What is told of a movement: name, unit, value, what it is.
+fn values(quality: &Quality) -> [(&'static str, &'static str, f64, &'static str); 5] {
+    [
+        ("error_deg", "°", quality.slave_error.to_degrees(), "root mean square of desired less slave"),
+        ("master_error_deg", "°", quality.master_error.to_degrees(), "root mean square of desired less master"),
+        ("plateau_s", "s", quality.plateau_s, "longest time for which the slave stands still"),
+        ("jerk_deg_s3", "°/s³", quality.jerk.to_degrees(), "root mean square of the slave's jerk over 10 ms"),
+        ("effort_v", "V", quality.effort_v, "root mean square of the motor's volts"),
+    ]
+}
+
+/// The table on the page.
+pub fn on_page(page: Page, study: &Guided) -> Page {
+    let mut table =
+        Table::new(["law".to_owned()].into_iter().chain(HERTZ.map(|hertz| format!("{hertz} Hz"))).collect::<Vec<_>>());
+    for law in LawKind::ALL {
+        let mut cells = vec![law.name().to_owned()];
+        cells.extend(HERTZ.map(|hertz| {
+            study.cell(law, hertz).and_then(|cell| cell.quality).map_or_else(
+                || "–".to_owned(),
+                |quality| {
+                    format!(
+                        "{} ({}) · {:.0} · {} · {}",
+                        short(Some(quality.slave_error.to_degrees())),
+                        short(Some(quality.master_error.to_degrees())),
+                        1e3 * quality.plateau_s,
+                        short(Some(1e-6 * quality.jerk.to_degrees())),
+                        short(Some(quality.effort_v)),
+                    )
+                },
+            )
+        }));
+        table = table.row(cells);
+    }
+    page.heading("Guided movement under each law of position control").table(
+        table,
+        &format!(
+            "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. In each cell: root mean square of the slave's error in °,              (of the master's), longest time for which the slave stands still in ms, root mean square of its jerk over 10 ms in 10⁶ °/s³,              and of the motor's volts. A master that follows perfectly leaves the slave {:.1}° of error by the ratio of the pistons alone; only the              loop on the slave and learning do something about that, by moving the master's reference, so their master's error is meant. Learning:              feedback alone, after {BLOCKS} blocks of three cycles by the published law (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by              the model-based one; 3 Hz is no whole number of control steps. Settled for {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
+            (1.0 - 0.8542) * AMPLITUDE_DEG * std::f64::consts::FRAC_1_SQRT_2,
+        ),
+    )
+}
