@@ -31,7 +31,7 @@ mod simulation;
 pub use axis::{Axis, AxisControl, AxisUnit, Encoder, Feedforward, Limits, TorqueChannel};
 pub use channel::{Channel, ChannelKind};
 pub use error::{FileError, Problem, ProtocolError, RigError};
-pub use force::ForceControl;
+pub use force::{ACCELERATION_HZ, ForceControl};
 pub use identity::{identity, identity_of_bytes};
 pub use model::{Model, ModelKind, Parameter, ParameterSource};
 pub use rates::{Phases, Rates};
