@@ -21,7 +21,8 @@
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick, each law by name;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
-//! - [`sensors`] turn the true state into counts and volts.
+//! - [`sensors`] turn the true state into counts and volts;
+//! - [`stability`] tells whether a sampled control law keeps a transmission stable.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
@@ -37,6 +38,7 @@ mod modes;
 mod parameter;
 pub mod response;
 pub mod sensors;
+pub mod stability;
 pub mod transmission;
 
 pub use parameter::{ParameterError, ParameterInfo, ParameterSet};

@@ -3,6 +3,13 @@
 use crate::axis::{Encoder, TorqueChannel};
 use crate::read::{Section, bounds};
 
+/// Period to which the printed forgetting factor belongs (s): 500 Hz.
+const PRINTED_PERIOD_S: f64 = 2e-3;
+
+/// Cut-off of the low pass behind the second difference of the handle's encoder, from which an inertia field is computed (Hz). The velocity, whose
+/// own low pass is the axis's `velocity_filter_hz`, comes before: one count of 4,000 a turn, at 500 Hz, is then some 20 rad/s².
+pub const ACCELERATION_HZ: f64 = 10.0;
+
 /// Gains of force control (§ 4.2, eq. 4.2.1-4.2.3), in SI and for speeds of the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceControl {
@@ -29,6 +36,16 @@ pub struct ForceControl {
 }
 
 impl ForceControl {
+    /// Share of the new value in the output after `elapsed_s`, eq. 4.2.1.
+    pub fn share(&self, elapsed_s: f64) -> f64 {
+        1.0 - (1.0 - self.forgetting).powf(elapsed_s / PRINTED_PERIOD_S)
+    }
+
+    /// What the output gains per torque of hand and field, the offset left out: `P₁` times the cell's sensitivity (V/(N·m) or V/N).
+    pub fn volts_per_hand_torque(&self) -> f64 {
+        self.torque_gain * self.volts_per_torque
+    }
+
     /// The section `control.force` of an axis with a torque cell; `way` is the width of the axis's range (rad or m), `per_file_unit`
     /// the SI value of a degree (or of a metre).
     pub(crate) fn read(

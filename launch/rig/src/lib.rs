@@ -35,7 +35,7 @@ pub use compensation::{
     CURVE_POINTS, Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer, SlaveLoop,
 };
 pub use error::{FileError, Problem, ProtocolError, RigError};
-pub use force::ForceControl;
+pub use force::{ACCELERATION_HZ, ForceControl};
 pub use identity::{identity, identity_of_bytes};
 pub use model::{Model, ModelKind, Parameter, ParameterSource};
 pub use rates::{Phases, Rates};

@@ -14,15 +14,19 @@
 //! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and limits.
 
 mod field;
+mod matrix;
 mod movement;
 mod overrides;
+mod table;
 
 use std::path::Path;
 
 pub use field::Field;
 use field::torque_symbol;
+pub use matrix::{MATRIX_AXES, Matrix};
 pub use movement::{Line, MIN_JERK_PEAK_SPEED, Movement, MovementKind};
 pub use overrides::with_overrides;
+pub use table::{POINTS, Table};
 
 use crate::axis::{Axis, AxisUnit};
 use crate::error::ProtocolError;
@@ -242,7 +246,7 @@ impl Segment {
         };
         let limits = &axis.limits;
         if let Movement::Free { field, .. } = &self.movement {
-            return check_field(field, axis, key, show, source);
+            return check_field(field, axis, key, show, source) && check_matrix(field, rig, key, source);
         }
         if let Some((least, most)) = self.movement.range()
             && (least < limits.position_min || most > limits.position_max)
@@ -269,6 +273,44 @@ impl Segment {
     }
 }
 
+/// Whether the rig has the axes of a field's matrices, each with force control and a limit on the torque that they keep.
+fn check_matrix(field: &Field, rig: &RigFile, key: impl Fn(&str) -> String, source: &Source<'_>) -> bool {
+    let Some(matrix) = &field.matrix else { return true };
+    let key = matrix.keys().map(&key).find(|key| source.has(key)).unwrap_or_else(|| key("kind"));
+    if matrix.axes > rig.axes.len() {
+        let expected = format!("at most {0} rows of {0}: the rig \"{1}\" has so many axes", rig.axes.len(), rig.name);
+        let found = format!("{0} rows of {0}", matrix.axes);
+        source.problem(&key, expected, found, "give one row an axis, or choose a rig with more axes");
+        return false;
+    }
+    for (index, axis) in rig.axes.iter().enumerate().take(matrix.axes) {
+        let torque = matrix.largest_torque(index, |other| {
+            let limits = &rig.axes[other].limits;
+            (limits.position_min, limits.position_max)
+        });
+        let symbol = torque_symbol(axis.unit);
+        match axis.limits.torque_max.filter(|_| axis.control.force.is_some()) {
+            Some(most) if torque <= most => {}
+            Some(most) => {
+                let expected =
+                    format!("a field of at most {most} {symbol} on axis \"{}\" within the limits", axis.name);
+                let advice = "the watchdog would cut the power there; soften the field";
+                source.problem(&key, expected, format!("{torque:.1} {symbol}"), advice);
+                return false;
+            }
+            None => {
+                let expected = format!(
+                    "axes that measure the hand's torque, with a limit on it (axis \"{}\" does not)",
+                    axis.name
+                );
+                source.problem(&key, expected, "a matrix over it", "add axes.torque to the rig file");
+                return false;
+            }
+        }
+    }
+    true
+}
+
 /// Whether an axis can give a hand this field: it measures the hand's torque, and the field stays below the limit on it.
 fn check_field(
     field: &Field,
@@ -287,9 +329,20 @@ fn check_field(
     if torque.abs() > most {
         let symbol = torque_symbol(axis.unit);
         let found = format!("{:.1} {symbol} at {}", torque.abs(), show(at));
-        let stem = if source.has(&key("spring")) { "spring" } else { "wall_stiffness" };
+        let stems = ["spring", "position_table_deg", "position_table_m", "wall_stiffness"];
+        let stem = stems.into_iter().find(|stem| source.has(&key(stem))).unwrap_or("kind");
         let advice = "the watchdog would cut the power there; soften the field, or move its centre or walls";
         source.problem(&key(stem), format!("a field of at most {most} {symbol} within the limits"), found, advice);
+        return false;
+    }
+    if let Some(table) = &field.velocity_table
+        && table.largest() > most
+    {
+        let (symbol, stems) = (torque_symbol(axis.unit), ["velocity_table_deg_s", "velocity_table_m_s"]);
+        let stem = stems.into_iter().find(|stem| source.has(&key(stem))).unwrap_or("kind");
+        let found = format!("{:.1} {symbol}", table.largest());
+        let advice = "the watchdog would cut the power there; lower the torques";
+        source.problem(&key(stem), format!("torques of at most {most} {symbol}"), found, advice);
         return false;
     }
     true

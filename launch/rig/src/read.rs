@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::error::{FileError, Problem};
 
@@ -234,6 +234,20 @@ impl<'s> Section<'s> {
                 Vec::new()
             }
         }
+    }
+
+    /// A list of lists of numbers that may be left out; `expected` says what they are.
+    pub(crate) fn rows_or_none(&self, key: &str, expected: &str, bounds: Bounds) -> Option<Vec<Vec<f64>>> {
+        let value = self.value(key)?;
+        let lists = value.get_ref().as_array().map(|rows| rows.iter().map(|row| row.get_ref().as_array()));
+        let Some(rows) = lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty()) else {
+            self.problem(key, expected, describe(value.get_ref()), "write it as [[1.0, 2.0], [3.0, 4.0]]");
+            return None;
+        };
+        let numbers = |row: &&DeArray<'_>| -> Option<Vec<f64>> {
+            row.iter().map(|item| self.as_number(key, item.get_ref(), bounds)).collect()
+        };
+        rows.iter().map(numbers).collect()
     }
 
     /// An entry that is either a bare number or a table of keys.

@@ -24,6 +24,7 @@ mod compensation;
 mod driving;
 mod estimate;
 mod feedforward;
+pub mod field;
 pub mod force;
 mod limit;
 mod observer;
@@ -37,7 +38,7 @@ use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
-use rig::ForceControl;
+use rig::{ACCELERATION_HZ, ForceControl};
 
 /// Time in which the output gets or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;
@@ -137,6 +138,8 @@ struct Axis {
     options: OptionState,
     /// Speed of the handle.
     handle: VelocityEstimate,
+    /// Its acceleration: the same low pass of a difference quotient, of that speed.
+    acceleration: VelocityEstimate,
     /// Output of the force control, eq. 4.2.1 (V).
     force_v: f64,
     /// Whether the last output was the force control's.
@@ -186,6 +189,7 @@ impl Law {
                 inertia: Slew::default(),
                 options: OptionState::default(),
                 handle: VelocityEstimate::new(axis.velocity_filter_hz),
+                acceleration: VelocityEstimate::new(ACCELERATION_HZ),
                 force_v: 0.0,
                 yields: false,
                 output_v: 0.0,
@@ -236,6 +240,7 @@ impl Law {
             self.axis.iter_mut().for_each(|axis| {
                 axis.velocity.reset();
                 axis.handle.reset();
+                axis.acceleration.reset();
             });
             command.limited = 1;
             return command;
@@ -248,7 +253,8 @@ impl Law {
         self.last_sample_ns = time_ns;
         for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
             axis.velocity.update(time_ns, sample.master_position[index]);
-            axis.handle.update(time_ns, handle_position(sample, index));
+            let speed = axis.handle.update(time_ns, handle_position(sample, index));
+            axis.acceleration.update(time_ns, speed);
         }
 
         let live = setpoint
@@ -413,7 +419,7 @@ fn handle_position(sample: &Sample, axis: usize) -> f64 {
 /// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position, a force field all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
     if Mode::from_code(setpoint.mode).is_some_and(Mode::yields) {
-        return force::is_finite(setpoint);
+        return field::is_finite(setpoint);
     }
     let near = time_ns.abs_diff(setpoint.at_ns) as f64 * 1e-9 <= EXTRAPOLATION_S;
     (0..axes).all(|axis| {

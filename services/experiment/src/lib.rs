@@ -3,6 +3,7 @@
 //! Its core knows no clock: [`trajectory`] gives movements with exact derivatives, [`player`] plays a protocol in a time
 //! that is an argument, [`state`] is what is kept to go on after a restart. The process around it is [`run`].
 
+mod field;
 pub mod player;
 mod process;
 pub mod state;

@@ -15,9 +15,10 @@
 use std::sync::Arc;
 
 use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
-use rig::protocol::{Field, Movement, Protocol};
+use rig::protocol::{Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
+use crate::field::put;
 use crate::state::PlayerState;
 use crate::trajectory::{Point, Track, stopping};
 
@@ -451,18 +452,6 @@ impl Player {
             put(&mut setpoint, axis, field);
         }
         setpoint
-    }
-}
-
-/// Puts the force field of one axis into a setpoint.
-fn put(setpoint: &mut Setpoint, axis: usize, field: &Field) {
-    let diagonal = axis * (AXES + 1);
-    setpoint.stiffness[diagonal] = field.stiffness;
-    setpoint.damping[diagonal] = field.damping;
-    if let Some((least, most)) = field.walls {
-        setpoint.wall_min[axis] = least;
-        setpoint.wall_max[axis] = most;
-        setpoint.wall_stiffness[axis] = field.wall_stiffness;
     }
 }
 

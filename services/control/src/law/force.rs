@@ -11,13 +11,9 @@
 //! the speed, not the signed velocity; `G` ends at 0 V, where the printed line goes on below; at torques within `torque_threshold_v` the
 //! offset grows in proportion, since the sign of noise would throw the motor to and fro, and no torque gives none.
 
-use ipc_types::{AXES, Setpoint};
 use rig::ForceControl;
 
 use super::within;
-
-/// Period to which the printed forgetting factor belongs (s): 500 Hz.
-const PRINTED_PERIOD_S: f64 = 2e-3;
 
 /// Magnitude of the offset at a velocity, eq. 4.2.3 (V).
 pub fn offset_v(gains: &ForceControl, velocity: f64) -> f64 {
@@ -38,15 +34,10 @@ pub fn settled_v(gains: &ForceControl, torque: f64, velocity: f64) -> f64 {
     gains.torque_gain * signal_v + direction * offset_v(gains, velocity)
 }
 
-/// Share of the new value in the output after `elapsed_s`, eq. 4.2.1.
-fn share(gains: &ForceControl, elapsed_s: f64) -> f64 {
-    1.0 - (1.0 - gains.forgetting).powf(elapsed_s / PRINTED_PERIOD_S)
-}
-
 /// The output after `elapsed_s` (V), within ± `limit_v`; not finite where an input is not.
 pub fn step(gains: &ForceControl, output_v: f64, torque: f64, velocity: f64, elapsed_s: f64, limit_v: f64) -> f64 {
     let wanted_v = settled_v(gains, torque, velocity);
-    let next_v = output_v + share(gains, elapsed_s) * (wanted_v - output_v);
+    let next_v = output_v + gains.share(elapsed_s) * (wanted_v - output_v);
     if next_v.is_finite() { within(next_v, limit_v) } else { f64::NAN }
 }
 
@@ -54,28 +45,4 @@ pub fn step(gains: &ForceControl, output_v: f64, torque: f64, velocity: f64, ela
 pub fn end_stop_torque(gains: &ForceControl, position: f64, least: f64, most: f64) -> f64 {
     let inside = position.max(least + gains.end_stop_way).min(most - gains.end_stop_way);
     -gains.end_stop_stiffness * (position - inside)
-}
-
-/// Torque that a setpoint's force field puts on an axis (N·m or N), positive the way the axis counts.
-///
-/// `position` and `velocity` are those of the handle, all axes.
-pub fn field_torque(setpoint: &Setpoint, axis: usize, position: &[f64; AXES], velocity: &[f64; AXES]) -> f64 {
-    let row = axis * AXES..(axis + 1) * AXES;
-    let mut torque = 0.0;
-    for (other, (stiffness, damping)) in setpoint.stiffness[row.clone()].iter().zip(&setpoint.damping[row]).enumerate()
-    {
-        torque -= stiffness * (position[other] - setpoint.position[other]) + damping * velocity[other];
-    }
-    if setpoint.wall_stiffness[axis] > 0.0 {
-        let inside = position[axis].max(setpoint.wall_min[axis]).min(setpoint.wall_max[axis]);
-        torque -= setpoint.wall_stiffness[axis] * (position[axis] - inside);
-    }
-    torque
-}
-
-/// Whether every number of a setpoint's force field is one.
-pub(super) fn is_finite(setpoint: &Setpoint) -> bool {
-    let Setpoint { position, stiffness, damping, wall_min, wall_max, wall_stiffness, .. } = setpoint;
-    let axes = [position, wall_min, wall_max, wall_stiffness].into_iter().flatten();
-    axes.chain(stiffness).chain(damping).all(|number| number.is_finite())
 }

@@ -1,8 +1,9 @@
 //! The law's side of force control: measured values in, output that goes on from where it is.
 
-use ipc_types::{AXES, MotorCommand, Sample, Setpoint};
+use ipc_types::{MotorCommand, Sample, Setpoint};
 
-use super::force::{end_stop_torque, field_torque, step};
+use super::field::{Handle, field_torque};
+use super::force::{end_stop_torque, step};
 use super::{AUTHORITY_S, Axis, Law, handle_position, within};
 
 impl Law {
@@ -15,6 +16,17 @@ impl Law {
         })
     }
 
+    /// What is known of the handle, on the axes of the rig.
+    fn handle(&self, sample: &Sample) -> Handle {
+        let mut handle = Handle::default();
+        for (index, axis) in self.axis.iter().enumerate().take(self.config.axes) {
+            handle.position[index] = handle_position(sample, index);
+            handle.velocity[index] = axis.handle.velocity();
+            handle.acceleration[index] = axis.acceleration.velocity();
+        }
+        handle
+    }
+
     /// Force control of one axis into the command; false where a number is none.
     pub(super) fn give_way(
         &mut self,
@@ -24,13 +36,14 @@ impl Law {
         elapsed_s: f64,
         command: &mut MotorCommand,
     ) -> bool {
-        let position: [f64; AXES] = std::array::from_fn(|axis| handle_position(sample, axis));
-        let velocity = self.axis.map(|axis| axis.handle.velocity());
+        let handle = self.handle(sample);
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
         let Some(force) = &law.force else { return false };
         let limit_v = axis.limit_v;
-        let field = field_torque(setpoint, index, &position, &velocity)
-            + end_stop_torque(force, position[index], law.position_min, law.position_max);
+        // What it takes to bring the output to its limit: a field's inertia, of which one knows least, asks for no more.
+        let most = limit_v / force.volts_per_hand_torque();
+        let field = field_torque(setpoint, index, &handle, most)
+            + end_stop_torque(force, handle.position[index], law.position_min, law.position_max);
         let torque = sample.slave_torque[index] + field;
         let before_v = if axis.yields { axis.force_v } else { 0.0 };
         // The speed is the motor's: what rubs most turns with it.

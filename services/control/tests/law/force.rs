@@ -1,8 +1,9 @@
 //! Force control: eq. 4.2.1 to 4.2.3, fields, and what happens where they meet the law.
 
-use control::law::force::{end_stop_torque, field_torque, offset_v, settled_v, step};
+use control::law::field::{Handle, field_torque};
+use control::law::force::{end_stop_torque, offset_v, settled_v, step};
 use control::law::{AUTHORITY_S, Law};
-use ipc_types::{AXES, Mode, MotorCommand, Setpoint};
+use ipc_types::{AXES, Mode, MotorCommand, Setpoint, TABLE};
 
 use super::{COUNTS, SECOND, axis_law, config, force_control, sample, setpoint, sine};
 
@@ -52,14 +53,82 @@ fn fields_pull_as_their_matrices_say() {
     // A spring on axis 0, a curl field on both: torque across the velocity, no work.
     field.stiffness[0] = 2.0;
     (field.damping[1], field.damping[AXES]) = (0.5, -0.5);
-    let (position, velocity) = ([0.4, 0.7, 0.0], [1.0, -2.0, 0.0]);
-    let torque: [f64; AXES] = std::array::from_fn(|axis| field_torque(&field, axis, &position, &velocity));
+    let handle = Handle { position: [0.4, 0.7, 0.0], velocity: [1.0, -2.0, 0.0], ..Handle::default() };
+    let on = |field: &Setpoint, axis, handle: &Handle| field_torque(field, axis, handle, f64::INFINITY);
+    let torque: [f64; AXES] = std::array::from_fn(|axis| on(&field, axis, &handle));
     close(torque[0], -2.0 * 0.3 - 0.5 * -2.0);
     close(torque[1], 0.5 * 1.0);
-    close(torque[0] * velocity[0] + torque[1] * velocity[1], -2.0 * 0.3);
+    close(torque[0] * handle.velocity[0] + torque[1] * handle.velocity[1], -2.0 * 0.3);
+    let rest = |position| Handle { position, ..Handle::default() };
     (field.wall_min[1], field.wall_max[1], field.wall_stiffness[1]) = (-0.5, 0.5, 10.0);
-    close(field_torque(&field, 1, &position, &[0.0; AXES]), -10.0 * 0.2);
-    close(field_torque(&field, 1, &[0.1, 0.2, 0.0], &[0.0; AXES]), 0.0);
+    close(on(&field, 1, &rest(handle.position)), -10.0 * 0.2);
+    close(on(&field, 1, &rest([0.1, 0.2, 0.0])), 0.0);
+}
+
+#[test]
+fn inertia_pulls_against_acceleration_and_no_harder_than_the_motor_can() {
+    let mut field = Setpoint::default();
+    (field.inertia[0], field.inertia[1]) = (0.02, -0.01);
+    let handle = Handle { acceleration: [100.0, 50.0, 0.0], ..Handle::default() };
+    close(field_torque(&field, 0, &handle, 10.0), -0.02 * 100.0 + 0.01 * 50.0);
+    close(field_torque(&field, 0, &handle, 1.0), -1.0);
+    close(field_torque(&field, 1, &handle, 10.0), 0.0);
+}
+
+#[test]
+fn tables_are_linear_between_their_points_and_hold_their_ends() {
+    let mut field = Setpoint::default();
+    for (point, torque) in field.position_table[TABLE..2 * TABLE].iter_mut().enumerate() {
+        *torque = (point as f64 - 3.0).powi(2);
+    }
+    (field.table_position_min[1], field.table_position_max[1]) = (-1.0, 0.6);
+    // 0.1 rad from point to point.
+    for (position, torque) in [(-1.0, 9.0), (-0.95, 6.5), (-0.7, 0.0), (0.6, 169.0), (-4.0, 9.0), (4.0, 169.0)] {
+        let handle = Handle { position: [0.3, position, 0.0], ..Handle::default() };
+        assert!((field_torque(&field, 1, &handle, 0.0) - torque).abs() < 1e-9, "{position}");
+        assert_eq!(field_torque(&field, 0, &handle, 0.0), 0.0, "another axis");
+    }
+    let mut field = Setpoint::default();
+    for (point, torque) in field.velocity_table[..TABLE].iter_mut().enumerate() {
+        *torque = -0.5 * (point as f64 - 8.0);
+    }
+    field.table_speed[0] = 4.0;
+    for (velocity, torque) in [(0.0, 0.0), (4.0, -4.0), (-4.0, 4.0), (1.3, -1.3), (9.0, -4.0), (-9.0, 4.0)] {
+        let handle = Handle { velocity: [velocity, 0.0, 0.0], ..Handle::default() };
+        assert!((field_torque(&field, 0, &handle, 0.0) - torque).abs() < 1e-9, "{velocity}");
+    }
+    // Limits the wrong way round, or of no width: no table.
+    (field.table_speed[0], field.table_position_min[0], field.table_position_max[0]) = (-4.0, 1.0, 1.0);
+    field.position_table.fill(5.0);
+    assert_eq!(field_torque(&field, 0, &Handle::default(), 0.0), 0.0);
+}
+
+#[test]
+fn acceleration_of_the_handle_is_felt_within_its_bandwidth() {
+    // A hand that swings the handle at 1 Hz in a field of inertia alone: volts against the acceleration, a little late.
+    let mut law = Law::new(config(axis_law(), 500));
+    let (mut now, mut found) = (SECOND, [0.0, 0.0]);
+    let mut gains = [0.0; 2];
+    for step in 0..2500 {
+        now += 2_000_000;
+        let phase = std::f64::consts::TAU * f64::from(step) * 2e-3;
+        let mut sample = sample(now, phase.sin());
+        sample.slave_present = 0;
+        let mut aim = free(now);
+        aim.inertia[0] = 0.05;
+        let command = law.step(now, &sample, Some(&aim), true);
+        if step >= 1500 {
+            found[0] += command.volts[0] * phase.sin() / 500.0;
+            found[1] += command.volts[0] * phase.cos() / 500.0;
+        }
+    }
+    // Torque + 0.05 · (2π)² sin: within the offset's threshold nothing, so P1 v_s and 4/π of the offset of 1.5 V.
+    gains[0] = found[0].hypot(found[1]);
+    gains[1] = (-found[1]).atan2(found[0]).to_degrees();
+    let expected = 0.333 * 0.5 * 0.05 * std::f64::consts::TAU.powi(2);
+    assert!(gains[0] > expected && gains[0] < expected + 1.5 * 4.0 / std::f64::consts::PI, "{gains:?}");
+    // 10 Hz, 40 (30) Hz and forgetting: 6°, 2° and 1°.
+    assert!((5.0..15.0).contains(&gains[1]), "{gains:?}");
 }
 
 #[test]

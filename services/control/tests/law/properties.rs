@@ -90,6 +90,7 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
         Act::Free(_, stiffness, damping) => {
             let mut free = setpoint(now, Mode::Impedance, [0.3, 0.0, 0.0, 0.0]);
             (free.stiffness[0], free.damping[0]) = (stiffness, damping);
+            (free.inertia[0], free.velocity_table[0], free.table_speed[0]) = (0.1 * damping, stiffness, 1.0);
             (free.wall_min[0], free.wall_max[0], free.wall_stiffness[0]) = (-1.0, 1.0, 20.0);
             free
         }
