@@ -134,6 +134,8 @@ pub struct AxisControl {
     pub feedforward: Feedforward,
     /// Time in which control passes from the measured position to the setpoint (s).
     pub ramp_s: f64,
+    /// Whether gains are taken that are not stable at the declared transmission.
+    pub accept_unstable: bool,
     /// Force control, where the hand's torque is measured.
     pub force: Option<ForceControl>,
     /// Compensation, observer, loop on the slave.
@@ -408,6 +410,7 @@ impl AxisControl {
             output_limit_v: section.number_or("output_limit_v", limits.volts_max, VOLTS),
             feedforward: Feedforward::read(section.section("feedforward"), unit),
             ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
+            accept_unstable: section.flag_or("accept_unstable", false),
             force: torque.map(|torque| {
                 let force = section.section("force");
                 let control = ForceControl::read(&force, master, torque, way, unit.unit.si_per_file_unit());

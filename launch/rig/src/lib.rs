@@ -28,6 +28,7 @@ mod rates;
 mod read;
 mod rig_file;
 mod simulation;
+mod stability;
 
 pub use axis::{Axis, AxisControl, AxisUnit, Encoder, Feedforward, Limits, TorqueChannel};
 pub use channel::{Channel, ChannelKind};

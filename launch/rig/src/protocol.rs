@@ -33,6 +33,7 @@ use crate::error::ProtocolError;
 use crate::identity::identity;
 use crate::read::{Section, Source};
 use crate::rig_file::RigFile;
+use crate::stability;
 
 /// Most segments that a protocol plays, repeats counted.
 const SEGMENTS: usize = 10_000;
@@ -246,7 +247,9 @@ impl Segment {
         };
         let limits = &axis.limits;
         if let Movement::Free { field, .. } = &self.movement {
-            return check_field(field, axis, key, show, source) && check_matrix(field, rig, key, source);
+            return check_field(field, axis, key, show, source)
+                && check_matrix(field, rig, key, source)
+                && stability::check_field(field, self.axis, rig, key, source);
         }
         if let Some((least, most)) = self.movement.range()
             && (least < limits.position_min || most > limits.position_max)

@@ -10,6 +10,7 @@ use crate::model::Model;
 use crate::rates::{Phases, Rates};
 use crate::read::{Section, Source};
 use crate::simulation::Simulation;
+use crate::stability;
 
 /// Most axes that one rig has (as in the messages).
 const AXES: usize = 3;
@@ -63,6 +64,9 @@ impl RigFile {
         let rig = Self::read(source.root(table.get_ref()), text, file_name);
         if source.is_clean() {
             rig.check(&source);
+        }
+        if source.is_clean() {
+            stability::check_gains(&rig, &source);
         }
         source.finish()?;
         Ok(rig)

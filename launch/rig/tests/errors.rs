@@ -395,3 +395,63 @@ fn force_control_without_a_torque_cell() {
     assert!(edited.len() + 100 < RIG.len());
     insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
 }
+
+#[test]
+fn tables_that_are_none() {
+    insta::assert_snapshot!(free("position_table_deg = [[-40, 0.0], [0, 0.5, 1.0]]", RIG));
+    insta::assert_snapshot!(free("position_table_deg = [[0, 0.5]]", RIG));
+    insta::assert_snapshot!(free("position_table_deg = [[0, 0.5], [0, 0.7]]", RIG));
+    insta::assert_snapshot!(free("position_table_deg = [0.5, 0.7]", RIG));
+    insta::assert_snapshot!(free("position_table_deg = [[-40, 0.0], [-1, 0.0], [0, 2.0], [1, 0.0], [40, 0.0]]", RIG));
+    insta::assert_snapshot!(free("position_table_deg = [[-40, 0.0], [40, 20.0]]", RIG));
+    insta::assert_snapshot!(free("velocity_table_deg_s = [[-40, nan], [40, 1.0]]", RIG));
+    insta::assert_snapshot!(free(
+        "position_table_deg = [[-40, 0.0], [40, 1.0]]\nposition_table_m = [[0, 1.0], [1, 0.0]]",
+        RIG
+    ));
+}
+
+#[test]
+fn matrices_that_do_not_fit() {
+    insta::assert_snapshot!(free("matrix_damping = [[0.1, 0.2], [0.2, 0.1]]", RIG));
+    insta::assert_snapshot!(free("curl = 0.1", RIG));
+    insta::assert_snapshot!(free("matrix_stiffness = [[0.1, 0.2], [0.2]]", RIG));
+    insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\nmatrix_damping = [[0.1, 0.0], [0.0, 0.1]]", RIG));
+    insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\nspring = 1.0", RIG));
+    insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\ncentres_deg = [0.0, 1.0]", RIG));
+    insta::assert_snapshot!(free("centres_deg = [0.0]", RIG));
+    insta::assert_snapshot!(free("matrix_stiffness = [[9.0]]", RIG));
+}
+
+#[test]
+fn fields_that_the_rig_would_not_bear() {
+    insta::assert_snapshot!(free("damper = 1.5", RIG));
+    insta::assert_snapshot!(free("damper = -0.5", RIG));
+    insta::assert_snapshot!(free("inertia = 0.05", RIG));
+    insta::assert_snapshot!(free("inertia = -0.05", RIG));
+    insta::assert_snapshot!(free("spring = -3.0", RIG));
+    insta::assert_snapshot!(free("matrix_damping = [[1.0]]", RIG));
+    insta::assert_snapshot!(free("velocity_table_deg_s = [[-30, 2.0], [30, -2.0]]", RIG));
+    // What is told to be the most passes, and a tenth more does not.
+    let passes = |line: &str| {
+        let protocol = Protocol::parse(&format!("{FREE}{line}\n"), "p.toml").unwrap();
+        protocol.check_against(&RigFile::parse(RIG, "rig.toml").unwrap()).is_ok()
+    };
+    for (key, value) in [("damper", 1.5), ("damper", -0.5), ("inertia", 0.05), ("spring", -3.0)] {
+        let told = free(&format!("{key} = {value}"), RIG);
+        let words: Vec<&str> = told.split_whitespace().collect();
+        let at = words.windows(2).position(|pair| pair[0] == "at" && ["most", "least"].contains(&pair[1])).unwrap();
+        let most: f64 = words[at + 2].parse().unwrap();
+        assert!(passes(&format!("{key} = {most}")) && !passes(&format!("{key} = {}", 1.1 * most)), "{told}");
+    }
+}
+
+#[test]
+fn gains_that_the_rig_would_not_bear() {
+    insta::assert_snapshot!(rig_error("p_v_per_count = 4.5e-3", "p_v_per_count = 0.2"));
+    insta::assert_snapshot!(rig_error("p1 = 0.333 ", "p1 = 6.0 "));
+    insta::assert_snapshot!(rig_error("p_v_per_count = 4.5e-3", "p_v_per_count = -4.5e-3"));
+    insta::assert_snapshot!(rig_error("p_v_per_count = 4.5e-3", "p_v_per_count = nan"));
+    let accepted = RIG.replace("p_v_per_count = 4.5e-3", "p_v_per_count = 0.2\naccept_unstable = true");
+    assert!(RigFile::parse(&accepted, "rig.toml").is_ok());
+}

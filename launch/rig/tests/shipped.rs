@@ -35,7 +35,11 @@ fn the_hydrostatic_rig_is_the_machine_of_the_thesis() {
 #[test]
 fn the_two_hydrostatic_rigs_differ_in_the_line_alone() {
     let (traced, printed) = (shipped("hydrostatic.toml"), shipped("hydrostatic-printed.toml"));
-    assert_eq!(traced.axes, printed.axes);
+    // The printed line is too stiff for the printed gains; its file says that it knows.
+    let mut axes = printed.axes.clone();
+    assert!(axes[0].control.accept_unstable && !traced.axes[0].control.accept_unstable);
+    axes[0].control.accept_unstable = false;
+    assert_eq!(traced.axes, axes);
     assert_eq!(traced.channels, printed.channels);
     assert_eq!(traced.rates, printed.rates);
     for parameter in &traced.model.parameters {
@@ -100,6 +104,9 @@ fn declared_parameters_reach_the_model() {
     assert_eq!(cable.transmission_parameters().unwrap(), cable.cable_parameters().unwrap().into());
     assert_eq!(shipped("hydrostatic.toml").transmission_parameters().unwrap(), traced.into());
     let edited = cable.text().replace("cable_stiffness_factor = {", "# cable_stiffness_factor = {");
+    let error = RigFile::parse(&edited, "cable.toml").unwrap_err();
+    assert_eq!(error.problems()[0].key, "axes.0.control.p_v_per_count", "36 times stiffer, its gains are too high");
+    let edited = edited.replace("[axes.control]\n", "[axes.control]\naccept_unstable = true\n");
     let edited = RigFile::parse(&edited, "cable.toml").unwrap();
     assert_eq!(edited.cable_parameters().unwrap().cable_stiffness_factor, 1.0, "left out, it is as printed");
     let error = cable.hydrostatic_parameters().unwrap_err().to_string();
@@ -122,7 +129,7 @@ fn declared_parameters_reach_the_model() {
 #[test]
 fn the_protocols_fit_both_transmissions() {
     for (rig, name) in ["hydrostatic.toml", "cable.toml"].into_iter().flat_map(|rig| {
-        ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml", "free-movement.toml"]
+        ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml", "free-movement.toml", "force-fields.toml"]
             .map(|name| (shipped(rig), name))
     }) {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../protocols").join(name);

@@ -7,13 +7,16 @@ use crate::any::Parameters;
 
 /// Coordinates: master, slave, and the two lines as one, for they move together.
 const COORDINATES: usize = 3;
+/// Speeds at which friction is held against a damper.
+const SPEEDS: u32 = 100;
 /// Positions and speeds of the coordinates, and the torque in the cell.
 pub(super) const STATES: usize = 2 * COORDINATES + 1;
 
-/// A transmission without dry friction, about rest: the masses of master, slave and lines, the springs between them, what is viscous.
+/// A transmission about rest: the masses of master, slave and lines, the springs between them, what brakes them.
 ///
-/// Left out: all dry friction and its dependence on speed (the slave's falls by 0.2 N·m·s/rad and rises again: taken as 0); toe,
-/// sag and hysteresis of cables, which are taken at their stiffest.
+/// The slave's dry friction counts as the weakest damper that it is ever worth: the least of friction over speed, up to the speed that the rig
+/// allows. Left out: the dry friction of motor and master piston, against which the offset of eq. 4.2.3 works; that of a cable's
+/// supports; toe, sag and hysteresis of cables, which are taken at their stiffest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Machine {
     /// Inertia of master, slave (kg·m²), and both lines together (kg).
@@ -25,15 +28,24 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The linear part of a transmission.
-    pub fn new(parameters: &Parameters) -> Self {
+    /// A transmission whose handle turns no faster than `speed_max` (rad/s).
+    pub fn new(parameters: &Parameters, speed_max: f64) -> Self {
+        let weakest = |level: &dyn Fn(f64) -> f64| {
+            let speeds = (1..=SPEEDS).map(|step| speed_max * f64::from(step) / f64::from(SPEEDS));
+            let least = speeds.map(|speed| level(speed) / speed).fold(f64::INFINITY, f64::min);
+            if least.is_finite() { least.max(0.0) } else { 0.0 }
+        };
         match parameters {
             Parameters::Hydrostatic(own) => Self::of_lines(
                 [own.master_inertia_kg_m2(), own.slave_inertia_kg_m2(), 2.0 * own.fluid_mass_kg()],
                 own.half_line_stiffness_n_per_m(),
                 own.port_damping_n_s_per_m,
                 [own.master_displacement_m_per_rad(), own.slave_displacement_m_per_rad()],
-                [own.motor_viscous_nm_s, 0.0, 2.0 * own.pipe().coefficient(0.0)],
+                [
+                    own.motor_viscous_nm_s,
+                    weakest(&|speed| own.slave_friction().level(speed)),
+                    2.0 * own.pipe().coefficient(0.0),
+                ],
                 own.motor_torque_per_volt_nm,
             ),
             Parameters::Cable(own) => {
@@ -47,7 +59,7 @@ impl Machine {
                     [master, slave],
                     [
                         own.motor_viscous_nm_s + 2.0 * viscous * master * master,
-                        2.0 * viscous * slave * slave,
+                        2.0 * viscous * slave * slave + weakest(&|_| own.slave_bearing_nm),
                         2.0 * viscous * inner,
                     ],
                     own.motor_torque_per_volt_nm,
