@@ -49,11 +49,17 @@ impl Initialise {
             volts: section.number("volts", bounds(0.1, 10.0, "enough to overcome friction, little enough to be held")),
             upper_first: section.word_or_none("first", &[("lower", false), ("upper", true)]).unwrap_or(false),
             both: section.word_or_none("ends", ends).unwrap_or(true),
-            lead: lengths.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(if metres { 0.02 } else { 8.0_f64.to_radians() }),
+            lead: lengths.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(if metres {
+                0.02
+            } else {
+                8.0_f64.to_radians()
+            }),
             still_s: section.number_or("still_s", 0.5, bounds(0.1, 5.0, "in seconds")),
-            tolerance: lengths
-                .optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M)
-                .unwrap_or(if metres { 0.05 } else { 10.0_f64.to_radians() }),
+            tolerance: lengths.optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M).unwrap_or(if metres {
+                0.05
+            } else {
+                10.0_f64.to_radians()
+            }),
             duration_s: section.number("duration_s", DURATION),
         }
     }
