@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod force;
+mod limit;
 mod properties;
 
 use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig};
