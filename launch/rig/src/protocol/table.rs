@@ -140,16 +140,19 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
             }
             value
         };
-        let (Some(t), Some(position)) = (number(time), number(place)) else { continue };
-        if !(0.0..=LONGEST_S).contains(&t) || before.is_some_and(|before| t <= before) {
-            let least = before.map_or_else(|| "from 0".to_owned(), |before| format!("after {before}"));
-            let expected = format!("increasing times {least} to {LONGEST_S} s");
-            problem(line, "t_s", expected, format!("{t}"), "put the rows in order of time");
+        let (t, position) = (number(time), number(place));
+        if let Some(t) = t {
+            if !(0.0..=LONGEST_S).contains(&t) || before.is_some_and(|before| t <= before) {
+                let least = before.map_or_else(|| "from 0".to_owned(), |before| format!("after {before}"));
+                let expected = format!("increasing times {least} to {LONGEST_S} s");
+                problem(line, "t_s", expected, format!("{t}"), "put the rows in order of time");
+            }
+            before = Some(t);
         }
+        let (Some(t), Some(position)) = (t, position) else { continue };
         if position.abs() > most {
             problem(line, &names[place], format!("positions within ±{most}"), format!("{position}"), "move less");
         }
-        before = Some(t);
         columns.times_s.push(t);
         columns.positions.push(position);
     }
