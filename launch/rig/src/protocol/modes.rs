@@ -154,9 +154,10 @@ impl Rhythm {
     }
 
     /// The beat that is due at `time_s` into the segment: its number from 1, and where the hand should be (rad or m).
-    /// Beats come each half period, the first after half of one, on the upper side; `None` before.
+    /// Beats come each half period, the first after half of one, on the upper side, the last before the end; `None` before.
     pub fn beat(&self, time_s: f64) -> Option<(u32, f64)> {
-        let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor();
+        let last = (2.0 * self.frequency_hz * self.duration_s - 1e-9).ceil() - 1.0;
+        let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor().min(last);
         if !(number >= 1.0) {
             return None;
         }
