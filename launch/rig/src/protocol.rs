@@ -13,20 +13,29 @@
 //!
 //! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and limits.
 
+mod excitation;
 mod field;
+mod lengths;
 mod matrix;
+mod modes;
 mod movement;
 mod overrides;
+mod spline;
 mod table;
+mod tabled;
 
 use std::path::Path;
 
+pub use excitation::{Chirp, Ramp, RampProfile};
 pub use field::Field;
 use field::torque_symbol;
 pub use matrix::{MATRIX_AXES, Matrix};
+pub use modes::{Centre, Initialise, Rhythm};
 pub use movement::{Line, MIN_JERK_PEAK_SPEED, Movement, MovementKind};
 pub use overrides::with_overrides;
+pub use spline::Spline;
 pub use table::{POINTS, Table};
+pub use tabled::Tabled;
 
 use crate::axis::{Axis, AxisUnit};
 use crate::error::ProtocolError;
@@ -89,7 +98,8 @@ impl Protocol {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ProtocolError::Unreadable { path: path.to_owned(), source })?;
         let file_name = path.display().to_string();
-        Self::parse(&with_overrides(&text, &file_name, overrides)?, &file_name)
+        let text = with_overrides(&text, &file_name, overrides)?;
+        Self::parse(&tabled::take_in(&text, path.parent().unwrap_or(Path::new("")))?, &file_name)
     }
 
     /// Checks the text of a protocol; `file_name` appears in messages only.
@@ -177,13 +187,10 @@ impl Protocol {
             if !misfits[index] {
                 misfits[index] = !segment.check(index, start, rig, &source);
             }
-            match segment.movement {
-                Movement::Rest { .. } | Movement::Free { .. } => ends.fill(None),
-                _ => {
-                    if let Some(end) = ends.get_mut(segment.axis) {
-                        *end = segment.movement.end(*end);
-                    }
-                }
+            if segment.movement.ends_anywhere() {
+                ends.fill(None);
+            } else if let Some(end) = ends.get_mut(segment.axis) {
+                *end = segment.movement.end(*end);
             }
         }
         source.finish()
@@ -251,13 +258,35 @@ impl Segment {
                 && check_matrix(field, rig, key, source)
                 && stability::check_field(field, self.axis, rig, key, source);
         }
-        if let Some((least, most)) = self.movement.range()
+        let range = match &self.movement {
+            Movement::Rhythm(rhythm) => {
+                if !check_field(&rhythm.field, axis, key, show, source)
+                    || !stability::check_field(&rhythm.field, self.axis, rig, key, source)
+                {
+                    return false;
+                }
+                Some(rhythm.range())
+            }
+            Movement::Initialise(own) if !own.check(axis, key, source) => return false,
+            movement => movement.range(),
+        };
+        if let Some((least, most)) = range
             && (least < limits.position_min || most > limits.position_max)
         {
             let expected = format!("positions from {} to {}", show(limits.position_min), show(limits.position_max));
             let found = format!("a {kind} from {} to {}", show(least), show(most));
             source.problem(&place(), expected, found, "move less, or elsewhere; the limits are the rig file's");
             return false;
+        }
+        if let Movement::Ramp(ramp) = &self.movement {
+            let far = |end: f64| ramp.profile(end).moving_s;
+            let needed = start.map_or(far(limits.position_min).max(far(limits.position_max)), far);
+            if needed > ramp.duration_s {
+                let expected = format!("at least {needed:.1} s, what the way takes at that speed");
+                let advice = "take more time, move faster, or put a hold before it";
+                source.problem(&key("duration_s"), expected, format!("{} s", ramp.duration_s), advice);
+                return false;
+            }
         }
         let (from, start) = match start {
             Some(start) => (self.movement.peak_speed_from(start), "where the segment before ends"),

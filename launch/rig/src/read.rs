@@ -108,7 +108,7 @@ impl<'a> Source<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Bounds {
     least: f64,
-    most: f64,
+    pub(crate) most: f64,
     advice: &'static str,
 }
 

@@ -455,3 +455,99 @@ fn gains_that_the_rig_would_not_bear() {
     let accepted = RIG.replace("p_v_per_count = 4.5e-3", "p_v_per_count = 0.2\naccept_unstable = true");
     assert!(RigFile::parse(&accepted, "rig.toml").is_ok());
 }
+
+/// The message after the shipped rig's check of a protocol with this one segment.
+fn segment(keys: &str) -> String {
+    let text = format!("[protocol]\nname = \"p\"\n\n[[segments]]\n{keys}");
+    let rig = RigFile::parse(RIG, "rig.toml").unwrap();
+    match Protocol::parse(&text, "p.toml").and_then(|protocol| protocol.check_against(&rig)) {
+        Ok(()) => panic!("accepted: {keys}"),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn segments_of_the_new_kinds_that_the_rig_cannot_play() {
+    let initialise = "kind = \"initialise\"\nspeed_deg_s = 25.0\nvolts = 4.0\nduration_s = 40.0\n";
+    let all = [
+        segment(&initialise.replace("4.0\n", "9.0\n")),
+        segment(&initialise.replace("40.0", "10.0")),
+        segment(&initialise.replace("25.0", "300.0")),
+        segment(&format!("{initialise}first = \"left\"\n")),
+        segment("kind = \"centre\"\nposition_deg = 10.0\nrise_s = 3.0\nduration_s = 2.0\n"),
+        segment("kind = \"rhythm\"\nfrequency_hz = 0.5\namplitude_deg = 100.0\ncentre_deg = 30.0\nduration_s = 20.0\n"),
+        segment("kind = \"rhythm\"\nfrequency_hz = 0.5\namplitude_deg = 30.0\nduration_s = 1.0\n"),
+        segment("kind = \"ramp\"\nposition_deg = 60.0\nspeed_deg_s = 20.0\nduration_s = 4.0\n"),
+        segment("kind = \"chirp\"\namplitude_deg = 60.0\nfrom_hz = 0.1\nto_hz = 10.0\nduration_s = 60.0\n"),
+        segment("kind = \"chirp\"\namplitude_deg = 5.0\nfrom_hz = 0.0\nto_hz = 10.0\nduration_s = 60.0\n"),
+        segment("kind = \"file\"\npath = \"way.csv\"\n"),
+        segment("kind = \"file\"\ntimes_s = [0.0, 1.0, 0.5]\npositions_deg = [0.0, 1.0, 2.0]\n"),
+        segment("kind = \"file\"\ntimes_s = [0.0, 1.0]\npositions_deg = [0.0, 1.0, 2.0]\n"),
+        segment("kind = \"file\"\ntimes_s = [0.0, 0.01]\npositions_deg = [0.0, 60.0]\n"),
+    ];
+    insta::assert_snapshot!(all.join("\n"));
+}
+
+#[test]
+fn a_table_is_taken_in_and_its_rows_are_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let protocol = folder.path().join("p.toml");
+    let text = "[protocol]\nname = \"p\"\n\n[[segments]]\nkind = \"file\"\npath = \"way.csv\"\n\n[[segments]]\nkind = \"hold\"\nduration_s = 1.0\n";
+    std::fs::write(&protocol, text).unwrap();
+    let load = |csv: &str| {
+        std::fs::write(folder.path().join("way.csv"), csv).unwrap();
+        let told = |error: rig::ProtocolError| error.to_string().replace(folder.path().to_str().unwrap(), "FOLDER");
+        Protocol::load(&protocol).map_err(told)
+    };
+    let good = load("# measured\nt_s, left_deg, right_deg\n0.0, 1.0, 0\n0.5, 10.25, 0\n2.0, -3.0, 0\n").unwrap();
+    let way = &good.segments[0].movement;
+    assert!((way.duration_s() - 3.0).abs() < 1e-12, "a rise of 1 s, then the table");
+    assert!((way.end(None).unwrap() - (-3.0_f64).to_radians()).abs() < 1e-12);
+    // The text alone is enough to play it: the numbers are in it, and it is another text with other numbers.
+    let again = Protocol::parse(good.text(), "p.toml").unwrap();
+    assert_eq!(again.segments, good.segments);
+    assert_ne!(load("t_s,left_deg\n0,1\n2,-3\n").unwrap().identity(), good.identity());
+    let bad = [
+        load("time,left_deg\n0,1\n").unwrap_err(),
+        load("t_s,left_deg\n0,1\n").unwrap_err(),
+        load("t_s,left_deg\n0,1\n1,nan\n0.5,3\n2,x\n3,130\n4\n").unwrap_err(),
+    ];
+    insta::assert_snapshot!(bad.join("\n"));
+}
+
+#[test]
+fn gains_of_the_wrong_sign_or_none_are_refused() {
+    let keys = [
+        ("p_v_per_count = 4.5e-3", "p_v_per_count"),
+        ("d_v_s_per_count = 7.0e-4", "d_v_s_per_count"),
+        ("velocity_filter_hz = 40.0", "velocity_filter_hz"),
+        ("output_limit_v = 8.0", "output_limit_v"),
+        ("ramp_s = 1.0", "ramp_s"),
+        ("friction_peak_v = 1.5", "friction_peak_v"),
+        ("friction_floor_v = 1.2", "friction_floor_v"),
+        ("inertia_v_per_rad_s2 = 8.0e-3", "inertia_v_per_rad_s2"),
+        ("p1 = 0.333", "p1"),
+        ("forgetting = 0.4", "forgetting"),
+        ("offset_slow_v = 1.5", "offset_slow_v"),
+        ("p2_v_s_per_count = 1.11e-4", "p2_v_s_per_count"),
+        ("end_stop_stiffness = 10.0", "end_stop_stiffness"),
+    ];
+    for (line, key) in keys {
+        for value in ["nan", "inf", "-inf", "-1e-3"] {
+            let message = rig_error(line, &format!("{key} = {value}"));
+            assert!(message.contains(key) && message.contains("expected"), "{key} = {value}: {message}");
+        }
+    }
+}
+
+#[test]
+fn end_stops_that_make_no_sense() {
+    let (lower, upper) = ("end_stop_min_deg = -85.0\n", "end_stop_max_deg = 85.0\n");
+    let all = [
+        rig_error(lower, ""),
+        rig_error(upper, "end_stop_max_deg = -85.0\n"),
+        rig_error(lower, "end_stop_min_m = -0.2\n"),
+        rig_error(&format!("{lower}{upper}"), "end_stop_min_deg = 0.0\nend_stop_max_deg = 0.0\n"),
+    ];
+    insta::assert_snapshot!(all.join("\n"));
+}

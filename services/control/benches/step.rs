@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use control::law::{Law, friction};
 use control::law_config;
-use control::learning::{Learner, LearnerConfig, LearningLaw, Published, Stop};
+use learning::{Learner, LearnerConfig, LearningLaw, Published, Stop};
 use criterion::{Criterion, criterion_group};
 use hdrhistogram::Histogram;
 use ipc_types::{Mode, Sample, Setpoint};

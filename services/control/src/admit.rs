@@ -175,8 +175,12 @@ impl Admission {
         verdict
     }
 
-    /// What is to be told of a refusal of that setpoint; `None` where the reason was told within [`TELL_NS`].
+    /// What is to be told of a refusal of that setpoint; `None` where the reason was told within [`TELL_NS`], and where another
+    /// owner asked for nothing: the experiment at rest says passive for ever.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
+        if refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code() {
+            return None;
+        }
         let told = &mut self.told_ns[refusal as usize];
         if told.is_some_and(|told| now_ns.saturating_sub(told) < TELL_NS) {
             return None;

@@ -1,11 +1,12 @@
 //! The experiment runner: plays protocols as setpoints.
 //!
 //! Its core knows no clock: [`trajectory`] gives movements with exact derivatives, [`player`] plays a protocol in a time
-//! that is an argument, [`state`] is what is kept to go on after a restart. The process around it is [`run`].
+//! that is an argument, [`range`] finds the ends of an axis, [`state`] is what is kept to go on after a restart. The process around it is [`run`].
 
 mod field;
 pub mod player;
 mod process;
+pub mod range;
 pub mod state;
 pub mod trajectory;
 

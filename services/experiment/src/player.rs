@@ -4,6 +4,7 @@
 //! Idle ──start──> Playing ──end of the last segment──> Holding ──0.5 s──> Idle, passive
 //!                 │  ^ │                                 ^
 //!                 │  │ └─stop──> Stopping ──0.5 s────────┘
+//!                 │  ├─ no range found, or a segment beyond it ──> Idle, passive
 //!                 │  └─ stalled longer than the lease: the segment again, from where the handle is
 //!                 └─ a rest is 0 V already: stop and end go to passive at once
 //! ```
@@ -19,6 +20,7 @@ use rig::protocol::{Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
 use crate::field::put;
+use crate::range::{Measured, Range, RangeFinder, Search};
 use crate::state::PlayerState;
 use crate::trajectory::{Point, Track, stopping};
 
@@ -100,6 +102,17 @@ impl Program {
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
+
+    /// Whether the segments from `from` on keep an axis within a range (rad or m).
+    fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
+        self.steps.iter().skip(from).filter(|step| step.axis == axis).all(|step| {
+            let range = match step.track.movement() {
+                Movement::Rhythm(rhythm) => Some(rhythm.range()),
+                movement => movement.range(),
+            };
+            range.is_none_or(|(least, most)| least >= lower && most <= upper)
+        })
+    }
 }
 
 /// Times of the player.
@@ -132,6 +145,51 @@ pub enum Change {
     Done,
     /// Playing was stopped in this segment.
     Stopped(u32),
+    /// Playing ended in this segment, because it cannot go on.
+    Refused(u32, Reason),
+}
+
+/// Why playing cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// The ends of the range were not found in time.
+    NotFound,
+    /// Both ends are at the same place.
+    Stuck,
+    /// A later segment goes beyond the range that was found.
+    OutOfRange,
+}
+
+impl Reason {
+    /// In words: what happened, what to do.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NotFound => "no end found within the time limit; allow more volts or time",
+            Self::Stuck => "the handle did not move; free it, or allow more volts",
+            Self::OutOfRange => "a later segment leaves the range that was found; move less",
+        }
+    }
+}
+
+/// Something to be told besides a [`Change`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Notice {
+    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's limits.
+    Range {
+        /// The axis.
+        axis: usize,
+        /// Its ends.
+        range: Range,
+        /// Whether the rig's limits are much wider.
+        narrower: bool,
+    },
+    /// The beat of a rhythm: where the hand should be (rad or m), and its number from 1.
+    Beat {
+        /// Where the hand should be (rad or m).
+        position: f64,
+        /// Number of the beat, from 1.
+        number: u32,
+    },
 }
 
 /// What a step returns.
@@ -198,6 +256,13 @@ pub struct Player {
     completed: bool,
     segment: u32,
     elapsed_s: f64,
+    /// Where the handles' own encoders see them (rad or m); NaN where there is none.
+    handles: [f64; AXES],
+    /// The search for the ends of an axis, and when its segment began.
+    finder: Option<(u64, RangeFinder)>,
+    /// The last beat, and when its segment began.
+    beat: (u64, u32),
+    notice: Option<Notice>,
 }
 
 impl Player {
@@ -214,7 +279,21 @@ impl Player {
             completed: false,
             segment: 0,
             elapsed_s: 0.0,
+            handles: [f64::NAN; AXES],
+            finder: None,
+            beat: (0, 0),
+            notice: None,
         }
+    }
+
+    /// Where the handles' own encoders see them (rad or m), before a step; NaN where there is none.
+    pub fn see_handles(&mut self, handles: [f64; AXES]) {
+        self.handles = handles;
+    }
+
+    /// What the last step has to tell besides its change.
+    pub fn take_notice(&mut self) -> Option<Notice> {
+        self.notice.take()
     }
 
     /// Whether a protocol is being played (the fade after a stop and the hold after the end are not playing).
@@ -333,7 +412,14 @@ impl Player {
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
                 Some(Change::Resumed(segment as u32))
             }
-            Phase::Playing { segment, begun_ns } => self.next_segment(program, segment, begun_ns, now_ns, measured),
+            Phase::Playing { segment, begun_ns } => {
+                self.keep_beat(program, segment, begun_ns, now_ns);
+                match self.search(program, segment, begun_ns, now_ns, measured) {
+                    Some(Ok(())) => self.pass_edge(program, segment, now_ns, measured),
+                    Some(Err(change)) => change,
+                    None => self.next_segment(program, segment, begun_ns, now_ns, measured),
+                }
+            }
             Phase::Stopping { segment, stopped_ns, .. } => {
                 if now_ns - stopped_ns >= self.settings.stop_fade_ns || paused {
                     self.rest = self.hold;
@@ -365,6 +451,12 @@ impl Player {
         if now_ns < edge_ns {
             return None;
         }
+        self.pass_edge(program, segment, edge_ns, measured)
+    }
+
+    /// Ends a segment at `edge_ns` and begins the next one there.
+    fn pass_edge(&mut self, program: &Program, segment: usize, edge_ns: u64, measured: &[f64; AXES]) -> Option<Change> {
+        let step = program.steps.get(segment)?;
         if is_given_away(program, segment) {
             self.find_axes(program, measured);
         } else {
@@ -383,6 +475,61 @@ impl Player {
         Some(Change::Done)
     }
 
+    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok` where they are found, a change
+    /// where playing ends.
+    fn search(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        begun_ns: u64,
+        now_ns: u64,
+        measured: &[f64; AXES],
+    ) -> Option<Result<(), Option<Change>>> {
+        let step = program.steps.get(segment)?;
+        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else { return None };
+        let limits = program.limits[axis];
+        if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
+            self.find_axes(program, measured);
+            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
+        }
+        let (_, finder) = self.finder.as_mut()?;
+        let handle = if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
+        let reason = match finder.step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle }) {
+            Search::Going => return Some(Err(None)),
+            Search::TimedOut => Reason::NotFound,
+            Search::Stuck => Reason::Stuck,
+            Search::Found(range) => {
+                let (lower, upper) = (range.lower.motor, range.upper.motor);
+                let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
+                self.notice = Some(Notice::Range { axis, range, narrower });
+                // Where no end was met, the rig's own limit holds.
+                let free = (if range.met.0 { lower } else { limits.0 }, if range.met.1 { upper } else { limits.1 });
+                if program.fits(segment + 1, axis, free) {
+                    return Some(Ok(()));
+                }
+                Reason::OutOfRange
+            }
+        };
+        // Power goes by a ramp of control's, from wherever the output is.
+        self.find_axes(program, measured);
+        self.phase = Phase::Idle;
+        Some(Err(Some(Change::Refused(segment as u32, reason))))
+    }
+
+    /// Tells the beat of a rhythm when it is due.
+    fn keep_beat(&mut self, program: &Program, segment: usize, begun_ns: u64, now_ns: u64) {
+        let Some(Movement::Rhythm(rhythm)) = program.steps.get(segment).map(|step| step.track.movement()) else {
+            return;
+        };
+        let told = if self.beat.0 == begun_ns { self.beat.1 } else { 0 };
+        if let Some((number, position)) = rhythm.beat(seconds(begun_ns, now_ns))
+            && number > told
+        {
+            self.beat = (begun_ns, number);
+            self.notice = Some(Notice::Beat { position, number });
+        }
+    }
+
     /// Takes the axes for where they are measured, within their limits; a position that is not finite changes nothing.
     fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
         for ((rest, measured), (least, most)) in self.rest.iter_mut().zip(measured).zip(&program.limits) {
@@ -396,7 +543,10 @@ impl Player {
     fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
         let mut points = self.rest.map(Point::at_rest);
         if let Some(step) = program.steps.get(segment) {
-            points[step.axis] = step.track.at(self.rest[step.axis], t);
+            points[step.axis] = match (step.track.movement(), &self.finder) {
+                (Movement::Initialise(_), Some((_, finder))) => finder.point(),
+                _ => step.track.at(self.rest[step.axis], t),
+            };
         }
         points
     }
@@ -413,7 +563,7 @@ impl Player {
                 self.elapsed_s =
                     program.steps.get(segment).map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
                 let mode = program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
-                if is_given_away(program, segment) {
+                if is_given_away(program, segment) && mode != Mode::Initialise {
                     self.find_axes(program, measured);
                 }
                 (segment, self.points(program, segment, t), mode)
@@ -451,16 +601,18 @@ impl Player {
         {
             put(&mut setpoint, axis, field);
         }
+        if let Some(step) = program.steps.get(segment).filter(|_| mode == Mode::Initialise)
+            && let Movement::Initialise(how) = step.track.movement()
+        {
+            setpoint.output_limit_v[step.axis] = how.volts;
+        }
         setpoint
     }
 }
 
-/// Whether the hand has the handle to itself: nobody knows where it will be.
+/// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are sought.
 fn is_given_away(program: &Program, segment: usize) -> bool {
-    program
-        .steps
-        .get(segment)
-        .is_some_and(|step| matches!(step.track.movement(), Movement::Rest { .. } | Movement::Free { .. }))
+    program.steps.get(segment).is_some_and(|step| step.track.movement().ends_anywhere())
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

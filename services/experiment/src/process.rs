@@ -20,7 +20,7 @@ use runtime::clock::{MILLISECOND_NS, now_ns};
 use runtime::{Grid, LoopMeter, PortError, Publisher, Service, ServiceError, Subscriber, Wake};
 use thiserror::Error;
 
-use crate::player::{Change, Player, Program, Settings};
+use crate::player::{Change, Notice, Player, Program, Settings};
 use crate::state::PlayerState;
 
 use desk::{Clerk, Current, Desk};
@@ -208,9 +208,14 @@ impl Runner {
         // Without samples nobody knows where the handle is: nothing is played, the lease lapses, control ramps to hold. When
         // they come back, the player begins the segment again from where the handle then is. A stop is always carried out.
         if fresh || self.stopping {
-            let output = self.player.step(wake.woke_ns, &measured(self.newest.as_ref().filter(|_| fresh)));
+            let sample = self.newest.as_ref().filter(|_| fresh);
+            self.player.see_handles(handles(sample));
+            let output = self.player.step(wake.woke_ns, &measured(sample));
             if let Some(setpoint) = output.setpoint {
                 self.setpoints.send(setpoint)?;
+            }
+            if let Some(notice) = self.player.take_notice() {
+                tell_notice(notice, self.player.status().segment, events)?;
             }
             if let Some(change) = output.change {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
@@ -248,6 +253,40 @@ fn measured(sample: Option<&Sample>) -> [f64; AXES] {
     positions
 }
 
+/// Positions of the handles by their own encoders (rad or m); NaN where there is none.
+fn handles(sample: Option<&Sample>) -> [f64; AXES] {
+    let seen = |axis: usize| sample.filter(|sample| sample.slave_present >> axis & 1 == 1);
+    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
+}
+
+/// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the limits are much wider, what the motor's
+/// did: positions in protocols are the motor's.
+fn tell_notice(notice: Notice, segment: u32, events: &mut Publisher<Event>) -> Result<(), PortError> {
+    let mut send = |kind, severity, text: &str, [a, b, c]: [f64; 3]| {
+        let event = Event::new(Process::Experiment, kind, severity, text);
+        events.send(Event { a, b, c, segment, ..event }).map(|_sequence| ())
+    };
+    match notice {
+        Notice::Beat { position, number } => {
+            send(EventKind::Beat, Severity::Info, "", [position, f64::from(number), 0.0])
+        }
+        Notice::Range { axis, range, narrower } => {
+            let text = match range.met {
+                (true, true) => "both ends met, as the handle sees them",
+                (false, false) => "no end met within the rig's limits",
+                _ => "one end met; the other is where the rig's limits or the protocol end",
+            };
+            let axis = axis as f64;
+            send(EventKind::RangeFound, Severity::Info, text, [range.lower.handle, range.upper.handle, axis])?;
+            if !narrower {
+                return Ok(());
+            }
+            let text = "narrower than the rig's limits, as the motor sees it; narrow the limits";
+            send(EventKind::RangeFound, Severity::Warning, text, [range.lower.motor, range.upper.motor, axis])
+        }
+    }
+}
+
 /// The events of a change. Texts are copied, not formatted.
 fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>) -> Result<(), PortError> {
     let name = program.map_or("", Program::name);
@@ -264,6 +303,7 @@ fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>
         Change::Segment(segment) => send(EventKind::SegmentStarted, segment, label(segment), 0.0),
         Change::Resumed(segment) => send(EventKind::ProtocolResumed, segment, label(segment), 0.0),
         Change::Stopped(segment) => send(EventKind::ProtocolStopped, segment, name, 0.0),
+        Change::Refused(segment, reason) => send(EventKind::ProtocolStopped, segment, reason.text(), 0.0),
         Change::Done => {
             let last = program.map_or(0, |program| program.segments().saturating_sub(1) as u32);
             send(EventKind::ProtocolDone, last, name, 0.0)

@@ -5,6 +5,8 @@
 //! second derivatives vanish at both ends: joins are therefore smooth in acceleration. A blend of two positions lies
 //! between them, so a movement never leaves the hull of its start and its own range.
 
+mod excitation;
+
 use std::f64::consts::TAU;
 
 use ipc_types::Mode;
@@ -86,7 +88,7 @@ pub fn stopping(moving: Point, hold: f64, since_stop_s: f64, fade_s: f64) -> Poi
 #[derive(Clone, Debug)]
 pub struct Track {
     movement: Movement,
-    /// Peak speed of the sines alone, fades left out; 0 for other movements.
+    /// Peak speed of the sines alone, fades left out, or of a table; 0 for other movements.
     sine_peak_speed: f64,
 }
 
@@ -96,7 +98,9 @@ impl Track {
         let sine_peak_speed = match &movement {
             Movement::GuidedSine { amplitude, frequency_hz, .. } => amplitude * TAU * frequency_hz,
             Movement::Multisine { lines, duration_s, .. } => sampled_peak_speed(lines, *duration_s),
-            Movement::Steps { .. } | Movement::Hold { .. } | Movement::Rest { .. } | Movement::Free { .. } => 0.0,
+            Movement::Chirp(chirp) => chirp.amplitude * TAU * chirp.highest_hz(),
+            Movement::File(table) => table.spline.peak_speed(),
+            _ => 0.0,
         };
         Self { movement, sine_peak_speed }
     }
@@ -116,6 +120,9 @@ impl Track {
         match &self.movement {
             Movement::Rest { .. } => Mode::Passive,
             Movement::Free { .. } => Mode::Impedance,
+            Movement::Initialise(_) => Mode::Initialise,
+            Movement::Centre(centre) if t >= centre.rise_s => Mode::Centre,
+            Movement::Rhythm(_) => Mode::Rhythm,
             Movement::Hold { position: None, .. } => Mode::Hold,
             Movement::Hold { position: Some(_), rise_s, .. } if t >= *rise_s => Mode::Hold,
             _ => Mode::Position,
@@ -148,6 +155,21 @@ impl Track {
             Movement::Rest { .. } => Point::at_rest(start),
             // What the field is about, not where the handle is.
             Movement::Free { field, .. } => Point::at_rest(field.centre),
+            Movement::Rhythm(rhythm) => Point::at_rest(rhythm.field.centre),
+            // Where the search is depends on what is measured: `range::RangeFinder` says.
+            Movement::Initialise(_) => Point::at_rest(start),
+            Movement::Centre(centre) if t < centre.rise_s => min_jerk(start, centre.position, t, centre.rise_s),
+            Movement::Centre(centre) => Point::at_rest(centre.position),
+            Movement::Ramp(ramp) => excitation::ramp(ramp, start, t),
+            Movement::Chirp(chirp) => {
+                let times = (chirp.duration_s, chirp.fade_in_s, chirp.fade_out_s);
+                self.faded(excitation::chirp(chirp, t), chirp.centre, start, t, times)
+            }
+            Movement::File(table) if t < table.rise_s => min_jerk(start, table.spline.begin(), t, table.rise_s),
+            Movement::File(table) => {
+                let (position, velocity, acceleration) = table.spline.at(t - table.rise_s);
+                Point { position, velocity, acceleration, peak_speed: self.sine_peak_speed }
+            }
         }
     }
 
@@ -155,6 +177,7 @@ impl Track {
     pub fn field(&self) -> Option<&Field> {
         match &self.movement {
             Movement::Free { field, .. } => Some(field),
+            Movement::Rhythm(rhythm) => Some(&rhythm.field),
             _ => None,
         }
     }

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use experiment::trajectory::{Point, Track, stopping};
 use ipc_types::Mode;
 use proptest::prelude::*;
-use rig::protocol::{Line, Movement};
+use rig::protocol::{Centre, Chirp, Line, Movement, Ramp};
 
 fn fades() -> impl Strategy<Value = (f64, f64, f64)> {
     (0.1..3.0_f64, 0.1..3.0_f64, 0.0..5.0_f64)
@@ -44,6 +44,27 @@ fn movements() -> impl Strategy<Value = Movement> {
         (prop::option::of(-1.0..1.0_f64), 0.1..1.0_f64, 0.0..2.0_f64)
             .prop_map(|(position, rise_s, more)| Movement::Hold { position, rise_s, duration_s: rise_s + more + 0.1 }),
         (0.1..5.0_f64).prop_map(|duration_s| Movement::Rest { duration_s }),
+        (-1.0..1.0_f64, 0.1..1.0_f64, 0.0..2.0_f64).prop_map(|(position, rise_s, more)| Movement::Centre(Centre {
+            position,
+            rise_s,
+            duration_s: rise_s + more
+        })),
+        (-1.0..1.0_f64, 0.2..3.0_f64, 0.1..0.5_f64, 0.0..2.0_f64).prop_map(|(position, speed, ease_s, more)| {
+            Movement::Ramp(Ramp { position, speed, ease_s, duration_s: 2.0 / speed + 2.0 * ease_s + more })
+        }),
+        (0.01..0.3_f64, [0.1..5.0_f64, 0.1..5.0_f64], any::<bool>(), -0.5..0.5_f64, fades()).prop_map(
+            |(amplitude, frequencies_hz, exponential, centre, (fade_in_s, fade_out_s, duration_s))| {
+                Movement::Chirp(Chirp {
+                    amplitude,
+                    frequencies_hz,
+                    exponential,
+                    centre,
+                    duration_s,
+                    fade_in_s,
+                    fade_out_s,
+                })
+            }
+        ),
     ]
 }
 
@@ -187,4 +208,41 @@ fn modes_follow_the_movement() {
     assert_eq!(hold.mode(1.5), Mode::Hold);
     assert_eq!(Track::new(Movement::Rest { duration_s: 1.0 }).mode(0.5), Mode::Passive);
     assert_eq!(Track::new(Movement::Hold { position: None, rise_s: 0.5, duration_s: 1.0 }).mode(0.0), Mode::Hold);
+}
+
+#[test]
+fn a_ramp_goes_at_its_speed_and_a_short_one_slower() {
+    let ramp = |position| Movement::Ramp(Ramp { position, speed: 0.5, ease_s: 0.2, duration_s: 10.0 });
+    let long = Track::new(ramp(2.0));
+    for t in [0.2, 1.0, 2.0, 4.0] {
+        let point = long.at(0.0, t);
+        assert!((point.velocity - 0.5).abs() < 1e-12 && (point.position - 0.5 * (t - 0.1)).abs() < 1e-12, "{point:?}");
+    }
+    assert_eq!(long.at(0.0, 4.2), Point::at_rest(2.0));
+    let short = Track::new(ramp(0.05));
+    assert!((short.at(0.0, 0.2).velocity - 0.25).abs() < 1e-12);
+    assert_eq!(short.at(0.0, 0.4), Point::at_rest(0.05));
+    assert_eq!(Track::new(ramp(0.3)).at(0.3, 1.0), Point::at_rest(0.3), "nowhere to go");
+}
+
+#[test]
+fn a_chirp_passes_through_its_frequencies() {
+    for (exponential, middle) in [(false, 5.25), (true, 5f64.sqrt())] {
+        let chirp = Chirp {
+            amplitude: 0.1,
+            frequencies_hz: [0.5, 10.0],
+            exponential,
+            centre: 0.0,
+            duration_s: 20.0,
+            fade_in_s: 1.0,
+            fade_out_s: 1.0,
+        };
+        for (t, hertz) in [(0.0, 0.5), (10.0, middle), (20.0, 10.0)] {
+            let (_, omega, _) = chirp.phase(t);
+            assert!((omega / TAU - hertz).abs() < 1e-9, "{} Hz after {t} s", omega / TAU);
+        }
+        let h = 1e-6;
+        let slope = (chirp.phase(7.0 + h).0 - chirp.phase(7.0 - h).0) / (2.0 * h);
+        assert!((slope - chirp.phase(7.0).1).abs() < 1e-4);
+    }
 }

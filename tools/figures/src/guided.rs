@@ -4,7 +4,7 @@
 //! that same sine but where a loop on the slave or learning changes it. By the ratio of the pistons a master that
 //! follows perfectly moves the slave by 0.854 of that.
 
-use control::learning::LearningLaw;
+use learning::LearningLaw;
 use rayon::prelude::*;
 use report::{Page, Table};
 use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
+use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
 use super::movement::read_times;
 use crate::read::{Bounds, Section, bounds};
 
@@ -75,12 +75,10 @@ impl Chirp {
         Self {
             amplitude: lengths.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M),
             frequencies_hz: [section.number("from_hz", LINE_HZ), section.number("to_hz", LINE_HZ)],
-            exponential: section
-                .word_or_none("sweep", &[("linear", false), ("exponential", true)])
-                .unwrap_or(true),
+            exponential: section.word_or_none("sweep", &[("linear", false), ("exponential", true)]).unwrap_or(true),
             centre: lengths.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
             duration_s,
-            fade_in_s: fade_in_s.max(FADE.least),
+            fade_in_s,
             fade_out_s,
         }
     }

@@ -6,9 +6,11 @@ use crate::read::{Bounds, Section, bounds};
 pub(super) const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
 pub(super) const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
 pub(super) const LINE_HZ: Bounds = bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
-pub(super) const AMPLITUDE_DEG: Bounds = bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
+pub(super) const AMPLITUDE_DEG: Bounds =
+    bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
 pub(super) const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
-pub(super) const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
+pub(super) const POSITION_DEG: Bounds =
+    bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
 pub(super) const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 
 /// Reads lengths whose keys end in `_deg` or `_m`, and remembers which.

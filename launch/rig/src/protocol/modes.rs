@@ -49,11 +49,17 @@ impl Initialise {
             volts: section.number("volts", bounds(0.1, 10.0, "enough to overcome friction, little enough to be held")),
             upper_first: section.word_or_none("first", &[("lower", false), ("upper", true)]).unwrap_or(false),
             both: section.word_or_none("ends", ends).unwrap_or(true),
-            lead: lengths.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(if metres { 0.02 } else { 8.0_f64.to_radians() }),
+            lead: lengths.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(if metres {
+                0.02
+            } else {
+                8.0_f64.to_radians()
+            }),
             still_s: section.number_or("still_s", 0.5, bounds(0.1, 5.0, "in seconds")),
-            tolerance: lengths
-                .optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M)
-                .unwrap_or(if metres { 0.05 } else { 10.0_f64.to_radians() }),
+            tolerance: lengths.optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M).unwrap_or(if metres {
+                0.05
+            } else {
+                10.0_f64.to_radians()
+            }),
             duration_s: section.number("duration_s", DURATION),
         }
     }
@@ -110,7 +116,7 @@ impl Centre {
 }
 
 /// The hand keeps a rhythm in a spring field: each half period it should be at the other extreme.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Rhythm {
     /// Full cycles a second (Hz).
     pub frequency_hz: f64,
@@ -148,9 +154,10 @@ impl Rhythm {
     }
 
     /// The beat that is due at `time_s` into the segment: its number from 1, and where the hand should be (rad or m).
-    /// Beats come each half period, the first after half of one, on the upper side; `None` before.
+    /// Beats come each half period, the first after half of one, on the upper side, the last before the end; `None` before.
     pub fn beat(&self, time_s: f64) -> Option<(u32, f64)> {
-        let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor();
+        let last = (2.0 * self.frequency_hz * self.duration_s - 1e-9).ceil() - 1.0;
+        let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor().min(last);
         if !(number >= 1.0) {
             return None;
         }

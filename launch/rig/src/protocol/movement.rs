@@ -6,7 +6,7 @@ use super::excitation::{Chirp, Ramp};
 use super::field::Field;
 use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
 use super::modes::{Centre, Initialise, Rhythm};
-use super::table::Tabled;
+use super::tabled::Tabled;
 use crate::axis::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 

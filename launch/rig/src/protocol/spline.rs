@@ -20,6 +20,11 @@ impl Spline {
         Some(Self { times_s, positions, speeds })
     }
 
+    /// No way at all.
+    pub(super) fn rest() -> Self {
+        Self { times_s: vec![0.0, 1.0], positions: vec![0.0; 2], speeds: vec![0.0; 2] }
+    }
+
     /// Time from the first point to the last (s).
     pub fn duration_s(&self) -> f64 {
         self.times_s.last().unwrap_or(&0.0) - self.times_s.first().unwrap_or(&0.0)
@@ -134,7 +139,10 @@ mod tests {
             let times: Vec<_> = (0..=points).map(|k| k as f64 / points as f64).collect();
             let positions = times.iter().map(|time| minimum_jerk(*time).0).collect();
             let spline = Spline::through(times, positions).unwrap();
-            (0..=1000).map(|k| f64::from(k) / 1000.0).map(|t| (spline.at(t).0 - minimum_jerk(t).0).abs()).fold(0.0, f64::max)
+            (0..=1000)
+                .map(|k| f64::from(k) / 1000.0)
+                .map(|t| (spline.at(t).0 - minimum_jerk(t).0).abs())
+                .fold(0.0, f64::max)
         };
         let order = (error(10) / error(20)).log2();
         assert!((3.5..4.5).contains(&order), "order {order}, error {}", error(10));

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod force;
+mod limit;
 mod options;
 mod properties;
 

@@ -213,7 +213,7 @@ impl Clerk {
         let (segment, running) = match change {
             Change::Started => (0, true),
             Change::Segment(segment) | Change::Resumed(segment) => (segment, true),
-            Change::Stopped(segment) => (segment, false),
+            Change::Stopped(segment) | Change::Refused(segment, _) => (segment, false),
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
         let state = PlayerState {
@@ -225,7 +225,10 @@ impl Clerk {
             running,
         };
         self.trouble = match save(&self.file, &state) {
-            Ok(()) => String::new(),
+            Ok(()) => match change {
+                Change::Refused(_, reason) => reason.text().to_owned(),
+                _ => String::new(),
+            },
             Err(reason) => {
                 format!("{}: {reason}; the protocol would not go on after a restart", self.file.display())
             }

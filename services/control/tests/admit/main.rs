@@ -33,7 +33,7 @@ fn with(change: impl FnOnce(&mut Setpoint)) -> Setpoint {
 }
 
 #[test]
-fn refuses_what_the_rig_cannot_do_and_says_why() {
+fn sr_25_refuses_what_the_rig_cannot_do_and_says_why() {
     let cases: Vec<(Refusal, Setpoint)> = vec![
         (Refusal::Session, with(|s| s.session = 8)),
         (Refusal::Unknown, with(|s| s.mode = 99)),
@@ -69,7 +69,7 @@ fn a_limit_itself_is_within_and_axes_beyond_the_rig_mean_nothing() {
 }
 
 #[test]
-fn modes_ask_for_the_numbers_that_they_use() {
+fn sr_25_modes_ask_for_the_numbers_that_they_use() {
     let of = |mode: Mode, position| {
         with(|s| {
             s.mode = mode.code();
@@ -89,7 +89,7 @@ fn modes_ask_for_the_numbers_that_they_use() {
 }
 
 #[test]
-fn order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
+fn sr_25_order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
     let mut admission = admission();
     assert_eq!(admission.admit(20 * MS, &setpoint(5, 20 * MS)), Ok(()));
     assert_eq!(admission.admit(21 * MS, &setpoint(5, 21 * MS)), Err(Refusal::Sequence), "the same again");
@@ -104,7 +104,7 @@ fn order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
 }
 
 #[test]
-fn another_owner_waits_for_the_lease() {
+fn sr_25_another_owner_waits_for_the_lease() {
     let other = |now: u64| Setpoint { incarnation: 90, owner: Process::Operator.code(), ..setpoint(0, now) };
     let mut busy = admission();
     assert_eq!(busy.admit(0, &setpoint(0, 0)), Ok(()));
@@ -152,7 +152,7 @@ fn every_reason_fits_into_an_event() {
 proptest! {
     /// Whatever comes: what is followed is within the limits and in order, and the counts add up.
     #[test]
-    fn what_is_followed_is_in_range_and_in_order(
+    fn sr_25_what_is_followed_is_in_range_and_in_order(
         bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<Setpoint>()), any::<u64>(), any::<bool>(), -3.0..3.0f64, -12.0..12.0f64), 1..60),
     ) {
         let mut admission = admission();
