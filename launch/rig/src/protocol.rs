@@ -14,6 +14,7 @@
 //! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and limits.
 
 mod field;
+mod learn;
 mod movement;
 mod overrides;
 
@@ -21,6 +22,7 @@ use std::path::Path;
 
 pub use field::Field;
 use field::torque_symbol;
+pub use learn::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 pub use movement::{Line, MIN_JERK_PEAK_SPEED, Movement, MovementKind};
 pub use overrides::with_overrides;
 
@@ -243,6 +245,11 @@ impl Segment {
         let limits = &axis.limits;
         if let Movement::Free { field, .. } = &self.movement {
             return check_field(field, axis, key, show, source);
+        }
+        if let Movement::Learn(learn) = &self.movement
+            && !learn.check(axis, &rig.rates, key, source)
+        {
+            return false;
         }
         if let Some((least, most)) = self.movement.range()
             && (least < limits.position_min || most > limits.position_max)

@@ -29,7 +29,7 @@ macro_rules! shipped {
 /// The rig files of `launch/rigs`.
 pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed");
 /// The protocols of `launch/protocols`.
-pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "demo", "excitation", "free-movement", "guided-1hz", "steps");
+pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "demo", "excitation", "free-movement", "guided-1hz", "learning", "learning-model-based", "steps");
 
 /// A word without a folder and without an extension names a shipped file.
 fn is_name(asked: &Path) -> bool {

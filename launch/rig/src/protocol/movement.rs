@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::field::Field;
+use super::learn::Learn;
 use crate::axis::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
@@ -73,6 +74,8 @@ pub enum Movement {
         /// What the hand feels.
         field: Field,
     },
+    /// A sine that the slave is to follow, along a reference that is learnt from block to block (§ 4.3).
+    Learn(Learn),
 }
 
 /// One sine of a multisine.
@@ -101,6 +104,8 @@ pub enum MovementKind {
     Rest,
     /// [`Movement::Free`].
     Free,
+    /// [`Movement::Learn`].
+    Learn,
 }
 
 impl MovementKind {
@@ -111,6 +116,7 @@ impl MovementKind {
         ("hold", Self::Hold),
         ("rest", Self::Rest),
         ("free", Self::Free),
+        ("learn", Self::Learn),
     ];
 
     /// The word in the file.
@@ -129,6 +135,7 @@ impl Movement {
             Self::Hold { .. } => MovementKind::Hold,
             Self::Rest { .. } => MovementKind::Rest,
             Self::Free { .. } => MovementKind::Free,
+            Self::Learn(_) => MovementKind::Learn,
         }
     }
 
@@ -141,6 +148,7 @@ impl Movement {
             | Self::Rest { duration_s }
             | Self::Free { duration_s, .. } => *duration_s,
             Self::Steps { positions, dwell_s, rise_s } => positions.len() as f64 * (dwell_s + rise_s),
+            Self::Learn(learn) => learn.duration_s(),
         }
     }
 
@@ -158,6 +166,7 @@ impl Movement {
                 Some((least, positions.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
             }
             Self::Hold { position, .. } => position.map(|position| (position, position)),
+            Self::Learn(learn) => Some((learn.centre - learn.reach(), learn.centre + learn.reach())),
             Self::Rest { .. } | Self::Free { .. } => None,
         }
     }
@@ -166,6 +175,7 @@ impl Movement {
     pub fn end(&self, start: Option<f64>) -> Option<f64> {
         match self {
             Self::GuidedSine { centre, .. } | Self::Multisine { centre, .. } => Some(*centre),
+            Self::Learn(learn) => Some(learn.centre),
             Self::Steps { positions, .. } => positions.last().copied(),
             Self::Hold { position, .. } => position.or(start),
             Self::Rest { .. } | Self::Free { .. } => None,
@@ -198,22 +208,25 @@ impl Movement {
             Self::Hold { position: Some(position), rise_s, .. } => {
                 MIN_JERK_PEAK_SPEED * (position - start).abs() / rise_s
             }
+            Self::Learn(learn) => learn.peak_speed_from(start),
             Self::Hold { position: None, .. } | Self::Rest { .. } | Self::Free { .. } => 0.0,
         }
     }
 }
 
 const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
-const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
+pub(super) const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
 const GUIDED_HZ: Bounds = bounds(0.2, 3.0, "guided movements are of 0.2 to 3 Hz (ch. 4)");
 const LINE_HZ: Bounds = bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
-const AMPLITUDE_DEG: Bounds = bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
-const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
-const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
-const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
+pub(super) const AMPLITUDE_DEG: Bounds =
+    bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
+pub(super) const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
+pub(super) const POSITION_DEG: Bounds =
+    bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
+pub(super) const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 
 /// Reads lengths whose keys end in `_deg` or `_m`, and remembers which.
-struct Lengths<'r, 's> {
+pub(super) struct Lengths<'r, 's> {
     section: &'r Section<'s>,
     unit: Option<AxisUnit>,
 }
@@ -242,12 +255,12 @@ impl Lengths<'_, '_> {
         (key, unit)
     }
 
-    fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
+    pub(super) fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key(stem);
         self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
     }
 
-    fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
+    pub(super) fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
         let (key, unit) = self.key(stem);
         self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.si_per_file_unit())
     }
@@ -321,6 +334,7 @@ impl Movement {
                     field: Field::read(section, centre, walls),
                 }
             }
+            MovementKind::Learn => Self::Learn(Learn::read(section, &mut lengths)),
         };
         (movement, lengths.unit)
     }
