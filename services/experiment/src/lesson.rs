@@ -376,7 +376,9 @@ impl Lesson {
             point = point.blend(Point::at_rest(learn.centre), out, peak_speed);
         }
         let begun_s = now_ns.saturating_sub(self.begun_ns) as f64 * 1e-9;
-        Point::at_rest(self.start).blend(point, Weight::rising(begun_s, learn.fade_in_s), peak_speed)
+        let point = Point::at_rest(self.start).blend(point, Weight::rising(begun_s, learn.fade_in_s), peak_speed);
+        // Control's feed-forward is of the acceleration and of the share of the peak speed: where they are 0, it is none.
+        if learn.feedforward { point } else { Point { acceleration: 0.0, peak_speed: 0.0, ..point } }
     }
 
     fn time_ns(&self, step: i64) -> u64 {

@@ -52,6 +52,7 @@ impl Plan {
                 steps: cycle,
                 amplitude: learn.amplitude,
                 centre: learn.centre,
+                feedforward: learn.feedforward,
             },
             timetable: Timetable {
                 learn: learn.clone(),

@@ -34,6 +34,8 @@ pub struct LearntReference {
     pub amplitude: f64,
     /// Its centre (rad or m).
     pub centre: f64,
+    /// Whether control added its feed-forward.
+    pub feedforward: bool,
     /// Error of the block that the reference is of: mean magnitude over its settled cycles (rad or m); 0 where none was measured.
     pub error: f64,
     /// The master's position at each control step of one cycle (rad or m).
@@ -144,12 +146,19 @@ pub struct Belongs {
     pub amplitude: f64,
     /// Its centre (rad or m).
     pub centre: f64,
+    /// Whether control adds its feed-forward.
+    pub feedforward: bool,
 }
 
 impl Belongs {
     fn movement(&self) -> String {
         let (steps, rate) = (self.steps as f64, f64::from(self.rate_hz));
-        format!("a sine of {:.6} rad or m about {:.6}, period {} s", self.amplitude, self.centre, steps / rate)
+        let feedforward = if self.feedforward { "with" } else { "without" };
+        let Self { amplitude, centre, .. } = self;
+        format!(
+            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {} s, {feedforward} feed-forward",
+            steps / rate
+        )
     }
 }
 
@@ -159,10 +168,11 @@ impl LearntReference {
     /// # Errors
     /// [`StoreError::Positions`].
     pub fn new(belongs: &Belongs, error: f64, positions: Vec<f64>) -> Result<Self, StoreError> {
-        let Belongs { rig, axis, rate_hz, amplitude, centre, .. } = *belongs;
+        let Belongs { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *belongs;
         let period_s = positions.len() as f64 / f64::from(rate_hz);
         let rig_name = belongs.rig_name.clone();
-        let reference = Self { rig, rig_name, axis, rate_hz, period_s, amplitude, centre, error, positions };
+        let reference =
+            Self { rig, rig_name, axis, rate_hz, period_s, amplitude, centre, feedforward, error, positions };
         reference.check()?;
         Ok(reference)
     }
@@ -267,12 +277,14 @@ impl LearntReference {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
         let same = self.positions.len() == belongs.steps
             && near(self.amplitude, belongs.amplitude)
-            && near(self.centre, belongs.centre);
+            && near(self.centre, belongs.centre)
+            && self.feedforward == belongs.feedforward;
         if !same {
             let found = Belongs {
                 steps: self.positions.len(),
                 amplitude: self.amplitude,
                 centre: self.centre,
+                feedforward: self.feedforward,
                 ..belongs.clone()
             };
             return Err(StoreError::OtherMovement { expected: belongs.movement(), found: found.movement() });

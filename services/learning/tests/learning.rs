@@ -15,7 +15,7 @@ const RATE_HZ: u32 = 500;
 const DELAY: usize = 15;
 
 fn belongs(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> Belongs {
-    Belongs { rig, rig_name: "bench".to_owned(), axis, rate_hz, steps, amplitude: 0.5, centre: 0.0 }
+    Belongs { rig, rig_name: "bench".to_owned(), axis, rate_hz, steps, amplitude: 0.5, centre: 0.0, feedforward: true }
 }
 
 fn sine(amplitude: f64, harmonic: usize, step: usize) -> f64 {
@@ -249,6 +249,7 @@ proptest! {
         let other_movement = [
             Belongs { amplitude: 0.4, ..belongs.clone() },
             Belongs { centre: 0.1, ..belongs.clone() },
+            Belongs { feedforward: false, ..belongs.clone() },
             Belongs { steps: 1 + belongs.steps, ..belongs.clone() },
         ];
         prop_assert!(other_rig && other_axis && other_rate);

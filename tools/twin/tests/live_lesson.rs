@@ -186,3 +186,139 @@ fn the_model_based_law_identifies_for_itself() {
     let least = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
     assert!(least(&live.errors()) < 1.2 * least(&offline), "{:?}, offline {offline:?}", live.errors());
 }
+
+fn deg(value: f64) -> f64 {
+    value.to_degrees()
+}
+
+/// Control dies in the middle: the blocks without power are told and not learnt from, the others go on from where the learner was.
+#[test]
+fn blocks_without_power_are_not_learnt_from() {
+    let rig = rig();
+    let program = program("blocks = 20\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    // Fade of 2 s, blocks of 3 s: within block 10 and up to block 11.
+    live.unpowered = 30.5..32.5;
+    live.run();
+    let texts: Vec<_> = live.events.iter().map(|event| (event.a, event.text().to_owned())).collect();
+    for block in 1..=20usize {
+        let broken = block == 10 || block == 11;
+        let text = &texts.iter().find(|(a, _)| *a == block as f64).unwrap().1;
+        assert_eq!(text.contains("no power"), broken, "{block}: {text}");
+    }
+    let unbroken = offline(&rig, LearningLaw::Published(PUBLISHED), 18);
+    // Two blocks less were learnt from, and the law has lost the error before.
+    let last = *live.errors().last().unwrap();
+    assert!((last - unbroken[17]).abs() < 0.05 * unbroken[17], "{last}°, {}° after 18 blocks", unbroken[17]);
+}
+
+/// A teacher that takes most of a block: the new reference waits for the next block, the block between is not learnt from.
+#[test]
+fn a_slow_teacher_costs_blocks_and_nothing_else() {
+    let rig = rig();
+    let program = program("blocks = 40\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.late = 1200;
+    live.run();
+    let errors = live.errors();
+    let late = live.events.iter().filter(|event| event.text().contains("too late")).count();
+    assert!((18..=21).contains(&late), "{late} of 40 blocks");
+    let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 20);
+    assert!((errors[38] - offline[19]).abs() < 0.1 * offline[19], "{}°, {}°", errors[38], offline[19]);
+}
+
+/// Killed between two blocks, another process goes on with the next; what it comes to is what one process would have come to.
+#[test]
+fn a_restart_goes_on_with_the_next_block() {
+    let rig = rig();
+    let program = program("blocks = 24\nlaw = \"published\"", &rig);
+    let mut whole = Live::new(&rig, &program);
+    whole.run();
+    let mut first = Live::new(&rig, &program);
+    while first.errors().len() < 12 {
+        first.step(420_000);
+    }
+    let kept = first.teacher.as_ref().unwrap().keep(1, program.identity()).unwrap();
+    assert_eq!(kept.done, 12);
+    let mut second = Live::new(&rig, &program);
+    second.kept = Some(kept);
+    second.run();
+    let numbers: Vec<_> = second.events.iter().map(|event| event.a).collect();
+    assert_eq!(numbers[0], 13.0);
+    assert_eq!(second.errors().len(), 12);
+    // A fade of two seconds again, and half of the blocks.
+    assert!((second.steps as f64 - (2.0 + 36.0 + 1.0) * 500.0).abs() < 20.0, "{} steps", second.steps);
+    let (ends, end) = (second.errors()[11], whole.errors()[23]);
+    assert!((ends - end).abs() < 0.05 * end, "{ends}° after a restart, {end}° without");
+}
+
+/// The error grows: learning ends, and the best reference goes on.
+#[test]
+fn learning_ends_when_the_error_grows() {
+    let rig = rig();
+    // So high a cut-off and so little delay feed what the transmission turns round.
+    let keys = "blocks = 60\nlaw = \"published\"\ngamma_p = 0.5\ngamma_d = 0.0\ncutoff_hz = 40\ndelay_s = 0.0\ngrowth = 1.2\npatience = 3";
+    let program = program(keys, &rig);
+    let mut live = Live::new(&rig, &program);
+    live.run();
+    let errors = live.errors();
+    assert!(live.ending().starts_with("the error grew"), "{} {errors:.2?}", live.ending());
+    assert_eq!(errors.len(), 60, "the best reference goes on to the end");
+    let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let tail = errors[55..].iter().sum::<f64>() / 5.0;
+    assert!(tail < 1.5 * best + 0.2, "{tail}° at the end, {best}° at best");
+}
+
+/// What was learnt comes back from its file: the first block is as good as the last was. `law = "none"` changes nothing about it.
+#[test]
+fn a_kept_reference_is_played_again() {
+    let rig = rig();
+    let mut live = Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
+    live.run();
+    let best = live.teacher.as_ref().unwrap().best().unwrap().unwrap();
+    let folder = std::env::temp_dir().join(format!("farreach-lesson-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    best.save(folder.join("sine.learnt")).unwrap();
+    let again = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"", &rig);
+    let loaded = LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().belongs).unwrap();
+    let other = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"\ncentre_deg = 5", &rig);
+    assert!(LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().belongs).is_err());
+    std::fs::remove_dir_all(&folder).unwrap();
+    let mut second = Live::new(&rig, &again);
+    second.loaded = Some(loaded);
+    second.run();
+    let kept = deg(best.error);
+    assert_eq!(second.errors().len(), 4);
+    assert!(second.errors().iter().all(|error| (error - kept).abs() < 0.3), "{:?}, kept {kept}°", second.errors());
+}
+
+/// Without power there is no response, and the protocol stops by itself.
+#[test]
+fn an_identification_without_power_stops_the_protocol() {
+    let rig = rig();
+    let program = program("blocks = 5\nlaw = \"model-based\"\nharmonics = 3", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.unpowered = 0.0..1e9;
+    live.run();
+    assert!(live.ending().contains("no power"), "{}", live.ending());
+    assert!((live.steps as f64) < 13.0 * 500.0, "{} steps", live.steps);
+    for _ in 0..600 {
+        live.step(420_000);
+    }
+    assert_eq!(*live.modes.last().unwrap(), Mode::Passive);
+}
+
+/// Lateness of the loop, up to the limit of the best-effort profile, enters neither reference nor record.
+#[test]
+fn a_late_loop_learns_the_same() {
+    let rig = rig();
+    let program = program("blocks = 15\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    let mut random = 1u64;
+    while live.player.is_running() || live.steps == 0 {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        live.step(random >> 41);
+    }
+    let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 15);
+    assert_alike(&live.errors(), &offline);
+}

@@ -33,6 +33,8 @@ pub struct Learn {
     pub growth: f64,
     /// So many worse blocks in a row end the learning.
     pub patience: u32,
+    /// Whether control adds the rig's feed-forward (fig. 4.3A); § 4.3 simulates the feedback alone.
+    pub feedforward: bool,
     /// Name under which the best reference is kept.
     pub save: Option<String>,
     /// Name of a kept reference to begin with.
@@ -114,6 +116,7 @@ impl Learn {
             law: read_law(section, amplitude, identify),
             growth: section.number_or("growth", 1.5, GROWTH),
             patience: whole("patience", 5, 1, 1000, "worse blocks in a row that end the learning"),
+            feedforward: section.flag_or("feedforward", true),
             save: read_name(section, "save"),
             load: read_name(section, "load"),
         };
@@ -176,8 +179,17 @@ impl Learn {
         let omega = TAU * self.frequency_hz;
         let sines = match self.law {
             LearnLaw::ModelBased { identify_amplitude, harmonics, .. } => {
-                let change = MIN_JERK_PEAK_SPEED * 2.0 * self.reach() * 2.0 * self.frequency_hz;
-                (identify_amplitude * f64::from(harmonics).sqrt()).max(self.amplitude) * omega + change
+                // Amplitude and speed of what is played one after the other.
+                let own = (self.amplitude, self.amplitude * omega);
+                let sine = |h: f64| (identify_amplitude / h.sqrt(), identify_amplitude * h.sqrt() * omega);
+                let played = std::iter::once(own).chain((1..=harmonics).map(|h| sine(f64::from(h))));
+                let next = (1..=harmonics).map(|h| sine(f64::from(h))).chain(std::iter::once(own));
+                played
+                    .zip(next)
+                    .map(|((from, speed), (to, next_speed))| {
+                        speed.max(next_speed) + MIN_JERK_PEAK_SPEED * (from + to) * 2.0 * self.frequency_hz
+                    })
+                    .fold(0.0, f64::max)
             }
             _ => self.amplitude * omega,
         };
@@ -248,7 +260,7 @@ fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f6
         // Nobody can say whose keys these are.
         None => {
             section.know_all();
-            LearnLaw::Keep
+            LearnLaw::Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 }
         }
     }
 }
