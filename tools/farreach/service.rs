@@ -82,7 +82,13 @@ pub(crate) enum Service {
     },
     /// Plays protocols
     #[command(after_help = "Example:\n  farreach service experiment --rig launch/rigs/hydrostatic.toml")]
-    Experiment(RigArgument),
+    Experiment {
+        #[command(flatten)]
+        rig: RigArgument,
+        /// Folder of the learnt references; without it they last as long as the rig is up
+        #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT")]
+        learnt: Option<PathBuf>,
+    },
     /// Starts the others and starts them again, where there is no systemd; `farreach up` calls it
     #[command(after_help = "Example:\n  farreach service launcher --run-dir /dev/shm/farreach-1000-bench/run")]
     Launcher {
@@ -172,11 +178,14 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
                 other => other.into(),
             })?;
         }
-        Service::Experiment(rig) => {
-            experiment::run(&experiment::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
-                ExperimentError::Rig(_) => usage(&error),
-                other => other.into(),
-            })?;
+        Service::Experiment { rig, learnt } => {
+            let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
+            experiment::run(&experiment::Options { rig_name, rig_file: rig.file, learnt }).map_err(
+                |error| match error {
+                    ExperimentError::Rig(_) => usage(&error),
+                    other => other.into(),
+                },
+            )?;
         }
     }
     Ok(operator::DONE)

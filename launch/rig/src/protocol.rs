@@ -15,6 +15,7 @@
 
 mod excitation;
 mod field;
+mod learn;
 mod lengths;
 mod matrix;
 mod modes;
@@ -29,6 +30,7 @@ use std::path::Path;
 pub use excitation::{Chirp, Ramp, RampProfile};
 pub use field::Field;
 use field::torque_symbol;
+pub use learn::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 pub use matrix::{MATRIX_AXES, Matrix};
 pub use modes::{Centre, Initialise, Rhythm};
 pub use movement::{Line, MIN_JERK_PEAK_SPEED, Movement, MovementKind};
@@ -257,6 +259,11 @@ impl Segment {
             return check_field(field, axis, key, show, source)
                 && check_matrix(field, rig, key, source)
                 && stability::check_field(field, self.axis, rig, key, source);
+        }
+        if let Movement::Learn(learn) = &self.movement
+            && !learn.check(axis, &rig.rates, key, source)
+        {
+            return false;
         }
         let range = match &self.movement {
             Movement::Rhythm(rhythm) => {

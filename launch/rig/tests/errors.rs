@@ -389,6 +389,40 @@ fn field_that_is_none_or_stronger_than_the_rig_allows() {
     insta::assert_snapshot!(free("", include_str!("../../rigs/emps.toml")));
 }
 
+/// Problems of a learning segment on a rig.
+fn learning(keys: &str, rig: &str) -> String {
+    let text = format!("[protocol]\nname = \"p\"\n\n[[segments]]\nkind = \"learn\"\n{keys}\n");
+    let found = Protocol::parse(&text, "p.toml").and_then(|protocol| {
+        let rig = RigFile::parse(rig, "rig.toml").unwrap();
+        protocol.check_against(&rig)
+    });
+    found.unwrap_err().to_string()
+}
+
+#[test]
+fn learning_that_no_rig_can_do() {
+    let sine = "amplitude_deg = 20\nfrequency_hz = 1.0\nblocks = 9\n";
+    let with = |keys: &str| learning(&format!("{sine}{keys}"), RIG);
+    let found = [
+        with(""),
+        with("law = \"model\""),
+        with("law = \"none\""),
+        with("law = \"published\"\ngamma_p = -0.1"),
+        with("law = \"published\"\ngamma_p = nan"),
+        with("law = \"published\"\ngamma_p = 0.4\ngamma_d = 0.2"),
+        with("law = \"published\"\nharmonics = 3"),
+        with("law = \"model-based\"\ncutoff_hz = 3.0\ngain = 2.0"),
+        with("law = \"model-based\"\nharmonics = 30"),
+        with("law = \"model-based\"\nharmonics = 24\nidentify_amplitude_deg = 110"),
+        with("law = \"published\"\ncycles_per_block = 3\nsettling_cycles = 3"),
+        with("law = \"published\"\nsave = \"../else\""),
+        learning("amplitude_deg = 20\nfrequency_hz = 0.7\nblocks = 9\nlaw = \"published\"", RIG),
+        learning("amplitude_deg = 80\ncentre_deg = 80\nfrequency_hz = 1.0\nblocks = 9\nlaw = \"published\"", RIG),
+        learning(&format!("{sine}law = \"published\""), include_str!("../../rigs/emps.toml")),
+    ];
+    insta::assert_snapshot!(found.join("\n"));
+}
+
 #[test]
 fn force_control_without_a_torque_cell() {
     let edited = RIG.replace("[axes.torque]\nchannel = 0             # index of one of the channels below\nvolts_per_nm = 0.5      # assumed: no calibration is printed\noffset_v = 0.0          # reading with nobody at the handle\n", "").replace("torque_max_nm = 12.0\n", "");

@@ -129,8 +129,17 @@ fn declared_parameters_reach_the_model() {
 #[test]
 fn the_protocols_fit_both_transmissions() {
     for (rig, name) in ["hydrostatic.toml", "cable.toml"].into_iter().flat_map(|rig| {
-        ["guided-1hz.toml", "excitation.toml", "demo.toml", "steps.toml", "free-movement.toml", "force-fields.toml"]
-            .map(|name| (shipped(rig), name))
+        [
+            "guided-1hz.toml",
+            "excitation.toml",
+            "demo.toml",
+            "steps.toml",
+            "free-movement.toml",
+            "force-fields.toml",
+            "learning.toml",
+            "learning-model-based.toml",
+        ]
+        .map(|name| (shipped(rig), name))
     }) {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../protocols").join(name);
         let protocol = Protocol::load(path).unwrap_or_else(|error| panic!("{error}"));

@@ -12,10 +12,10 @@ use std::time::Instant;
 
 use control::law::{Law, friction};
 use control::law_config;
-use learning::{Learner, LearnerConfig, LearningLaw, Published, Stop};
 use criterion::{Criterion, criterion_group};
 use hdrhistogram::Histogram;
 use ipc_types::{Mode, Sample, Setpoint};
+use learning::{Learner, LearnerConfig, LearningLaw, Published, Stop};
 use rig::{CompensationKind, Observer, RigFile, SlaveLoop};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");

@@ -13,6 +13,7 @@
 //! control ramps to hold by itself. After a restart, [`Player::resume`] goes on at the beginning of the segment that was
 //! interrupted, from where the handle then is.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
@@ -20,8 +21,10 @@ use rig::protocol::{Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
 use crate::field::put;
+use crate::lesson::{Lecture, Lesson, Spent};
 use crate::range::{Measured, Range, RangeFinder, Search};
 use crate::state::PlayerState;
+use crate::teacher::Plan;
 use crate::trajectory::{Point, Track, stopping};
 
 /// A protocol made ready for one machine.
@@ -45,6 +48,8 @@ struct Step {
     track: Track,
     /// When it begins, from the start of the protocol (s).
     begins_s: f64,
+    /// What is learnt in it.
+    plan: Option<Arc<Plan>>,
 }
 
 impl Program {
@@ -55,12 +60,21 @@ impl Program {
     pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
         protocol.check_against(rig)?;
         let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
+        let plans: Vec<_> = protocol
+            .segments
+            .iter()
+            .map(|segment| match &segment.movement {
+                Movement::Learn(learn) => Plan::new(learn, segment.axis, rig).map(Arc::new),
+                _ => None,
+            })
+            .collect();
         let mut begins_s = 0.0;
         let mut steps = Vec::with_capacity(protocol.count());
         for (index, segment) in protocol.sequence() {
             let track = tracks[index].clone();
             let duration_s = track.duration_s();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s });
+            let plan = plans[index].clone();
+            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s, plan });
             begins_s += duration_s;
         }
         let mut limits = [(0.0, 0.0); AXES];
@@ -112,6 +126,11 @@ impl Program {
             };
             range.is_none_or(|(least, most)| least >= lower && most <= upper)
         })
+    }
+
+    /// What is learnt in a segment; `None` where nothing is.
+    pub fn plan(&self, segment: usize) -> Option<&Arc<Plan>> {
+        self.steps.get(segment)?.plan.as_ref()
     }
 }
 
@@ -227,6 +246,30 @@ pub enum ResumeError {
     },
 }
 
+/// What the player has for the teacher of its lessons.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
+pub enum Homework {
+    /// A segment begins in which something is learnt: the teacher answers with [`Lecture::Ready`] or [`Lecture::Failed`].
+    Begin {
+        /// Number of the lesson.
+        ticket: u32,
+        /// The program, and its segment.
+        program: Arc<Program>,
+        /// Index of the segment.
+        segment: u32,
+        /// Whether it goes on where it was interrupted.
+        resumed: bool,
+    },
+    /// A record to learn from, or a reference that is no longer followed.
+    Spent(Spent),
+    /// The lesson is over, by itself or because somebody stopped it; with all that it still holds.
+    End(Lesson),
+}
+
+/// How many pieces of homework may wait to be fetched.
+const HOMEWORK: usize = 32;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     /// Nothing is played; 0 V if something ever was.
@@ -263,6 +306,9 @@ pub struct Player {
     /// The last beat, and when its segment began.
     beat: (u64, u32),
     notice: Option<Notice>,
+    lesson: Option<Lesson>,
+    tickets: u32,
+    homework: VecDeque<Homework>,
 }
 
 impl Player {
@@ -283,6 +329,87 @@ impl Player {
             finder: None,
             beat: (0, 0),
             notice: None,
+            lesson: None,
+            tickets: 0,
+            homework: VecDeque::with_capacity(HOMEWORK),
+        }
+    }
+
+    /// The next thing for the teacher; to be fetched after each step until there is none.
+    pub fn homework(&mut self) -> Option<Homework> {
+        if let Some(lesson) = &mut self.lesson {
+            while self.homework.len() < HOMEWORK - 2
+                && let Some(spent) = lesson.spent()
+            {
+                self.homework.push_back(Homework::Spent(spent));
+            }
+        }
+        self.homework.pop_front()
+    }
+
+    /// Takes back what the teacher could not take now.
+    pub fn keep_homework(&mut self, homework: Homework) {
+        self.homework.push_front(homework);
+    }
+
+    /// Takes in what the teacher says. A lesson that cannot go on stops the protocol.
+    pub fn take_in(&mut self, lecture: Lecture) {
+        let of_this = |ticket: u32| self.lesson.as_ref().is_some_and(|lesson| lesson.ticket() == ticket);
+        match lecture {
+            Lecture::Failed { ticket } => {
+                if of_this(ticket) {
+                    self.stop();
+                }
+            }
+            lecture => match &mut self.lesson {
+                Some(lesson) => lesson.take_in(lecture),
+                // Of a lesson that is over.
+                None => give_back(&mut self.homework, lecture),
+            },
+        }
+    }
+
+    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns, CLOCK_MONOTONIC), and whether the motor
+    /// had power. Matters to lessons only.
+    pub fn record(&mut self, scan_ns: u64, slave: &[f64; AXES], powered: bool) {
+        if let Some(lesson) = &mut self.lesson
+            && let Some(step) = self.program.as_ref().and_then(|program| program.steps.get(self.segment as usize))
+        {
+            lesson.record(scan_ns, slave[step.axis], powered);
+        }
+    }
+
+    /// The block of the lesson that is being played, from 1; 0 outside of a lesson's blocks.
+    pub fn block(&self) -> u32 {
+        self.lesson.as_ref().map_or(0, Lesson::block)
+    }
+
+    /// Begins the lesson of a segment, if it is one.
+    fn begin_lesson(&mut self, program: &Arc<Program>, segment: usize, begun_ns: u64, resumed: bool) {
+        self.end_lesson();
+        if let Some(step) = program.steps.get(segment)
+            && let Some(plan) = &step.plan
+        {
+            self.tickets = self.tickets.wrapping_add(1);
+            let ticket = self.tickets;
+            self.lesson = Some(Lesson::new(ticket, &plan.timetable, self.rest[step.axis], begun_ns));
+            let program = Arc::clone(program);
+            self.push(Homework::Begin { ticket, program, segment: segment as u32, resumed });
+        }
+    }
+
+    fn end_lesson(&mut self) {
+        if let Some(lesson) = self.lesson.take() {
+            self.push(Homework::End(lesson));
+        }
+    }
+
+    fn push(&mut self, homework: Homework) {
+        if self.homework.len() < HOMEWORK {
+            self.homework.push_back(homework);
+        } else {
+            // Nobody fetches it: to lose memory is better than to free it in the loop.
+            std::mem::forget(homework);
         }
     }
 
@@ -332,6 +459,7 @@ impl Player {
     }
 
     fn enter(&mut self, program: Arc<Program>, segment: usize, change: Change) {
+        self.end_lesson();
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
         self.stop_asked = false;
@@ -382,22 +510,27 @@ impl Player {
         let now_ns = now_ns.max(last_ns);
         self.last_ns = Some(now_ns);
         let paused = now_ns - last_ns > self.settings.lease_ns;
+        if let Some(lesson) = self.lesson.as_mut().filter(|_| !paused) {
+            lesson.advance(now_ns);
+        }
         let change = self.advance(&program, now_ns, measured, paused);
         let setpoint = self.setpoint(&program, now_ns, measured);
         Output { setpoint: Some(setpoint), change }
     }
 
-    fn advance(&mut self, program: &Program, now_ns: u64, measured: &[f64; AXES], paused: bool) -> Option<Change> {
+    fn advance(&mut self, program: &Arc<Program>, now_ns: u64, measured: &[f64; AXES], paused: bool) -> Option<Change> {
         match self.phase {
             Phase::Idle => None,
             Phase::Entering { segment, change } => {
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.begin_lesson(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
             }
             Phase::Playing { segment, .. } if self.stop_asked && (paused || is_given_away(program, segment)) => {
                 self.stop_asked = false;
                 self.find_axes(program, measured);
+                self.end_lesson();
                 self.phase = Phase::Idle;
                 Some(Change::Stopped(segment as u32))
             }
@@ -410,6 +543,7 @@ impl Player {
             Phase::Playing { segment, .. } if paused => {
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.begin_lesson(program, segment, now_ns, true);
                 Some(Change::Resumed(segment as u32))
             }
             Phase::Playing { segment, begun_ns } => {
@@ -423,6 +557,7 @@ impl Player {
             Phase::Stopping { segment, stopped_ns, .. } => {
                 if now_ns - stopped_ns >= self.settings.stop_fade_ns || paused {
                     self.rest = self.hold;
+                    self.end_lesson();
                     self.phase = Phase::Holding { segment, since_ns: now_ns };
                 }
                 None
@@ -440,14 +575,18 @@ impl Player {
     /// that the protocol keeps its time.
     fn next_segment(
         &mut self,
-        program: &Program,
+        program: &Arc<Program>,
         segment: usize,
         begun_ns: u64,
         now_ns: u64,
         measured: &[f64; AXES],
     ) -> Option<Change> {
         let step = program.steps.get(segment)?;
-        let edge_ns = begun_ns + (step.track.duration_s() * 1e9).round() as u64;
+        let edge_ns = match &self.lesson {
+            // It may begin with a later block, or wait for its teacher.
+            Some(lesson) => lesson.ends_ns()?,
+            None => begun_ns + (step.track.duration_s() * 1e9).round() as u64,
+        };
         if now_ns < edge_ns {
             return None;
         }
@@ -455,7 +594,13 @@ impl Player {
     }
 
     /// Ends a segment at `edge_ns` and begins the next one there.
-    fn pass_edge(&mut self, program: &Program, segment: usize, edge_ns: u64, measured: &[f64; AXES]) -> Option<Change> {
+    fn pass_edge(
+        &mut self,
+        program: &Arc<Program>,
+        segment: usize,
+        edge_ns: u64,
+        measured: &[f64; AXES],
+    ) -> Option<Change> {
         let step = program.steps.get(segment)?;
         if is_given_away(program, segment) {
             self.find_axes(program, measured);
@@ -464,8 +609,10 @@ impl Player {
         }
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
+            self.begin_lesson(program, segment + 1, edge_ns, false);
             return Some(Change::Segment(segment as u32 + 1));
         }
+        self.end_lesson();
         self.completed = true;
         self.elapsed_s = program.duration_s;
         self.phase = match is_given_away(program, segment) {
@@ -543,8 +690,9 @@ impl Player {
     fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
         let mut points = self.rest.map(Point::at_rest);
         if let Some(step) = program.steps.get(segment) {
-            points[step.axis] = match (step.track.movement(), &self.finder) {
-                (Movement::Initialise(_), Some((_, finder))) => finder.point(),
+            points[step.axis] = match (step.track.movement(), &self.finder, &self.lesson) {
+                (Movement::Initialise(_), Some((_, finder)), _) => finder.point(),
+                (_, _, Some(lesson)) => lesson.at(self.last_ns.unwrap_or_default()),
                 _ => step.track.at(self.rest[step.axis], t),
             };
         }
@@ -575,7 +723,8 @@ impl Player {
                 for (point, hold) in points.iter_mut().zip(self.hold) {
                     *point = stopping(*point, hold, since, fade);
                 }
-                (segment, points, Mode::Position)
+                let mode = if self.lesson.is_some() { Mode::Learning } else { Mode::Position };
+                (segment, points, mode)
             }
             Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),
         };
@@ -613,6 +762,32 @@ impl Player {
 /// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are sought.
 fn is_given_away(program: &Program, segment: usize) -> bool {
     program.steps.get(segment).is_some_and(|step| step.track.movement().ends_anywhere())
+}
+
+/// What belongs to a lesson that is over goes back to the teacher.
+fn give_back(homework: &mut VecDeque<Homework>, lecture: Lecture) {
+    let mut give = |spent| {
+        if homework.len() < HOMEWORK {
+            homework.push_back(Homework::Spent(spent));
+        } else {
+            std::mem::forget(spent);
+        }
+    };
+    let reference = match lecture {
+        Lecture::Ready { takes: [first, second], reference, .. } => {
+            give(Spent::Take(first));
+            give(Spent::Take(second));
+            reference
+        }
+        Lecture::Marked { take, reference, .. } => {
+            give(Spent::Take(take));
+            reference
+        }
+        Lecture::Failed { .. } => None,
+    };
+    if let Some(reference) = reference {
+        give(Spent::Reference(reference));
+    }
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

@@ -1,5 +1,6 @@
 //! The process: samples in, setpoints out, on the grid.
 
+mod classroom;
 mod desk;
 mod link;
 
@@ -11,8 +12,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, Event, EventKind, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity,
-    TypedTopic, heartbeat_topic, timing_topic,
+    AXES, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint,
+    Severity, TypedTopic, heartbeat_topic, timing_topic,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -23,6 +24,7 @@ use thiserror::Error;
 use crate::player::{Change, Notice, Player, Program, Settings};
 use crate::state::PlayerState;
 
+use classroom::Classroom;
 use desk::{Clerk, Current, Desk};
 use link::{LoopEnd, Note, Order};
 
@@ -30,6 +32,10 @@ use link::{LoopEnd, Note, Order};
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// Name of the state's file.
 const STATE: &str = "experiment.state";
+/// Name of the file with what a lesson knows between two blocks.
+const LESSON: &str = "experiment.lesson";
+/// Name of the folder of learnt references, where none was given.
+const LEARNT: &str = "learnt";
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -38,6 +44,8 @@ pub struct Options {
     pub rig_name: String,
     /// Its rig file.
     pub rig_file: PathBuf,
+    /// Folder of the learnt references; `None`: in the rig's run directory, where they last as long as the rig is up.
+    pub learnt: Option<PathBuf>,
 }
 
 /// Why the process ended.
@@ -54,7 +62,7 @@ pub enum ExperimentError {
     NoTopic(Process),
     #[error("{}: cannot keep the experiment's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
-    #[error("the thread that answers requests ended")]
+    #[error("the thread that answers requests, or the one that learns, ended")]
     DeskClosed,
 }
 
@@ -64,7 +72,8 @@ pub enum ExperimentError {
 /// [`ExperimentError`].
 pub fn run(options: &Options) -> Result<(), ExperimentError> {
     let rig = RigFile::load(&options.rig_file)?;
-    Runner::new(Service::start(Process::Experiment, &options.rig_name)?, &rig)?.run()
+    let service = Service::start(Process::Experiment, &options.rig_name)?;
+    Runner::with_learnt(service, &rig, options.learnt.as_deref())?.run()
 }
 
 /// The experiment process, joined to a rig.
@@ -85,6 +94,7 @@ pub struct Runner {
     stopping: bool,
     newest: Option<Sample>,
     desk: Desk,
+    classroom: Classroom,
 }
 
 impl Runner {
@@ -92,7 +102,15 @@ impl Runner {
     ///
     /// # Errors
     /// Those of the ports. A state that cannot be used is none: it is told as an event.
-    pub fn new(mut service: Service, rig: &RigFile) -> Result<Self, ExperimentError> {
+    pub fn new(service: Service, rig: &RigFile) -> Result<Self, ExperimentError> {
+        Self::with_learnt(service, rig, None)
+    }
+
+    /// The same, with a folder of learnt references.
+    ///
+    /// # Errors
+    /// As [`Runner::new`].
+    pub fn with_learnt(mut service: Service, rig: &RigFile, learnt: Option<&Path>) -> Result<Self, ExperimentError> {
         let no_topic = || ExperimentError::NoTopic(Process::Experiment);
         let timing: TypedTopic<LoopTiming> = timing_topic(Process::Experiment).ok_or_else(no_topic)?;
         let heartbeat = heartbeat_topic(Process::Experiment).ok_or_else(no_topic)?;
@@ -113,6 +131,9 @@ impl Runner {
                 None
             }
         };
+        let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
+        let classroom = Classroom::open(session, directory.join(LESSON), learnt.clone(), service.domain().profile())
+            .map_err(ServiceError::from)?;
         let (link, desk_end) = link::link();
         // Before the desk opens: who asks at once is told of what is taken up.
         link.progress.tell(0, &player.status(), 0);
@@ -120,6 +141,7 @@ impl Runner {
             rig: rig.clone(),
             session,
             file,
+            learnt,
             link: desk_end,
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
             current,
@@ -140,6 +162,7 @@ impl Runner {
             playing: 0,
             stopping: false,
             newest: None,
+            classroom,
             service,
         })
     }
@@ -175,7 +198,7 @@ impl Runner {
             meter.record(&wake, end);
             if let Some(timing) = meter.due(&self.grid, end) {
                 self.timings.send(timing)?;
-                if self.desk.is_closed() {
+                if self.desk.is_closed() || self.classroom.is_closed() {
                     return Err(ExperimentError::DeskClosed);
                 }
             }
@@ -187,8 +210,17 @@ impl Runner {
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
-        if let Some(sample) = self.samples.latest()? {
+        // Each of them: a lesson wants the slave's place at every step, however late this loop wakes.
+        while let Some(sample) = self.samples.take()? {
+            let powered = sample.gate_state == GateState::Open.code();
+            self.player.record(sample.scan_time_ns, &slaves(&sample), powered);
             self.newest = Some(sample);
+        }
+        while let Some(lecture) = self.classroom.lecture() {
+            self.player.take_in(lecture);
+        }
+        while let Some(event) = self.link.events.pop().ok().or_else(|| self.classroom.event()) {
+            events.send(event)?;
         }
         while let Ok(order) = self.link.orders.pop() {
             match order {
@@ -221,6 +253,12 @@ impl Runner {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
                 // A full ring means that the desk stands still for minutes; then only a restart resumes too early.
                 let _ = self.link.notes.push(Note { order: self.playing, change });
+            }
+        }
+        while let Some(homework) = self.player.homework() {
+            if let Err(homework) = self.classroom.give(homework) {
+                self.player.keep_homework(homework);
+                break;
             }
         }
         self.link.progress.tell(self.taken, &self.player.status(), sample_ns);
@@ -285,6 +323,15 @@ fn tell_notice(notice: Notice, segment: u32, events: &mut Publisher<Event>) -> R
             send(EventKind::RangeFound, Severity::Warning, text, [range.lower.motor, range.upper.motor, axis])
         }
     }
+}
+
+/// Positions of the slaves (rad or m); not a number where there is none.
+fn slaves(sample: &Sample) -> [f64; AXES] {
+    std::array::from_fn(
+        |axis| {
+            if sample.slave_present >> axis & 1 == 1 { sample.slave_position[axis] } else { f64::NAN }
+        },
+    )
 }
 
 /// The events of a change. Texts are copied, not formatted.

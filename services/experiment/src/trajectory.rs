@@ -32,7 +32,7 @@ impl Point {
     }
 
     /// From `self` to `to` by a weight that itself moves; the peak speed is that of `peak`.
-    fn blend(self, to: Self, weight: Weight, peak_speed: f64) -> Self {
+    pub(crate) fn blend(self, to: Self, weight: Weight, peak_speed: f64) -> Self {
         let (distance, speed) = (to.position - self.position, to.velocity - self.velocity);
         Self {
             position: self.position + weight.value * distance,
@@ -48,7 +48,7 @@ impl Point {
 
 /// A weight between 0 and 1 with its first and second derivative by time.
 #[derive(Clone, Copy)]
-struct Weight {
+pub(crate) struct Weight {
     value: f64,
     rate: f64,
     curve: f64,
@@ -56,7 +56,7 @@ struct Weight {
 
 impl Weight {
     /// The minimum-jerk curve from 0 at `t = 0` to 1 at `t = duration`, constant outside.
-    fn rising(t: f64, duration: f64) -> Self {
+    pub(crate) fn rising(t: f64, duration: f64) -> Self {
         if t <= 0.0 {
             return Self { value: 0.0, rate: 0.0, curve: 0.0 };
         }
@@ -98,6 +98,7 @@ impl Track {
         let sine_peak_speed = match &movement {
             Movement::GuidedSine { amplitude, frequency_hz, .. } => amplitude * TAU * frequency_hz,
             Movement::Multisine { lines, duration_s, .. } => sampled_peak_speed(lines, *duration_s),
+            Movement::Learn(learn) => learn.amplitude * TAU * learn.frequency_hz,
             Movement::Chirp(chirp) => chirp.amplitude * TAU * chirp.highest_hz(),
             Movement::File(table) => table.spline.peak_speed(),
             _ => 0.0,
@@ -120,6 +121,7 @@ impl Track {
         match &self.movement {
             Movement::Rest { .. } => Mode::Passive,
             Movement::Free { .. } => Mode::Impedance,
+            Movement::Learn(_) => Mode::Learning,
             Movement::Initialise(_) => Mode::Initialise,
             Movement::Centre(centre) if t >= centre.rise_s => Mode::Centre,
             Movement::Rhythm(_) => Mode::Rhythm,
@@ -153,6 +155,12 @@ impl Track {
             }
             Movement::Hold { position, .. } => Point::at_rest(position.unwrap_or(start)),
             Movement::Rest { .. } => Point::at_rest(start),
+            // Before anything is learnt; the lesson knows better.
+            Movement::Learn(learn) => {
+                let line = Line { amplitude: learn.amplitude, frequency_hz: learn.frequency_hz, phase: 0.0 };
+                let sine = sum(&[line], learn.centre, t - learn.fade_in_s);
+                self.faded(sine, learn.centre, start, t, (learn.duration_s(), learn.fade_in_s, learn.fade_out_s))
+            }
             // What the field is about, not where the handle is.
             Movement::Free { field, .. } => Point::at_rest(field.centre),
             Movement::Rhythm(rhythm) => Point::at_rest(rhythm.field.centre),

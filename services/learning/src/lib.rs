@@ -21,18 +21,21 @@
 //! [`Learner::finish_block`] is for between the blocks.
 
 mod block;
+mod memory;
 mod model_based;
 mod published;
 pub mod spectral;
 pub mod store;
 
 pub use block::BlockError;
+pub use memory::Memory;
 pub use model_based::{ModelBased, Response};
 pub use published::Published;
 pub use realfft::num_complex::Complex;
 
 use block::Block;
 use published::PublishedRule;
+use serde::{Deserialize, Serialize};
 use spectral::Spectral;
 use thiserror::Error;
 
@@ -98,7 +101,7 @@ pub enum LearningError {
 }
 
 /// Why learning ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Frozen {
     /// The error grew.
     Grew {
@@ -266,6 +269,32 @@ impl Learner {
     /// The reference that is in use, one position per step (rad or m).
     pub fn reference(&self) -> &[f64] {
         &self.reference
+    }
+
+    /// The best reference so far, one position per step (rad or m): that of the block with the least error. The one in use, where no
+    /// block was measured.
+    pub fn best_reference(&self) -> &[f64] {
+        self.best.as_ref().map_or(&self.reference, |best| &best.reference)
+    }
+
+    /// Error of the best block: mean magnitude over its settled cycles (rad or m); `None` where none was measured.
+    pub fn best_error(&self) -> Option<f64> {
+        self.best.as_ref().map(|best| best.error)
+    }
+
+    /// Blocks that are done.
+    pub fn blocks(&self) -> usize {
+        self.blocks
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &LearnerConfig {
+        &self.config
+    }
+
+    /// Where the master is to be, step by step through the cycle.
+    pub fn points(&self) -> &[ReferencePoint] {
+        &self.points
     }
 
     /// Why learning ended; `None` while it goes on.

@@ -19,6 +19,16 @@ impl Response {
         self.0.get(harmonic).copied().flatten()
     }
 
+    /// Real and imaginary part at harmonic 0, 1, 2, ...: for keeping.
+    pub fn parts(&self) -> Vec<Option<(f64, f64)>> {
+        self.0.iter().map(|value| value.map(|value| (value.re, value.im))).collect()
+    }
+
+    /// The response of such parts.
+    pub fn from_parts(parts: &[Option<(f64, f64)>]) -> Self {
+        Self::new(parts.iter().map(|part| part.map(|(re, im)| Complex::new(re, im))).collect())
+    }
+
     /// How many harmonics it is known at.
     pub fn known(&self) -> usize {
         self.0.iter().flatten().count()

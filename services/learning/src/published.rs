@@ -47,6 +47,16 @@ impl PublishedRule {
         self.before = Some(error);
     }
 
+    /// The filtered and shifted error of the block before.
+    pub(crate) fn before(&self) -> Option<&Vec<f64>> {
+        self.before.as_ref()
+    }
+
+    /// Takes that of an earlier run for it.
+    pub(crate) fn remember(&mut self, before: Option<Vec<f64>>) {
+        self.before = before;
+    }
+
     /// Forgets the block before: nothing can be compared with it.
     pub(crate) fn forget(&mut self) {
         self.before = None;

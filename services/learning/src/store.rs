@@ -5,14 +5,14 @@
 //!
 //! A reference belongs to the machine that it was learnt on: its file names the rig, and is refused for any other.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 const MARK: [u8; 4] = *b"FRLR";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 const HEADER: usize = MARK.len() + 2 + 8;
 /// No reference is longer (bytes).
 const LONGEST: usize = 16 << 20;
@@ -22,12 +22,22 @@ const LONGEST: usize = 16 << 20;
 pub struct LearntReference {
     /// Identity of the rig file ([`rig::RigFile::identity`]).
     pub rig: u64,
+    /// Name in the rig file.
+    pub rig_name: String,
     /// Axis, from 0.
     pub axis: u32,
     /// Rate of control that it was learnt at (Hz).
     pub rate_hz: u32,
     /// Period of the movement (s).
     pub period_s: f64,
+    /// Amplitude of the sine that the slave is to follow (rad or m).
+    pub amplitude: f64,
+    /// Its centre (rad or m).
+    pub centre: f64,
+    /// Whether control added its feed-forward.
+    pub feedforward: bool,
+    /// Error of the block that the reference is of: mean magnitude over its settled cycles (rad or m); 0 where none was measured.
+    pub error: f64,
     /// The master's position at each control step of one cycle (rad or m).
     pub positions: Vec<f64>,
 }
@@ -68,13 +78,18 @@ pub enum StoreError {
     },
     /// Learnt on another rig, or on this one before its rig file was changed.
     #[error(
-        "learnt on another rig: expected the rig file of identity {expected:016x}, found {found:016x}; learn anew on this rig"
+        "learnt on another rig: expected \"{expected_name}\" with the rig file of identity {expected:016x}, found \"{found_name}\" with \
+         {found:016x}; learn anew on this rig"
     )]
     OtherRig {
         /// Identity of the rig at hand.
         expected: u64,
+        /// Its name.
+        expected_name: String,
         /// Identity in the file.
         found: u64,
+        /// Name in the file.
+        found_name: String,
     },
     /// Of another axis.
     #[error("learnt for another axis: expected axis {expected}, found {found}; choose that axis's file")]
@@ -83,6 +98,16 @@ pub enum StoreError {
         expected: u32,
         /// Axis in the file.
         found: u32,
+    },
+    /// For another movement.
+    #[error(
+        "learnt for another movement: expected {expected}, found {found}; learn anew, or ask for the movement of the file"
+    )]
+    OtherMovement {
+        /// Movement at hand.
+        expected: String,
+        /// Movement in the file.
+        found: String,
     },
     /// Learnt at another rate.
     #[error("learnt at another rate: expected {expected} Hz, found {found} Hz; learn anew at this rate")]
@@ -104,14 +129,50 @@ pub enum StoreError {
     },
 }
 
+/// The machine and movement that a reference is for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Belongs {
+    /// Identity of the rig file.
+    pub rig: u64,
+    /// Name in the rig file.
+    pub rig_name: String,
+    /// Axis, from 0.
+    pub axis: u32,
+    /// Rate of control (Hz).
+    pub rate_hz: u32,
+    /// Control steps in a cycle.
+    pub steps: usize,
+    /// Amplitude of the sine (rad or m).
+    pub amplitude: f64,
+    /// Its centre (rad or m).
+    pub centre: f64,
+    /// Whether control adds its feed-forward.
+    pub feedforward: bool,
+}
+
+impl Belongs {
+    fn movement(&self) -> String {
+        let (steps, rate) = (self.steps as f64, f64::from(self.rate_hz));
+        let feedforward = if self.feedforward { "with" } else { "without" };
+        let Self { amplitude, centre, .. } = self;
+        format!(
+            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {} s, {feedforward} feed-forward",
+            steps / rate
+        )
+    }
+}
+
 impl LearntReference {
-    /// A reference of `positions` (rad or m), one for each step of a cycle at `rate_hz` (Hz).
+    /// A reference of `positions` (rad or m), one for each step of the cycle; `error` of the block that it is of (rad or m).
     ///
     /// # Errors
     /// [`StoreError::Positions`].
-    pub fn new(rig: u64, axis: u32, rate_hz: u32, positions: Vec<f64>) -> Result<Self, StoreError> {
+    pub fn new(belongs: &Belongs, error: f64, positions: Vec<f64>) -> Result<Self, StoreError> {
+        let Belongs { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *belongs;
         let period_s = positions.len() as f64 / f64::from(rate_hz);
-        let reference = Self { rig, axis, rate_hz, period_s, positions };
+        let rig_name = belongs.rig_name.clone();
+        let reference =
+            Self { rig, rig_name, axis, rate_hz, period_s, amplitude, centre, feedforward, error, positions };
         reference.check()?;
         Ok(reference)
     }
@@ -175,29 +236,66 @@ impl LearntReference {
         Ok(())
     }
 
-    /// Reads a file that was learnt on this rig (its identity), for this axis (from 0), at this rate (Hz).
+    /// Reads a file that was learnt on this rig, for this axis, at this rate and for this movement.
     ///
     /// # Errors
     /// Each [`StoreError`].
-    pub fn load(path: impl AsRef<Path>, rig: u64, axis: u32, rate_hz: u32) -> Result<Self, StoreError> {
+    pub fn load(path: impl AsRef<Path>, belongs: &Belongs) -> Result<Self, StoreError> {
         let path = path.as_ref();
         let failed = |source| StoreError::Io { doing: "read", path: path.to_owned(), source };
-        let reference = Self::decode(&std::fs::read(path).map_err(failed)?)?;
-        if reference.rig != rig {
-            return Err(StoreError::OtherRig { expected: rig, found: reference.rig });
+        let file = std::fs::File::open(path).map_err(failed)?;
+        let mut bytes = Vec::new();
+        // One byte more than may be: a longer file is refused, not read.
+        file.take(LONGEST as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
+        if bytes.len() > LONGEST {
+            return Err(StoreError::NotAReference { found: format!("more than {LONGEST} bytes") });
         }
-        if reference.axis != axis {
-            return Err(StoreError::OtherAxis { expected: axis, found: reference.axis });
-        }
-        if reference.rate_hz != rate_hz {
-            return Err(StoreError::OtherRate { expected: rate_hz, found: reference.rate_hz });
-        }
+        let reference = Self::decode(&bytes)?;
+        reference.fits(belongs)?;
         Ok(reference)
+    }
+
+    /// Whether it belongs to that machine and movement.
+    ///
+    /// # Errors
+    /// [`StoreError::OtherRig`] to [`StoreError::OtherRate`].
+    pub fn fits(&self, belongs: &Belongs) -> Result<(), StoreError> {
+        if self.rig != belongs.rig {
+            return Err(StoreError::OtherRig {
+                expected: belongs.rig,
+                expected_name: belongs.rig_name.clone(),
+                found: self.rig,
+                found_name: self.rig_name.clone(),
+            });
+        }
+        if self.axis != belongs.axis {
+            return Err(StoreError::OtherAxis { expected: belongs.axis, found: self.axis });
+        }
+        if self.rate_hz != belongs.rate_hz {
+            return Err(StoreError::OtherRate { expected: belongs.rate_hz, found: self.rate_hz });
+        }
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+        let same = self.positions.len() == belongs.steps
+            && near(self.amplitude, belongs.amplitude)
+            && near(self.centre, belongs.centre)
+            && self.feedforward == belongs.feedforward;
+        if !same {
+            let found = Belongs {
+                steps: self.positions.len(),
+                amplitude: self.amplitude,
+                centre: self.centre,
+                feedforward: self.feedforward,
+                ..belongs.clone()
+            };
+            return Err(StoreError::OtherMovement { expected: belongs.movement(), found: found.movement() });
+        }
+        Ok(())
     }
 
     fn check(&self) -> Result<(), StoreError> {
         let found = |found| Err(StoreError::Positions { found });
-        if let Some(value) = self.positions.iter().find(|value| !value.is_finite()) {
+        let numbers = [self.amplitude, self.centre, self.error, self.period_s];
+        if let Some(value) = self.positions.iter().chain(&numbers).find(|value| !value.is_finite()) {
             return found(format!("{value}"));
         }
         let steps = self.period_s * f64::from(self.rate_hz);

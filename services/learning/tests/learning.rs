@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use learning::store::{LearntReference, StoreError};
+use learning::store::{Belongs, LearntReference, StoreError};
 use learning::{
     Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published, Response, Step, Stop,
 };
@@ -13,6 +13,10 @@ const STEPS: usize = 500;
 const RATE_HZ: u32 = 500;
 /// 30 ms at 500 Hz.
 const DELAY: usize = 15;
+
+fn belongs(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> Belongs {
+    Belongs { rig, rig_name: "bench".to_owned(), axis, rate_hz, steps, amplitude: 0.5, centre: 0.0, feedforward: true }
+}
 
 fn sine(amplitude: f64, harmonic: usize, step: usize) -> f64 {
     amplitude * (TAU * (harmonic * step % STEPS) as f64 / STEPS as f64).sin()
@@ -232,16 +236,27 @@ proptest! {
         positions in prop::collection::vec(-2.0..2.0f64, 8..200),
         rig: u64, axis in 0u32..3, at in 0usize..4000, bit in 0u8..8, cut in 1usize..4000,
     ) {
-        let reference = LearntReference::new(rig, axis, RATE_HZ, positions).unwrap();
+        let belongs = belongs(rig, axis, RATE_HZ, positions.len());
+        let reference = LearntReference::new(&belongs, 0.02, positions).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sine.learnt");
         reference.save(&path).unwrap();
-        prop_assert_eq!(&LearntReference::load(&path, rig, axis, RATE_HZ).unwrap(), &reference);
-        let refused = |rig, axis, rate_hz| LearntReference::load(&path, rig, axis, rate_hz).unwrap_err();
-        let other_rig = matches!(refused(rig ^ 1, axis, RATE_HZ), StoreError::OtherRig { .. });
-        let other_axis = matches!(refused(rig, axis + 1, RATE_HZ), StoreError::OtherAxis { .. });
-        let other_rate = matches!(refused(rig, axis, 1000), StoreError::OtherRate { .. });
+        prop_assert_eq!(&LearntReference::load(&path, &belongs).unwrap(), &reference);
+        let refused = |belongs: Belongs| LearntReference::load(&path, &belongs).unwrap_err();
+        let other_rig = matches!(refused(Belongs { rig: rig ^ 1, ..belongs.clone() }), StoreError::OtherRig { .. });
+        let other_axis = matches!(refused(Belongs { axis: axis + 1, ..belongs.clone() }), StoreError::OtherAxis { .. });
+        let other_rate = matches!(refused(Belongs { rate_hz: 1000, ..belongs.clone() }), StoreError::OtherRate { .. });
+        let other_movement = [
+            Belongs { amplitude: 0.4, ..belongs.clone() },
+            Belongs { centre: 0.1, ..belongs.clone() },
+            Belongs { feedforward: false, ..belongs.clone() },
+            Belongs { steps: 1 + belongs.steps, ..belongs.clone() },
+        ];
         prop_assert!(other_rig && other_axis && other_rate);
+        for other in other_movement {
+            let refused = matches!(refused(other), StoreError::OtherMovement { .. });
+            prop_assert!(refused);
+        }
         let bytes = std::fs::read(&path).unwrap();
         let mut damaged = bytes.clone();
         damaged[at % bytes.len()] ^= 1 << bit;
@@ -260,10 +275,41 @@ proptest! {
 fn files_of_others_are_refused_with_a_reason() {
     let error = LearntReference::decode(b"FRPS and more that is long enough").unwrap_err();
     assert!(matches!(&error, StoreError::NotAReference { found } if found == "\"FRPS\""), "{error}");
-    let mut bytes = LearntReference::new(1, 0, 500, vec![0.0; 500]).unwrap().encode().unwrap();
+    let mut bytes = LearntReference::new(&belongs(1, 0, 500, 500), 0.0, vec![0.0; 500]).unwrap().encode().unwrap();
     bytes[4] = 9;
     assert!(matches!(LearntReference::decode(&bytes).unwrap_err(), StoreError::Version { found: 9 }));
-    let missing = LearntReference::load("/nowhere/at/all", 1, 0, 500).unwrap_err();
+    let missing = LearntReference::load("/nowhere/at/all", &belongs(1, 0, 500, 500)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
-    assert!(LearntReference::new(1, 0, 0, vec![0.0; 5]).is_err());
+    assert!(LearntReference::new(&belongs(1, 0, 0, 5), 0.0, vec![0.0; 5]).is_err());
+}
+
+/// What one process kept, another goes on from: reference, best block, and the error that the published law compares with.
+#[test]
+fn a_learner_goes_on_from_what_another_knew() {
+    let mut response = Response::default();
+    response.learn(1, Complex::from(1.0), Complex::from(0.5), 1e-3);
+    let model_based = ModelBased { response: Response::from_parts(&response.parts()), gain: 0.5, regularisation: 0.1 };
+    for law in [published(0.2, 0.1), LearningLaw::ModelBased(model_based)] {
+        let mut whole = Learner::new(&desired(), config(law.clone())).unwrap();
+        let mut first = Learner::new(&desired(), config(law.clone())).unwrap();
+        for _ in 0..4 {
+            block(&mut whole, delayed(0.8));
+            block(&mut first, delayed(0.8));
+        }
+        let memory = first.memory();
+        let mut second = Learner::recall(&desired(), memory.clone(), config(law.clone())).unwrap();
+        for _ in 0..4 {
+            assert_eq!(block(&mut whole, delayed(0.8)).1, block(&mut second, delayed(0.8)).1);
+        }
+        assert_eq!(whole.memory(), second.memory());
+        let broken = [
+            learning::Memory { reference: vec![0.0; 9], ..memory.clone() },
+            learning::Memory { reference: vec![f64::NAN; STEPS], ..memory.clone() },
+            learning::Memory { best: Some((0.1, vec![0.0; 9])), ..memory.clone() },
+            learning::Memory { before: Some(vec![f64::INFINITY; STEPS]), ..memory },
+        ];
+        for memory in broken {
+            assert!(Learner::recall(&desired(), memory, config(law.clone())).is_err());
+        }
+    }
 }

@@ -29,8 +29,7 @@ macro_rules! shipped {
 /// The rig files of `launch/rigs`.
 pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed");
 /// The protocols of `launch/protocols`.
-pub const PROTOCOLS: &[Shipped] =
-    shipped!("protocols": "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "steps");
+pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "learning", "learning-model-based", "steps");
 
 /// A word without a folder and without an extension names a shipped file.
 fn is_name(asked: &Path) -> bool {

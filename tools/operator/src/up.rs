@@ -167,8 +167,18 @@ fn config(options: &UpOptions, card: &CardChoice, run_dir: &Path, rig_file: &Pat
     variables.push(("FARREACH_REPLAY_LOOP", looped.to_string()));
     variables.push(("FARREACH_EFFECTS", effects));
     variables.push(("FARREACH_RECORD", options.record.as_deref().map(absolute).transpose()?.unwrap_or_default()));
+    variables.push(("FARREACH_LEARNT", learnt_folder()?));
     let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
     Ok(variables.into_iter().fold(config, |config, (name, value)| config.with_environment(name, value)))
+}
+
+/// Folder of the learnt references, which outlast the rig: `FARREACH_LEARNT`, else `farreach/learnt` in the user's state directory (the XDG
+/// base directories: `~/.local/state`). Nothing where there is no home; they then last as long as the rig is up.
+fn learnt_folder() -> Result<String, Error> {
+    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let state = || set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")));
+    let folder = set("FARREACH_LEARNT").or_else(|| Some(state()?.join("farreach/learnt")));
+    folder.as_deref().map(absolute).transpose().map(Option::unwrap_or_default)
 }
 
 /// The processes' working directory is `/`.

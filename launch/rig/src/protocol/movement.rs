@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use super::excitation::{Chirp, Ramp};
 use super::field::Field;
+use super::learn::Learn;
 use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
 use super::modes::{Centre, Initialise, Rhythm};
 use super::tabled::Tabled;
@@ -89,6 +90,8 @@ pub enum Movement {
     Chirp(Chirp),
     /// Along points of a table.
     File(Tabled),
+    /// A sine that the slave is to follow, along a reference that is learnt from block to block (§ 4.3).
+    Learn(Learn),
 }
 
 /// One sine of a multisine.
@@ -129,6 +132,8 @@ pub enum MovementKind {
     Chirp,
     /// [`Movement::File`].
     File,
+    /// [`Movement::Learn`].
+    Learn,
 }
 
 impl MovementKind {
@@ -145,6 +150,7 @@ impl MovementKind {
         ("ramp", Self::Ramp),
         ("chirp", Self::Chirp),
         ("file", Self::File),
+        ("learn", Self::Learn),
     ];
 
     /// The word in the file.
@@ -169,6 +175,7 @@ impl Movement {
             Self::Ramp(_) => MovementKind::Ramp,
             Self::Chirp(_) => MovementKind::Chirp,
             Self::File(_) => MovementKind::File,
+            Self::Learn(_) => MovementKind::Learn,
         }
     }
 
@@ -187,6 +194,7 @@ impl Movement {
             Self::Ramp(own) => own.duration_s,
             Self::Chirp(own) => own.duration_s,
             Self::File(own) => own.duration_s(),
+            Self::Learn(learn) => learn.duration_s(),
         }
     }
 
@@ -204,6 +212,7 @@ impl Movement {
                 Some((least, positions.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
             }
             Self::Hold { position, .. } => position.map(|position| (position, position)),
+            Self::Learn(learn) => Some((learn.centre - learn.reach(), learn.centre + learn.reach())),
             Self::Centre(own) => Some((own.position, own.position)),
             Self::Ramp(own) => Some((own.position, own.position)),
             Self::Chirp(own) => Some(own.range()),
@@ -216,6 +225,7 @@ impl Movement {
     pub fn end(&self, start: Option<f64>) -> Option<f64> {
         match self {
             Self::GuidedSine { centre, .. } | Self::Multisine { centre, .. } => Some(*centre),
+            Self::Learn(learn) => Some(learn.centre),
             Self::Steps { positions, .. } => positions.last().copied(),
             Self::Hold { position, .. } => position.or(start),
             Self::Centre(own) => Some(own.position),
@@ -257,6 +267,7 @@ impl Movement {
             Self::Hold { position: Some(position), rise_s, .. } => {
                 MIN_JERK_PEAK_SPEED * (position - start).abs() / rise_s
             }
+            Self::Learn(learn) => learn.peak_speed_from(start),
             Self::Initialise(own) => own.speed,
             Self::Centre(own) => MIN_JERK_PEAK_SPEED * (own.position - start).abs() / own.rise_s,
             Self::Ramp(own) => own.profile(start).speed,
@@ -334,6 +345,7 @@ impl Movement {
             MovementKind::Ramp => Self::Ramp(Ramp::read(section, &mut lengths)),
             MovementKind::Chirp => Self::Chirp(Chirp::read(section, &mut lengths)),
             MovementKind::File => Self::File(Tabled::read(section, &mut lengths)),
+            MovementKind::Learn => Self::Learn(Learn::read(section, &mut lengths)),
         };
         (movement, lengths.unit)
     }

@@ -10,7 +10,7 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ipc_types::{EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest};
+use ipc_types::{EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process, Severity};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
@@ -19,6 +19,7 @@ use runtime::{Domain, RigName, Server, ServiceError};
 use crate::player::{Change, Program};
 use crate::state::PlayerState;
 
+use super::classroom::find_references;
 use super::link::{DeskEnd, Note, Order, Progress};
 
 /// How often it looks for requests and changes.
@@ -45,6 +46,8 @@ pub(super) struct Clerk {
     pub(super) session: u64,
     /// The state's file.
     pub(super) file: PathBuf,
+    /// Folder of the learnt references.
+    pub(super) learnt: PathBuf,
     pub(super) link: DeskEnd,
     pub(super) current: Option<Current>,
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that must not be the loop.
@@ -159,6 +162,12 @@ impl Clerk {
             return Err("no samples arrive, so nobody knows where the handle is: is acquisition running? \
                         (`farreach status`)"
                 .to_owned());
+        }
+        if let Err(reason) = find_references(&program, &self.learnt) {
+            // In the recording, too: nothing is played, and why.
+            let event = Event::new(Process::Experiment, EventKind::ProtocolStopped, Severity::Error, &reason);
+            let _full = self.link.events.push(event);
+            return Err(reason);
         }
         self.keep_changes();
         let order = self.next_order();

@@ -5,13 +5,15 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use ipc_types::ExperimentAnswer;
+use ipc_types::{Event, ExperimentAnswer};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::player::{Change, Program};
 
 /// Orders under way: they are asked for one at a time.
 const ORDERS: usize = 4;
+/// Events under way from a thread to the loop, which alone may publish.
+pub(super) const EVENTS: usize = 64;
 /// Changes under way: segments last a good part of a second.
 const NOTES: usize = 256;
 
@@ -93,6 +95,7 @@ impl Progress {
 pub(super) struct LoopEnd {
     pub(super) orders: Consumer<Order>,
     pub(super) notes: Producer<Note>,
+    pub(super) events: Consumer<Event>,
     pub(super) progress: Arc<Progress>,
 }
 
@@ -101,16 +104,19 @@ pub(super) struct LoopEnd {
 pub(super) struct DeskEnd {
     pub(super) orders: Producer<Order>,
     pub(super) notes: Consumer<Note>,
+    /// To be told to all.
+    pub(super) events: Producer<Event>,
     pub(super) progress: Arc<Progress>,
 }
 
 pub(super) fn link() -> (LoopEnd, DeskEnd) {
     let (order_in, order_out) = RingBuffer::new(ORDERS);
     let (note_in, note_out) = RingBuffer::new(NOTES);
+    let (event_in, event_out) = RingBuffer::new(EVENTS);
     let progress = Arc::new(Progress::default());
     (
-        LoopEnd { orders: order_out, notes: note_in, progress: Arc::clone(&progress) },
-        DeskEnd { orders: order_in, notes: note_out, progress },
+        LoopEnd { orders: order_out, notes: note_in, events: event_out, progress: Arc::clone(&progress) },
+        DeskEnd { orders: order_in, notes: note_out, events: event_in, progress },
     )
 }
 

@@ -1,0 +1,437 @@
+//! What is done between the blocks of a lesson: the response is identified, references are made better, and what was learnt is kept. Pure; it
+//! takes its time, so it is for another thread than the loop.
+
+use std::f64::consts::TAU;
+
+use ipc_types::{Event, EventKind, Process, Severity};
+use learning::spectral::Spectral;
+use learning::store::{Belongs, LearntReference, StoreError};
+use learning::{
+    BlockReport, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, Memory, ModelBased, Published, Response,
+    Step, Stop,
+};
+use rig::RigFile;
+use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw, MIN_JERK_PEAK_SPEED};
+use serde::{Deserialize, Serialize};
+
+use crate::lesson::{Fault, Reference, Take, Timetable};
+
+/// A slave that moves by fewer counts than this tells nothing of the response.
+const LEAST_COUNTS: f64 = 2.0;
+
+/// A lesson of a protocol, made ready for one machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Its times.
+    pub timetable: Timetable,
+    /// What its reference belongs to.
+    pub belongs: Belongs,
+    /// The axis that moves.
+    pub axis: usize,
+    /// Position limits of the axis (rad or m).
+    limits: (f64, f64),
+    /// Its limit on speed (rad/s or m/s).
+    speed_max: f64,
+    /// A slave that moves by this or less tells nothing (rad or m).
+    least: f64,
+    /// Whether the axis is in rad: degrees are for people.
+    in_radians: bool,
+}
+
+impl Plan {
+    /// A lesson on an axis of a rig; `None` where [`rig::protocol::Protocol::check_against`] refuses it.
+    pub fn new(learn: &Learn, axis: usize, rig: &RigFile) -> Option<Self> {
+        let found = rig.axes.get(axis)?;
+        let cycle = learn.steps_per_cycle(rig.rates.control_hz)?;
+        Some(Self {
+            belongs: Belongs {
+                rig: rig.identity(),
+                rig_name: rig.name.clone(),
+                axis: axis as u32,
+                rate_hz: rig.rates.control_hz,
+                steps: cycle,
+                amplitude: learn.amplitude,
+                centre: learn.centre,
+                feedforward: learn.feedforward,
+            },
+            timetable: Timetable {
+                learn: learn.clone(),
+                cycle,
+                step_ns: rig.rates.control_period_ns(),
+                sample_ns: rig.rates.acquisition_period_ns(),
+            },
+            axis,
+            limits: (found.limits.position_min, found.limits.position_max),
+            speed_max: found.limits.speed_max,
+            least: LEAST_COUNTS / found.slave?.counts_per_unit,
+            in_radians: found.unit == rig::AxisUnit::Radian,
+        })
+    }
+
+    /// What is learnt.
+    pub fn learn(&self) -> &Learn {
+        &self.timetable.learn
+    }
+
+    /// The slave's positions over one cycle (rad or m).
+    fn desired(&self) -> Vec<f64> {
+        let (count, learn) = (self.timetable.cycle, self.learn());
+        (0..count).map(|n| learn.centre + learn.amplitude * (TAU * n as f64 / count as f64).sin()).collect()
+    }
+
+    fn config(&self, law: LearningLaw) -> LearnerConfig {
+        let learn = self.learn();
+        LearnerConfig {
+            rate_hz: f64::from(self.belongs.rate_hz),
+            cycles_per_block: learn.cycles_per_block as usize,
+            settling_cycles: learn.settling_cycles as usize,
+            law,
+            stop: Stop { growth: learn.growth, patience: learn.patience as usize },
+            position_limits: self.limits,
+            speed_limit: self.speed_max,
+        }
+    }
+
+    /// For a person's eye.
+    fn shown(&self, value: f64) -> String {
+        if self.in_radians { format!("{:.2}°", value.to_degrees()) } else { format!("{value:.5} m") }
+    }
+}
+
+/// What a restarted process needs to go on with a lesson.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// Session of the rig; what is of another session is history.
+    pub session: u64,
+    /// Identity of the protocol's text.
+    pub protocol: u64,
+    /// Its segment, repeats counted.
+    pub segment: u32,
+    /// Blocks that were played.
+    pub done: u32,
+    /// What the learner knows.
+    pub memory: Memory,
+    /// The identified response, real and imaginary part at harmonic 0, 1, 2, ...; empty where none is used.
+    pub response: Vec<Option<(f64, f64)>>,
+}
+
+/// Why a lesson cannot begin or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum LessonError {
+    /// The learner refused.
+    #[error("the lesson cannot begin: {0}")]
+    Learning(#[from] LearningError),
+    /// The kept reference cannot be used.
+    #[error("the learnt reference \"{name}\" cannot be used: {source}")]
+    Load {
+        /// Its name.
+        name: String,
+        /// Why.
+        source: StoreError,
+    },
+    /// The identification saw nothing.
+    #[error("the response cannot be identified: {0}")]
+    Identification(&'static str),
+}
+
+/// What became of a record.
+#[derive(Debug)]
+pub struct Marked {
+    /// A better reference.
+    pub reference: Option<Box<Reference>>,
+    /// What to tell.
+    pub event: Option<Event>,
+    /// What else to tell, where learning ended with it.
+    pub ended: Option<Event>,
+    /// Whether the lesson cannot go on.
+    pub failed: bool,
+}
+
+/// Teaches one lesson.
+#[derive(Debug)]
+pub struct Teacher {
+    plan: Plan,
+    segment: u32,
+    /// A reference to begin with.
+    first: Vec<f64>,
+    response: Response,
+    learner: Option<Learner>,
+    done: u32,
+    ended: bool,
+    /// Blocks of this run that were learnt from.
+    learnt: u32,
+}
+
+impl Teacher {
+    /// Begins a lesson: with a loaded reference, or where another process left off.
+    ///
+    /// # Errors
+    /// [`LessonError::Learning`].
+    pub fn new(
+        plan: Plan,
+        segment: u32,
+        loaded: Option<LearntReference>,
+        kept: Option<Kept>,
+    ) -> Result<Self, LessonError> {
+        let first = loaded.map_or_else(|| plan.desired(), |loaded| loaded.positions);
+        let mut teacher = Self {
+            response: Response::default(),
+            learner: None,
+            done: 0,
+            ended: false,
+            learnt: 0,
+            first,
+            segment,
+            plan,
+        };
+        if let Some(kept) = kept {
+            teacher.response = Response::from_parts(&kept.response);
+            teacher.done = kept.done;
+            let law = teacher.law();
+            let desired = teacher.plan.desired();
+            teacher.ended = kept.memory.frozen.is_some();
+            teacher.learner = Some(Learner::recall(&desired, kept.memory, teacher.plan.config(law))?);
+        } else if !teacher.must_identify() {
+            teacher.enrol()?;
+        }
+        Ok(teacher)
+    }
+
+    /// The lesson.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The segment of the protocol, repeats counted.
+    pub fn segment(&self) -> u32 {
+        self.segment
+    }
+
+    /// Blocks that were played.
+    pub fn done(&self) -> u32 {
+        self.done
+    }
+
+    /// Whether no identification is needed any more.
+    pub fn identified(&self) -> bool {
+        self.learner.is_some()
+    }
+
+    /// The reference to follow from the first block on; `None`: the movement itself.
+    pub fn reference(&self) -> Option<Box<Reference>> {
+        let positions = self.learner.as_ref().map_or(&self.first[..], Learner::reference);
+        if positions == self.plan.desired() {
+            return None;
+        }
+        match &self.learner {
+            Some(learner) => Some(copy(learner)),
+            // The identification is yet to come: the law does not matter for the points.
+            None => {
+                let law = LearningLaw::Published(NOTHING);
+                Learner::from_reference(&self.plan.desired(), &self.first, self.plan.config(law))
+                    .ok()
+                    .map(|learner| copy(&learner))
+            }
+        }
+    }
+
+    /// Looks at a record.
+    pub fn mark(&mut self, take: &Take) -> Marked {
+        if take.block == 0 { self.identify(take) } else { self.block(take) }
+    }
+
+    /// What to keep for a restart; `None` before the first block can begin.
+    pub fn keep(&self, session: u64, protocol: u64) -> Option<Kept> {
+        let learner = self.learner.as_ref()?;
+        Some(Kept {
+            session,
+            protocol,
+            segment: self.segment,
+            done: self.done,
+            memory: learner.memory(),
+            response: self.response.parts(),
+        })
+    }
+
+    /// The best reference, for [`Learn::save`]; `None` where nothing was learnt.
+    ///
+    /// # Errors
+    /// [`StoreError::Positions`].
+    pub fn best(&self) -> Option<Result<LearntReference, StoreError>> {
+        let learner = self.learner.as_ref().filter(|_| self.learnt > 0 || self.done > 0)?;
+        let error = learner.best_error()?;
+        Some(LearntReference::new(&self.plan.belongs, error, learner.best_reference().to_vec()))
+    }
+
+    /// Ends the lesson before its last block; what to tell, if it was not told.
+    pub fn stop(&mut self) -> Option<Event> {
+        if self.ended || self.learner.is_none() {
+            return None;
+        }
+        self.ended = true;
+        Some(self.ending("stopped before the last block"))
+    }
+
+    fn must_identify(&self) -> bool {
+        matches!(self.plan.learn().law, LearnLaw::ModelBased { .. })
+    }
+
+    fn law(&self) -> LearningLaw {
+        match self.plan.learn().law {
+            LearnLaw::Keep => LearningLaw::Published(NOTHING),
+            LearnLaw::Published { gamma_p, gamma_d, cutoff_hz, delay_s } => {
+                LearningLaw::Published(Published { gamma_p, gamma_d, cutoff_hz, delay_s })
+            }
+            LearnLaw::ModelBased { gain, regularisation, .. } => {
+                LearningLaw::ModelBased(ModelBased { response: self.response.clone(), gain, regularisation })
+            }
+        }
+    }
+
+    fn enrol(&mut self) -> Result<(), LearningError> {
+        let config = self.plan.config(self.law());
+        let mut learner = Learner::from_reference(&self.plan.desired(), &self.first, config)?;
+        if self.plan.learn().law == LearnLaw::Keep {
+            learner.freeze();
+        }
+        self.learner = Some(learner);
+        Ok(())
+    }
+
+    /// The response at each harmonic, from the last cycle of its sine.
+    fn identify(&mut self, take: &Take) -> Marked {
+        let LearnLaw::ModelBased { harmonics, identify_amplitude, .. } = self.plan.learn().law else {
+            return self.failed("it was not asked for");
+        };
+        if take.fault.is_some() {
+            return self.failed("the motor had no power; arm and enable, then run the protocol again");
+        }
+        let cycle = self.plan.timetable.cycle;
+        let mut spectral = Spectral::new(cycle, f64::from(self.plan.belongs.rate_hz));
+        let each = cycle * IDENTIFYING_CYCLES as usize;
+        for (index, path) in take.path().chunks_exact(each).take(harmonics as usize).enumerate() {
+            let harmonic = index + 1;
+            let amplitude = identify_amplitude / (harmonic as f64).sqrt();
+            let sine = |n: usize| amplitude * (TAU * (harmonic * n % cycle) as f64 / cycle as f64).sin();
+            let input: Vec<f64> = (0..cycle).map(sine).collect();
+            let output = &path[each - cycle..];
+            if output.iter().all(|value| value.is_finite()) {
+                let input = spectral.spectrum(&input)[harmonic];
+                let output = spectral.spectrum(output)[harmonic];
+                self.response.learn(harmonic, input, output, self.plan.least);
+            }
+        }
+        if self.response.known() == 0 {
+            return self.failed("the slave did not move, or was not measured");
+        }
+        if let Err(error) = self.enrol() {
+            return self.refused(&error.to_string());
+        }
+        let text = format!("response known at {} of {harmonics} harmonics", self.response.known());
+        let mut event = self.event(EventKind::BlockLearnt, Severity::Info, &text);
+        (event.b, event.c) = (f64::NAN, f64::NAN);
+        Marked { reference: None, event: Some(event), ended: None, failed: false }
+    }
+
+    fn failed(&mut self, why: &'static str) -> Marked {
+        self.refused(&LessonError::Identification(why).to_string())
+    }
+
+    fn refused(&mut self, why: &str) -> Marked {
+        self.ended = true;
+        let event = self.event(EventKind::LearningEnded, Severity::Error, why);
+        Marked { reference: None, event: None, ended: Some(event), failed: true }
+    }
+
+    fn block(&mut self, take: &Take) -> Marked {
+        self.done = take.block;
+        let change_s = self.plan.timetable.change_s();
+        let Some(learner) = &mut self.learner else {
+            return Marked { reference: None, event: None, ended: None, failed: false };
+        };
+        if take.fault.is_none() {
+            for (step, slave) in take.path().iter().enumerate().filter(|(_, slave)| slave.is_finite()) {
+                learner.record(step, *slave);
+            }
+        }
+        let before = learner.reference().to_vec();
+        let report = learner.finish_block();
+        let mut too_fast = false;
+        if report.step == Step::Learnt {
+            let furthest = before.iter().zip(learner.reference()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            too_fast = learner.peak_speed() + MIN_JERK_PEAK_SPEED * furthest / change_s > self.plan.speed_max;
+            if too_fast {
+                learner.freeze();
+            }
+        }
+        let reference = (learner.reference() != before).then(|| copy(learner));
+        self.learnt += u32::from(report.step == Step::Learnt);
+        let told = self.told(take, &report);
+        let keeps = self.plan.learn().law == LearnLaw::Keep;
+        let why = match report.step {
+            _ if too_fast => Some("the change to the next reference would pass the limit on speed".to_owned()),
+            Step::Frozen(why) if !keeps => Some(self.reason(why)),
+            _ if take.last => Some("all blocks are done".to_owned()),
+            _ => None,
+        };
+        let ended = why.filter(|_| !self.ended).map(|why| {
+            self.ended = true;
+            self.ending(&why)
+        });
+        Marked { reference, event: Some(told), ended, failed: false }
+    }
+
+    fn reason(&self, why: Frozen) -> String {
+        match why {
+            Frozen::Grew { best, found } => {
+                format!("the error grew from {} to {}", self.plan.shown(best), self.plan.shown(found))
+            }
+            Frozen::Limit { position, speed } => format!(
+                "the next reference would pass the limits: {} away, {}/s",
+                self.plan.shown(position),
+                self.plan.shown(speed)
+            ),
+            Frozen::Asked => "it was asked to end".to_owned(),
+        }
+    }
+
+    fn told(&self, take: &Take, report: &BlockReport) -> Event {
+        let text = match (take.fault, report.step) {
+            (Some(Fault::NoPower), _) => "not learnt from: the motor had no power".to_owned(),
+            (Some(Fault::OldReference), _) => "not learnt from: the new reference came too late for it".to_owned(),
+            (None, Step::Missing(steps)) => format!("not learnt from: {steps} steps of the cycle were not measured"),
+            (None, Step::Frozen(_)) => "measured, not learnt from".to_owned(),
+            (None, Step::Learnt) => String::new(),
+        };
+        let missing = matches!(report.step, Step::Missing(_)) || take.fault.is_some();
+        let severity = if missing { Severity::Warning } else { Severity::Info };
+        let best = self.learner.as_ref().and_then(Learner::best_error);
+        let mut event = self.event(EventKind::BlockLearnt, severity, &text);
+        event.a = f64::from(take.block);
+        event.b = report.settled.map_or(f64::NAN, |error| error.mean_abs);
+        event.c = best.unwrap_or(f64::NAN);
+        event
+    }
+
+    fn ending(&self, why: &str) -> Event {
+        let best = self.learner.as_ref().and_then(Learner::best_error);
+        let text = match best {
+            Some(best) => format!("{why}; best error {}", self.plan.shown(best)),
+            None => why.to_owned(),
+        };
+        let mut event = self.event(EventKind::LearningEnded, Severity::Info, &text);
+        (event.a, event.b) = (f64::from(self.done), best.unwrap_or(f64::NAN));
+        event
+    }
+
+    fn event(&self, kind: EventKind, severity: Severity, text: &str) -> Event {
+        Event { segment: self.segment, ..Event::new(Process::Experiment, kind, severity, text) }
+    }
+}
+
+/// The published law with nothing to learn.
+const NOTHING: Published = Published { gamma_p: 0.0, gamma_d: 0.0, cutoff_hz: 8.0, delay_s: 0.0 };
+
+fn copy(learner: &Learner) -> Box<Reference> {
+    Box::new(Reference { points: learner.points().to_vec(), peak_speed: learner.peak_speed() })
+}

@@ -1,0 +1,98 @@
+//! What the loop does of a lesson allocates nothing and frees nothing: references and records come from the teacher and go back.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+
+use experiment::lesson::{Lecture, Spent, Take};
+use experiment::player::{Homework, Player, Program, Settings};
+use experiment::teacher::Teacher;
+use ipc_types::AXES;
+use rig::RigFile;
+use rig::protocol::Protocol;
+
+thread_local! {
+    static COUNT: Cell<usize> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: hands everything to the system's allocator and only counts besides.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller keeps the contract of `GlobalAlloc::alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the pointer came from `System` through `alloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// What the loop does, counted.
+fn counted<T>(total: &mut usize, work: impl FnOnce() -> T) -> T {
+    let before = COUNT.with(Cell::get);
+    let result = work();
+    *total += COUNT.with(Cell::get) - before;
+    result
+}
+
+#[test]
+fn the_loop_allocates_and_frees_nothing() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
+    let rig = RigFile::load(path).unwrap();
+    let text = "[protocol]\nname = \"two\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 6\n\
+                law = \"published\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 4\n\
+                law = \"model-based\"\nharmonics = 3\n";
+    let program = Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
+    let mut player = Player::new(Settings::default());
+    player.start(Arc::clone(&program));
+    let mut teacher: Option<Teacher> = None;
+    let (mut total, mut now_ns, mut blocks, mut ends) = (0, 1_000_000_000u64, 0, 0);
+    let mut lag = [0.0; 15];
+    while player.is_running() || now_ns == 1_000_000_000 {
+        let scan_ns = now_ns;
+        let setpoint = counted(&mut total, || player.step(scan_ns + 420_000, &[0.0; AXES]).setpoint.unwrap());
+        // A slave that follows by four fifths, 30 ms late.
+        lag.rotate_right(1);
+        lag[0] = 0.8 * setpoint.position[0];
+        counted(&mut total, || player.record(scan_ns, &[lag[14], 0.0, 0.0], true));
+        while let Some(homework) = counted(&mut total, || player.homework()) {
+            let lecture = match homework {
+                Homework::Begin { ticket, program, segment, .. } => {
+                    let plan = program.plan(segment as usize).unwrap().as_ref().clone();
+                    let made = Teacher::new(plan, segment, None, None).unwrap();
+                    let takes = [(); 2].map(|()| Box::new(Take::new(&made.plan().timetable)));
+                    let (reference, identified) = (made.reference(), made.identified());
+                    teacher = Some(made);
+                    Lecture::Ready { ticket, takes, reference, done: 0, identified }
+                }
+                Homework::Spent(Spent::Take(mut take)) => {
+                    let marked = teacher.as_mut().unwrap().mark(&take);
+                    assert!(!marked.failed);
+                    blocks += usize::from(take.block > 0);
+                    let ticket = take.ticket;
+                    take.clear();
+                    Lecture::Marked { ticket, take, reference: marked.reference }
+                }
+                Homework::Spent(Spent::Reference(_)) => continue,
+                Homework::End(_) => {
+                    ends += 1;
+                    continue;
+                }
+            };
+            counted(&mut total, || player.take_in(lecture));
+        }
+        now_ns += 2_000_000;
+    }
+    assert_eq!((blocks, ends), (10, 2), "both lessons were taught");
+    assert_eq!(total, 0, "the loop allocated or freed");
+    assert!(COUNT.with(Cell::get) > 0, "the counter counts");
+}

@@ -1,0 +1,198 @@
+//! Learning on the whole rig: a lesson over a `kill -9` of the experiment process, the reference kept and played again, a damaged one
+//! refused.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::path::Path;
+use std::process::{Output, Stdio};
+use std::time::Duration;
+
+use ipc_types::{Event, EventKind, Mode, Process, SETPOINT, Setpoint, Severity, event_topic};
+use recording::mcap_read::Recording;
+
+use common::{TestRig, kill, told, wait_for};
+
+/// Blocks of two cycles, and gains at which the error falls by a third from block to block.
+const LEARN: &str = r#"[protocol]
+name = "lesson"
+
+[[segments]]
+kind = "learn"
+label = "learn"
+amplitude_deg = 20.0
+frequency_hz = 1.0
+fade_in_s = 1.0
+fade_out_s = 0.5
+cycles_per_block = 2
+blocks = 10
+law = "published"
+gamma_p = 0.35
+gamma_d = 0.0
+save = "lesson"
+"#;
+
+const AGAIN: &str = r#"[protocol]
+name = "again"
+
+[[segments]]
+kind = "learn"
+label = "again"
+amplitude_deg = 20.0
+frequency_hz = 1.0
+fade_in_s = 1.0
+fade_out_s = 0.5
+cycles_per_block = 2
+blocks = 2
+law = "none"
+load = "lesson"
+"#;
+
+/// Runs a protocol; `meanwhile` is called while it plays. `None` where the machine was too busy, so that the watchdog rightly
+/// cut the power.
+fn attempt(rig: &TestRig, protocol: &Path, meanwhile: impl FnOnce()) -> Result<Output, String> {
+    rig.power_up();
+    let mut command = rig.farreach(["run", protocol.to_str().unwrap()]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    meanwhile();
+    let output = child.wait_with_output().unwrap();
+    let text = told(&output);
+    if text.contains("watchdog is tripped") || text.contains("the rig is tripped") { Err(text) } else { Ok(output) }
+}
+
+fn until_it_plays(rig: &TestRig, protocol: &Path, meanwhile: impl Fn()) -> Output {
+    let mut last = String::new();
+    for _ in 0..10 {
+        match attempt(rig, protocol, &meanwhile) {
+            Ok(output) => return output,
+            Err(text) => last = text,
+        }
+    }
+    panic!("never played to its end: {last}");
+}
+
+fn events(recording: &Recording) -> Vec<Event> {
+    let topic = event_topic(Process::Experiment).unwrap().topic.name;
+    recording.messages::<Event>(topic).unwrap().map(|event| event.unwrap().message).collect()
+}
+
+fn is(event: &Event, kind: EventKind) -> bool {
+    event.kind == kind.code()
+}
+
+/// Kills the experiment process once three blocks are done.
+fn kill_in_the_middle(rig: &TestRig) {
+    let lesson = rig.run_directory().join("experiment.lesson");
+    let old = std::fs::metadata(&lesson).and_then(|found| found.modified()).ok();
+    let mut changes = 0;
+    let mut last = old;
+    let learnt = wait_for(Duration::from_secs(30), || {
+        let now = std::fs::metadata(&lesson).and_then(|found| found.modified()).ok();
+        if now.is_some() && now != last {
+            last = now;
+            changes += 1;
+        }
+        changes >= 3
+    });
+    if !learnt {
+        // The watchdog cut the power before; the attempt says so.
+        return;
+    }
+    let pid =
+        rig.launcher_status().unit("experiment").and_then(|unit| unit.process.as_ref().map(|process| process.pid));
+    kill(pid.unwrap() as i32, libc::SIGKILL);
+}
+
+#[test]
+fn a_lesson_survives_and_what_it_taught_is_kept() {
+    let rig = TestRig::new("lesson");
+    let (learnt, file) = (rig.path("learnt"), rig.path("run.mcap"));
+    let up = rig
+        .farreach(["up", "--simulate", "--record", file.to_str().unwrap()])
+        .env("FARREACH_LEARNT", &learnt)
+        .output()
+        .unwrap();
+    assert!(up.status.success(), "{}", told(&up));
+    let [lesson, again] = [("lesson.toml", LEARN), ("again.toml", AGAIN)].map(|(name, text)| {
+        let path = rig.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    });
+
+    // Before anything is learnt there is nothing to play: refused, with a reason, and nothing moves.
+    rig.power_up();
+    let missing = rig.run(["run", again.to_str().unwrap()]);
+    assert_eq!(missing.status.code(), Some(1), "{}", told(&missing));
+    assert!(told(&missing).contains("lesson.learnt"), "{}", told(&missing));
+    rig.ok(["disarm"]);
+
+    let played = until_it_plays(&rig, &lesson, || kill_in_the_middle(&rig));
+    assert!(played.status.success(), "{}", told(&played));
+    let reference = learnt.join("lesson.learnt");
+    assert!(reference.exists(), "the reference was not kept");
+    rig.ok(["disarm"]);
+
+    let played = until_it_plays(&rig, &again, || {});
+    assert!(played.status.success(), "{}", told(&played));
+    rig.ok(["disarm"]);
+
+    let mut bytes = std::fs::read(&reference).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 4;
+    std::fs::write(&reference, &bytes).unwrap();
+    rig.power_up();
+    let damaged = rig.run(["run", again.to_str().unwrap()]);
+    assert_eq!(damaged.status.code(), Some(1), "{}", told(&damaged));
+    assert!(told(&damaged).contains("damaged"), "{}", told(&damaged));
+    std::fs::write(&reference, &bytes[..middle]).unwrap();
+    let cut = rig.run(["run", again.to_str().unwrap()]);
+    assert_eq!(cut.status.code(), Some(1), "{}", told(&cut));
+    let _disarmed = rig.run(["disarm"]);
+    rig.down();
+
+    let recording = Recording::open(&file).unwrap();
+    let events = events(&recording);
+    // The last attempt at each protocol.
+    let begun = |name: &str| {
+        events.iter().rposition(|event| is(event, EventKind::ProtocolStarted) && event.text() == name).unwrap()
+    };
+    let (first, second) = (begun("lesson"), begun("again"));
+    let blocks = |events: &[Event]| -> Vec<(u32, f64)> {
+        let blocks = events.iter().filter(|event| is(event, EventKind::BlockLearnt));
+        blocks.map(|event| (event.a as u32, event.b.to_degrees())).collect()
+    };
+    let of_lesson = blocks(&events[first..second]);
+    println!("{of_lesson:.2?}");
+    let numbers: Vec<u32> = of_lesson.iter().map(|block| block.0).collect();
+    assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{numbers:?}");
+    assert_eq!((numbers[0], *numbers.last().unwrap()), (1, 10));
+    let resumed = events[first..second].iter().find(|event| event.text().starts_with("learning goes on after block"));
+    assert!(resumed.is_some(), "{:?}", events[first..second].iter().map(Event::text).collect::<Vec<_>>());
+    let (begins, ends) = (of_lesson[0].1, of_lesson[9].1);
+    assert!(ends < 0.5 * begins, "{of_lesson:?}");
+    let ended = events[first..second].iter().filter(|event| is(event, EventKind::LearningEnded));
+    let texts: Vec<&str> = ended.map(Event::text).collect();
+    assert!(texts.iter().any(|text| text.starts_with("all blocks are done")), "{texts:?}");
+    assert!(texts.contains(&"reference kept as \"lesson\""), "{texts:?}");
+
+    let of_again = blocks(&events[second..]);
+    println!("{of_again:.2?}");
+    assert_eq!(of_again.len(), 2);
+    assert!(of_again[0].1 < 0.6 * begins, "{of_again:?} after {of_lesson:?}");
+    let refused = events[second..]
+        .iter()
+        .filter(|event| is(event, EventKind::ProtocolStopped) && event.severity == Severity::Error.code());
+    let reasons: Vec<&str> = refused.map(Event::text).collect();
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    assert!(reasons.iter().all(|reason| reason.contains("cannot be used")), "{reasons:?}");
+
+    let setpoints: Vec<Setpoint> = recording
+        .messages::<Setpoint>(SETPOINT.topic.name)
+        .unwrap()
+        .map(|setpoint| setpoint.unwrap().message)
+        .collect();
+    assert!(setpoints.iter().any(|setpoint| setpoint.mode == Mode::Learning.code()));
+    // After the refusals nothing asks for a movement.
+    let last = setpoints.last().unwrap();
+    assert_eq!((last.mode, last.velocity[0]), (Mode::Passive.code(), 0.0));
+}

@@ -1,0 +1,324 @@
+//! Learning as the experiment process does it, without the process: player, lesson and teacher on the twin, in lock step.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::sync::Arc;
+
+use experiment::lesson::{Lecture, Spent, Take};
+use experiment::player::{Homework, Player, Program, Settings};
+use experiment::teacher::{Kept, Teacher};
+use ipc_types::{AXES, Event, EventKind, Mode};
+use learning::LearningLaw;
+use learning::store::LearntReference;
+use rig::RigFile;
+use rig::protocol::Protocol;
+use twin::Twin;
+use twin::learning::{Lesson, PUBLISHED, Pupil, bench, model_based};
+
+fn rig() -> RigFile {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
+    bench(RigFile::load(path).unwrap())
+}
+
+fn program(keys: &str, rig: &RigFile) -> Arc<Program> {
+    let text = format!(
+        "[protocol]\nname = \"lesson\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 1\n{keys}\n"
+    );
+    let protocol = Protocol::parse(&text, "lesson.toml").unwrap_or_else(|error| panic!("{error}"));
+    Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}")))
+}
+
+/// The experiment process without its threads. The teacher answers `late` steps after it was asked.
+struct Live {
+    twin: Twin,
+    player: Player,
+    teacher: Option<Teacher>,
+    loaded: Option<LearntReference>,
+    kept: Option<Kept>,
+    late: usize,
+    lectures: Vec<(usize, Lecture)>,
+    events: Vec<Event>,
+    steps: usize,
+    /// Seconds in which the motor counts as unpowered.
+    unpowered: std::ops::Range<f64>,
+    modes: Vec<Mode>,
+    last_position: Option<f64>,
+    largest_jump: f64,
+}
+
+impl Live {
+    fn new(rig: &RigFile, program: &Arc<Program>) -> Self {
+        let mut player = Player::new(Settings::default());
+        player.start(Arc::clone(program));
+        Self {
+            twin: Twin::new(rig, &[]).unwrap(),
+            player,
+            teacher: None,
+            loaded: None,
+            kept: None,
+            late: 3,
+            lectures: Vec::new(),
+            events: Vec::new(),
+            steps: 0,
+            unpowered: 0.0..0.0,
+            modes: Vec::new(),
+            last_position: None,
+            largest_jump: 0.0,
+        }
+    }
+
+    /// One cycle of control; the loop of the process wakes a while after the scan.
+    fn step(&mut self, wakes_late_ns: u64) {
+        let scan_ns = self.twin.scan_ns();
+        let output = self.player.step(scan_ns + wakes_late_ns, &[0.0; AXES]);
+        let setpoint = output.setpoint.unwrap();
+        let moment = self.twin.cycle(&setpoint).unwrap();
+        self.modes.push(Mode::from_code(setpoint.mode).unwrap());
+        if let Some(before) = self.last_position.replace(setpoint.position[0]) {
+            self.largest_jump = self.largest_jump.max((setpoint.position[0] - before).abs());
+        }
+        let powered = !self.unpowered.contains(&moment.time_s);
+        self.player.record(moment.sample.scan_time_ns, &moment.sample.slave_position, powered);
+        self.lectures.iter_mut().for_each(|lecture| lecture.0 = lecture.0.saturating_sub(1));
+        while let Some(at) = self.lectures.iter().position(|lecture| lecture.0 == 0) {
+            let lecture = self.lectures.remove(at).1;
+            self.player.take_in(lecture);
+        }
+        while let Some(homework) = self.player.homework() {
+            self.teach(homework);
+        }
+        self.steps += 1;
+    }
+
+    fn teach(&mut self, homework: Homework) {
+        let lecture = match homework {
+            Homework::Begin { ticket, program, segment, .. } => {
+                let plan = program.plan(segment as usize).unwrap().as_ref().clone();
+                let teacher = Teacher::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
+                let empty = || Box::new(Take::new(&teacher.plan().timetable));
+                let lecture = Lecture::Ready {
+                    ticket,
+                    takes: [empty(), empty()],
+                    reference: teacher.reference(),
+                    done: teacher.done(),
+                    identified: teacher.identified(),
+                };
+                self.teacher = Some(teacher);
+                lecture
+            }
+            Homework::Spent(Spent::Take(mut take)) => {
+                let marked = self.teacher.as_mut().unwrap().mark(&take);
+                self.events.extend(marked.event.into_iter().chain(marked.ended));
+                let ticket = take.ticket;
+                take.clear();
+                if marked.failed {
+                    self.lectures.push((self.late, Lecture::Failed { ticket }));
+                }
+                Lecture::Marked { ticket, take, reference: marked.reference }
+            }
+            Homework::Spent(Spent::Reference(_)) | Homework::End(_) => return,
+        };
+        self.lectures.push((self.late, lecture));
+    }
+
+    fn run(&mut self) {
+        while self.player.is_running() || self.steps == 0 {
+            self.step(420_000);
+            assert!(self.steps < 500_000);
+        }
+    }
+
+    /// Error of each block (°).
+    fn errors(&self) -> Vec<f64> {
+        let blocks = self.events.iter().filter(|event| event.kind == EventKind::BlockLearnt.code() && event.a > 0.0);
+        blocks.map(|event| event.b.to_degrees()).collect()
+    }
+
+    fn ending(&self) -> String {
+        let ended = self.events.iter().find(|event| event.kind == EventKind::LearningEnded.code());
+        ended.map(|event| event.text().to_owned()).unwrap_or_default()
+    }
+}
+
+fn offline(rig: &RigFile, law: LearningLaw, blocks: usize) -> Vec<f64> {
+    let mut pupil = Pupil::new(rig, &[], &Lesson::of_the_thesis(law)).unwrap();
+    (0..blocks).map(|_| pupil.block(None).unwrap().settled.unwrap().mean_abs.to_degrees()).collect()
+}
+
+/// The live lesson fades in where the pupil begins at once, and changes references smoothly where the pupil changes them from one
+/// step to the next: from the second block on they agree within a twentieth, or 0.15°.
+fn assert_alike(live: &[f64], offline: &[f64]) {
+    assert_eq!(live.len(), offline.len());
+    for (block, (live, offline)) in live.iter().zip(offline).enumerate() {
+        let allowed = f64::max(0.15, 0.05 * offline);
+        assert!((live - offline).abs() < allowed, "block {}: {live}° live, {offline}° offline", block + 1);
+    }
+}
+
+#[test]
+fn the_published_law_comes_to_the_same_as_offline() {
+    let rig = rig();
+    let program = program("blocks = 30\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.run();
+    let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 30);
+    eprintln!("live {:.2?}\noffline {offline:.2?}", live.errors());
+    assert_alike(&live.errors(), &offline);
+    assert!(live.ending().starts_with("all blocks are done"), "{}", live.ending());
+    assert_eq!(live.modes[100], Mode::Learning);
+    // The reference moves by no more in a step than twice what the movement itself asks for at its fastest.
+    assert!(
+        live.largest_jump < 2.0 * 20f64.to_radians() * std::f64::consts::TAU / 500.0 * 1.5,
+        "{}",
+        live.largest_jump
+    );
+}
+
+#[test]
+fn the_model_based_law_identifies_for_itself() {
+    let rig = rig();
+    let program = program("blocks = 10\nlaw = \"model-based\"\nidentify_amplitude_deg = 40", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.run();
+    let lesson = Lesson::of_the_thesis(LearningLaw::Published(PUBLISHED));
+    let law = model_based(&rig, &[], &lesson).unwrap();
+    let offline = offline(&rig, LearningLaw::ModelBased(law), 10);
+    eprintln!("live {:.2?}\noffline {offline:.2?}", live.errors());
+    let least = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(least(&live.errors()) < 1.2 * least(&offline), "{:?}, offline {offline:?}", live.errors());
+}
+
+fn deg(value: f64) -> f64 {
+    value.to_degrees()
+}
+
+/// Control dies in the middle: the blocks without power are told and not learnt from, the others go on from where the learner was.
+#[test]
+fn blocks_without_power_are_not_learnt_from() {
+    let rig = rig();
+    let program = program("blocks = 20\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    // Fade of 2 s, blocks of 3 s: within block 10 and up to block 11.
+    live.unpowered = 30.5..32.5;
+    live.run();
+    let texts: Vec<_> = live.events.iter().map(|event| (event.a, event.text().to_owned())).collect();
+    for block in 1..=20usize {
+        let broken = block == 10 || block == 11;
+        let text = &texts.iter().find(|(a, _)| *a == block as f64).unwrap().1;
+        assert_eq!(text.contains("no power"), broken, "{block}: {text}");
+    }
+    let unbroken = offline(&rig, LearningLaw::Published(PUBLISHED), 18);
+    // Two blocks less were learnt from, and the law has lost the error before.
+    let last = *live.errors().last().unwrap();
+    assert!((last - unbroken[17]).abs() < 0.05 * unbroken[17], "{last}°, {}° after 18 blocks", unbroken[17]);
+}
+
+/// A teacher that takes most of a block: the new reference waits for the next block, the block between is not learnt from.
+#[test]
+fn a_slow_teacher_costs_blocks_and_nothing_else() {
+    let rig = rig();
+    let program = program("blocks = 40\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.late = 1200;
+    live.run();
+    let errors = live.errors();
+    let late = live.events.iter().filter(|event| event.text().contains("too late")).count();
+    assert!((18..=21).contains(&late), "{late} of 40 blocks");
+    let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 20);
+    assert!((errors[38] - offline[19]).abs() < 0.1 * offline[19], "{}°, {}°", errors[38], offline[19]);
+}
+
+/// Killed between two blocks, another process goes on with the next; what it comes to is what one process would have come to.
+#[test]
+fn a_restart_goes_on_with_the_next_block() {
+    let rig = rig();
+    let program = program("blocks = 24\nlaw = \"published\"", &rig);
+    let mut whole = Live::new(&rig, &program);
+    whole.run();
+    let mut first = Live::new(&rig, &program);
+    while first.errors().len() < 12 {
+        first.step(420_000);
+    }
+    let kept = first.teacher.as_ref().unwrap().keep(1, program.identity()).unwrap();
+    assert_eq!(kept.done, 12);
+    let mut second = Live::new(&rig, &program);
+    second.kept = Some(kept);
+    second.run();
+    let numbers: Vec<_> = second.events.iter().map(|event| event.a).collect();
+    assert_eq!(numbers[0], 13.0);
+    assert_eq!(second.errors().len(), 12);
+    // A fade of two seconds again, and half of the blocks.
+    assert!((second.steps as f64 - (2.0 + 36.0 + 1.0) * 500.0).abs() < 20.0, "{} steps", second.steps);
+    let (ends, end) = (second.errors()[11], whole.errors()[23]);
+    assert!((ends - end).abs() < 0.05 * end, "{ends}° after a restart, {end}° without");
+}
+
+/// The error grows: learning ends, and the best reference goes on.
+#[test]
+fn learning_ends_when_the_error_grows() {
+    let rig = rig();
+    // So high a cut-off and so little delay feed what the transmission turns round.
+    let keys = "blocks = 60\nlaw = \"published\"\ngamma_p = 0.5\ngamma_d = 0.0\ncutoff_hz = 40\ndelay_s = 0.0\ngrowth = 1.2\npatience = 3";
+    let program = program(keys, &rig);
+    let mut live = Live::new(&rig, &program);
+    live.run();
+    let errors = live.errors();
+    assert!(live.ending().starts_with("the error grew"), "{} {errors:.2?}", live.ending());
+    assert_eq!(errors.len(), 60, "the best reference goes on to the end");
+    let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let tail = errors[55..].iter().sum::<f64>() / 5.0;
+    assert!(tail < 1.5 * best + 0.2, "{tail}° at the end, {best}° at best");
+}
+
+/// What was learnt comes back from its file: the first block is as good as the last was. `law = "none"` changes nothing about it.
+#[test]
+fn a_kept_reference_is_played_again() {
+    let rig = rig();
+    let mut live = Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
+    live.run();
+    let best = live.teacher.as_ref().unwrap().best().unwrap().unwrap();
+    let folder = std::env::temp_dir().join(format!("farreach-lesson-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    best.save(folder.join("sine.learnt")).unwrap();
+    let again = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"", &rig);
+    let loaded = LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().belongs).unwrap();
+    let other = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"\ncentre_deg = 5", &rig);
+    assert!(LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().belongs).is_err());
+    std::fs::remove_dir_all(&folder).unwrap();
+    let mut second = Live::new(&rig, &again);
+    second.loaded = Some(loaded);
+    second.run();
+    let kept = deg(best.error);
+    assert_eq!(second.errors().len(), 4);
+    assert!(second.errors().iter().all(|error| (error - kept).abs() < 0.3), "{:?}, kept {kept}°", second.errors());
+}
+
+/// Without power there is no response, and the protocol stops by itself.
+#[test]
+fn an_identification_without_power_stops_the_protocol() {
+    let rig = rig();
+    let program = program("blocks = 5\nlaw = \"model-based\"\nharmonics = 3", &rig);
+    let mut live = Live::new(&rig, &program);
+    live.unpowered = 0.0..1e9;
+    live.run();
+    assert!(live.ending().contains("no power"), "{}", live.ending());
+    assert!((live.steps as f64) < 13.0 * 500.0, "{} steps", live.steps);
+    for _ in 0..600 {
+        live.step(420_000);
+    }
+    assert_eq!(*live.modes.last().unwrap(), Mode::Passive);
+}
+
+/// Lateness of the loop, up to the limit of the best-effort profile, enters neither reference nor record.
+#[test]
+fn a_late_loop_learns_the_same() {
+    let rig = rig();
+    let program = program("blocks = 15\nlaw = \"published\"", &rig);
+    let mut live = Live::new(&rig, &program);
+    let mut random = 1u64;
+    while live.player.is_running() || live.steps == 0 {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        live.step(random >> 41);
+    }
+    let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 15);
+    assert_alike(&live.errors(), &offline);
+}
