@@ -131,6 +131,9 @@ pub struct IdentifiedAxis {
     pub near: FrictionCurve,
     /// Friction of line and slave, which the motor feels through the line (V).
     pub far: FrictionCurve,
+    /// What of it winds the line up, each part by the share of the line that it pulls on (V); over `line_v`, how far the master is
+    /// ahead of the slave.
+    pub windup: FrictionCurve,
     /// Stiffness of the line: volts per how far the master is ahead of the slave (V/rad or V/m).
     pub line_v: f64,
     /// Movement of the handle per movement of the master with a rigid line, both in the handle's coordinates (1).
@@ -219,10 +222,12 @@ fn hydrostatic_axis(model: &hydrostatic::Parameters, gear: f64, speed_max: f64) 
         let motor = gear * speed;
         (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + piston.level(motor)) / per_volt
     };
-    let far = |speed: f64| {
+    // The oil rubs along the whole line: in the model, in its middle.
+    let far = |speed: f64, of_the_oil: f64| {
         let motor = gear * speed;
         let fluid = displacement * motor;
-        (ratio * slave.level(ratio * motor) + 2.0 * displacement * pipe.coefficient(fluid) * fluid) / per_volt
+        let oil = 2.0 * displacement * pipe.coefficient(fluid) * fluid;
+        (ratio * slave.level(ratio * motor) + of_the_oil * oil) / per_volt
     };
     let inertia = model.master_inertia_kg_m2()
         + ratio * ratio * model.slave_inertia_kg_m2()
@@ -230,7 +235,8 @@ fn hydrostatic_axis(model: &hydrostatic::Parameters, gear: f64, speed_max: f64) 
     IdentifiedAxis {
         inertia_v: gear * inertia / per_volt,
         near: FrictionCurve::new(speed_max, near),
-        far: FrictionCurve::new(speed_max, far),
+        far: FrictionCurve::new(speed_max, |speed| far(speed, 1.0)),
+        windup: FrictionCurve::new(speed_max, |speed| far(speed, 0.5)),
         line_v: gear * 2.0 * displacement * displacement * model.line_stiffness_n_per_m() / per_volt,
         ratio: gear * ratio,
     }
@@ -247,21 +253,24 @@ fn cable_axis(model: &cable::Parameters, gear: f64, speed_max: f64) -> Identifie
         exponent: 1.0,
     };
     let viscous = model.cables * model.support_viscous_n_s_per_m;
-    // Two lines; of each, one support stands at the master and the others beyond some of the cable.
+    // Two lines; of each, one support stands at the master, one at the slave, and the others in the model's middle.
     let supports = |speed: f64| 2.0 * radius * (support * falling.level(radius * speed) + viscous * radius * speed);
     let near = |speed: f64| {
         let motor = gear * speed;
         (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + supports(motor)) / per_volt
     };
-    let far =
-        |speed: f64| ((model.supports() - 1.0) * supports(gear * speed) + ratio * model.slave_bearing_nm) / per_volt;
+    let far = |speed: f64, of_the_middle: f64| {
+        let along = 1.0 + of_the_middle * (model.supports() - 2.0);
+        (along * supports(gear * speed) + ratio * model.slave_bearing_nm) / per_volt
+    };
     let inertia = model.total_master_inertia_kg_m2()
         + ratio * ratio * model.total_slave_inertia_kg_m2()
         + 2.0 * radius * radius * model.middle_mass_kg();
     IdentifiedAxis {
         inertia_v: gear * inertia / per_volt,
         near: FrictionCurve::new(speed_max, near),
-        far: FrictionCurve::new(speed_max, far),
+        far: FrictionCurve::new(speed_max, |speed| far(speed, 1.0)),
+        windup: FrictionCurve::new(speed_max, |speed| far(speed, 0.5)),
         line_v: gear * 2.0 * radius * radius * model.line_stiffness_n_per_m() / per_volt,
         ratio: gear * ratio,
     }

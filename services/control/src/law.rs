@@ -7,6 +7,10 @@
 //! the new target and goes there by a minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next the output
 //! therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to the real motion of the hand.
 //!
+//! **Options** ([`LawOptions`]). Friction compensation from the identified model in place of the printed triangle, a disturbance
+//! observer, and a loop on the slave that moves the master's reference. `reference_position` of the command is then the
+//! master's, not where the slave should be.
+//!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand, as [`force`] says. Going there and coming back,
 //! the output goes on from where it is, and the difference fades within [`AUTHORITY_S`].
 //!

@@ -153,6 +153,7 @@ mod tests {
             inertia_v: 8e-3,
             near: FrictionCurve::new(10.0, |_| 0.5),
             far: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
+            windup: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
             line_v: 8.0,
             ratio: 0.85,
         }

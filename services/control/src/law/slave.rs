@@ -29,6 +29,9 @@ const REVERSAL: f64 = 0.15;
 const LEAST_REVERSAL: f64 = 0.02;
 /// The corrections of windup and ratio stay within this share of what the model says.
 const CORRECTION: f64 = 0.6;
+/// While the movement is slow, as where it turns, offset and movement together may be so many times as fast as the offset alone
+/// otherwise.
+const FASTEST: f64 = 3.0;
 /// Time in which the loop comes to its full effect (s).
 const ENGAGE_S: f64 = 1.0;
 
@@ -58,7 +61,7 @@ pub(super) struct Seen {
     pub(super) position: Option<f64>,
     /// Peak speed of the movement (rad/s or m/s); 0 where there is none.
     pub(super) peak_speed: f64,
-    /// Fastest that the offset may move (rad/s or m/s).
+    /// Fastest that the offset may move while the movement is fast (rad/s or m/s).
     pub(super) speed: f64,
     /// Time since the last step (s).
     pub(super) elapsed_s: f64,
@@ -75,7 +78,7 @@ impl SlaveOffset {
 
         let reversal = (REVERSAL * seen.peak_speed).max(LEAST_REVERSAL * seen.speed);
         let ahead = desired.after(settings.lead_s);
-        let level = settings.windup_share * model.far.level_v(ahead.velocity) / model.line_v;
+        let level = settings.windup_share * model.windup.level_v(ahead.velocity) / model.line_v;
         let lengthening = 1.0 / model.ratio - 1.0;
 
         let now = soft_sign(desired.velocity, reversal);
@@ -92,7 +95,8 @@ impl SlaveOffset {
         self.engaged = (self.engaged + dt / ENGAGE_S).min(1.0);
         let x = self.engaged;
         let wanted = x * x * x * (10.0 - x * (15.0 - 6.0 * x)) * wanted;
-        self.shape(wanted, settings.limit, seen.speed, dt)
+        let speed = (FASTEST * seen.speed - desired.velocity.abs()).max(seen.speed);
+        self.shape(wanted, settings.limit, speed, dt)
     }
 
     /// The offset on its way to a wanted one.

@@ -15,6 +15,7 @@ fn model() -> IdentifiedAxis {
         inertia_v: 0.011,
         near: FrictionCurve::new(25.0, |_| 0.6),
         far: FrictionCurve::new(25.0, |speed| 0.9 - 0.02 * speed),
+        windup: FrictionCurve::new(25.0, |speed| 0.9 - 0.02 * speed),
         line_v: 8.0,
         ratio: 0.854,
     }
