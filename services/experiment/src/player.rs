@@ -13,106 +13,20 @@
 //! control ramps to hold by itself. After a restart, [`Player::resume`] goes on at the beginning of the segment that was
 //! interrupted, from where the handle then is.
 
+mod program;
+mod search;
+
 use std::sync::Arc;
 
 use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
-use rig::protocol::{Field, Movement, Protocol};
-use rig::{ProtocolError, RigFile};
+use rig::protocol::{Field, Movement};
 
-use crate::range::{Measured, Range, RangeFinder, Search};
+use crate::range::RangeFinder;
 use crate::state::PlayerState;
-use crate::trajectory::{Point, Track, stopping};
+use crate::trajectory::{Point, stopping};
 
-/// A protocol made ready for one machine.
-#[derive(Debug)]
-pub struct Program {
-    name: String,
-    text: String,
-    identity: u64,
-    axes: usize,
-    /// Position limits of each axis (rad or m).
-    limits: [(f64, f64); AXES],
-    steps: Vec<Step>,
-    duration_s: f64,
-}
-
-/// One segment as it is played, repeats written out.
-#[derive(Debug)]
-struct Step {
-    label: String,
-    axis: usize,
-    track: Track,
-    /// When it begins, from the start of the protocol (s).
-    begins_s: f64,
-}
-
-impl Program {
-    /// Checks a protocol against a rig and makes it ready.
-    ///
-    /// # Errors
-    /// What [`Protocol::check_against`] finds.
-    pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
-        protocol.check_against(rig)?;
-        let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
-        let mut begins_s = 0.0;
-        let mut steps = Vec::with_capacity(protocol.count());
-        for (index, segment) in protocol.sequence() {
-            let track = tracks[index].clone();
-            let duration_s = track.duration_s();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s });
-            begins_s += duration_s;
-        }
-        let mut limits = [(0.0, 0.0); AXES];
-        for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
-            *limit = (axis.limits.position_min, axis.limits.position_max);
-        }
-        Ok(Self {
-            name: protocol.name.clone(),
-            text: protocol.text().to_owned(),
-            identity: protocol.identity(),
-            axes: rig.axes.len(),
-            limits,
-            steps,
-            duration_s: begins_s,
-        })
-    }
-
-    /// Name of the protocol.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Identity of its text.
-    pub fn identity(&self) -> u64 {
-        self.identity
-    }
-
-    /// Number of segments, repeats counted.
-    pub fn segments(&self) -> usize {
-        self.steps.len()
-    }
-
-    /// Name of a segment; empty where there is none.
-    pub fn label(&self, segment: usize) -> &str {
-        self.steps.get(segment).map_or("", |step| &step.label)
-    }
-
-    /// Whole duration (s).
-    pub fn duration_s(&self) -> f64 {
-        self.duration_s
-    }
-
-    /// Whether the segments from `from` on keep an axis within a range (rad or m).
-    fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
-        self.steps.iter().skip(from).filter(|step| step.axis == axis).all(|step| {
-            let range = match step.track.movement() {
-                Movement::Rhythm(rhythm) => Some(rhythm.range()),
-                movement => movement.range(),
-            };
-            range.is_none_or(|(least, most)| least >= lower && most <= upper)
-        })
-    }
-}
+pub use program::Program;
+pub use search::{Notice, Reason};
 
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -146,49 +60,6 @@ pub enum Change {
     Stopped(u32),
     /// Playing ended in this segment, because it cannot go on.
     Refused(u32, Reason),
-}
-
-/// Why playing cannot go on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
-    /// The ends of the range were not found in time.
-    NotFound,
-    /// Both ends are at the same place.
-    Stuck,
-    /// A later segment goes beyond the range that was found.
-    OutOfRange,
-}
-
-impl Reason {
-    /// In words: what happened, what to do.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Self::NotFound => "no end found within the time limit; allow more volts or time",
-            Self::Stuck => "the handle did not move; free it, or allow more volts",
-            Self::OutOfRange => "a later segment leaves the range that was found; move less",
-        }
-    }
-}
-
-/// Something to be told besides a [`Change`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Notice {
-    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's limits.
-    Range {
-        /// The axis.
-        axis: usize,
-        /// Its ends.
-        range: Range,
-        /// Whether the rig's limits are much wider.
-        narrower: bool,
-    },
-    /// The beat of a rhythm: where the hand should be (rad or m), and its number from 1.
-    Beat {
-        /// Where the hand should be (rad or m).
-        position: f64,
-        /// Number of the beat, from 1.
-        number: u32,
-    },
 }
 
 /// What a step returns.
@@ -472,61 +343,6 @@ impl Player {
             false => Phase::Holding { segment, since_ns: edge_ns },
         };
         Some(Change::Done)
-    }
-
-    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok` where they are found, a change
-    /// where playing ends.
-    fn search(
-        &mut self,
-        program: &Program,
-        segment: usize,
-        begun_ns: u64,
-        now_ns: u64,
-        measured: &[f64; AXES],
-    ) -> Option<Result<(), Option<Change>>> {
-        let step = program.steps.get(segment)?;
-        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else { return None };
-        let limits = program.limits[axis];
-        if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
-            self.find_axes(program, measured);
-            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
-        }
-        let (_, finder) = self.finder.as_mut()?;
-        let handle = if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
-        let reason = match finder.step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle }) {
-            Search::Going => return Some(Err(None)),
-            Search::TimedOut => Reason::NotFound,
-            Search::Stuck => Reason::Stuck,
-            Search::Found(range) => {
-                let (lower, upper) = (range.lower.motor, range.upper.motor);
-                let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
-                self.notice = Some(Notice::Range { axis, range, narrower });
-                // Where no end was met, the rig's own limit holds.
-                let free = (if range.met.0 { lower } else { limits.0 }, if range.met.1 { upper } else { limits.1 });
-                if program.fits(segment + 1, axis, free) {
-                    return Some(Ok(()));
-                }
-                Reason::OutOfRange
-            }
-        };
-        // Power goes by a ramp of control's, from wherever the output is.
-        self.find_axes(program, measured);
-        self.phase = Phase::Idle;
-        Some(Err(Some(Change::Refused(segment as u32, reason))))
-    }
-
-    /// Tells the beat of a rhythm when it is due.
-    fn keep_beat(&mut self, program: &Program, segment: usize, begun_ns: u64, now_ns: u64) {
-        let Some(Movement::Rhythm(rhythm)) = program.steps.get(segment).map(|step| step.track.movement()) else {
-            return;
-        };
-        let told = if self.beat.0 == begun_ns { self.beat.1 } else { 0 };
-        if let Some((number, position)) = rhythm.beat(seconds(begun_ns, now_ns))
-            && number > told
-        {
-            self.beat = (begun_ns, number);
-            self.notice = Some(Notice::Beat { position, number });
-        }
     }
 
     /// Takes the axes for where they are measured, within their limits; a position that is not finite changes nothing.
