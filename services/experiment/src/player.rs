@@ -13,126 +13,26 @@
 //! control ramps to hold by itself. After a restart, [`Player::resume`] goes on at the beginning of the segment that was
 //! interrupted, from where the handle then is.
 
+mod lessons;
+mod program;
+mod search;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
-use rig::protocol::{Movement, Protocol};
-use rig::{ProtocolError, RigFile};
+use rig::protocol::Movement;
 
 use crate::field::put;
-use crate::lesson::{Lecture, Lesson, Spent};
-use crate::range::{Measured, Range, RangeFinder, Search};
+use crate::lesson::Lesson;
+use crate::range::RangeFinder;
 use crate::state::PlayerState;
-use crate::teacher::Plan;
-use crate::trajectory::{Point, Track, stopping};
+use crate::trajectory::{Point, stopping};
 
-/// A protocol made ready for one machine.
-#[derive(Debug)]
-pub struct Program {
-    name: String,
-    text: String,
-    identity: u64,
-    axes: usize,
-    /// Position limits of each axis (rad or m).
-    limits: [(f64, f64); AXES],
-    steps: Vec<Step>,
-    duration_s: f64,
-}
-
-/// One segment as it is played, repeats written out.
-#[derive(Debug)]
-struct Step {
-    label: String,
-    axis: usize,
-    track: Track,
-    /// When it begins, from the start of the protocol (s).
-    begins_s: f64,
-    /// What is learnt in it.
-    plan: Option<Arc<Plan>>,
-}
-
-impl Program {
-    /// Checks a protocol against a rig and makes it ready.
-    ///
-    /// # Errors
-    /// What [`Protocol::check_against`] finds.
-    pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
-        protocol.check_against(rig)?;
-        let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
-        let plans: Vec<_> = protocol
-            .segments
-            .iter()
-            .map(|segment| match &segment.movement {
-                Movement::Learn(learn) => Plan::new(learn, segment.axis, rig).map(Arc::new),
-                _ => None,
-            })
-            .collect();
-        let mut begins_s = 0.0;
-        let mut steps = Vec::with_capacity(protocol.count());
-        for (index, segment) in protocol.sequence() {
-            let track = tracks[index].clone();
-            let duration_s = track.duration_s();
-            let plan = plans[index].clone();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s, plan });
-            begins_s += duration_s;
-        }
-        let mut limits = [(0.0, 0.0); AXES];
-        for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
-            *limit = (axis.limits.position_min, axis.limits.position_max);
-        }
-        Ok(Self {
-            name: protocol.name.clone(),
-            text: protocol.text().to_owned(),
-            identity: protocol.identity(),
-            axes: rig.axes.len(),
-            limits,
-            steps,
-            duration_s: begins_s,
-        })
-    }
-
-    /// Name of the protocol.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Identity of its text.
-    pub fn identity(&self) -> u64 {
-        self.identity
-    }
-
-    /// Number of segments, repeats counted.
-    pub fn segments(&self) -> usize {
-        self.steps.len()
-    }
-
-    /// Name of a segment; empty where there is none.
-    pub fn label(&self, segment: usize) -> &str {
-        self.steps.get(segment).map_or("", |step| &step.label)
-    }
-
-    /// Whole duration (s).
-    pub fn duration_s(&self) -> f64 {
-        self.duration_s
-    }
-
-    /// Whether the segments from `from` on keep an axis within a range (rad or m).
-    fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
-        self.steps.iter().skip(from).filter(|step| step.axis == axis).all(|step| {
-            let range = match step.track.movement() {
-                Movement::Rhythm(rhythm) => Some(rhythm.range()),
-                movement => movement.range(),
-            };
-            range.is_none_or(|(least, most)| least >= lower && most <= upper)
-        })
-    }
-
-    /// What is learnt in a segment; `None` where nothing is.
-    pub fn plan(&self, segment: usize) -> Option<&Arc<Plan>> {
-        self.steps.get(segment)?.plan.as_ref()
-    }
-}
+use lessons::HOMEWORK;
+pub use lessons::Homework;
+pub use program::Program;
+pub use search::{Notice, Reason};
 
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,49 +66,6 @@ pub enum Change {
     Stopped(u32),
     /// Playing ended in this segment, because it cannot go on.
     Refused(u32, Reason),
-}
-
-/// Why playing cannot go on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
-    /// The ends of the range were not found in time.
-    NotFound,
-    /// Both ends are at the same place.
-    Stuck,
-    /// A later segment goes beyond the range that was found.
-    OutOfRange,
-}
-
-impl Reason {
-    /// In words: what happened, what to do.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Self::NotFound => "no end found within the time limit; allow more volts or time",
-            Self::Stuck => "the handle did not move; free it, or allow more volts",
-            Self::OutOfRange => "a later segment leaves the range that was found; move less",
-        }
-    }
-}
-
-/// Something to be told besides a [`Change`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Notice {
-    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's limits.
-    Range {
-        /// The axis.
-        axis: usize,
-        /// Its ends.
-        range: Range,
-        /// Whether the rig's limits are much wider.
-        narrower: bool,
-    },
-    /// The beat of a rhythm: where the hand should be (rad or m), and its number from 1.
-    Beat {
-        /// Where the hand should be (rad or m).
-        position: f64,
-        /// Number of the beat, from 1.
-        number: u32,
-    },
 }
 
 /// What a step returns.
@@ -245,30 +102,6 @@ pub enum ResumeError {
         segments: usize,
     },
 }
-
-/// What the player has for the teacher of its lessons.
-#[derive(Clone, Debug)]
-#[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
-pub enum Homework {
-    /// A segment begins in which something is learnt: the teacher answers with [`Lecture::Ready`] or [`Lecture::Failed`].
-    Begin {
-        /// Number of the lesson.
-        ticket: u32,
-        /// The program, and its segment.
-        program: Arc<Program>,
-        /// Index of the segment.
-        segment: u32,
-        /// Whether it goes on where it was interrupted.
-        resumed: bool,
-    },
-    /// A record to learn from, or a reference that is no longer followed.
-    Spent(Spent),
-    /// The lesson is over, by itself or because somebody stopped it; with all that it still holds.
-    End(Lesson),
-}
-
-/// How many pieces of homework may wait to be fetched.
-const HOMEWORK: usize = 32;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
@@ -333,94 +166,6 @@ impl Player {
             tickets: 0,
             homework: VecDeque::with_capacity(HOMEWORK),
         }
-    }
-
-    /// The next thing for the teacher; to be fetched after each step until there is none.
-    pub fn homework(&mut self) -> Option<Homework> {
-        if let Some(lesson) = &mut self.lesson {
-            while self.homework.len() < HOMEWORK - 2
-                && let Some(spent) = lesson.spent()
-            {
-                self.homework.push_back(Homework::Spent(spent));
-            }
-        }
-        self.homework.pop_front()
-    }
-
-    /// Takes back what the teacher could not take now.
-    pub fn keep_homework(&mut self, homework: Homework) {
-        self.homework.push_front(homework);
-    }
-
-    /// Takes in what the teacher says. A lesson that cannot go on stops the protocol.
-    pub fn take_in(&mut self, lecture: Lecture) {
-        let of_this = |ticket: u32| self.lesson.as_ref().is_some_and(|lesson| lesson.ticket() == ticket);
-        match lecture {
-            Lecture::Failed { ticket } => {
-                if of_this(ticket) {
-                    self.stop();
-                }
-            }
-            lecture => match &mut self.lesson {
-                Some(lesson) => lesson.take_in(lecture),
-                // Of a lesson that is over.
-                None => give_back(&mut self.homework, lecture),
-            },
-        }
-    }
-
-    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns, CLOCK_MONOTONIC), and whether the motor
-    /// had power. Matters to lessons only.
-    pub fn record(&mut self, scan_ns: u64, slave: &[f64; AXES], powered: bool) {
-        if let Some(lesson) = &mut self.lesson
-            && let Some(step) = self.program.as_ref().and_then(|program| program.steps.get(self.segment as usize))
-        {
-            lesson.record(scan_ns, slave[step.axis], powered);
-        }
-    }
-
-    /// The block of the lesson that is being played, from 1; 0 outside of a lesson's blocks.
-    pub fn block(&self) -> u32 {
-        self.lesson.as_ref().map_or(0, Lesson::block)
-    }
-
-    /// Begins the lesson of a segment, if it is one.
-    fn begin_lesson(&mut self, program: &Arc<Program>, segment: usize, begun_ns: u64, resumed: bool) {
-        self.end_lesson();
-        if let Some(step) = program.steps.get(segment)
-            && let Some(plan) = &step.plan
-        {
-            self.tickets = self.tickets.wrapping_add(1);
-            let ticket = self.tickets;
-            self.lesson = Some(Lesson::new(ticket, &plan.timetable, self.rest[step.axis], begun_ns));
-            let program = Arc::clone(program);
-            self.push(Homework::Begin { ticket, program, segment: segment as u32, resumed });
-        }
-    }
-
-    fn end_lesson(&mut self) {
-        if let Some(lesson) = self.lesson.take() {
-            self.push(Homework::End(lesson));
-        }
-    }
-
-    fn push(&mut self, homework: Homework) {
-        if self.homework.len() < HOMEWORK {
-            self.homework.push_back(homework);
-        } else {
-            // Nobody fetches it: to lose memory is better than to free it in the loop.
-            std::mem::forget(homework);
-        }
-    }
-
-    /// Where the handles' own encoders see them (rad or m), before a step; NaN where there is none.
-    pub fn see_handles(&mut self, handles: [f64; AXES]) {
-        self.handles = handles;
-    }
-
-    /// What the last step has to tell besides its change.
-    pub fn take_notice(&mut self) -> Option<Notice> {
-        self.notice.take()
     }
 
     /// Whether a protocol is being played (the fade after a stop and the hold after the end are not playing).
@@ -622,61 +367,6 @@ impl Player {
         Some(Change::Done)
     }
 
-    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok` where they are found, a change
-    /// where playing ends.
-    fn search(
-        &mut self,
-        program: &Program,
-        segment: usize,
-        begun_ns: u64,
-        now_ns: u64,
-        measured: &[f64; AXES],
-    ) -> Option<Result<(), Option<Change>>> {
-        let step = program.steps.get(segment)?;
-        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else { return None };
-        let limits = program.limits[axis];
-        if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
-            self.find_axes(program, measured);
-            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
-        }
-        let (_, finder) = self.finder.as_mut()?;
-        let handle = if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
-        let reason = match finder.step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle }) {
-            Search::Going => return Some(Err(None)),
-            Search::TimedOut => Reason::NotFound,
-            Search::Stuck => Reason::Stuck,
-            Search::Found(range) => {
-                let (lower, upper) = (range.lower.motor, range.upper.motor);
-                let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
-                self.notice = Some(Notice::Range { axis, range, narrower });
-                // Where no end was met, the rig's own limit holds.
-                let free = (if range.met.0 { lower } else { limits.0 }, if range.met.1 { upper } else { limits.1 });
-                if program.fits(segment + 1, axis, free) {
-                    return Some(Ok(()));
-                }
-                Reason::OutOfRange
-            }
-        };
-        // Power goes by a ramp of control's, from wherever the output is.
-        self.find_axes(program, measured);
-        self.phase = Phase::Idle;
-        Some(Err(Some(Change::Refused(segment as u32, reason))))
-    }
-
-    /// Tells the beat of a rhythm when it is due.
-    fn keep_beat(&mut self, program: &Program, segment: usize, begun_ns: u64, now_ns: u64) {
-        let Some(Movement::Rhythm(rhythm)) = program.steps.get(segment).map(|step| step.track.movement()) else {
-            return;
-        };
-        let told = if self.beat.0 == begun_ns { self.beat.1 } else { 0 };
-        if let Some((number, position)) = rhythm.beat(seconds(begun_ns, now_ns))
-            && number > told
-        {
-            self.beat = (begun_ns, number);
-            self.notice = Some(Notice::Beat { position, number });
-        }
-    }
-
     /// Takes the axes for where they are measured, within their limits; a position that is not finite changes nothing.
     fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
         for ((rest, measured), (least, most)) in self.rest.iter_mut().zip(measured).zip(&program.limits) {
@@ -762,32 +452,6 @@ impl Player {
 /// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are sought.
 fn is_given_away(program: &Program, segment: usize) -> bool {
     program.steps.get(segment).is_some_and(|step| step.track.movement().ends_anywhere())
-}
-
-/// What belongs to a lesson that is over goes back to the teacher.
-fn give_back(homework: &mut VecDeque<Homework>, lecture: Lecture) {
-    let mut give = |spent| {
-        if homework.len() < HOMEWORK {
-            homework.push_back(Homework::Spent(spent));
-        } else {
-            std::mem::forget(spent);
-        }
-    };
-    let reference = match lecture {
-        Lecture::Ready { takes: [first, second], reference, .. } => {
-            give(Spent::Take(first));
-            give(Spent::Take(second));
-            reference
-        }
-        Lecture::Marked { take, reference, .. } => {
-            give(Spent::Take(take));
-            reference
-        }
-        Lecture::Failed { .. } => None,
-    };
-    if let Some(reference) = reference {
-        give(Spent::Reference(reference));
-    }
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

@@ -158,7 +158,7 @@ impl Rhythm {
     pub fn beat(&self, time_s: f64) -> Option<(u32, f64)> {
         let last = (2.0 * self.frequency_hz * self.duration_s - 1e-9).ceil() - 1.0;
         let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor().min(last);
-        if !(number >= 1.0) {
+        if number < 1.0 {
             return None;
         }
         let side = if number % 2.0 == 1.0 { 1.0 } else { -1.0 };

@@ -1,0 +1,117 @@
+//! A protocol made ready for one machine.
+
+use std::sync::Arc;
+
+use ipc_types::AXES;
+use rig::protocol::{Movement, Protocol};
+use rig::{ProtocolError, RigFile};
+
+use crate::teacher::Plan;
+use crate::trajectory::Track;
+
+/// A protocol made ready for one machine.
+#[derive(Debug)]
+pub struct Program {
+    pub(super) name: String,
+    pub(super) text: String,
+    pub(super) identity: u64,
+    pub(super) axes: usize,
+    /// Position limits of each axis (rad or m).
+    pub(super) limits: [(f64, f64); AXES],
+    pub(super) steps: Vec<Step>,
+    pub(super) duration_s: f64,
+}
+
+/// One segment as it is played, repeats written out.
+#[derive(Debug)]
+pub(super) struct Step {
+    pub(super) label: String,
+    pub(super) axis: usize,
+    pub(super) track: Track,
+    /// When it begins, from the start of the protocol (s).
+    pub(super) begins_s: f64,
+    /// What is learnt in it.
+    pub(super) plan: Option<Arc<Plan>>,
+}
+
+impl Program {
+    /// Checks a protocol against a rig and makes it ready.
+    ///
+    /// # Errors
+    /// What [`Protocol::check_against`] finds.
+    pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
+        protocol.check_against(rig)?;
+        let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
+        let plans: Vec<_> = protocol
+            .segments
+            .iter()
+            .map(|segment| match &segment.movement {
+                Movement::Learn(learn) => Plan::new(learn, segment.axis, rig).map(Arc::new),
+                _ => None,
+            })
+            .collect();
+        let mut begins_s = 0.0;
+        let mut steps = Vec::with_capacity(protocol.count());
+        for (index, segment) in protocol.sequence() {
+            let track = tracks[index].clone();
+            let duration_s = track.duration_s();
+            let plan = plans[index].clone();
+            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s, plan });
+            begins_s += duration_s;
+        }
+        let mut limits = [(0.0, 0.0); AXES];
+        for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
+            *limit = (axis.limits.position_min, axis.limits.position_max);
+        }
+        Ok(Self {
+            name: protocol.name.clone(),
+            text: protocol.text().to_owned(),
+            identity: protocol.identity(),
+            axes: rig.axes.len(),
+            limits,
+            steps,
+            duration_s: begins_s,
+        })
+    }
+
+    /// Name of the protocol.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Identity of its text.
+    pub fn identity(&self) -> u64 {
+        self.identity
+    }
+
+    /// Number of segments, repeats counted.
+    pub fn segments(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Name of a segment; empty where there is none.
+    pub fn label(&self, segment: usize) -> &str {
+        self.steps.get(segment).map_or("", |step| &step.label)
+    }
+
+    /// Whole duration (s).
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Whether the segments from `from` on keep an axis within a range (rad or m).
+    pub(super) fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
+        self.steps.iter().skip(from).filter(|step| step.axis == axis).all(|step| {
+            let range = match step.track.movement() {
+                Movement::Rhythm(rhythm) => Some(rhythm.range()),
+                movement => movement.range(),
+            };
+            range.is_none_or(|(least, most)| least >= lower && most <= upper)
+        })
+    }
+
+    /// What is learnt in a segment; `None` where nothing is.
+    pub fn plan(&self, segment: usize) -> Option<&Arc<Plan>> {
+        self.steps.get(segment)?.plan.as_ref()
+    }
+}

@@ -1,0 +1,117 @@
+//! What of a segment depends on what is measured, and what is told of it besides its beginning and end.
+
+use ipc_types::AXES;
+use rig::protocol::Movement;
+
+use super::{Change, Phase, Player, Program, seconds};
+use crate::range::{Measured, Range, RangeFinder, Search};
+
+/// Why playing cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// The ends of the range were not found in time.
+    NotFound,
+    /// Both ends are at the same place.
+    Stuck,
+    /// A later segment goes beyond the range that was found.
+    OutOfRange,
+}
+
+impl Reason {
+    /// In words: what happened, what to do.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NotFound => "no end found within the time limit; allow more volts or time",
+            Self::Stuck => "the handle did not move; free it, or allow more volts",
+            Self::OutOfRange => "a later segment leaves the range that was found; move less",
+        }
+    }
+}
+
+/// Something to be told besides a [`Change`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Notice {
+    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's limits.
+    Range {
+        /// The axis.
+        axis: usize,
+        /// Its ends.
+        range: Range,
+        /// Whether the rig's limits are much wider.
+        narrower: bool,
+    },
+    /// The beat of a rhythm: where the hand should be (rad or m), and its number from 1.
+    Beat {
+        /// Where the hand should be (rad or m).
+        position: f64,
+        /// Number of the beat, from 1.
+        number: u32,
+    },
+}
+
+impl Player {
+    /// Where the handles' own encoders see them (rad or m), before a step; NaN where there is none.
+    pub fn see_handles(&mut self, handles: [f64; AXES]) {
+        self.handles = handles;
+    }
+
+    /// What the last step has to tell besides its change.
+    pub fn take_notice(&mut self) -> Option<Notice> {
+        self.notice.take()
+    }
+
+    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok` where they are found, a change
+    /// where playing ends.
+    pub(super) fn search(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        begun_ns: u64,
+        now_ns: u64,
+        measured: &[f64; AXES],
+    ) -> Option<Result<(), Option<Change>>> {
+        let step = program.steps.get(segment)?;
+        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else { return None };
+        let limits = program.limits[axis];
+        if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
+            self.find_axes(program, measured);
+            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
+        }
+        let (_, finder) = self.finder.as_mut()?;
+        let handle = if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
+        let reason = match finder.step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle }) {
+            Search::Going => return Some(Err(None)),
+            Search::TimedOut => Reason::NotFound,
+            Search::Stuck => Reason::Stuck,
+            Search::Found(range) => {
+                let (lower, upper) = (range.lower.motor, range.upper.motor);
+                let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
+                self.notice = Some(Notice::Range { axis, range, narrower });
+                // Where no end was met, the rig's own limit holds.
+                let free = (if range.met.0 { lower } else { limits.0 }, if range.met.1 { upper } else { limits.1 });
+                if program.fits(segment + 1, axis, free) {
+                    return Some(Ok(()));
+                }
+                Reason::OutOfRange
+            }
+        };
+        // Power goes by a ramp of control's, from wherever the output is.
+        self.find_axes(program, measured);
+        self.phase = Phase::Idle;
+        Some(Err(Some(Change::Refused(segment as u32, reason))))
+    }
+
+    /// Tells the beat of a rhythm when it is due.
+    pub(super) fn keep_beat(&mut self, program: &Program, segment: usize, begun_ns: u64, now_ns: u64) {
+        let Some(Movement::Rhythm(rhythm)) = program.steps.get(segment).map(|step| step.track.movement()) else {
+            return;
+        };
+        let told = if self.beat.0 == begun_ns { self.beat.1 } else { 0 };
+        if let Some((number, position)) = rhythm.beat(seconds(begun_ns, now_ns))
+            && number > told
+        {
+            self.beat = (begun_ns, number);
+            self.notice = Some(Notice::Beat { position, number });
+        }
+    }
+}
