@@ -25,7 +25,7 @@ frequency_hz = 1.0
 fade_in_s = 1.0
 fade_out_s = 0.5
 cycles_per_block = 2
-blocks = 10
+blocks = 7
 law = "published"
 gamma_p = 0.35
 gamma_d = 0.0
@@ -80,7 +80,7 @@ fn is(event: &Event, kind: EventKind) -> bool {
     event.kind == kind.code()
 }
 
-/// Kills the experiment process once three blocks are done.
+/// Kills the experiment process once two blocks are done.
 fn kill_in_the_middle(rig: &TestRig) {
     let lesson = rig.run_directory().join("experiment.lesson");
     let old = std::fs::metadata(&lesson).and_then(|found| found.modified()).ok();
@@ -92,7 +92,7 @@ fn kill_in_the_middle(rig: &TestRig) {
             last = now;
             changes += 1;
         }
-        changes >= 3
+        changes >= 2
     });
     if !learnt {
         // The watchdog cut the power before; the attempt says so.
@@ -110,6 +110,8 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     let up = rig
         .farreach(["up", "--simulate", "--record", file.to_str().unwrap()])
         .env("FARREACH_LEARNT", &learnt)
+        // A lesson is long: on a busy machine the shorter patience of the real-time profile would cut it off.
+        .env("FARREACH_PROFILE", "best-effort")
         .output()
         .unwrap();
     assert!(up.status.success(), "{}", told(&up));
@@ -165,10 +167,10 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     println!("{of_lesson:.2?}");
     let numbers: Vec<u32> = of_lesson.iter().map(|block| block.0).collect();
     assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{numbers:?}");
-    assert_eq!((numbers[0], *numbers.last().unwrap()), (1, 10));
+    assert_eq!((numbers[0], *numbers.last().unwrap()), (1, 7));
     let resumed = events[first..second].iter().find(|event| event.text().starts_with("learning goes on after block"));
     assert!(resumed.is_some(), "{:?}", events[first..second].iter().map(Event::text).collect::<Vec<_>>());
-    let (begins, ends) = (of_lesson[0].1, of_lesson[9].1);
+    let (begins, ends) = (of_lesson[0].1, of_lesson[6].1);
     assert!(ends < 0.5 * begins, "{of_lesson:?}");
     let ended = events[first..second].iter().filter(|event| is(event, EventKind::LearningEnded));
     let texts: Vec<&str> = ended.map(Event::text).collect();
@@ -178,7 +180,7 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     let of_again = blocks(&events[second..]);
     println!("{of_again:.2?}");
     assert_eq!(of_again.len(), 2);
-    assert!(of_again[0].1 < 0.6 * begins, "{of_again:?} after {of_lesson:?}");
+    assert!(of_again[0].1 < 0.5 * begins, "{of_again:?} after {of_lesson:?}");
     let refused = events[second..]
         .iter()
         .filter(|event| is(event, EventKind::ProtocolStopped) && event.severity == Severity::Error.code());

@@ -214,10 +214,30 @@ impl Room {
     fn end(&mut self, ticket: u32) {
         let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == ticket) else { return };
         let event = class.teacher.stop();
+        let stopped = event.is_some();
         self.publish(event);
-        self.save();
+        if stopped && self.has_better() {
+            let segment = self.lesson.as_ref().map_or(0, |class| class.teacher.segment());
+            self.tell(
+                EventKind::LearningEnded,
+                Severity::Info,
+                segment,
+                "the reference kept before is better, and stays",
+            );
+        } else {
+            self.save();
+        }
         self.lesson = None;
         let _none = fs::remove_file(&self.file);
+    }
+
+    /// Whether the file under the lesson's name holds a reference for the same machine and movement with a smaller error: half a lesson
+    /// shall not replace a whole one.
+    fn has_better(&self) -> bool {
+        let Some(class) = &self.lesson else { return false };
+        let plan = class.teacher.plan();
+        let (Some(name), Some(Ok(best))) = (&plan.learn().save, class.teacher.best()) else { return false };
+        LearntReference::load(path_of(&self.learnt, name), &plan.belongs).is_ok_and(|kept| kept.error < best.error)
     }
 
     /// Keeps the best reference under the name that the protocol gives, once.
