@@ -188,7 +188,13 @@ impl Model {
     pub(crate) fn check(&self, axes: &[Axis], source: &Source<'_>) {
         self.check_parameters("model.parameters", &self.parameters, source);
         for (at, axis) in axes.iter().enumerate() {
-            self.check_parameters(&format!("axes.{at}.model"), &axis.model, source);
+            let table = format!("axes.{at}.model");
+            if !axis.model.is_empty() && !self.kind.is_transmission() {
+                let found = format!("the model \"{}\"", self.kind.name());
+                source.problem(&table, "a transmission of the axis's own", found, "take the section out");
+            } else {
+                self.check_parameters(&table, &axis.model, source);
+            }
         }
         let motor = FORCE_PER_VOLT;
         if self.kind == ModelKind::Drive && self.parameter(motor.name).is_none() {

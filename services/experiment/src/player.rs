@@ -40,8 +40,17 @@ struct Step {
     label: String,
     axis: usize,
     track: Track,
+    /// What other axes do meanwhile.
+    others: Vec<(usize, Track)>,
     /// When it begins, from the start of the protocol (s).
     begins_s: f64,
+}
+
+impl Step {
+    /// Every axis that moves, with its movement.
+    fn tracks(&self) -> impl Iterator<Item = (usize, &Track)> {
+        std::iter::once((self.axis, &self.track)).chain(self.others.iter().map(|(axis, track)| (*axis, track)))
+    }
 }
 
 impl Program {
@@ -56,8 +65,10 @@ impl Program {
         let mut steps = Vec::with_capacity(protocol.count());
         for (index, segment) in protocol.sequence() {
             let track = tracks[index].clone();
+            let others = segment.companions.iter().map(|other| (other.axis, Track::new(other.movement.clone())));
+            let others = others.collect();
             let duration_s = track.duration_s();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s });
+            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, others, begins_s });
             begins_s += duration_s;
         }
         let mut limits = [(0.0, 0.0); AXES];
@@ -367,7 +378,9 @@ impl Player {
         if is_given_away(program, segment) {
             self.find_axes(program, measured);
         } else {
-            self.rest[step.axis] = step.track.at(self.rest[step.axis], step.track.duration_s()).position;
+            for (axis, track) in step.tracks() {
+                self.rest[axis] = track.at(self.rest[axis], track.duration_s()).position;
+            }
         }
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
@@ -395,7 +408,9 @@ impl Player {
     fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
         let mut points = self.rest.map(Point::at_rest);
         if let Some(step) = program.steps.get(segment) {
-            points[step.axis] = step.track.at(self.rest[step.axis], t);
+            for (axis, track) in step.tracks() {
+                points[axis] = track.at(self.rest[axis], t);
+            }
         }
         points
     }
@@ -445,10 +460,13 @@ impl Player {
             ..Setpoint::default()
         };
         if mode.yields()
-            && let Some((axis, field)) =
-                program.steps.get(segment).and_then(|step| Some((step.axis, step.track.field()?)))
+            && let Some(step) = program.steps.get(segment)
         {
-            put(&mut setpoint, axis, field);
+            for (axis, track) in step.tracks() {
+                if let Some(field) = track.field() {
+                    put(&mut setpoint, axis, field);
+                }
+            }
         }
         setpoint
     }
