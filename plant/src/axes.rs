@@ -273,8 +273,7 @@ impl Plant {
 
     /// Where the energy of all axes went since the start, the handle's coupling included.
     pub fn energy(&self) -> EnergyBalance {
-        let start =
-            EnergyBalance { stored_j: self.coupled_j() - self.coupled_at_start_j, ..EnergyBalance::default() };
+        let start = EnergyBalance { stored_j: self.coupled_j() - self.coupled_at_start_j, ..EnergyBalance::default() };
         self.axes.iter().map(Transmission::energy).fold(start, |sum, axis| EnergyBalance {
             input_j: sum.input_j + axis.input_j,
             stored_j: sum.stored_j + axis.stored_j,

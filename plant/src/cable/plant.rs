@@ -8,8 +8,8 @@ use super::modes::modes;
 use super::{Parameters, State};
 use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
 use crate::friction::{Advance, Load, advance, impose};
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::shared::Shared;
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.

@@ -9,8 +9,8 @@ use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Stribeck, advance, impose};
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::shared::Shared;
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
@@ -234,8 +234,7 @@ impl Plant {
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            let stage =
-                self.reach_slave::<EFFECTS>(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
+            let stage = self.reach_slave::<EFFECTS>(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
             let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
             self.complete::<EFFECTS>(stage, slave);
         }

@@ -4,7 +4,9 @@
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
     /// Records of several axes: nobody says which of them a model's parameters belong to.
-    #[error("{file}: [[axes]]: expected one axis, found {axes}; identify one axis at a time, with a rig file that has it alone")]
+    #[error(
+        "{file}: [[axes]]: expected one axis, found {axes}; identify one axis at a time, with a rig file that has it alone"
+    )]
     Axes {
         /// The rig file.
         file: String,

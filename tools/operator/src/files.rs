@@ -27,7 +27,8 @@ macro_rules! shipped {
 }
 
 /// The rig files of `launch/rigs`.
-pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed", "three-axis", "two-axis");
+pub const RIGS: &[Shipped] =
+    shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed", "three-axis", "two-axis");
 /// The protocols of `launch/protocols`.
 pub const PROTOCOLS: &[Shipped] =
     shipped!("protocols": "circle", "demo", "excitation", "free-movement", "guided-1hz", "steps", "three-axes");

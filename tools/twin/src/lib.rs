@@ -200,6 +200,15 @@ impl Twin {
     /// # Errors
     /// [`TwinError::Daq`].
     pub fn cycle(&mut self, setpoint: &Setpoint) -> Result<Moment, TwinError> {
+        self.answer(Some(setpoint), true)
+    }
+
+    /// The same cycle where there may be no setpoint, and where control may be told that it has no power, as on the rig
+    /// before somebody enables it.
+    ///
+    /// # Errors
+    /// [`TwinError::Daq`].
+    pub fn answer(&mut self, setpoint: Option<&Setpoint>, powered: bool) -> Result<Moment, TwinError> {
         let time_s = self.time_s();
         let scan_tick = self.next_tick();
         self.run_to(scan_tick - 1)?;
@@ -216,8 +225,9 @@ impl Twin {
             // Every tick makes a scan. Were there none, the law would let go, as it does on the rig.
             None => Sample::default(),
         };
-        let command = self.law.step(now_ns, &sample, Some(setpoint), true);
-        self.under_way.push_back((self.tick + ANSWER_TICKS, command.volts));
+        let command = self.law.step(now_ns, &sample, setpoint, powered);
+        // At the motor when the card takes the scan that many ticks later: written after the one before it.
+        self.under_way.push_back((self.tick + ANSWER_TICKS - 1, command.volts));
         self.cycle += 1;
         Ok(Moment { time_s, sample, command, motion: motions[0], motions })
     }
