@@ -353,7 +353,7 @@ kind = "guided_sine"
 amplitude_deg = 25.0
 frequency_hz = 1.0
 duration_s = 2.5
-fade_in_s = 0.5
+fade_in_s = 0.8
 
 [[segments]]
 kind = "steps"
