@@ -40,7 +40,7 @@ fn span_deg(moments: &[Moment], axis: usize) -> f64 {
 
 #[test]
 fn three_axes_follow_each_its_own_movement() {
-    let amplitudes = [20.0_f64, 15.0, 10.0];
+    let amplitudes = [20.0_f64, 25.0, 30.0];
     let aims = |t: f64| {
         let sine = |axis: usize| Aim::sine(amplitudes[axis].to_radians(), [0.5, 1.0, 0.7][axis], t);
         (0..3).map(sine).collect::<Vec<_>>()
