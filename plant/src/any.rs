@@ -13,6 +13,8 @@
 //! ```
 
 use crate::effects::Effect;
+use crate::friction::{Advance, Load};
+use crate::shared::Shared;
 use crate::transmission::{EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use crate::{ParameterError, ParameterSet, cable, hydrostatic};
 
@@ -52,6 +54,14 @@ impl Parameters {
                 let slave = own.slave_inertia_kg_m2;
                 own.set("slave_inertia_kg_m2", slave + inertia_kg_m2)
             }
+        }
+    }
+
+    /// Inertia of the slave with its handle (kg·m²), effects left out.
+    pub fn slave_inertia_kg_m2(&self) -> f64 {
+        match self {
+            Self::Hydrostatic(own) => own.slave_inertia_kg_m2(),
+            Self::Cable(own) => own.total_slave_inertia_kg_m2(),
         }
     }
 
@@ -118,6 +128,50 @@ macro_rules! each {
             Plant::Cable($inner) => $call,
         }
     };
+}
+
+/// An internal step of either kind, the slave still to be moved.
+pub(crate) enum Stage {
+    Hydrostatic(hydrostatic::Stage),
+    Cable(cable::Stage),
+}
+
+impl Shared for Plant {
+    type Stage = Stage;
+
+    fn begin(&mut self, input: Input, step_s: f64) -> (Stage, Load) {
+        match self {
+            Self::Hydrostatic(plant) => {
+                let (stage, load) = Shared::begin(plant.as_mut(), input, step_s);
+                (Stage::Hydrostatic(stage), load)
+            }
+            Self::Cable(plant) => {
+                let (stage, load) = Shared::begin(plant.as_mut(), input, step_s);
+                (Stage::Cable(stage), load)
+            }
+        }
+    }
+
+    fn complete(&mut self, stage: Stage, slave: Advance) {
+        match (self, stage) {
+            (Self::Hydrostatic(plant), Stage::Hydrostatic(stage)) => Shared::complete(plant.as_mut(), stage, slave),
+            (Self::Cable(plant), Stage::Cable(stage)) => Shared::complete(plant.as_mut(), stage, slave),
+            // A stage comes back to the plant that began it.
+            _ => debug_assert!(false, "a stage of another kind of plant"),
+        }
+    }
+
+    fn observe(&mut self, input: Input) {
+        each!(self, plant => plant.observe(input));
+    }
+
+    fn longest_step_s(&self) -> f64 {
+        each!(self, plant => plant.longest_step_s())
+    }
+
+    fn slave_inertia_kg_m2(&self) -> f64 {
+        each!(self, plant => Shared::slave_inertia_kg_m2(plant.as_ref()))
+    }
 }
 
 impl Transmission for Plant {

@@ -17,6 +17,7 @@
 //! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
 //! - [`cable`] is the transmission of chapter 5;
 //! - [`any`] is either of them, for whoever knows the kind at run time only;
+//! - [`axes`] is one to three of them at one handle;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick, each law by name;
@@ -27,6 +28,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 pub mod any;
+pub mod axes;
 pub mod batch;
 pub mod cable;
 pub mod drive;
@@ -38,6 +40,7 @@ mod modes;
 mod parameter;
 pub mod response;
 pub mod sensors;
+mod shared;
 pub mod stability;
 pub mod transmission;
 

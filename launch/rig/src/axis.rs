@@ -3,6 +3,7 @@
 use crate::channel::{ANALOG, Channel, ChannelKind};
 use crate::compensation::ControlOptions;
 use crate::force::ForceControl;
+use crate::model::Parameter;
 use crate::rates::Rates;
 use crate::read::{Bounds, Section, Source, bounds};
 
@@ -23,6 +24,8 @@ pub struct Axis {
     pub limits: Limits,
     /// Gains of the control law.
     pub control: AxisControl,
+    /// What this axis's transmission has otherwise than [`crate::Model::parameters`] say.
+    pub model: Vec<Parameter>,
 }
 
 /// Unit of an axis's positions.
@@ -262,8 +265,9 @@ impl Axis {
             &limits,
             rates,
         );
+        let model = Parameter::read_all(&section.section("model"));
         section.finish();
-        Self { name, unit: unit.unit, master, slave, torque, limits, control }
+        Self { name, unit: unit.unit, master, slave, torque, limits, control, model }
     }
 
     /// What can only be seen with the other sections at hand; `at` is the axis's index.

@@ -1,7 +1,9 @@
 //! The declared model: a kind, and parameters that are known to a tolerance.
 
+use plant::axes::{CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
 
+use crate::axis::Axis;
 use crate::error::{Problem, RigError};
 use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
 
@@ -10,8 +12,11 @@ use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
 pub struct Model {
     /// Which equations.
     pub kind: ModelKind,
-    /// Declared parameters, in the order of the file.
+    /// Declared parameters, in the order of the file: those of every axis's transmission.
     pub parameters: Vec<Parameter>,
+    /// What the axes' handle has of inertia beside each axis's own, a number a pair: first and second axis, first and third,
+    /// second and third (kg·m²). Empty where the axes move as if alone.
+    pub handle_coupling: Vec<f64>,
 }
 
 /// Which equations the model has.
@@ -116,6 +121,23 @@ impl Model {
         self.parameters.iter().find(|parameter| parameter.name == name)
     }
 
+    /// The same model with what one axis has otherwise.
+    fn with(&self, own: &[Parameter]) -> Self {
+        let mut model = self.clone();
+        for parameter in own {
+            match model.parameters.iter_mut().find(|declared| declared.name == parameter.name) {
+                Some(declared) => declared.clone_from(parameter),
+                None => model.parameters.push(parameter.clone()),
+            }
+        }
+        model
+    }
+
+    /// The declared constants of one axis's transmission.
+    pub(crate) fn of_axis(&self, own: &[Parameter], file: &str) -> Result<any::Parameters, RigError> {
+        self.with(own).transmission(file)
+    }
+
     /// The declared constants of a hydrostatic transmission; those that the file leaves out are as printed.
     pub(crate) fn hydrostatic(&self, file: &str) -> Result<hydrostatic::Parameters, RigError> {
         self.fill(ModelKind::Hydrostatic, hydrostatic::Parameters::printed(), file)
@@ -162,8 +184,56 @@ impl Model {
         Ok(parameters)
     }
 
-    /// Names and ranges, for the models that `plant` knows.
-    pub(crate) fn check(&self, source: &Source<'_>) {
+    /// Names and ranges, for the models that `plant` knows; and the handle that several axes share.
+    pub(crate) fn check(&self, axes: &[Axis], source: &Source<'_>) {
+        self.check_parameters("model.parameters", &self.parameters, source);
+        for (at, axis) in axes.iter().enumerate() {
+            let table = format!("axes.{at}.model");
+            if !axis.model.is_empty() && !self.kind.is_transmission() {
+                let found = format!("the model \"{}\"", self.kind.name());
+                source.problem(&table, "a transmission of the axis's own", found, "take the section out");
+            } else {
+                self.check_parameters(&table, &axis.model, source);
+            }
+        }
+        let motor = FORCE_PER_VOLT;
+        if self.kind == ModelKind::Drive && self.parameter(motor.name).is_none() {
+            let advice = format!("add {} = {{ value = … }}, in {}", motor.name, motor.unit);
+            source.problem("model.parameters", format!("`{}`", motor.name), "nothing", advice);
+        }
+        if source.is_clean() && !self.handle_coupling.is_empty() {
+            self.check_coupling(axes, source);
+        }
+    }
+
+    /// Whether a handle can have this inertia.
+    fn check_coupling(&self, axes: &[Axis], source: &Source<'_>) {
+        let key = "model.handle_coupling_kg_m2";
+        let inertia = |axis: &Axis| self.of_axis(&axis.model, "").map(|own| own.slave_inertia_kg_m2());
+        let Ok(inertia) = axes.iter().map(inertia).collect::<Result<Vec<_>, _>>() else {
+            let found = format!("the model \"{}\"", self.kind.name());
+            source.problem(key, "a transmission, whose slave is at the handle", found, "take the key out");
+            return;
+        };
+        let pairs = axes.len() * (axes.len() - 1) / 2;
+        match HandleCoupling::of_pairs(axes.len(), &self.handle_coupling).and_then(|handle| handle.check(&inertia)) {
+            Ok(_) => {}
+            Err(CouplingError::TooStrong { found }) => {
+                let expected =
+                    format!("a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every direction");
+                let found = format!("{:?} with a least of {found:.3}", self.handle_coupling);
+                let advice = "for two axes: at most 0.8 times the root of the product of their slaves' inertia";
+                source.problem(key, expected, found, advice);
+            }
+            Err(_) => {
+                let expected = format!("{pairs} numbers, one for each pair of the {} axes", axes.len());
+                let advice = "in the order first and second axis, first and third, second and third";
+                source.problem(key, expected, self.handle_coupling.len(), advice);
+            }
+        }
+    }
+
+    fn check_parameters(&self, table: &str, parameters: &[Parameter], source: &Source<'_>) {
         let infos: &[ParameterInfo] = match self.kind {
             ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
             ModelKind::Cable => cable::Parameters::NAMES,
@@ -172,8 +242,8 @@ impl Model {
         };
         let extra = (self.kind == ModelKind::Drive).then_some(FORCE_PER_VOLT);
         let infos = || infos.iter().chain(extra.iter());
-        for parameter in &self.parameters {
-            let key = format!("model.parameters.{}", parameter.name);
+        for parameter in parameters {
+            let key = format!("{table}.{}", parameter.name);
             let Some(info) = infos().find(|info| info.name == parameter.name) else {
                 let names: Vec<_> = infos().map(|info| info.name).collect();
                 let advice = match nearest(&parameter.name, names.iter().copied()) {
@@ -190,22 +260,30 @@ impl Model {
                 source.problem(&key, expected, parameter.value, advice);
             }
         }
-        if let Some(info) = extra.filter(|info| self.parameter(info.name).is_none()) {
-            let advice = format!("add {} = {{ value = … }}, in {}", info.name, info.unit);
-            source.problem("model.parameters", format!("`{}`", info.name), "nothing", advice);
-        }
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
         let kind = section.word("kind", ModelKind::WORDS).unwrap_or(ModelKind::Hydrostatic);
-        let table = section.section("parameters");
-        let parameters = table.keys().into_iter().map(|name| Parameter::read(&table, name)).collect();
+        let parameters = Parameter::read_all(&section.section("parameters"));
+        let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m makes 0.01");
+        let handle_coupling = match section.has("handle_coupling_kg_m2") {
+            true => section.numbers("handle_coupling_kg_m2", products),
+            false => {
+                section.known("handle_coupling_kg_m2");
+                Vec::new()
+            }
+        };
         section.finish();
-        Self { kind, parameters }
+        Self { kind, parameters, handle_coupling }
     }
 }
 
 impl Parameter {
+    /// All that stand in a table.
+    pub(crate) fn read_all(table: &Section<'_>) -> Vec<Self> {
+        table.keys().into_iter().map(|name| Self::read(table, name)).collect()
+    }
+
     fn read(table: &Section<'_>, name: String) -> Self {
         let value = bounds(f64::MIN, f64::MAX, "");
         match table.number_or_section(&name, value) {

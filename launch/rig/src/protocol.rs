@@ -24,6 +24,7 @@ mod overrides;
 mod spline;
 mod table;
 mod tabled;
+mod together;
 
 use std::path::Path;
 
@@ -38,6 +39,7 @@ pub use overrides::with_overrides;
 pub use spline::Spline;
 pub use table::{POINTS, Table};
 pub use tabled::Tabled;
+pub use together::Companion;
 
 use crate::axis::{Axis, AxisUnit};
 use crate::error::ProtocolError;
@@ -67,7 +69,7 @@ pub struct Protocol {
     identity: u64,
 }
 
-/// One timed movement of one axis; the other axes stay where they are.
+/// One timed movement of one axis, or of several together; the other axes stay where they are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
     /// Name on screens and in events.
@@ -80,6 +82,8 @@ pub struct Segment {
     pub repeat: u32,
     /// What is done.
     pub movement: Movement,
+    /// What other axes do meanwhile.
+    pub companions: Vec<Companion>,
 }
 
 impl Protocol {
@@ -187,12 +191,20 @@ impl Protocol {
             let start = ends.get(segment.axis).copied().flatten();
             // repeats may begin elsewhere than the first turn, so each turn is checked; one complaint is enough
             if !misfits[index] {
-                misfits[index] = !segment.check(index, start, rig, &source);
+                misfits[index] = !segment.check(index, start, rig, &source)
+                    || segment.companions.iter().any(|companion| {
+                        let start = ends.get(companion.axis).copied().flatten();
+                        !segment.of(companion).check(index, start, rig, &source)
+                    });
             }
             if segment.movement.ends_anywhere() {
                 ends.fill(None);
-            } else if let Some(end) = ends.get_mut(segment.axis) {
-                *end = segment.movement.end(*end);
+            } else {
+                for (axis, movement) in segment.moves() {
+                    if let Some(end) = ends.get_mut(axis) {
+                        *end = movement.end(*end);
+                    }
+                }
             }
         }
         source.finish()
@@ -217,17 +229,31 @@ impl Protocol {
 impl Segment {
     fn read((index, section): (usize, Section<'_>)) -> Self {
         let (movement, unit) = Movement::read(&section);
+        let (axis, movement, companions) = together::read(&section, movement);
         let segment = Self {
             label: section
                 .text_or_none("label")
                 .unwrap_or_else(|| format!("{} {}", movement.kind().name().replace('_', " "), index + 1)),
-            axis: section.whole_or("axis", 0, 0, 2, "index of the rig's axis, from 0") as usize,
+            axis,
             unit,
             repeat: section.whole_or("repeat", 1, 1, 1000, "how often the segment is played") as u32,
             movement,
+            companions,
         };
         section.finish();
         segment
+    }
+
+    /// Every axis that moves, with its movement.
+    pub fn moves(&self) -> impl Iterator<Item = (usize, &Movement)> {
+        let others = self.companions.iter().map(|companion| (companion.axis, &companion.movement));
+        std::iter::once((self.axis, &self.movement)).chain(others)
+    }
+
+    /// The segment as one of its other axes sees it.
+    fn of(&self, companion: &Companion) -> Self {
+        let (axis, movement) = (companion.axis, companion.movement.clone());
+        Self { axis, movement, companions: Vec::new(), ..self.clone() }
     }
 
     fn check(&self, index: usize, start: Option<f64>, rig: &RigFile, source: &Source<'_>) -> bool {
@@ -241,7 +267,8 @@ impl Segment {
         let kind = self.movement.kind().name();
         let Some(axis) = rig.axes.get(self.axis) else {
             let expected = format!("an axis of the rig \"{}\" (0 to {})", rig.name, rig.axes.len() - 1);
-            source.problem(&key("axis"), expected, self.axis, "move an axis that the rig has");
+            let place = if source.has(&key("axes")) { key("axes") } else { key("axis") };
+            source.problem(&place, expected, self.axis, "move an axis that the rig has");
             return false;
         };
         if self.unit.is_some_and(|unit| unit != axis.unit) {

@@ -357,6 +357,11 @@ impl<'s> Section<'s> {
         self.word_or_none(key, words)
     }
 
+    /// Takes a key for known that is read only where it stands.
+    pub(crate) fn known(&self, key: &str) {
+        self.known.borrow_mut().push(key.to_owned());
+    }
+
     /// Takes every key for known, where nobody can say which are.
     pub(crate) fn know_all(&self) {
         self.known.borrow_mut().extend(self.keys());

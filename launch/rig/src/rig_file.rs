@@ -107,7 +107,7 @@ impl RigFile {
             self.phases.check(&self.rates, source);
         }
         Channel::check_all(&self.channels, source);
-        self.model.check(source);
+        self.model.check(&self.axes, source);
         self.simulation.check(&self.channels, &self.rates, source);
         for (at, axis) in self.axes.iter().enumerate() {
             axis.check(at, &self.channels, &self.rates, source);
@@ -148,6 +148,14 @@ impl RigFile {
     /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
     pub fn transmission_parameters(&self) -> Result<plant::any::Parameters, RigError> {
         self.model.transmission(&self.file_name)
+    }
+
+    /// The declared constants of one axis's transmission: those of [`Model::parameters`], but for what `axes.model` says of it.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
+    pub fn axis_parameters(&self, axis: &Axis) -> Result<plant::any::Parameters, RigError> {
+        self.model.of_axis(&axis.model, &self.file_name)
     }
 
     /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.

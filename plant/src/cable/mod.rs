@@ -48,4 +48,5 @@ pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, R
 pub use element::{Element, ElementLaw};
 pub use parameters::Parameters;
 pub use plant::Plant;
+pub(crate) use plant::Stage;
 pub use state::State;

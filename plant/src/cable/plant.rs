@@ -8,6 +8,7 @@ use super::modes::modes;
 use super::{Parameters, State};
 use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
 use crate::friction::{Advance, Load, advance, impose};
+use crate::shared::Shared;
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
@@ -36,6 +37,21 @@ pub struct Plant {
     reading: Reading,
     energy: EnergyBalance,
     stored_at_start_j: f64,
+}
+
+/// An internal step in which the master has moved and the slave has not.
+#[derive(Clone, Copy)]
+pub(crate) struct Stage {
+    /// All that acts on the slave.
+    slave: Load,
+    master: Advance,
+    coupling: Coupling,
+    half: [f64; 4],
+    mean: [f64; 4],
+    moment: Moment,
+    slave_effect: f64,
+    hand_torque_nm: f64,
+    transmitted: f64,
 }
 
 impl Plant {
@@ -143,19 +159,9 @@ impl Plant {
     pub fn step(&mut self, input: Input, dt_s: f64) {
         let (count, step) = sub_steps(dt_s, self.longest_step_s);
         for _ in 0..count {
-            let (half, mean) = self.middle(step);
-            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
-            let motor_torque =
-                self.effects.motor_torque(input.motor_v, self.parameters.motor_torque_per_volt_nm, &moment);
-            let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
-            let (mut master, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
-            master.force += motor_torque;
-            let moved = advance(self.state.master_velocity_rad_s, step, &master);
-            self.energy.dissipated_j += moved.dissipated;
-            self.energy.effects_j -= effect_torque * moved.displacement;
-            self.energy.count_input(motor_torque * moved.displacement);
-            self.state.motor_torque_nm = motor_torque;
-            self.finish(step, moved, &coupling, input.hand_torque_nm, (&half, &mean, &moment));
+            let (stage, load) = self.begin(input, step);
+            let slave = advance(self.state.slave_velocity_rad_s, step, &load);
+            self.complete(stage, slave);
         }
         self.read(input.motor_v, input.hand_torque_nm);
     }
@@ -179,24 +185,31 @@ impl Plant {
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            self.finish(step, driven.moved, &coupling, hand_torque_nm, (&half, &mean, &moment));
+            let stage = self.reach_slave(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
+            let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
+            self.complete(stage, slave);
         }
         self.read(0.0, hand_torque_nm);
     }
 
-    /// Everything after the master has moved: slave, cables, energy, time.
-    fn finish(
+    /// What acts on the slave once the master has moved.
+    fn reach_slave(
         &mut self,
-        step: f64,
         master: Advance,
-        coupling: &Coupling,
+        coupling: Coupling,
         hand_torque_nm: f64,
-        (half, mean, moment): (&[f64; 4], &[f64; 4], &Moment),
-    ) {
+        (half, mean, moment): ([f64; 4], [f64; 4], Moment),
+    ) -> Stage {
         let transmitted = self.lines.radii_m[1] * (coupling.pulley[0][1] + coupling.pulley[1][1]);
-        let (mut load, slave_effect) = self.side_load(Side::Slave, coupling, half, mean, moment);
-        load.force += hand_torque_nm;
-        let slave = advance(self.state.slave_velocity_rad_s, step, &load);
+        let (mut slave, slave_effect) = self.side_load(Side::Slave, &coupling, &half, &mean, &moment);
+        slave.force += hand_torque_nm;
+        Stage { slave, master, coupling, half, mean, moment, slave_effect, hand_torque_nm, transmitted }
+    }
+
+    /// Everything after the slave has moved: cables, energy, time.
+    fn complete(&mut self, stage: Stage, slave: Advance) {
+        let Stage { master, coupling, half, mean, moment, slave_effect, hand_torque_nm, transmitted, .. } = stage;
+        let (coupling, moment, step) = (&coupling, &moment, moment.step_s);
         self.effects.moved([master.displacement, slave.displacement], moment);
         self.energy.dissipated_j += slave.dissipated;
         self.energy.effects_j -= slave_effect * slave.displacement;
@@ -336,6 +349,43 @@ impl Plant {
 
     fn read(&mut self, motor_v: f64, hand_torque_nm: f64) {
         self.reading = self.effects.sense(&Motion::from(&self.state), motor_v, hand_torque_nm);
+    }
+}
+
+/// For a handle that several transmissions share: it moves the slaves itself.
+impl Shared for Plant {
+    type Stage = Stage;
+
+    fn begin(&mut self, input: Input, step: f64) -> (Stage, Load) {
+        let (half, mean) = self.middle(step);
+        let moment = Moment::middle(self.state.time_s, step, &half, &mean);
+        let motor_torque = self.effects.motor_torque(input.motor_v, self.parameters.motor_torque_per_volt_nm, &moment);
+        let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
+        let (mut master, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
+        master.force += motor_torque;
+        let moved = advance(self.state.master_velocity_rad_s, step, &master);
+        self.energy.dissipated_j += moved.dissipated;
+        self.energy.effects_j -= effect_torque * moved.displacement;
+        self.energy.count_input(motor_torque * moved.displacement);
+        self.state.motor_torque_nm = motor_torque;
+        let stage = self.reach_slave(moved, coupling, input.hand_torque_nm, (half, mean, moment));
+        (stage, stage.slave)
+    }
+
+    fn complete(&mut self, stage: Stage, slave: Advance) {
+        Self::complete(self, stage, slave);
+    }
+
+    fn observe(&mut self, input: Input) {
+        self.read(input.motor_v, input.hand_torque_nm);
+    }
+
+    fn longest_step_s(&self) -> f64 {
+        self.longest_step_s
+    }
+
+    fn slave_inertia_kg_m2(&self) -> f64 {
+        self.inertia[1]
     }
 }
 

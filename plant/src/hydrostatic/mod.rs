@@ -25,4 +25,5 @@ mod state;
 pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Reading};
 pub use parameters::Parameters;
 pub use plant::Plant;
+pub(crate) use plant::Stage;
 pub use state::State;

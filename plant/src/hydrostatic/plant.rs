@@ -9,6 +9,7 @@ use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Stribeck, advance, impose};
+use crate::shared::Shared;
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
 
@@ -58,6 +59,20 @@ struct Coupling {
     /// The declared law's damper and spring.
     damper: [[f64; 2]; 2],
     spring: [[f64; 2]; 2],
+}
+
+/// An internal step in which the master has moved and the slave has not.
+#[derive(Clone, Copy)]
+pub(crate) struct Stage {
+    /// All that acts on the slave.
+    pub(crate) slave: Load,
+    master: Advance,
+    coupling: Coupling,
+    mean: [f64; 4],
+    moment: Moment,
+    slave_effect: f64,
+    hand_torque_nm: f64,
+    transmitted: f64,
 }
 
 impl Plant {
@@ -158,28 +173,36 @@ impl Plant {
     fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
         let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         for _ in 0..count {
-            let (half, mean) = self.middle(step);
-            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
-            let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
-            let motor_torque = if EFFECTS {
-                self.effects.motor_torque(input.motor_v, torque_per_volt, &moment)
-            } else {
-                torque_per_volt * input.motor_v
-            };
-            let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
-            let mut master = self.master_load(&coupling, half[0], mean[0]);
-            let master_effect = if EFFECTS { self.effects.side(&mut master, &moment) } else { 0.0 };
-            master.load.force += motor_torque;
-            let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
-            self.energy.dissipated_j += moved.dissipated;
-            if EFFECTS {
-                self.energy.effects_j -= master_effect * moved.displacement;
-            }
-            self.energy.count_input(motor_torque * moved.displacement);
-            self.state.motor_torque_nm = motor_torque;
-            self.finish::<EFFECTS>(step, moved, &coupling, input.hand_torque_nm, &half, &mean, &moment);
+            let stage = self.begin::<EFFECTS>(input, step);
+            let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
+            self.complete::<EFFECTS>(stage, slave);
         }
         self.read(input.motor_v, input.hand_torque_nm);
+    }
+
+    /// One internal step up to where the slave moves: what acts on it stands in the stage.
+    #[inline(always)]
+    fn begin<const EFFECTS: bool>(&mut self, input: Input, step: f64) -> Stage {
+        let (half, mean) = self.middle(step);
+        let moment = Moment::middle(self.state.time_s, step, &half, &mean);
+        let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
+        let motor_torque = if EFFECTS {
+            self.effects.motor_torque(input.motor_v, torque_per_volt, &moment)
+        } else {
+            torque_per_volt * input.motor_v
+        };
+        let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
+        let mut master = self.master_load(&coupling, half[0], mean[0]);
+        let master_effect = if EFFECTS { self.effects.side(&mut master, &moment) } else { 0.0 };
+        master.load.force += motor_torque;
+        let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
+        self.energy.dissipated_j += moved.dissipated;
+        if EFFECTS {
+            self.energy.effects_j -= master_effect * moved.displacement;
+        }
+        self.energy.count_input(motor_torque * moved.displacement);
+        self.state.motor_torque_nm = motor_torque;
+        self.reach_slave::<EFFECTS>(moved, coupling, input.hand_torque_nm, (half, mean, moment))
     }
 
     /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
@@ -211,24 +234,22 @@ impl Plant {
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            self.finish::<EFFECTS>(step, driven.moved, &coupling, hand_torque_nm, &half, &mean, &moment);
+            let stage = self.reach_slave::<EFFECTS>(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
+            let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
+            self.complete::<EFFECTS>(stage, slave);
         }
         self.read(0.0, hand_torque_nm);
     }
 
-    /// Everything after the master has moved: slave, lines, energy, time.
-    #[allow(clippy::too_many_arguments)]
+    /// What acts on the slave once the master has moved.
     #[inline(always)]
-    fn finish<const EFFECTS: bool>(
+    fn reach_slave<const EFFECTS: bool>(
         &mut self,
-        step: f64,
         master: Advance,
-        coupling: &Coupling,
+        coupling: Coupling,
         hand_torque_nm: f64,
-        half: &[f64; 4],
-        mean: &[f64; 4],
-        moment: &Moment,
-    ) {
+        (half, mean, moment): ([f64; 4], [f64; 4], Moment),
+    ) -> Stage {
         let constants = &self.constants;
         let transmitted = constants.displacement[1] * (coupling.piston[0][1] + coupling.piston[1][1]);
         let mut load = SideLoad {
@@ -244,9 +265,16 @@ impl Plant {
                 ..Load::default()
             },
         };
-        let slave_effect = if EFFECTS { self.effects.side(&mut load, moment) } else { 0.0 };
+        let slave_effect = if EFFECTS { self.effects.side(&mut load, &moment) } else { 0.0 };
         load.load.force += hand_torque_nm;
-        let slave = advance(self.state.slave_velocity_rad_s, step, &load.load);
+        Stage { slave: load.load, master, coupling, mean, moment, slave_effect, hand_torque_nm, transmitted }
+    }
+
+    /// Everything after the slave has moved: lines, energy, time.
+    #[inline(always)]
+    fn complete<const EFFECTS: bool>(&mut self, stage: Stage, slave: Advance) {
+        let Stage { master, coupling, mean, moment, slave_effect, hand_torque_nm, transmitted, .. } = stage;
+        let (coupling, moment, step) = (&coupling, &moment, moment.step_s);
         if EFFECTS {
             self.effects.moved([master.displacement, slave.displacement], moment);
         }
@@ -427,6 +455,33 @@ impl Plant {
 
     fn read(&mut self, motor_v: f64, hand_torque_nm: f64) {
         self.reading = self.effects.sense(&Motion::from(&self.state), motor_v, hand_torque_nm);
+    }
+}
+
+/// For a handle that several transmissions share: it moves the slaves itself.
+impl Shared for Plant {
+    type Stage = Stage;
+
+    fn begin(&mut self, input: Input, step_s: f64) -> (Stage, Load) {
+        let stage =
+            if self.effects.any { self.begin::<true>(input, step_s) } else { self.begin::<false>(input, step_s) };
+        (stage, stage.slave)
+    }
+
+    fn complete(&mut self, stage: Stage, slave: Advance) {
+        if self.effects.any { self.complete::<true>(stage, slave) } else { self.complete::<false>(stage, slave) }
+    }
+
+    fn observe(&mut self, input: Input) {
+        self.read(input.motor_v, input.hand_torque_nm);
+    }
+
+    fn longest_step_s(&self) -> f64 {
+        self.constants.longest_step_s
+    }
+
+    fn slave_inertia_kg_m2(&self) -> f64 {
+        self.constants.inertia[1]
     }
 }
 

@@ -350,7 +350,9 @@ impl Player {
         if is_given_away(program, segment) {
             self.find_axes(program, measured);
         } else {
-            self.rest[step.axis] = step.track.at(self.rest[step.axis], step.track.duration_s()).position;
+            for (axis, track) in step.tracks() {
+                self.rest[axis] = track.at(self.rest[axis], track.duration_s()).position;
+            }
         }
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
@@ -380,11 +382,14 @@ impl Player {
     fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
         let mut points = self.rest.map(Point::at_rest);
         if let Some(step) = program.steps.get(segment) {
-            points[step.axis] = match (step.track.movement(), &self.finder, &self.lesson) {
-                (Movement::Initialise(_), Some((_, finder)), _) => finder.point(),
-                (_, _, Some(lesson)) => lesson.at(self.last_ns.unwrap_or_default()),
-                _ => step.track.at(self.rest[step.axis], t),
-            };
+            for (axis, track) in step.tracks() {
+                points[axis] = track.at(self.rest[axis], t);
+            }
+            match (step.track.movement(), &self.finder, &self.lesson) {
+                (Movement::Initialise(_), Some((_, finder)), _) => points[step.axis] = finder.point(),
+                (_, _, Some(lesson)) => points[step.axis] = lesson.at(self.last_ns.unwrap_or_default()),
+                _ => {}
+            }
         }
         points
     }
@@ -435,10 +440,13 @@ impl Player {
             ..Setpoint::default()
         };
         if mode.yields()
-            && let Some((axis, field)) =
-                program.steps.get(segment).and_then(|step| Some((step.axis, step.track.field()?)))
+            && let Some(step) = program.steps.get(segment)
         {
-            put(&mut setpoint, axis, field);
+            for (axis, track) in step.tracks() {
+                if let Some(field) = track.field() {
+                    put(&mut setpoint, axis, field);
+                }
+            }
         }
         if let Some(step) = program.steps.get(segment).filter(|_| mode == Mode::Initialise)
             && let Movement::Initialise(how) = step.track.movement()

@@ -2,11 +2,11 @@
 
 use ipc_types::{ANALOG, AXES, CardScan};
 use plant::ParameterError;
-use plant::any::Plant;
+use plant::axes::{CouplingError, HandleCoupling, Plant};
 use plant::effects::end_stop::EndStop;
 use plant::effects::{EffectError, parse};
 use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
-use plant::transmission::{Input, Motion, Transmission};
+use plant::transmission::{Input, Motion};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -23,21 +23,29 @@ pub enum CardError {
     Parameter(#[from] ParameterError),
     #[error("--effect: {0}")]
     Effect(#[from] EffectError),
+    #[error("handle: {0}")]
+    Coupling(#[from] CouplingError),
     /// No plant for that.
     #[error(
-        "{file}: the virtual card has a plant for the model kinds \"hydrostatic\" and \"cable\", with one axis; found kind \
-         \"{kind}\" with {axes}. Put a measured record there instead (`farreach up --replay RECORD`)"
+        "{file}: the virtual card has a plant for the model kinds \"hydrostatic\" and \"cable\"; found kind \"{kind}\". \
+         Put a measured record there instead (`farreach up --replay RECORD`)"
     )]
-    NoPlant { file: String, kind: &'static str, axes: usize },
+    NoPlant { file: String, kind: &'static str },
+}
+
+/// The sensors of one axis.
+#[derive(Debug)]
+struct Sensors {
+    axis: Axis,
+    torque_cell: Option<(usize, TorqueCell)>,
 }
 
 /// The card.
 #[derive(Debug)]
 pub struct Card {
     plant: Plant,
-    axis: Axis,
-    torque_cell: Option<(usize, TorqueCell)>,
-    /// The EMG's channels, and the muscles under the electrodes; none where there are no channels.
+    sensors: Vec<Sensors>,
+    /// The EMG's channels, and the muscles under the electrodes, which move the first axis; none where there are no channels.
     emg: Vec<usize>,
     muscles: Option<Emg>,
     other: Vec<usize>,
@@ -64,45 +72,33 @@ pub struct Card {
 }
 
 impl Card {
-    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only: no model is told of them.
-    /// `line_ns` is how long after the enable line's last toggle the motor keeps its power.
+    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis: no model is told of them.
+    /// `line_ns` is how long after the enable line's last toggle the motors keep their power.
     pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
-        let axis = match rig.axes.as_slice() {
-            [axis] if rig.model.kind.is_transmission() => axis.clone(),
-            axes => {
-                let file = rig.file_name().to_owned();
-                return Err(CardError::NoPlant { file, kind: rig.model.kind.name(), axes: axes.len() });
-            }
-        };
-        let mut parameters = rig.transmission_parameters()?;
+        let kind = rig.model.kind;
+        if !kind.is_transmission() {
+            return Err(CardError::NoPlant { file: rig.file_name().to_owned(), kind: kind.name() });
+        }
         let simulation = &rig.simulation;
         let hand = simulation.hand;
-        let held = hand.kind != HandKind::Absent;
-        if held {
-            parameters.load_handle(hand.inertia)?;
+        let mut transmissions = Vec::with_capacity(rig.axes.len());
+        for axis in &rig.axes {
+            let mut parameters = rig.axis_parameters(axis)?;
+            if hand.kind != HandKind::Absent {
+                parameters.load_handle(hand.inertia)?;
+            }
+            let mut effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+            if let Some((lower, upper)) = simulation.end_stops {
+                effects.push(Box::new(EndStop::between(lower, upper)));
+            }
+            transmissions.push(parameters.plant(effects)?);
         }
-        let mut effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
-        if let Some((lower, upper)) = simulation.end_stops {
-            effects.push(Box::new(EndStop::between(lower, upper)));
-        }
+        let coupling = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling)?;
+        let plant = Plant::new(transmissions, &coupling)?;
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
             rig.channels.iter().filter(|channel| wanted(channel.kind)).map(|channel| channel.index).collect()
         };
-        let torque_cell = axis.torque.as_ref().map(|torque| {
-            let range = rig.channels.iter().find(|channel| channel.index == torque.channel);
-            let cell = TorqueCellParameters {
-                volts_per_nm: torque.volts_per_unit,
-                offset_v: torque.offset_v,
-                noise_v: simulation.torque_noise_v,
-                bandwidth_hz: simulation.torque_bandwidth_hz,
-                limit_v: range.map_or(10.0, |channel| channel.range_v),
-            };
-            let drift = Drift {
-                ramp_v_per_s: simulation.torque_drift_v_per_s,
-                walk_v_per_sqrt_s: simulation.torque_walk_v_per_sqrt_s,
-            };
-            (torque.channel, TorqueCell::new(cell, simulation.seed).with_drift(drift))
-        });
+        let sensors = rig.axes.iter().zip(0..).map(|(axis, at)| Sensors::new(rig, axis, at)).collect();
         let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
         let emg = channels(|kind| kind == ChannelKind::Emg);
         let standard = EmgParameters::default();
@@ -114,9 +110,8 @@ impl Card {
         };
         let muscles = (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
         Ok(Self {
-            plant: parameters.plant(effects)?,
-            axis,
-            torque_cell,
+            plant,
+            sensors,
             emg,
             muscles,
             other: channels(|kind| kind == ChannelKind::Other),
@@ -180,11 +175,10 @@ impl Card {
     }
 
     /// One period of the card: takes a scan at `time_ns`, then lets the plant run to the next one on the volts
-    /// that reach the motor now.
+    /// that reach the motors now.
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
         let powered = self.powered(time_ns);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
-        let reading = self.plant.reading();
         let mut scan = CardScan {
             tick,
             scan_time_ns: time_ns,
@@ -195,23 +189,13 @@ impl Card {
             output_incarnation: self.output_incarnation,
             line_age_ns: self.toggled_ns.map_or(u64::MAX, |toggled| time_ns.saturating_sub(toggled)),
             motor_power: u8::from(powered),
-            axes: 1,
+            axes: self.sensors.len() as u8,
             ..CardScan::default()
         };
-        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an edge.
-        let count = 1.0 / self.axis.master.counts_per_unit;
-        let jitter = self.noise(self.encoder_noise_counts * count);
-        let master_rad = reading.master_rad / self.axis.master.turns_per_handle_turn;
-        scan.master_counts[0] = self.axis.master.counts(master_rad + jitter).round() as i64;
-        if let Some(slave) = self.axis.slave {
-            let jitter = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
-            scan.slave_counts[0] = slave.counts(reading.slave_rad + jitter).round() as i64;
+        for index in 0..self.sensors.len().min(AXES) {
+            self.read_axis(index, &mut scan);
         }
-        if let Some((channel, cell)) = &mut self.torque_cell
-            && let Some(volts) = scan.analog_v.get_mut(*channel)
-        {
-            *volts = cell.read(reading.slave_torque_nm, self.period_s);
-        }
+        let reading = self.plant.reading(0);
         // Flexors and extensors in turn, as active as the hand's torque asks.
         if let Some(muscles) = &mut self.muscles {
             let volts = muscles.read(reading.slave_torque_nm);
@@ -232,12 +216,35 @@ impl Card {
                 self.set_analog(&mut scan, self.triggers[index], volts);
             }
         }
-        let motion = self.plant.motion();
         self.powered_scans = if powered { self.powered_scans + 1 } else { 0 };
         let time_s = self.powered_scans as f64 * self.period_s;
-        let hand_torque_nm = self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
-        self.plant.step(Input { motor_v: motor_v[0], hand_torque_nm }, self.period_s);
+        let inputs: [Input; AXES] = std::array::from_fn(|axis| {
+            let motion = self.plant.motion(axis);
+            let hand_torque_nm = self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
+            Input { motor_v: motor_v[axis], hand_torque_nm }
+        });
+        self.plant.step(&inputs, self.period_s);
         scan
+    }
+
+    /// Encoders and torque cell of one axis into the scan.
+    fn read_axis(&mut self, index: usize, scan: &mut CardScan) {
+        let reading = self.plant.reading(index);
+        let (master, slave) = (self.sensors[index].axis.master, self.sensors[index].axis.slave);
+        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an edge.
+        let count = 1.0 / master.counts_per_unit;
+        let jitter = self.noise(self.encoder_noise_counts * count);
+        let master_rad = reading.master_rad / master.turns_per_handle_turn;
+        scan.master_counts[index] = master.counts(master_rad + jitter).round() as i64;
+        if let Some(slave) = slave {
+            let jitter = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
+            scan.slave_counts[index] = slave.counts(reading.slave_rad + jitter).round() as i64;
+        }
+        if let Some((channel, cell)) = &mut self.sensors[index].torque_cell
+            && let Some(volts) = scan.analog_v.get_mut(*channel)
+        {
+            *volts = cell.read(reading.slave_torque_nm, self.period_s);
+        }
     }
 
     fn set_analog(&self, scan: &mut CardScan, channel: usize, volts: f64) {
@@ -247,8 +254,37 @@ impl Card {
         }
     }
 
-    /// Where the plant truly is, for tests.
+    /// Where the first axis of the plant truly is, for tests.
     pub fn motion(&self) -> Motion {
-        self.plant.motion()
+        self.plant.motion(0)
+    }
+
+    /// Where an axis of the plant truly is; all zero where the rig has no such axis.
+    pub fn motion_of(&self, axis: usize) -> Motion {
+        self.plant.motion(axis)
+    }
+}
+
+impl Sensors {
+    /// The torque cell of each axis has noise of its own.
+    fn new(rig: &RigFile, axis: &Axis, at: u64) -> Self {
+        let simulation = &rig.simulation;
+        let torque_cell = axis.torque.as_ref().map(|torque| {
+            let range = rig.channels.iter().find(|channel| channel.index == torque.channel);
+            let cell = TorqueCellParameters {
+                volts_per_nm: torque.volts_per_unit,
+                offset_v: torque.offset_v,
+                noise_v: simulation.torque_noise_v,
+                bandwidth_hz: simulation.torque_bandwidth_hz,
+                limit_v: range.map_or(10.0, |channel| channel.range_v),
+            };
+            let drift = Drift {
+                ramp_v_per_s: simulation.torque_drift_v_per_s,
+                walk_v_per_sqrt_s: simulation.torque_walk_v_per_sqrt_s,
+            };
+            let seed = simulation.seed.wrapping_add(at << 32);
+            (torque.channel, TorqueCell::new(cell, seed).with_drift(drift))
+        });
+        Self { axis: axis.clone(), torque_cell }
     }
 }

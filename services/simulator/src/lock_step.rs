@@ -29,7 +29,7 @@ impl LockStepDaq {
             card: Card::new(rig, effects, line_ns)?,
             fifo: VecDeque::with_capacity(CARD_FIFO),
             batch: Vec::with_capacity(CARD_FIFO),
-            present: Present { master: 1, slave: u8::from(rig.axes[0].slave.is_some()), motor: 1, analog: analog(rig) },
+            present: present(rig),
             tick: 1,
             period_ns: 1_000_000_000 / u64::from(rig.rates.acquisition_hz),
             missed: 0,
@@ -66,8 +66,17 @@ impl LockStepDaq {
     }
 }
 
-fn analog(rig: &RigFile) -> u16 {
-    rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index)
+/// What the rig declares is there.
+fn present(rig: &RigFile) -> Present {
+    let bits = |wanted: fn(&rig::Axis) -> bool| {
+        rig.axes.iter().enumerate().filter(|(_, axis)| wanted(axis)).fold(0u8, |bits, (at, _)| bits | 1 << at)
+    };
+    Present {
+        master: bits(|_| true),
+        slave: bits(|axis| axis.slave.is_some()),
+        motor: bits(|_| true),
+        analog: rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index),
+    }
 }
 
 fn from_card(scan: &CardScan, present: Present) -> Scan {

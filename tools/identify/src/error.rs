@@ -3,6 +3,16 @@
 /// Everything here ends the program with exit code 1.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
+    /// Records of several axes: nobody says which of them a model's parameters belong to.
+    #[error(
+        "{file}: [[axes]]: expected one axis, found {axes}; identify one axis at a time, with a rig file that has it alone"
+    )]
+    Axes {
+        /// The rig file.
+        file: String,
+        /// Number of axes.
+        axes: usize,
+    },
     /// The rig file declares a model that this program cannot hold against data.
     #[error("{file}: [model] kind = \"{kind}\": expected one of {known}; identify has no such model")]
     Kind {

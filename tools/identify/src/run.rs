@@ -50,6 +50,10 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
 
 fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page)> {
     let rig = rig::RigFile::load(&args.rig)?;
+    if rig.axes.len() != 1 {
+        let file = args.rig.display().to_string();
+        return Err(IdentifyError::Axes { file, axes: rig.axes.len() }.into());
+    }
     let model = ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
         file: args.rig.display().to_string(),
         kind: rig.model.kind.name().to_owned(),

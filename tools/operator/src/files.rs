@@ -27,9 +27,10 @@ macro_rules! shipped {
 }
 
 /// The rig files of `launch/rigs`.
-pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed");
+pub const RIGS: &[Shipped] =
+    shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed", "three-axis", "two-axis");
 /// The protocols of `launch/protocols`.
-pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "learning", "learning-model-based", "steps");
+pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "learning", "learning-model-based", "steps", "three-axes");
 
 /// A word without a folder and without an extension names a shipped file.
 fn is_name(asked: &Path) -> bool {

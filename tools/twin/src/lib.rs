@@ -67,7 +67,7 @@ pub enum TwinError {
     },
 }
 
-/// Where the master of the first axis shall be, in the handle's coordinates.
+/// Where the master of an axis shall be, in the handle's coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
     /// Position (rad or m).
@@ -109,8 +109,10 @@ pub struct Moment {
     pub sample: Sample,
     /// What it answered.
     pub command: MotorCommand,
-    /// Where the plant truly was at the scan; the master's position and speed are the handle's, through the gear.
+    /// Where the first axis of the plant truly was at the scan; the master's position and speed are the handle's, through the gear.
     pub motion: Motion,
+    /// The same of every axis; all zero where the rig has no such axis.
+    pub motions: [Motion; AXES],
 }
 
 /// The rig without a clock.
@@ -122,7 +124,7 @@ pub struct Twin {
     /// Volts that are on their way, with the tick after which they are at the motor.
     under_way: VecDeque<(u64, [f64; AXES])>,
     axes: u8,
-    gear: f64,
+    gears: [f64; AXES],
     acquisition_hz: u32,
     cycle_ticks: u64,
     cycle: u64,
@@ -141,13 +143,17 @@ impl Twin {
         if !whole {
             return Err(TwinError::Rates { acquisition_hz, control_hz });
         }
+        let mut gears = [1.0; AXES];
+        for (gear, axis) in gears.iter_mut().zip(&rig.axes) {
+            *gear = axis.master.turns_per_handle_turn;
+        }
         Ok(Self {
             daq: LockStepDaq::new(rig, effects, LINE_NS, true)?,
             converter: Converter::new(rig),
             law: Law::new(law_config(rig)),
             under_way: VecDeque::with_capacity(ANSWER_TICKS as usize + 1),
             axes: rig.axes.len() as u8,
-            gear: rig.axes[0].master.turns_per_handle_turn,
+            gears,
             acquisition_hz,
             cycle_ticks: u64::from(acquisition_hz / control_hz),
             cycle: 0,
@@ -168,6 +174,11 @@ impl Twin {
 
     /// A setpoint in position mode for the next cycle; axes other than the first are to be at 0.
     pub fn setpoint(&self, aim: &Aim) -> Setpoint {
+        self.setpoint_of(std::slice::from_ref(aim))
+    }
+
+    /// A setpoint in position mode for the next cycle, an aim for each axis; axes without one are to be at 0.
+    pub fn setpoint_of(&self, aims: &[Aim]) -> Setpoint {
         let at_ns = self.scan_ns();
         let mut setpoint = Setpoint {
             incarnation: INCARNATION,
@@ -177,10 +188,12 @@ impl Twin {
             axes: self.axes,
             ..Setpoint::default()
         };
-        setpoint.position[0] = aim.position;
-        setpoint.velocity[0] = aim.velocity;
-        setpoint.acceleration[0] = aim.acceleration;
-        setpoint.peak_speed[0] = aim.peak_speed;
+        for (axis, aim) in aims.iter().enumerate().take(AXES) {
+            setpoint.position[axis] = aim.position;
+            setpoint.velocity[axis] = aim.velocity;
+            setpoint.acceleration[axis] = aim.acceleration;
+            setpoint.peak_speed[axis] = aim.peak_speed;
+        }
         setpoint
     }
 
@@ -189,12 +202,24 @@ impl Twin {
     /// # Errors
     /// [`TwinError::Daq`].
     pub fn cycle(&mut self, setpoint: &Setpoint) -> Result<Moment, TwinError> {
+        self.answer(Some(setpoint), true)
+    }
+
+    /// The same cycle where there may be no setpoint, and where control may be told that it has no power, as on the rig
+    /// before somebody enables it.
+    ///
+    /// # Errors
+    /// [`TwinError::Daq`].
+    pub fn answer(&mut self, setpoint: Option<&Setpoint>, powered: bool) -> Result<Moment, TwinError> {
         let time_s = self.time_s();
         let scan_tick = self.next_tick();
         self.run_to(scan_tick - 1)?;
-        let mut motion = self.daq.card().motion();
-        motion.master_position_rad /= self.gear;
-        motion.master_velocity_rad_s /= self.gear;
+        let card = self.daq.card();
+        let mut motions = std::array::from_fn(|axis| card.motion_of(axis));
+        for (motion, gear) in motions.iter_mut().zip(self.gears) {
+            motion.master_position_rad /= gear;
+            motion.master_velocity_rad_s /= gear;
+        }
         self.run_to(scan_tick)?;
         let now_ns = self.daq.now_ns();
         let sample = match self.daq.read_due(now_ns)?.last() {
@@ -202,10 +227,11 @@ impl Twin {
             // Every tick makes a scan. Were there none, the law would let go, as it does on the rig.
             None => Sample::default(),
         };
-        let command = self.law.step(now_ns, &sample, Some(setpoint), true);
-        self.under_way.push_back((self.tick + ANSWER_TICKS, command.volts));
+        let command = self.law.step(now_ns, &sample, setpoint, powered);
+        // At the motor when the card takes the scan that many ticks later: written after the one before it.
+        self.under_way.push_back((self.tick + ANSWER_TICKS - 1, command.volts));
         self.cycle += 1;
-        Ok(Moment { time_s, sample, command, motion })
+        Ok(Moment { time_s, sample, command, motion: motions[0], motions })
     }
 
     /// The tick at which control's next scan is taken.

@@ -28,7 +28,7 @@ fn cycles_are_on_the_grid_and_the_answer_comes_when_it_must() {
             assert_eq!((moment.time_s, moment.sample.scan_time_ns), (time_s, scan_ns));
             assert_eq!(moment.sample.motor_power, 1);
             // A scan reads back the volts of the newest command that is at least so old.
-            let old = commanded.iter().rev().find(|(tick, _)| tick + ANSWER_TICKS < moment.sample.tick);
+            let old = commanded.iter().rev().find(|(tick, _)| tick + ANSWER_TICKS <= moment.sample.tick);
             assert_eq!(moment.sample.motor_v[0], old.map_or(0.0, |(_, volts)| *volts), "{control_hz} Hz, {cycle}");
             commanded.push((moment.sample.tick, moment.command.volts[0]));
             assert!((moment.motion.slave_position_rad - moment.sample.slave_position[0]).abs() < 3e-3);

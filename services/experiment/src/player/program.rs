@@ -28,10 +28,19 @@ pub(super) struct Step {
     pub(super) label: String,
     pub(super) axis: usize,
     pub(super) track: Track,
+    /// What other axes do meanwhile.
+    pub(super) others: Vec<(usize, Track)>,
     /// When it begins, from the start of the protocol (s).
     pub(super) begins_s: f64,
     /// What is learnt in it.
     pub(super) plan: Option<Arc<Plan>>,
+}
+
+impl Step {
+    /// Every axis that moves, with its movement.
+    pub(super) fn tracks(&self) -> impl Iterator<Item = (usize, &Track)> {
+        std::iter::once((self.axis, &self.track)).chain(self.others.iter().map(|(axis, track)| (*axis, track)))
+    }
 }
 
 impl Program {
@@ -54,9 +63,11 @@ impl Program {
         let mut steps = Vec::with_capacity(protocol.count());
         for (index, segment) in protocol.sequence() {
             let track = tracks[index].clone();
+            let others = segment.companions.iter().map(|other| (other.axis, Track::new(other.movement.clone())));
+            let others = others.collect();
             let duration_s = track.duration_s();
             let plan = plans[index].clone();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, begins_s, plan });
+            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, others, begins_s, plan });
             begins_s += duration_s;
         }
         let mut limits = [(0.0, 0.0); AXES];
@@ -101,8 +112,9 @@ impl Program {
 
     /// Whether the segments from `from` on keep an axis within a range (rad or m).
     pub(super) fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
-        self.steps.iter().skip(from).filter(|step| step.axis == axis).all(|step| {
-            let range = match step.track.movement() {
+        let tracks = self.steps.iter().skip(from).flat_map(Step::tracks).filter(|(moving, _)| *moving == axis);
+        tracks.map(|(_, track)| track.movement()).all(|movement| {
+            let range = match movement {
                 Movement::Rhythm(rhythm) => Some(rhythm.range()),
                 movement => movement.range(),
             };

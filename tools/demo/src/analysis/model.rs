@@ -79,7 +79,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
         return Ok(None);
     }
     let held = hand.kind == HandKind::Passive;
-    let mut parameters = rig.transmission_parameters()?;
+    let mut parameters = rig.axis_parameters(&rig.axes[0])?;
     if held {
         parameters.load_handle(hand.inertia)?;
     }
