@@ -65,9 +65,9 @@ impl Classroom {
         Ok(Self { homework, lectures, events, stop, thread: Some(thread) })
     }
 
-    /// Hands over; gives it back where the thread is far behind.
-    pub(super) fn give(&mut self, homework: Homework) -> Result<(), Homework> {
-        self.homework.push(homework).map_err(|rtrb::PushError::Full(homework)| homework)
+    /// Hands over; returns it where the thread is far behind.
+    pub(super) fn give(&mut self, homework: Homework) -> Option<Homework> {
+        self.homework.push(homework).err().map(|rtrb::PushError::Full(homework)| homework)
     }
 
     /// The next answer.
