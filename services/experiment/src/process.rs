@@ -256,7 +256,7 @@ impl Runner {
             }
         }
         while let Some(homework) = self.player.homework() {
-            if let Err(homework) = self.classroom.give(homework) {
+            if let Some(homework) = self.classroom.give(homework) {
                 self.player.keep_homework(homework);
                 break;
             }

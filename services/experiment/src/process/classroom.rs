@@ -52,6 +52,7 @@ impl Classroom {
             lectures: lecture_in,
             events: event_in,
             lesson: None,
+            unkept: None,
         };
         let thread = std::thread::Builder::new().name("experiment-learn".to_owned()).spawn(move || {
             runtime::realtime::request_helper(profile);
@@ -64,9 +65,9 @@ impl Classroom {
         Ok(Self { homework, lectures, events, stop, thread: Some(thread) })
     }
 
-    /// Hands over; gives it back where the thread is far behind.
-    pub(super) fn give(&mut self, homework: Homework) -> Result<(), Homework> {
-        self.homework.push(homework).map_err(|rtrb::PushError::Full(homework)| homework)
+    /// Hands over; returns it where the thread is far behind.
+    pub(super) fn give(&mut self, homework: Homework) -> Option<Homework> {
+        self.homework.push(homework).err().map(|rtrb::PushError::Full(homework)| homework)
     }
 
     /// The next answer.
@@ -112,6 +113,8 @@ struct Room {
     lectures: Producer<Lecture>,
     events: Producer<Event>,
     lesson: Option<Class>,
+    /// What is to be kept for a restart.
+    unkept: Option<Kept>,
 }
 
 impl Room {
@@ -124,10 +127,24 @@ impl Room {
                 Homework::End(lesson) => self.end(lesson.ticket()),
             }
         }
+        self.keep();
+    }
+
+    /// Keeps what the lesson knows, once the loop has told all of it: a block that is kept is never told again.
+    fn keep(&mut self) {
+        if self.events.slots() < EVENTS {
+            return;
+        }
+        if let Some(kept) = self.unkept.take()
+            && let Err(reason) = keep(&self.file, &kept)
+        {
+            let text = format!("{}: {reason}; a restart would learn anew", self.file.display());
+            self.tell(EventKind::DataLost, Severity::Warning, kept.segment, &text);
+        }
     }
 
     fn begin(&mut self, ticket: u32, program: &Program, segment: u32, resumed: bool) {
-        self.lesson = None;
+        (self.lesson, self.unkept) = (None, None);
         let kept = if resumed { self.take_up(program.identity(), segment) } else { None };
         if kept.is_none() {
             // Of an earlier run: it must not come back with this one's number.
@@ -199,12 +216,7 @@ impl Room {
             self.say(Lecture::Failed { ticket });
         }
         self.publish(marked.event);
-        if let Some(kept) = kept
-            && let Err(reason) = keep(&self.file, &kept)
-        {
-            let text = format!("{}: {reason}; a restart would learn anew", self.file.display());
-            self.tell(EventKind::DataLost, Severity::Warning, kept.segment, &text);
-        }
+        self.unkept = kept;
         if marked.ended.is_some() {
             self.publish(marked.ended);
             self.save();
@@ -227,7 +239,7 @@ impl Room {
         } else {
             self.save();
         }
-        self.lesson = None;
+        (self.lesson, self.unkept) = (None, None);
         let _none = fs::remove_file(&self.file);
     }
 
