@@ -158,7 +158,7 @@ pub fn check(axes: &[Loop], field: &Field) -> Result<(), Unstable> {
 }
 
 /// How fast the slowest-fading disturbance of axes in a field grows (1/s), negative where all fade; the same hand on each axis, gains
-/// taken `raised` times. Not a number where an input is none.
+/// taken `raised` times. Not a number where an input is none, or where there is no axis.
 pub fn growth(axes: &[Loop], field: &Field, hand: &Hand, raised: f64) -> f64 {
     let parts: Vec<Part> = axes.iter().take(3).map(|axis| Part::new(axis, hand, raised)).collect();
     let offsets: Vec<usize> = parts
@@ -183,7 +183,7 @@ pub fn growth(axes: &[Loop], field: &Field, hand: &Hand, raised: f64) -> f64 {
             block += through;
         }
     }
-    if !whole.iter().all(|number| number.is_finite()) {
+    if axes.is_empty() || !whole.iter().all(|number| number.is_finite()) {
         return f64::NAN;
     }
     let Some(schur) = nalgebra::Schur::try_new(whole, f64::EPSILON, 10_000) else { return f64::NAN };

@@ -19,6 +19,9 @@ pub struct Table {
 
 const PLACE: Bounds =
     bounds(-3000.0, 3000.0, "each pair is [place, torque]; the place is in the unit that the key's name ends in");
+/// Places and torques, as in the file.
+type Pairs = Vec<(f64, f64)>;
+
 /// Most pairs in a file.
 const PAIRS: usize = 64;
 /// How far the resampled table may miss a point of the file, over the span of its torques.
@@ -66,7 +69,7 @@ impl Table {
 
     /// Torque at a place (N·m or N).
     pub fn at(&self, place: f64) -> f64 {
-        let share = ((place - self.least) / (self.most - self.least)).max(0.0).min(1.0) * (POINTS - 1) as f64;
+        let share = ((place - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (POINTS - 1) as f64;
         let below = (share as usize).min(POINTS - 2);
         self.torques[below] + (share - below as f64) * (self.torques[below + 1] - self.torques[below])
     }
@@ -104,7 +107,7 @@ fn interpolate(pairs: &[(f64, f64)], place: f64) -> f64 {
 }
 
 /// The pairs under whichever of two keys stands there (degrees, metres), with what makes SI of their places.
-fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&'k str, f64, Vec<(f64, f64)>)> {
+fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&'k str, f64, Pairs)> {
     let (key, unit) = match section.has(metres) {
         true => {
             section.misplaced(degrees, &format!("`{metres}` alone"), "give the table once");
@@ -114,7 +117,7 @@ fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&
     };
     let expected = "a list of pairs [place, torque]";
     let rows = section.rows_or_none(key, expected, PLACE)?;
-    let pairs: Option<Vec<(f64, f64)>> = rows
+    let pairs: Option<Pairs> = rows
         .iter()
         .map(|row| match row.as_slice() {
             [place, torque] => Some((*place, *torque)),

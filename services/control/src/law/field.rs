@@ -49,8 +49,8 @@ pub fn field_torque(setpoint: &Setpoint, axis: usize, handle: &Handle, most_iner
 
 /// Linear interpolation in evenly spaced values, `share` (0 to 1) of the way through them; beyond the ends, the ends.
 fn at(values: &[f64], share: f64) -> f64 {
-    // A number that is none counts as the beginning; what made it so is found by whoever reads the torque of the matrices.
-    let place = share.max(0.0).min(1.0) * values.len().saturating_sub(1) as f64;
+    // What is no number stays none, and the law lets go.
+    let place = share.clamp(0.0, 1.0) * values.len().saturating_sub(1) as f64;
     let below = place as usize;
     let (Some(from), to) = (values.get(below), values.get(below + 1)) else { return 0.0 };
     from + to.map_or(0.0, |to| (place - below as f64) * (to - from))

@@ -30,18 +30,29 @@ struct Case {
     hand: Option<(f64, f64)>,
     /// Times `P₁ v_s` per torque.
     gain: f64,
+    /// Offset at all speeds up to the threshold and from there on, before it falls (V).
+    offset_v: Option<f64>,
 }
 
-const CASES: [Case; 4] = [
-    Case { id: "soft_hand", what: "a hand of 5 N·m/rad and 0.2 N·m·s/rad", hand: Some((5.0, 0.2)), gain: 1.0 },
-    Case { id: "stiff_hand", what: "a hand of 100 N·m/rad and 1 N·m·s/rad", hand: Some((100.0, 1.0)), gain: 1.0 },
+/// A case in which nothing is changed.
+const PLAIN: Case = Case { id: "", what: "", hand: None, gain: 1.0, offset_v: None };
+
+const CASES: [Case; 5] = [
+    Case { id: "soft_hand", what: "a hand of 5 N·m/rad and 0.2 N·m·s/rad", hand: Some((5.0, 0.2)), ..PLAIN },
+    Case { id: "stiff_hand", what: "a hand of 100 N·m/rad and 1 N·m·s/rad", hand: Some((100.0, 1.0)), ..PLAIN },
     Case {
         id: "sensitivity_twice",
         what: "twice the volts per N·m of the torque cell, which are assumed",
-        hand: None,
         gain: 2.0,
+        ..PLAIN
     },
-    Case { id: "sensitivity_four_times", what: "four times the volts per N·m", hand: None, gain: 4.0 },
+    Case { id: "sensitivity_four_times", what: "four times the volts per N·m", gain: 4.0, ..PLAIN },
+    Case {
+        id: "offset_0.9v",
+        what: "an offset of 0.9 V instead of 1.5 and 1.2 V: a little less than friction takes in movement",
+        offset_v: Some(0.9),
+        ..PLAIN
+    },
 ];
 
 /// One movement: at 0 V, and under force control.
@@ -56,6 +67,9 @@ fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
     let mut rig = rig.clone();
     if let Some(force) = &mut rig.axes[0].control.force {
         force.torque_gain *= case.gain;
+        if let Some(offset_v) = case.offset_v {
+            (force.offset_slow_v, force.offset_fast_v) = (offset_v, offset_v);
+        }
     }
     let plain = Swing::of_the_thesis(hertz);
     let (stiffness, damping) = case.hand.unwrap_or((plain.stiffness, plain.damping));
@@ -133,9 +147,14 @@ pub fn free_movement() -> Result<Drawn> {
     }
     for (at, pair) in cases.iter().enumerate() {
         let (case, hertz) = (&CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]);
-        for (name, spent) in [("uncompensated_hand_torque_rms_nm", &pair[0]), ("hand_torque_rms_nm", &pair[1])] {
+        let [dead, free] = pair;
+        for (name, value) in [
+            ("uncompensated_hand_torque_rms_nm", dead.rms),
+            ("hand_torque_rms_nm", free.rms),
+            ("torque_ripple_nm", free.ripple),
+        ] {
             let id = format!("own.free.{}.{hertz}hz.{name}", case.id);
-            rows.push(Row::own(id, "4.2", "N·m", None, Some(spent.rms)).note(case.what));
+            rows.push(Row::own(id, "4.2", "N·m", None, Some(value)).note(case.what));
         }
     }
     Ok(Drawn { number: "4.2", title: "Free movement under force control", caption, sheet, rows })
