@@ -20,9 +20,9 @@ use rig::{CompensationKind, Observer, RigFile, SlaveLoop};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 const RATE_HZ: u64 = 500;
-/// Steps of each law in a turn, and turns.
-const STEPS: usize = 5_000;
-const TURNS: usize = 40;
+/// Steps of each law in a turn, and turns. A turn is much shorter than a slice of the scheduler.
+const STEPS: usize = 500;
+const TURNS: usize = 400;
 /// p99 of a step that must not be passed (ns).
 const BAR_NS: u64 = 2_000;
 const AMPLITUDE: f64 = 0.7;
