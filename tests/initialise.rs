@@ -80,7 +80,7 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
     assert!(most <= 4.0 + 1e-9, "{most} V");
     let samples: Vec<Sample> =
         recording.messages::<Sample>(SAMPLE.topic.name).unwrap().map(|sample| sample.unwrap().message).collect();
-    let ended = of(Mode::Centre).last().unwrap().sample_tick;
+    let ended = of(Mode::Centre).next_back().unwrap().sample_tick;
     let at_the_end = samples.iter().rev().find(|sample| sample.tick <= ended).unwrap();
     let position = at_the_end.master_position[0].to_degrees();
     assert!((position + 2.0).abs() < 6.0, "the handle rests at {position}°");

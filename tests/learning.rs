@@ -100,7 +100,7 @@ fn kill_in_the_middle(rig: &TestRig) {
     }
     let pid =
         rig.launcher_status().unit("experiment").and_then(|unit| unit.process.as_ref().map(|process| process.pid));
-    kill(pid.unwrap() as i32, libc::SIGKILL);
+    kill(pid.unwrap(), libc::SIGKILL);
 }
 
 #[test]
