@@ -139,7 +139,7 @@ pub fn free_movement() -> Result<Drawn> {
                 && spent.speed < limits.speed_max
                 && limits.torque_max.is_none_or(|most| spent.peak < most)
         };
-        HERTZ.iter().zip(pairs).filter(|(_, pair)| within(&pair[1])).map(|(hertz, _)| *hertz).last()
+        HERTZ.iter().zip(pairs).filter(|(_, pair)| within(&pair[1])).map(|(hertz, _)| *hertz).next_back()
     };
     let mut rows = claims(&rigs, [possible(printed), possible(traced)], [&printed[3][1], &traced[3][1]])?;
     for (at, hertz) in HERTZ.into_iter().enumerate() {
