@@ -133,11 +133,13 @@ impl Plain {
     }
 }
 
+type Step = Box<dyn FnMut(u64, &Sample, &mut Setpoint) -> f64>;
+
 /// Something that makes one control step.
 struct Case {
     name: &'static str,
     input: Input,
-    step: Box<dyn FnMut(u64, &Sample, &mut Setpoint) -> f64>,
+    step: Step,
     /// Each step (ns); each turn's mean (ns).
     steps: Histogram<u64>,
     turns: Vec<f64>,
