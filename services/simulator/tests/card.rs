@@ -118,7 +118,8 @@ fn an_effect_changes_the_plant_and_an_unknown_one_is_refused() {
     let travel = |effects: &[String]| {
         let mut card = Card::new(&rig(), effects, LINE_NS).unwrap();
         card.write([2.5, 0.0, 0.0], 1, 7);
-        for tick in 1..=1000 {
+        // Not so long that either comes to the hard stop.
+        for tick in 1..=250 {
             card.enable_line(tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }

@@ -23,6 +23,8 @@ fn rig(stiffness: f64, damping: f64) -> RigFile {
     let hand = &mut rig.simulation.hand;
     hand.kind = if stiffness > 0.0 { HandKind::Passive } else { HandKind::Absent };
     (hand.stiffness, hand.damping) = (stiffness, damping);
+    // What a field does is to be seen, not what ends it.
+    rig.simulation.end_stops = None;
     rig
 }
 

@@ -1,6 +1,6 @@
 //! Properties of the law over arbitrary samples and setpoints.
 
-use control::law::{AxisLaw, Law, SWITCH_STEP_V};
+use control::law::{AUTHORITY_S, AxisLaw, Law, SWITCH_STEP_V};
 use ipc_types::{AXES, Message, Mode, MotorCommand, Sample, Setpoint};
 use proptest::prelude::*;
 
@@ -175,7 +175,9 @@ proptest! {
                 let step = (command.volts[0] - before.volts[0]).abs();
                 let mode = Mode::from_code(command.mode);
                 // Two sines of 2 Hz in opposite phase, and the speed of catching up, once for the reference and once for the slave's loop.
-                let jumped = moved > 2e-3 * 30.0 + SWITCH_STEP_V / law.position_gain
+                // Where the reference is held back, it is drawn near as fast as the limit on the output may change.
+                let drawn = if mode == Some(Mode::Initialise) { law.output_limit_v * 2e-3 / AUTHORITY_S } else { 0.0 };
+                let jumped = moved > 2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.position_gain
                     // Where the law lets go, the reference is where the hand is.
                     && !mode.is_some_and(|mode| mode == Mode::Passive || mode.yields());
                 if step > bound || jumped {
