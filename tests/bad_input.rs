@@ -308,7 +308,7 @@ fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
     rig.up_simulated();
     let before = rig.launcher_status();
     let changed = rig.path("changed.toml");
-    std::fs::write(&changed, RIG.replace("control_hz = 500", "control_hz = 250")).unwrap();
+    std::fs::write(&changed, RIG.replace("experiment_hz = 500", "experiment_hz = 250")).unwrap();
     let settings: [&[&str]; 3] = [
         &["up", "--simulate"],
         &["up", "--simulate", "--rig", changed.to_str().unwrap()],

@@ -86,7 +86,7 @@ pub(crate) enum Service {
         #[command(flatten)]
         rig: RigArgument,
         /// Folder of the learnt references; without it they last as long as the rig is up
-        #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT")]
+        #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT", hide_env_values = true)]
         learnt: Option<PathBuf>,
     },
     /// Starts the others and starts them again, where there is no systemd; `farreach up` calls it

@@ -161,7 +161,7 @@ impl Plant {
         for _ in 0..count {
             let (stage, load) = self.begin(input, step);
             let slave = advance(self.state.slave_velocity_rad_s, step, &load);
-            self.complete(stage, slave);
+            self.complete(&stage, slave);
         }
         self.read(input.motor_v, input.hand_torque_nm);
     }
@@ -187,7 +187,7 @@ impl Plant {
             self.energy.count_input(driven.work);
             let stage = self.reach_slave(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
             let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
-            self.complete(stage, slave);
+            self.complete(&stage, slave);
         }
         self.read(0.0, hand_torque_nm);
     }
@@ -207,13 +207,13 @@ impl Plant {
     }
 
     /// Everything after the slave has moved: cables, energy, time.
-    fn complete(&mut self, stage: Stage, slave: Advance) {
-        let Stage { master, coupling, half, mean, moment, slave_effect, hand_torque_nm, transmitted, .. } = stage;
-        let (coupling, moment, step) = (&coupling, &moment, moment.step_s);
+    fn complete(&mut self, stage: &Stage, slave: Advance) {
+        let Stage { master, coupling, half, mean, moment, .. } = stage;
+        let step = moment.step_s;
         self.effects.moved([master.displacement, slave.displacement], moment);
         self.energy.dissipated_j += slave.dissipated;
-        self.energy.effects_j -= slave_effect * slave.displacement;
-        self.energy.count_input(hand_torque_nm * slave.displacement);
+        self.energy.effects_j -= stage.slave_effect * slave.displacement;
+        self.energy.count_input(stage.hand_torque_nm * slave.displacement);
 
         let mut lines = [slave; 2];
         for line in 0..2 {
@@ -253,7 +253,7 @@ impl Plant {
             state.line_tension_master_n[line] = coupling.tension[line][0];
             state.line_tension_slave_n[line] = coupling.tension[line][1];
         }
-        state.transmitted_torque_nm = transmitted;
+        state.transmitted_torque_nm = stage.transmitted;
     }
 
     /// All that acts on one side but motor or hand; and the torque that effects add.
@@ -373,7 +373,7 @@ impl Shared for Plant {
     }
 
     fn complete(&mut self, stage: Stage, slave: Advance) {
-        Self::complete(self, stage, slave);
+        Self::complete(self, &stage, slave);
     }
 
     fn observe(&mut self, input: Input) {

@@ -61,18 +61,25 @@ struct Coupling {
     spring: [[f64; 2]; 2],
 }
 
-/// An internal step in which the master has moved and the slave has not.
+/// What acts on the slave once the master has moved.
+#[derive(Clone, Copy)]
+struct Acting {
+    load: Load,
+    /// Part of it that effects make (N·m).
+    effect: f64,
+    /// Part of it that the lines make (N·m).
+    transmitted: f64,
+    hand_torque_nm: f64,
+}
+
+/// An internal step in which the master has moved and the slave has not, for whoever moves the slave from outside.
 #[derive(Clone, Copy)]
 pub(crate) struct Stage {
-    /// All that acts on the slave.
-    pub(crate) slave: Load,
+    acting: Acting,
     master: Advance,
     coupling: Coupling,
     mean: [f64; 4],
     moment: Moment,
-    slave_effect: f64,
-    hand_torque_nm: f64,
-    transmitted: f64,
 }
 
 impl Plant {
@@ -173,36 +180,54 @@ impl Plant {
     fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
         let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         for _ in 0..count {
-            let stage = self.begin::<EFFECTS>(input, step);
-            let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
-            self.complete::<EFFECTS>(stage, slave);
+            let (half, mean) = self.middle(step);
+            let moment = Moment::middle(self.state.time_s, step, &half, &mean);
+            let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
+            let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
+            let master = self.move_master::<EFFECTS>(motor_torque, &coupling, (&half, &mean, &moment));
+            let acting = self.reach_slave::<EFFECTS>(&coupling, input.hand_torque_nm, (&half, &mean, &moment));
+            let slave = advance(self.state.slave_velocity_rad_s, step, &acting.load);
+            self.complete::<EFFECTS>([master, slave], &acting, &coupling, &mean, &moment);
         }
         self.read(input.motor_v, input.hand_torque_nm);
     }
 
-    /// One internal step up to where the slave moves: what acts on it stands in the stage.
-    #[inline(always)]
+    /// One internal step up to where the slave moves, which somebody else does.
     fn begin<const EFFECTS: bool>(&mut self, input: Input, step: f64) -> Stage {
         let (half, mean) = self.middle(step);
         let moment = Moment::middle(self.state.time_s, step, &half, &mean);
-        let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
-        let motor_torque = if EFFECTS {
-            self.effects.motor_torque(input.motor_v, torque_per_volt, &moment)
-        } else {
-            torque_per_volt * input.motor_v
-        };
+        let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
         let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
-        let mut master = self.master_load(&coupling, half[0], mean[0]);
-        let master_effect = if EFFECTS { self.effects.side(&mut master, &moment) } else { 0.0 };
+        let master = self.move_master::<EFFECTS>(motor_torque, &coupling, (&half, &mean, &moment));
+        let acting = self.reach_slave::<EFFECTS>(&coupling, input.hand_torque_nm, (&half, &mean, &moment));
+        Stage { acting, master, coupling, mean, moment }
+    }
+
+    #[inline(always)]
+    fn motor_torque<const EFFECTS: bool>(&mut self, motor_v: f64, moment: &Moment) -> f64 {
+        let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
+        if EFFECTS { self.effects.motor_torque(motor_v, torque_per_volt, moment) } else { torque_per_volt * motor_v }
+    }
+
+    /// Moves the master over an internal step.
+    #[inline(always)]
+    fn move_master<const EFFECTS: bool>(
+        &mut self,
+        motor_torque: f64,
+        coupling: &Coupling,
+        (half, mean, moment): (&[f64; 4], &[f64; 4], &Moment),
+    ) -> Advance {
+        let mut master = self.master_load(coupling, half[0], mean[0]);
+        let master_effect = if EFFECTS { self.effects.side(&mut master, moment) } else { 0.0 };
         master.load.force += motor_torque;
-        let moved = advance(self.state.master_velocity_rad_s, step, &master.load);
+        let moved = advance(self.state.master_velocity_rad_s, moment.step_s, &master.load);
         self.energy.dissipated_j += moved.dissipated;
         if EFFECTS {
             self.energy.effects_j -= master_effect * moved.displacement;
         }
         self.energy.count_input(motor_torque * moved.displacement);
         self.state.motor_torque_nm = motor_torque;
-        self.reach_slave::<EFFECTS>(moved, coupling, input.hand_torque_nm, (half, mean, moment))
+        moved
     }
 
     /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
@@ -234,9 +259,9 @@ impl Plant {
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            let stage = self.reach_slave::<EFFECTS>(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
-            let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
-            self.complete::<EFFECTS>(stage, slave);
+            let acting = self.reach_slave::<EFFECTS>(&coupling, hand_torque_nm, (&half, &mean, &moment));
+            let slave = advance(self.state.slave_velocity_rad_s, step, &acting.load);
+            self.complete::<EFFECTS>([driven.moved, slave], &acting, &coupling, &mean, &moment);
         }
         self.read(0.0, hand_torque_nm);
     }
@@ -245,11 +270,10 @@ impl Plant {
     #[inline(always)]
     fn reach_slave<const EFFECTS: bool>(
         &mut self,
-        master: Advance,
-        coupling: Coupling,
+        coupling: &Coupling,
         hand_torque_nm: f64,
-        (half, mean, moment): ([f64; 4], [f64; 4], Moment),
-    ) -> Stage {
+        (half, mean, moment): (&[f64; 4], &[f64; 4], &Moment),
+    ) -> Acting {
         let constants = &self.constants;
         let transmitted = constants.displacement[1] * (coupling.piston[0][1] + coupling.piston[1][1]);
         let mut load = SideLoad {
@@ -265,24 +289,30 @@ impl Plant {
                 ..Load::default()
             },
         };
-        let slave_effect = if EFFECTS { self.effects.side(&mut load, &moment) } else { 0.0 };
+        let effect = if EFFECTS { self.effects.side(&mut load, moment) } else { 0.0 };
         load.load.force += hand_torque_nm;
-        Stage { slave: load.load, master, coupling, mean, moment, slave_effect, hand_torque_nm, transmitted }
+        Acting { load: load.load, effect, transmitted, hand_torque_nm }
     }
 
     /// Everything after the slave has moved: lines, energy, time.
     #[inline(always)]
-    fn complete<const EFFECTS: bool>(&mut self, stage: Stage, slave: Advance) {
-        let Stage { master, coupling, mean, moment, slave_effect, hand_torque_nm, transmitted, .. } = stage;
-        let (coupling, moment, step) = (&coupling, &moment, moment.step_s);
+    fn complete<const EFFECTS: bool>(
+        &mut self,
+        [master, slave]: [Advance; 2],
+        acting: &Acting,
+        coupling: &Coupling,
+        mean: &[f64; 4],
+        moment: &Moment,
+    ) {
+        let step = moment.step_s;
         if EFFECTS {
             self.effects.moved([master.displacement, slave.displacement], moment);
         }
         self.energy.dissipated_j += slave.dissipated;
         if EFFECTS {
-            self.energy.effects_j -= slave_effect * slave.displacement;
+            self.energy.effects_j -= acting.effect * slave.displacement;
         }
-        self.energy.count_input(hand_torque_nm * slave.displacement);
+        self.energy.count_input(acting.hand_torque_nm * slave.displacement);
 
         let moved = [master.displacement, slave.displacement];
         let mut lines = [slave; 2];
@@ -342,7 +372,7 @@ impl Plant {
             state.line_force_master_n[line] = coupling.piston[line][0];
             state.line_force_slave_n[line] = coupling.piston[line][1];
         }
-        state.transmitted_torque_nm = transmitted;
+        state.transmitted_torque_nm = acting.transmitted;
     }
 
     /// The four links, each once.
@@ -465,11 +495,17 @@ impl Shared for Plant {
     fn begin(&mut self, input: Input, step_s: f64) -> (Stage, Load) {
         let stage =
             if self.effects.any { self.begin::<true>(input, step_s) } else { self.begin::<false>(input, step_s) };
-        (stage, stage.slave)
+        (stage, stage.acting.load)
     }
 
     fn complete(&mut self, stage: Stage, slave: Advance) {
-        if self.effects.any { self.complete::<true>(stage, slave) } else { self.complete::<false>(stage, slave) }
+        let Stage { acting, master, coupling, mean, moment } = &stage;
+        let moved = [*master, slave];
+        if self.effects.any {
+            self.complete::<true>(moved, acting, coupling, mean, moment);
+        } else {
+            self.complete::<false>(moved, acting, coupling, mean, moment);
+        }
     }
 
     fn observe(&mut self, input: Input) {

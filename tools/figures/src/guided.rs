@@ -152,7 +152,7 @@ pub const PARTS: usize = LawKind::ALL.len();
 /// Where the rig file that is built in is not in order.
 pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
     let (name, text) = RIGS[1];
-    let rig = RigFile::parse(text, name)?;
+    let rig = twin::lean(RigFile::parse(text, name)?);
     let of_law = |law: LawKind| -> Result<Vec<Cell>> {
         let cells = HERTZ
             .into_par_iter()

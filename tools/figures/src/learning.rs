@@ -147,7 +147,7 @@ pub const PARTS: usize = 4 + CHANGES.len();
 /// # Errors
 /// Where a rig file that is built in is not in order.
 pub fn learn(done: impl Fn() + Sync) -> Result<Learning> {
-    let rigs = RIGS.map(|(name, text)| RigFile::parse(text, name));
+    let rigs = RIGS.map(|(name, text)| RigFile::parse(text, name).map(twin::lean));
     let [printed, traced] = rigs;
     let rigs = [printed?, traced?];
     let benches = rigs.clone().map(bench);

@@ -32,7 +32,7 @@ use control::law::Law;
 use control::law_config;
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use plant::transmission::Motion;
-use rig::RigFile;
+use rig::{ChannelKind, RigFile};
 use runtime::daq::{Daq, DaqError};
 use simulator::{CardError, LockStepDaq};
 use thiserror::Error;
@@ -47,6 +47,15 @@ const LINE_NS: u64 = 5_000_000;
 const LEASE_NS: u64 = 100_000_000;
 /// Identity of the one who makes the setpoints.
 const INCARNATION: u64 = 61;
+
+/// The rig without what no law sees and no figure shows: EMG, trigger and other channels, and the hard stops at the handle, which
+/// the thesis's simulations do not have. A scan then takes less than half the time, and all else stays as it was, noise included.
+#[must_use]
+pub fn lean(mut rig: RigFile) -> RigFile {
+    rig.channels.retain(|channel| channel.kind == ChannelKind::Torque);
+    rig.simulation.end_stops = None;
+    rig
+}
 
 /// Why there is no twin, or why it stopped.
 #[derive(Debug, Error)]

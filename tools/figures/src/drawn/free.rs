@@ -91,7 +91,7 @@ pub fn movement(_: &Common) -> Result<Drawn> {
 pub fn free_movement() -> Result<Drawn> {
     let mut rigs = Vec::with_capacity(RIGS.len());
     for (name, text) in RIGS {
-        rigs.push(RigFile::parse(text, name)?);
+        rigs.push(twin::lean(RigFile::parse(text, name)?));
     }
     let (pairs, cases) = rayon::join(
         || {

@@ -89,7 +89,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
 /// Where the rig file that is built in is not in order.
 pub fn feedforward(common: &Common) -> Result<Drawn> {
     let (name, text) = RIGS[1];
-    let rig = RigFile::parse(text, name)?;
+    let rig = twin::lean(RigFile::parse(text, name)?);
     let control = &rig.axes[0].control;
     let [none, printed, identified] = [LawKind::Feedback, LawKind::Printed, LawKind::Identified]
         .map(|law| movement_of(&common.guided, law, FIGURE_HZ, 1.0));

@@ -3,10 +3,10 @@
 use plant::cable::Parameters;
 use rayon::prelude::*;
 
-use super::{fit, measured, near};
+use super::{fit_with_peak, measured};
 use crate::drawn::cable::Cable;
 use crate::error::Result;
-use crate::measure::{cut_off, peak};
+use crate::measure::cut_off;
 use crate::row::{Role, Row};
 
 /// Amplitudes of the slave where the cables are rigid, degrees; none is printed. Below, friction holds the slave at some
@@ -50,17 +50,15 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
                 },
                 slave_amplitude_deg: *amplitude,
             };
-            let factor = fit(target, FACTORS.0, FACTORS.1, cable)?;
+            let found = fit_with_peak(target, FACTORS.0, FACTORS.1, cable)?;
             let mut cell = CableCell {
                 amplitude_deg: *amplitude,
                 damping_n_s_per_m: *damping,
-                factor,
+                factor: found.as_ref().map(|(factor, _)| *factor),
                 peak_gain: None,
                 cut_off_hz: None,
             };
-            if let Some(factor) = factor {
-                let (low, high) = near(target);
-                let top = peak(&cable(factor), low, high)?;
+            if let Some((factor, top)) = found {
                 cell.peak_gain = top.gain();
                 cell.cut_off_hz = top.frequency_hz().map_or(Ok(None), |hz| cut_off(&cable(factor), hz))?;
             }

@@ -138,17 +138,30 @@ fn near(target_hz: f64) -> (f64, f64) {
 /// # Errors
 /// Where a constant or an effect is out of range.
 pub fn fit<R: Rig>(target_hz: f64, harmless: f64, strongest: f64, rig: impl Fn(f64) -> R) -> Result<Option<f64>> {
+    Ok(fit_with_peak(target_hz, harmless, strongest, rig)?.map(|(size, _)| size))
+}
+
+/// The same, with the peak that it gives.
+///
+/// # Errors
+/// Those of [`fit`].
+pub fn fit_with_peak<R: Rig>(
+    target_hz: f64,
+    harmless: f64,
+    strongest: f64,
+    rig: impl Fn(f64) -> R,
+) -> Result<Option<(f64, Peak)>> {
     // Clamped, since the exponential of a logarithm may step over the end of a parameter's range.
     let size = |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
     let (low, high) = near(target_hz);
-    let miss = |logarithm: f64| -> Result<f64> {
-        Ok(match measure::peak(&rig(size(logarithm)), low, high)? {
-            Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
-            Peak::Below | Peak::Still => -target_hz,
-            Peak::Above => target_hz,
-            Peak::Diverged => f64::NAN,
-        })
+    let off = |peak: &Peak| match peak {
+        Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
+        Peak::Below | Peak::Still => -target_hz,
+        Peak::Above => target_hz,
+        Peak::Diverged => f64::NAN,
     };
+    let top = |logarithm: f64| measure::peak(&rig(size(logarithm)), low, high);
+    let miss = |logarithm: f64| top(logarithm).map(|peak| off(&peak));
     let (start, end) = (harmless.ln(), strongest.ln());
     let mut last = (start, miss(start)?);
     for step in 1..=BRACKETS {
@@ -156,10 +169,10 @@ pub fn fit<R: Rig>(target_hz: f64, harmless: f64, strongest: f64, rig: impl Fn(f
         let next = (at, miss(at)?);
         if last.1 * next.1 <= 0.0 {
             let found = measure::root(last.0, next.0, 5e-3, miss)?;
-            return match found {
-                Some(logarithm) if miss(logarithm)?.abs() <= FIT_TOLERANCE * target_hz => Ok(Some(size(logarithm))),
-                _ => Ok(None),
-            };
+            let Some(logarithm) = found else { return Ok(None) };
+            let peak = top(logarithm)?;
+            let fits = off(&peak).abs() <= FIT_TOLERANCE * target_hz;
+            return Ok(fits.then(|| (size(logarithm), peak)));
         }
         last = next;
     }
