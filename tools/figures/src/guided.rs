@@ -5,6 +5,7 @@
 //! follows perfectly moves the slave by 0.854 of that.
 
 use learning::LearningLaw;
+use plant::hydrostatic::Parameters;
 use rayon::prelude::*;
 use report::{Page, Table};
 use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
@@ -238,34 +239,43 @@ fn values(quality: &Quality) -> [(&'static str, &'static str, f64, &'static str)
     ]
 }
 
-/// The table on the page.
+/// A measure of the tables: what it is called, and what of a movement it says.
+type Measure = (&'static str, fn(&Quality) -> String);
+
+/// The tables on the page, one a measure.
+const MEASURES: [Measure; 4] = [
+    ("Error of the slave, root mean square in ° (of the master)", |quality| {
+        let [slave, master] = [quality.slave_error, quality.master_error].map(|error| short(Some(error.to_degrees())));
+        format!("{slave} ({master})")
+    }),
+    ("Longest time for which the slave stands still, ms", |quality| format!("{:.0}", 1e3 * quality.plateau_s)),
+    ("Jerk of the slave, root mean square over 10 ms in 10⁶ °/s³", |quality| {
+        short(Some(1e-6 * quality.jerk.to_degrees()))
+    }),
+    ("Effort: volts of the motor, root mean square", |quality| short(Some(quality.effort_v))),
+];
+
+/// The tables on the page.
 pub fn on_page(page: Page, study: &Guided) -> Page {
-    let mut table =
-        Table::new(["law".to_owned()].into_iter().chain(HERTZ.map(|hertz| format!("{hertz} Hz"))).collect::<Vec<_>>());
-    for law in LawKind::ALL {
-        let mut cells = vec![law.name().to_owned()];
-        cells.extend(HERTZ.map(|hertz| {
-            study.cell(law, hertz).and_then(|cell| cell.quality).map_or_else(
-                || "–".to_owned(),
-                |quality| {
-                    format!(
-                        "{} ({}) · {:.0} · {} · {}",
-                        short(Some(quality.slave_error.to_degrees())),
-                        short(Some(quality.master_error.to_degrees())),
-                        1e3 * quality.plateau_s,
-                        short(Some(1e-6 * quality.jerk.to_degrees())),
-                        short(Some(quality.effort_v)),
-                    )
-                },
-            )
-        }));
-        table = table.row(cells);
+    let own = Parameters::traced();
+    let ratio = own.master_displacement_m_per_rad() / own.slave_displacement_m_per_rad();
+    let mut page = page.heading("Guided movement under each law of position control").paragraph(&format!(
+        "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. A master that follows perfectly leaves the slave {:.1}° of error by \
+         the ratio of the pistons alone; only the loop on the slave and learning do something about that, by moving the master's \
+         reference, so their master's error is meant. Learning: feedback alone, after {BLOCKS} blocks of three cycles by the published law \
+         (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by the model-based one; 3 Hz is no whole number of control steps. Settled for \
+         {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
+        (1.0 - ratio) * AMPLITUDE_DEG * std::f64::consts::FRAC_1_SQRT_2,
+    ));
+    for (title, told) in MEASURES {
+        let head = ["law".to_owned()].into_iter().chain(HERTZ.map(|hertz| format!("{hertz} Hz")));
+        let mut table = Table::new(head.collect::<Vec<_>>());
+        for law in LawKind::ALL {
+            let cell = |hertz| study.cell(law, hertz).and_then(|cell| cell.quality);
+            let cells = HERTZ.map(|hertz| cell(hertz).map_or_else(|| "–".to_owned(), |quality| told(&quality)));
+            table = table.row(std::iter::once(law.name().to_owned()).chain(cells).collect::<Vec<_>>());
+        }
+        page = page.table(table, title);
     }
-    page.heading("Guided movement under each law of position control").table(
-        table,
-        &format!(
-            "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. In each cell: root mean square of the slave's error in °,              (of the master's), longest time for which the slave stands still in ms, root mean square of its jerk over 10 ms in 10⁶ °/s³,              and of the motor's volts. A master that follows perfectly leaves the slave {:.1}° of error by the ratio of the pistons alone; only the              loop on the slave and learning do something about that, by moving the master's reference, so their master's error is meant. Learning:              feedback alone, after {BLOCKS} blocks of three cycles by the published law (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by              the model-based one; 3 Hz is no whole number of control steps. Settled for {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
-            (1.0 - 0.8542) * AMPLITUDE_DEG * std::f64::consts::FRAC_1_SQRT_2,
-        ),
-    )
+    page
 }
