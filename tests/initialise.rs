@@ -35,7 +35,7 @@ duration_s = 4.0
 
 #[test]
 fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
-    let rig = TestRig::new("initialise");
+    let rig = TestRig::patient("initialise");
     let (rig_file, protocol, record) = (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));
     let kept: Vec<&str> = RIG.lines().filter(|line| !line.starts_with("end_stop_")).collect();
     let keys = format!("[simulation]\nend_stop_min_deg = {:?}\nend_stop_max_deg = {:?}", STOPS_DEG.0, STOPS_DEG.1);

@@ -46,7 +46,7 @@ fn play(rig: &TestRig, protocol: &str) {
 
 #[test]
 fn three_axes_move_together_and_nothing_is_lost() {
-    let rig = TestRig::new("axes");
+    let rig = TestRig::patient("axes");
     let (file, protocol) = (rig.path("run.mcap"), rig.path("together.toml"));
     std::fs::write(&protocol, PROTOCOL).unwrap();
     let file = file.to_str().unwrap();
