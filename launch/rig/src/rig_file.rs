@@ -150,6 +150,16 @@ impl RigFile {
         self.model.transmission(&self.file_name)
     }
 
+    /// The axes that are wanted, one bit each.
+    pub fn axis_bits(&self, wanted: impl Fn(&Axis) -> bool) -> u8 {
+        self.axes.iter().enumerate().filter(|(_, axis)| wanted(axis)).fold(0, |bits, (index, _)| bits | 1 << index)
+    }
+
+    /// The analog channels that there are, one bit each.
+    pub fn channel_bits(&self) -> u16 {
+        self.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index)
+    }
+
     /// The declared constants of one axis's transmission: those of [`Model::parameters`], but for what `axes.model` says of it.
     ///
     /// # Errors

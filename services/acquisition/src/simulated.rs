@@ -22,18 +22,14 @@ pub struct SimulatedDaq {
 impl SimulatedDaq {
     /// Joins the virtual card of the service's rig.
     pub fn new(service: &Service, rig: &RigFile) -> Result<Self, PortError> {
-        let axes = rig.axes.iter().enumerate();
-        let bits = |wanted: fn(&rig::Axis) -> bool| {
-            axes.clone().filter(|(_, axis)| wanted(axis)).fold(0u8, |bits, (index, _)| bits | 1 << index)
-        };
         Ok(Self {
             scans: service.subscriber(CARD_SCAN)?,
             outputs: service.publisher(CARD_OUTPUT)?,
             present: Present {
-                master: bits(|_| true),
-                slave: bits(|axis| axis.slave.is_some()),
-                motor: bits(|_| true),
-                analog: rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index),
+                master: rig.axis_bits(|_| true),
+                slave: rig.axis_bits(|axis| axis.slave.is_some()),
+                motor: rig.axis_bits(|_| true),
+                analog: rig.channel_bits(),
             },
             batch: Vec::with_capacity(2 * CARD_FIFO),
             converted: Vec::with_capacity(2 * CARD_FIFO),
@@ -80,18 +76,7 @@ impl Daq for SimulatedDaq {
                 self.missed += scan.tick - last - 1;
             }
             self.last_tick = Some(scan.tick);
-            self.converted.push(Scan {
-                tick: scan.tick,
-                time_ns: scan.scan_time_ns,
-                master_counts: scan.master_counts,
-                slave_counts: scan.slave_counts,
-                analog_v: scan.analog_v,
-                motor_v: scan.motor_v,
-                digital_in: scan.digital_in,
-                present: self.present,
-                motor_power: scan.motor_power == 1,
-                ..Scan::default()
-            });
+            self.converted.push(Scan::of_card(scan, self.present));
         }
         Ok(&self.converted)
     }

@@ -3,6 +3,7 @@
 mod classroom;
 mod desk;
 mod link;
+mod whole_file;
 
 use std::fs;
 use std::io;
@@ -213,7 +214,7 @@ impl Runner {
         // Each of them: a lesson wants the slave's place at every step, however late this loop wakes.
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
-            self.player.record(sample.scan_time_ns, &slaves(&sample), powered);
+            self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
             self.newest = Some(sample);
         }
         while let Some(lecture) = self.classroom.lecture() {
@@ -323,15 +324,6 @@ fn tell_notice(notice: Notice, segment: u32, events: &mut Publisher<Event>) -> R
             send(EventKind::RangeFound, Severity::Warning, text, [range.lower.motor, range.upper.motor, axis])
         }
     }
-}
-
-/// Positions of the slaves (rad or m); not a number where there is none.
-fn slaves(sample: &Sample) -> [f64; AXES] {
-    std::array::from_fn(
-        |axis| {
-            if sample.slave_present >> axis & 1 == 1 { sample.slave_position[axis] } else { f64::NAN }
-        },
-    )
 }
 
 /// The events of a change. Texts are copied, not formatted.

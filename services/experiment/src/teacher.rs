@@ -14,7 +14,7 @@ use rig::RigFile;
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw, MIN_JERK_PEAK_SPEED};
 use serde::{Deserialize, Serialize};
 
-use crate::lesson::{Fault, Reference, Take, Timetable};
+use crate::lesson::{Fault, Lecture, Reference, Take, Timetable};
 
 /// A slave that moves by fewer counts than this tells nothing of the response.
 const LEAST_COUNTS: f64 = 2.0;
@@ -215,6 +215,18 @@ impl Teacher {
     /// Whether no identification is needed any more.
     pub fn identified(&self) -> bool {
         self.learner.is_some()
+    }
+
+    /// What the lesson begins with; `ticket` is its number.
+    pub fn ready(&self, ticket: u32) -> Lecture {
+        let empty = || Box::new(Take::new(&self.plan.timetable));
+        Lecture::Ready {
+            ticket,
+            takes: [empty(), empty()],
+            reference: self.reference(),
+            done: self.done(),
+            identified: self.identified(),
+        }
     }
 
     /// The reference to follow from the first block on; `None`: the movement itself.

@@ -42,6 +42,7 @@ mod request;
 mod service;
 mod sweep;
 mod timing;
+mod worker;
 
 pub use domain::{Domain, DomainError, Keeper, RigName};
 pub use grid::{Grid, Wake};
@@ -51,3 +52,4 @@ pub use realtime::{Grants, Lives, lives};
 pub use request::{RequestError, Server, call};
 pub use service::{Service, ServiceError};
 pub use timing::LoopMeter;
+pub use worker::Worker;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{AXES, Backend, CARD_FIFO, CardScan};
+use ipc_types::{AXES, Backend, CARD_FIFO};
 use rig::RigFile;
 use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
 
@@ -61,36 +61,18 @@ impl LockStepDaq {
                 self.fifo.pop_front();
                 self.missed += 1;
             }
-            self.fifo.push_back(from_card(&scan, self.present));
+            self.fifo.push_back(Scan::of_card(&scan, self.present));
         }
     }
 }
 
 /// What the rig declares is there.
 fn present(rig: &RigFile) -> Present {
-    let bits = |wanted: fn(&rig::Axis) -> bool| {
-        rig.axes.iter().enumerate().filter(|(_, axis)| wanted(axis)).fold(0u8, |bits, (at, _)| bits | 1 << at)
-    };
     Present {
-        master: bits(|_| true),
-        slave: bits(|axis| axis.slave.is_some()),
-        motor: bits(|_| true),
-        analog: rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index),
-    }
-}
-
-fn from_card(scan: &CardScan, present: Present) -> Scan {
-    Scan {
-        tick: scan.tick,
-        time_ns: scan.scan_time_ns,
-        master_counts: scan.master_counts,
-        slave_counts: scan.slave_counts,
-        analog_v: scan.analog_v,
-        motor_v: scan.motor_v,
-        digital_in: scan.digital_in,
-        present,
-        motor_power: scan.motor_power == 1,
-        ..Scan::default()
+        master: rig.axis_bits(|_| true),
+        slave: rig.axis_bits(|axis| axis.slave.is_some()),
+        motor: rig.axis_bits(|_| true),
+        analog: rig.channel_bits(),
     }
 }
 

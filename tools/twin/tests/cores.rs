@@ -84,12 +84,7 @@ impl Rig {
             machine: Machine::new(Config::for_profile(PROFILE, SESSION, WATCHDOG, rig.axes.len(), limits, true)),
             player: Player::new(Settings::default()),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
-            present: Present {
-                master: bits,
-                slave: bits,
-                motor: bits,
-                analog: rig.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index),
-            },
+            present: Present { master: bits, slave: bits, motor: bits, analog: rig.channel_bits() },
             scans: Vec::new(),
             output: None,
             lines: Vec::new(),
@@ -119,18 +114,7 @@ impl Rig {
             self.card.write(volts, 0, ACQUISITION);
         }
         let scan = self.card.clock(tick, now);
-        self.scans.push(Scan {
-            tick: scan.tick,
-            time_ns: scan.scan_time_ns,
-            master_counts: scan.master_counts,
-            slave_counts: scan.slave_counts,
-            analog_v: scan.analog_v,
-            motor_v: scan.motor_v,
-            digital_in: scan.digital_in,
-            present: self.present,
-            motor_power: scan.motor_power == 1,
-            ..Scan::default()
-        });
+        self.scans.push(Scan::of_card(&scan, self.present));
     }
 
     fn acquisition(&mut self, now: u64) {

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::lesson::{Lecture, Spent, Take};
+use experiment::lesson::{Lecture, Spent};
 use experiment::player::{Homework, Player, Program, Settings};
 use experiment::teacher::{Kept, Teacher};
 use ipc_types::{AXES, Event, EventKind, Mode};
@@ -94,14 +94,7 @@ impl Live {
             Homework::Begin { ticket, program, segment, .. } => {
                 let plan = program.plan(segment as usize).unwrap().as_ref().clone();
                 let teacher = Teacher::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
-                let empty = || Box::new(Take::new(&teacher.plan().timetable));
-                let lecture = Lecture::Ready {
-                    ticket,
-                    takes: [empty(), empty()],
-                    reference: teacher.reference(),
-                    done: teacher.done(),
-                    identified: teacher.identified(),
-                };
+                let lecture = teacher.ready(ticket);
                 self.teacher = Some(teacher);
                 lecture
             }

@@ -1,23 +1,23 @@
 //! The thread that teaches: everything about a lesson that takes time, allocates, or touches the disk. The loop and it pass each other boxes
 //! through rings of one writer and one reader; neither waits.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use ipc_types::{Event, EventKind, Process, Profile, Severity};
 use learning::store::LearntReference;
 use rtrb::{Consumer, Producer, RingBuffer};
+use runtime::Worker;
 
 use crate::lesson::{Lecture, Spent, Take};
 use crate::player::{Homework, Program};
 use crate::teacher::{Kept, LessonError, Teacher};
 
 use super::link::EVENTS;
+use super::whole_file;
 
 /// How often it looks for homework: short against the settling cycle of a block.
 const NAP: Duration = Duration::from_millis(2);
@@ -32,8 +32,7 @@ pub(super) struct Classroom {
     homework: Producer<Homework>,
     lectures: Consumer<Lecture>,
     events: Consumer<Event>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    worker: Worker,
 }
 
 impl Classroom {
@@ -42,8 +41,6 @@ impl Classroom {
         let (homework, homework_out) = RingBuffer::new(HOMEWORK);
         let (lecture_in, lectures) = RingBuffer::new(LECTURES);
         let (event_in, events) = RingBuffer::new(EVENTS);
-        let stop = Arc::new(AtomicBool::new(false));
-        let ending = Arc::clone(&stop);
         let mut room = Room {
             session,
             file,
@@ -54,7 +51,7 @@ impl Classroom {
             lesson: None,
             unkept: None,
         };
-        let thread = std::thread::Builder::new().name("experiment-learn".to_owned()).spawn(move || {
+        let worker = Worker::spawn("experiment-learn", move |ending| {
             runtime::realtime::request_helper(profile);
             while !ending.load(Ordering::Relaxed) {
                 room.work();
@@ -62,7 +59,7 @@ impl Classroom {
             }
             room.work();
         })?;
-        Ok(Self { homework, lectures, events, stop, thread: Some(thread) })
+        Ok(Self { homework, lectures, events, worker })
     }
 
     /// Hands over; returns it where the thread is far behind.
@@ -82,16 +79,7 @@ impl Classroom {
 
     /// Whether the thread is gone, which it should not be.
     pub(super) fn is_closed(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-}
-
-impl Drop for Classroom {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.worker.is_closed()
     }
 }
 
@@ -158,14 +146,7 @@ impl Room {
         };
         match begun {
             Ok(teacher) => {
-                let empty = || Box::new(Take::new(&teacher.plan().timetable));
-                let lecture = Lecture::Ready {
-                    ticket,
-                    takes: [empty(), empty()],
-                    reference: teacher.reference(),
-                    done: teacher.done(),
-                    identified: teacher.identified(),
-                };
+                let lecture = teacher.ready(ticket);
                 self.lesson = Some(Class { ticket, protocol: program.identity(), teacher, saved: false });
                 self.say(lecture);
             }
@@ -329,14 +310,7 @@ const LONGEST: usize = 16 << 20;
 fn keep(path: &Path, kept: &Kept) -> Result<(), String> {
     let body = bincode::serde::encode_to_vec(kept, bincode::config::standard()).map_err(|error| error.to_string())?;
     let bytes = [&MARK[..], &rig::identity_of_bytes(&body).to_le_bytes(), &body].concat();
-    let fresh = path.with_extension("lesson.new");
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&fresh)?;
-        file.write_all(&bytes)?;
-        file.sync_all()?;
-        fs::rename(&fresh, path)
-    };
-    write().map_err(|error| error.to_string())
+    whole_file::replace(path, &path.with_extension("lesson.new"), &bytes).map_err(|error| error.to_string())
 }
 
 fn decode(bytes: &[u8]) -> Result<Kept, String> {

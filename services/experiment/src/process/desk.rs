@@ -1,26 +1,25 @@
 //! The thread that answers requests, reads protocols and keeps the state: everything that allocates or waits. It has a
 //! node of its own, since ports stay in the thread that made them.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ipc_types::{EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process, Severity};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
-use runtime::{Domain, RigName, Server, ServiceError};
+use runtime::{Domain, RigName, Server, ServiceError, Worker};
 
 use crate::player::{Change, Program};
 use crate::state::PlayerState;
 
 use super::classroom::find_references;
 use super::link::{DeskEnd, Note, Order, Progress};
+use super::whole_file;
 
 /// How often it looks for requests and changes.
 const NAP: Duration = Duration::from_millis(5);
@@ -60,17 +59,15 @@ pub(super) struct Clerk {
 /// Runs the thread. Dropping it ends it, after the last change was kept.
 #[derive(Debug)]
 pub(super) struct Desk {
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    worker: Worker,
 }
 
 impl Desk {
     /// Starts the thread; returns when it serves.
     pub(super) fn open(rig: &RigName, mut clerk: Clerk) -> Result<Self, ServiceError> {
         let (ready, wait) = mpsc::channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let (name, ending) = (rig.clone(), Arc::clone(&stop));
-        let thread = std::thread::Builder::new().name("experiment-desk".to_owned()).spawn(move || {
+        let name = rig.clone();
+        let worker = Worker::spawn("experiment-desk", move |ending| {
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
                 runtime::realtime::request_helper(domain.profile());
                 let server = Server::new(&domain.node("experiment-desk")?, &EXPERIMENT_COMMANDS)?;
@@ -97,21 +94,12 @@ impl Desk {
         })?;
         // The channel is closed only by a thread that panicked.
         wait.recv().unwrap_or_else(|_| Err(io::Error::other("the thread that answers requests ended").into()))?;
-        Ok(Self { stop, thread: Some(thread) })
+        Ok(Self { worker })
     }
 
     /// Whether the thread is gone, which it should not be.
     pub(super) fn is_closed(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-}
-
-impl Drop for Desk {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.worker.is_closed()
     }
 }
 
@@ -248,12 +236,5 @@ impl Clerk {
 /// Writes the state whole or not at all.
 fn save(path: &Path, state: &PlayerState) -> Result<(), String> {
     let bytes = state.encode().map_err(|error| error.to_string())?;
-    let fresh = path.with_extension("new");
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&fresh)?;
-        file.write_all(&bytes)?;
-        file.sync_all()?;
-        fs::rename(&fresh, path)
-    };
-    write().map_err(|error| error.to_string())
+    whole_file::replace(path, &path.with_extension("new"), &bytes).map_err(|error| error.to_string())
 }

@@ -1,14 +1,12 @@
 //! The thread that answers requests. Ports stay in the thread that made them, so it has a node of its own and
 //! passes what it is asked to the loop.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, SyncSender};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest};
-use runtime::{Domain, RigName, Server, ServiceError};
+use runtime::{Domain, RigName, Server, ServiceError, Worker};
 
 /// How often it looks for requests.
 const NAP: Duration = Duration::from_millis(5);
@@ -26,8 +24,7 @@ pub(super) struct Question {
 #[derive(Debug)]
 pub(super) struct Desk {
     questions: Receiver<Question>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    worker: Worker,
 }
 
 impl Desk {
@@ -35,9 +32,8 @@ impl Desk {
     pub(super) fn open(rig: &RigName) -> Result<Self, ServiceError> {
         let (ask, questions) = mpsc::channel();
         let (ready, wait) = mpsc::channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let (name, ending) = (rig.clone(), Arc::clone(&stop));
-        let thread = std::thread::Builder::new().name("logger-desk".to_owned()).spawn(move || {
+        let name = rig.clone();
+        let worker = Worker::spawn("logger-desk", move |ending| {
             // The domain is held as long as the server: the thread is part of the rig by itself.
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
                 let server = Server::new(&domain.node("logger-desk")?, &LOGGER_COMMANDS)?;
@@ -62,7 +58,7 @@ impl Desk {
         })?;
         // The channel is closed only by a thread that panicked.
         wait.recv().unwrap_or_else(|_| Err(std::io::Error::other("the thread that answers requests ended").into()))?;
-        Ok(Self { questions, stop, thread: Some(thread) })
+        Ok(Self { questions, worker })
     }
 
     /// The next request.
@@ -72,18 +68,14 @@ impl Desk {
 
     /// Whether the thread is gone, which it should not be.
     pub(super) fn is_closed(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+        self.worker.is_closed()
     }
 }
 
 impl Drop for Desk {
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        // A request that the loop will not take any more fails at once instead of being waited for.
+        // A request that the loop will not take any more fails at once instead of being waited for, by the worker that ends next.
         self.questions = mpsc::channel().1;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

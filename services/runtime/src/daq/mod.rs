@@ -1,6 +1,6 @@
 //! The card as acquisition sees it: batched, so that a late wake yields late samples and not holes.
 
-use ipc_types::{ANALOG, AXES, Backend};
+use ipc_types::{ANALOG, AXES, Backend, CardScan};
 use thiserror::Error;
 
 pub mod conformance;
@@ -47,6 +47,24 @@ pub struct Physical {
     pub slave: u8,
     /// One bit an axis: the torque is there.
     pub torque: u8,
+}
+
+impl Scan {
+    /// A scan of the virtual card; `present` is what its rig has.
+    pub fn of_card(scan: &CardScan, present: Present) -> Self {
+        Self {
+            tick: scan.tick,
+            time_ns: scan.scan_time_ns,
+            master_counts: scan.master_counts,
+            slave_counts: scan.slave_counts,
+            analog_v: scan.analog_v,
+            motor_v: scan.motor_v,
+            digital_in: scan.digital_in,
+            present,
+            motor_power: scan.motor_power == 1,
+            ..Self::default()
+        }
+    }
 }
 
 /// Presence, one bit an axis or a channel.
