@@ -207,7 +207,7 @@ impl RigFile {
         let axis = self.axes.get(axis)?;
         let gear = axis.master.turns_per_handle_turn;
         let speed_max = axis.limits.speed_max;
-        match self.transmission_parameters().ok()? {
+        match self.axis_parameters(axis).ok()? {
             any::Parameters::Hydrostatic(model) => Some(hydrostatic_axis(&model, gear, speed_max)),
             any::Parameters::Cable(model) => Some(cable_axis(&model, gear, speed_max)),
         }

@@ -147,3 +147,24 @@ fn lists_that_do_not_match_are_refused() {
         protocol(&format!("{SINE}axes = [1, 0]\n")).unwrap().check_against(&rig(&narrow)).unwrap_err().to_string();
     assert!(message.contains("segments.0.amplitude_deg: expected positions from -120.0° to 15.0°"), "{message}");
 }
+
+#[test]
+fn gains_are_held_against_the_axis_s_own_transmission() {
+    // The last axis alone gets a line a twentieth as stiff; the gains that the other two bear are too high for it.
+    let own = "hose_length_m = { value = 8.0";
+    let message = refused(THREE, own, "line_stiffness_factor = 5.0e-4\nhose_length_m = { value = 8.0");
+    assert!(
+        message.contains("axes.2.control.p_v_per_count: expected gains that the declared transmission bears"),
+        "{message}"
+    );
+    assert!(!message.contains("axes.0") && !message.contains("axes.1"), "{message}");
+}
+
+#[test]
+fn what_the_model_says_of_an_axis_is_that_of_its_own_transmission() {
+    let rig = rig(THREE);
+    let [first, second, third] = [0, 1, 2].map(|axis| rig.identified(axis).unwrap());
+    assert_eq!(first, second);
+    // 8 m of hose instead of 10 m: stiffer and lighter.
+    assert!(third.line_v > first.line_v && third.inertia_v < first.inertia_v, "{} {}", third.line_v, third.inertia_v);
+}

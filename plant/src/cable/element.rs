@@ -59,17 +59,19 @@ impl ElementLaw {
         if self.sag_n2_m <= 0.0 {
             return weightless;
         }
-        // Concave and growing in the tension: one Newton step leads below the root, the next approach it from there.
+        // Concave and growing in the tension: one Newton step leads below the root, the next approach it from there. Gap and slope
+        // are multiplied by the tension's cube, which leaves one division.
         let mut tension = near.max(weightless).max(1e-9);
         for _ in 0..100 {
             let (straight, slope) = self.straight(tension);
-            let square = tension * tension;
-            let gap = straight - self.sag_n2_m / square - stretch;
-            let next = tension - gap / (slope + 2.0 * self.sag_n2_m / (square * tension));
+            let cube = tension * tension * tension;
+            let gap = (straight - stretch) * cube - self.sag_n2_m * tension;
+            let next = tension - gap / (slope * cube + 2.0 * self.sag_n2_m);
             let next = if next > 0.0 { next } else { 0.25 * tension };
             let change = (next - tension).abs();
             tension = next;
-            if change <= 1e-14 * tension {
+            // What is left is of the order of the square.
+            if change <= 1e-9 * tension {
                 break;
             }
         }

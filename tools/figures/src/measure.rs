@@ -195,15 +195,21 @@ pub fn cut_off(rig: &impl Rig, peak_hz: f64) -> Result<Option<f64>> {
 /// The first that the function returns.
 pub fn root(low: f64, high: f64, tolerance: f64, mut function: impl FnMut(f64) -> Result<f64>) -> Result<Option<f64>> {
     let mut failed = None;
+    // The method asks for both ends of its bracket again and again, and each answer is a simulation.
+    let mut known: Vec<(f64, f64)> = Vec::new();
     let found = find_root_brent(
         low,
         high,
-        |x| match function(x) {
-            Ok(value) => value,
-            Err(error) => {
+        |x| {
+            if let Some((_, value)) = known.iter().find(|(place, _)| *place == x) {
+                return *value;
+            }
+            let value = function(x).unwrap_or_else(|error| {
                 failed.get_or_insert(error);
                 f64::NAN
-            }
+            });
+            known.push((x, value));
+            value
         },
         &mut SimpleConvergency { eps: tolerance, max_iter: 40 },
     );

@@ -128,6 +128,11 @@ fn near(target_hz: f64) -> (f64, f64) {
     (0.5 * target_hz, 2.0 * target_hz)
 }
 
+/// Where it is looked for once a size is bracketed, Hz: of what lies farther off, the side is all that matters.
+fn close(target_hz: f64) -> (f64, f64) {
+    (target_hz / 1.3, 1.3 * target_hz)
+}
+
 /// The size with which `rig(size)` peaks at `target_hz`; `None` where no size from `harmless` to `strongest` (both
 /// positive) does. Of several it is the one nearest to `harmless`.
 ///
@@ -153,24 +158,28 @@ pub fn fit_with_peak<R: Rig>(
 ) -> Result<Option<(f64, Peak)>> {
     // Clamped, since the exponential of a logarithm may step over the end of a parameter's range.
     let size = |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
-    let (low, high) = near(target_hz);
     let off = |peak: &Peak| match peak {
         Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
         Peak::Below | Peak::Still => -target_hz,
         Peak::Above => target_hz,
         Peak::Diverged => f64::NAN,
     };
-    let top = |logarithm: f64| measure::peak(&rig(size(logarithm)), low, high);
-    let miss = |logarithm: f64| top(logarithm).map(|peak| off(&peak));
+    let top = |logarithm: f64, (low, high)| measure::peak(&rig(size(logarithm)), low, high);
+    let miss = |logarithm: f64| top(logarithm, near(target_hz)).map(|peak| off(&peak));
     let (start, end) = (harmless.ln(), strongest.ln());
     let mut last = (start, miss(start)?);
     for step in 1..=BRACKETS {
         let at = start + (end - start) * step as f64 / BRACKETS as f64;
         let next = (at, miss(at)?);
         if last.1 * next.1 <= 0.0 {
-            let found = measure::root(last.0, next.0, 5e-3, miss)?;
+            // The ends are known already.
+            let found = measure::root(last.0, next.0, 5e-3, |at| match at {
+                _ if at == last.0 => Ok(last.1),
+                _ if at == next.0 => Ok(next.1),
+                _ => top(at, close(target_hz)).map(|peak| off(&peak)),
+            })?;
             let Some(logarithm) = found else { return Ok(None) };
-            let peak = top(logarithm)?;
+            let peak = top(logarithm, near(target_hz))?;
             let fits = off(&peak).abs() <= FIT_TOLERANCE * target_hz;
             return Ok(fits.then(|| (size(logarithm), peak)));
         }
