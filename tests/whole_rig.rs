@@ -181,10 +181,14 @@ fn assert_followed(samples: &[Sample], recording: &Recording) {
     assert!(samples.iter().any(|sample| sample.output_v[0] != 0.0 && sample.motor_power == 1));
 }
 
-fn assert_told_of(recording: &Recording, process: Process, kind: EventKind) {
+fn tells_of(recording: &Recording, process: Process, kind: EventKind) -> bool {
     let topic = event_topic(process).unwrap().topic.name;
     let mut events = recording.messages::<Event>(topic).unwrap().flatten();
-    assert!(events.any(|event| event.message.kind == kind.code()), "no event \"{kind}\" of {process}");
+    events.any(|event| event.message.kind == kind.code())
+}
+
+fn assert_told_of(recording: &Recording, process: Process, kind: EventKind) {
+    assert!(tells_of(recording, process, kind), "no event \"{kind}\" of {process}");
 }
 
 #[test]
@@ -244,7 +248,9 @@ fn a_session_from_up_to_down() {
     // One acquisition all along: what lies between the two recordings is what was published meanwhile.
     assert_eq!(early[0].incarnation, late[0].incarnation);
     assert_eq!(late[0].sequence - early[0].sequence, late[0].tick - early[0].tick);
-    assert_told_of(&before, Process::Experiment, EventKind::ProtocolStarted);
+    // The first attempt to play may have ended before it began: on a rig that tripped between the operator's verbs.
+    let started = |recording| tells_of(recording, Process::Experiment, EventKind::ProtocolStarted);
+    assert!(started(&before) || started(&after), "no event \"protocol started\" in either recording");
     assert_told_of(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
     assert_eq!(after.metadata("rig"), Some("hydrostatic"));

@@ -150,9 +150,9 @@ fn lists_that_do_not_match_are_refused() {
 
 #[test]
 fn gains_are_held_against_the_axis_s_own_transmission() {
-    // The last axis alone gets a line a twentieth as stiff; the gains that the other two bear are too high for it.
+    // The last axis alone has a motor ten times as strong; the gains that the other two bear are too high for it.
     let own = "hose_length_m = { value = 8.0";
-    let message = refused(THREE, own, "line_stiffness_factor = 5.0e-4\nhose_length_m = { value = 8.0");
+    let message = refused(THREE, own, "motor_torque_per_volt_nm = 20.0\nhose_length_m = { value = 8.0");
     assert!(
         message.contains("axes.2.control.p_v_per_count: expected gains that the declared transmission bears"),
         "{message}"
