@@ -15,7 +15,7 @@
 use crate::effects::Effect;
 use crate::friction::{Advance, Load};
 use crate::shared::Shared;
-use crate::transmission::{EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
+use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use crate::{ParameterError, ParameterSet, cable, hydrostatic};
 
 /// Constants of a transmission of either kind, SI.
@@ -116,6 +116,33 @@ impl Plant {
                 line_position_m: middle,
                 ..cable::State::default()
             }),
+        }
+    }
+}
+
+impl Plant {
+    /// Lets internal steps be as long as `longest_s` where the plant is stable with it.
+    #[must_use]
+    pub fn with_longest_step(self, longest_s: f64) -> Self {
+        match self {
+            Self::Hydrostatic(plant) => Self::Hydrostatic(Box::new(plant.with_longest_step(longest_s))),
+            Self::Cable(plant) => Self::Cable(Box::new(plant.with_longest_step(longest_s))),
+        }
+    }
+
+    /// Sets the clock by which effects change (s); nothing moves.
+    pub fn set_time(&mut self, time_s: f64) {
+        match self {
+            Self::Hydrostatic(plant) => plant.set_state(hydrostatic::State { time_s, ..*plant.state() }),
+            Self::Cable(plant) => plant.set_state(cable::State { time_s, ..*plant.state() }),
+        }
+    }
+
+    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a measurement.
+    pub fn correct(&mut self, correction: Correction) {
+        match self {
+            Self::Hydrostatic(plant) => plant.correct(correction),
+            Self::Cable(plant) => plant.correct(correction),
         }
     }
 }

@@ -149,7 +149,7 @@ impl Model {
     }
 
     /// The declared constants of a transmission, whichever it is.
-    pub(crate) fn transmission(&self, file: &str) -> Result<any::Parameters, RigError> {
+    pub fn transmission(&self, file: &str) -> Result<any::Parameters, RigError> {
         match self.kind {
             ModelKind::Hydrostatic => self.hydrostatic(file).map(Into::into),
             ModelKind::Cable => self.cable(file).map(Into::into),

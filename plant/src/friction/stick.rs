@@ -166,30 +166,29 @@ fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
     let half = 0.5 * step * viscous;
     let (weight, drive) = (load.inertia + half, (load.inertia - half) * velocity + step * load.force);
-    let (forward, backward) = (load.dry.forward.max(0.0), load.dry.backward.max(0.0));
-    let level = |speed: f64| if speed >= 0.0 { forward } else { backward };
-    // The balance grows strictly with the new speed: one root, bracketed by full friction either way.
-    let (mut low, mut high) = ((drive - step * forward) / weight, (drive + step * backward) / weight);
-    let mut speed = velocity.clamp(low, high);
-    for _ in 0..60 {
-        let root = (speed * speed + load.smoothing * load.smoothing).sqrt();
-        let balance = weight * speed - drive + step * level(speed) * speed / root;
-        if balance > 0.0 {
-            high = speed;
-        } else {
-            low = speed;
-        }
-        let slope = weight + step * level(speed) * load.smoothing * load.smoothing / (root * root * root);
-        let newton = speed - balance / slope;
-        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
-        let change = (next - speed).abs();
-        speed = next;
-        if change <= 1e-13 * (speed.abs() + load.smoothing) {
+    // Mirrored, so that the new speed is forward.
+    let (sign, drive) = (drive.signum(), drive.abs());
+    let level = (if sign > 0.0 { load.dry.forward } else { load.dry.backward }).max(0.0);
+    let (smoothing, most) = (load.smoothing, step * level);
+    // `w v + h F v/√(v² + s²) = d` grows and bends down, so that each of Newton's steps ends on the left of the root, wherever it begins. What
+    // full friction leaves lies there too, and what a line through the origin, steeper than friction anywhere, gives.
+    let least = ((drive - most) / weight).max(drive / (weight + most / smoothing));
+    let mut speed = least.max(sign * velocity);
+    for _ in 0..30 {
+        let inverse = 1.0 / (speed * speed + smoothing * smoothing).sqrt();
+        let share = most * inverse;
+        let narrowed = smoothing * inverse;
+        let change = (drive - (weight + share) * speed) / (weight + share * narrowed * narrowed);
+        speed = (speed + change).max(least);
+        // What is left is of the order of the square.
+        if change.abs() <= 1e-5 * (speed + smoothing) {
             break;
         }
     }
+    // What the balance leaves for dry friction: its impulse.
+    let dry = sign * (drive - weight * speed) / step;
+    let speed = sign * speed;
     let mean = 0.5 * (velocity + speed);
     let displacement = step * mean;
-    let dry = level(speed) * speed / (speed * speed + load.smoothing * load.smoothing).sqrt();
     Advance { velocity: speed, displacement, dissipated: (dry + viscous * mean) * displacement }
 }

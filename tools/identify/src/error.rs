@@ -108,6 +108,15 @@ pub enum IdentifyError {
     /// A record could not be read; the text names file, row and column.
     #[error("{0}")]
     Read(String),
+    /// The declared model cannot be simulated along the records at all.
+    #[error(
+        "{file}: the declared model loses these records however its parameters are set within their tolerances; expected records of this rig: \
+         check the rig file, the units and the signs of the columns"
+    )]
+    Lost {
+        /// The records.
+        file: String,
+    },
     /// The equations could not be solved.
     #[error(
         "{file}: the columns {columns} cannot be told apart in the rows that take part in the fit; excite the machine more"

@@ -13,6 +13,7 @@ mod args;
 pub mod effects;
 pub mod error;
 pub mod filter;
+pub mod forward;
 pub mod input;
 pub mod inverse;
 pub mod models;

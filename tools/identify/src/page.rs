@@ -167,7 +167,7 @@ fn record_figures(page: Page, units: &Units, r: &RecordView) -> Page {
 }
 
 /// Residuals against a variable: mean and standard deviation in forty bins with equal numbers of rows.
-fn banded(what: &str, unit: &str, force: &str, values: &[f64], before: &[f64], after: &[f64]) -> Figure {
+pub(crate) fn banded(what: &str, unit: &str, force: &str, values: &[f64], before: &[f64], after: &[f64]) -> Figure {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
     let (mut x, mut series) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -206,7 +206,7 @@ fn steps(outcome: &Outcome) -> Table {
     table
 }
 
-fn ranking(outcome: &Outcome) -> Table {
+pub(crate) fn ranking(outcome: &Outcome) -> Table {
     let mut table =
         Table::new(["round", "candidate", "error falls by / %", "block t", "blocks better", "worse", "result"]);
     for c in &outcome.candidates {
@@ -223,7 +223,7 @@ fn ranking(outcome: &Outcome) -> Table {
     table
 }
 
-fn parameters(outcome: &Outcome) -> Table {
+pub(crate) fn parameters(outcome: &Outcome) -> Table {
     let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
     let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
     for p in &outcome.parameters {

@@ -12,7 +12,7 @@ use crate::input::Series;
 use crate::inverse::split::Role;
 use crate::models::{ALL, Options};
 use crate::outcome::Outcome;
-use crate::page::{sentences, short};
+use crate::page::short;
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
 /// rig file cannot be used (the reason goes to stderr).
@@ -21,7 +21,7 @@ use crate::page::{sentences, short};
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<i32> {
     let started = std::time::Instant::now();
-    let (mut outcome, page) = match study(&args) {
+    let (mut outcome, page, told) = match study(&args) {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -30,7 +30,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     outcome.seconds = started.elapsed().as_secs_f64();
     let json = serde_json::to_string_pretty(&outcome)?;
-    print_outcome(&outcome);
+    print_outcome(&outcome, told);
     if let Some(path) = &args.json {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
@@ -48,7 +48,8 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     Ok(0)
 }
 
-fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page)> {
+/// The outcome, its page, and the verdict in two sentences.
+fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page, (String, String))> {
     let rig = rig::RigFile::load(&args.rig)?;
     if rig.axes.len() != 1 {
         let file = args.rig.display().to_string();
@@ -59,14 +60,18 @@ fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page)> {
         kind: rig.model.kind.name().to_owned(),
         known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
     })?;
-    let records = records(args)?;
+    let names = if rig.model.kind.is_transmission() { ColumnNames::rotary() } else { ColumnNames::one_mass_linear() };
+    let records = records(args, &names)?;
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed };
-    Ok(model.identify(&args.rig.display().to_string(), &rig.model, &records, options)?)
+    let gear = rig.axes[0].master.turns_per_handle_turn;
+    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed, gear };
+    let (outcome, page) = model.identify(&args.rig.display().to_string(), &rig.model, &records, options)?;
+    let told = model.sentences(&outcome);
+    Ok((outcome, page, told))
 }
 
 /// All records with the roles that the command line fixes.
-fn records(args: &Args) -> Result<Vec<Series>> {
+fn records(args: &Args, names: &ColumnNames) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
     for (paths, role) in [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)] {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
@@ -88,7 +93,7 @@ fn records(args: &Args) -> Result<Vec<Series>> {
     if fixed {
         share_out(&mut asked)?;
     }
-    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path)? })).collect()
+    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path, names)? })).collect()
 }
 
 /// Gives the records without a part the parts that nobody plays: fit first, then report, then select.
@@ -116,12 +121,12 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
 
 /// Reads a recording of farreach's (`.mcap`) or a CSV file. The reader refuses holes, gaps and time that runs
 /// backwards; what it merely finds odd goes into the notes.
-fn read(path: &Path) -> Result<Series> {
+fn read(path: &Path, names: &ColumnNames) -> Result<Series> {
     let file = path.display().to_string();
     let options = recording::record::Options::default();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let record = if mcap {
-        let columns = SampleColumns::new(ColumnNames::one_mass_linear());
+        let columns = SampleColumns::new(names.clone());
         recording::record::from_mcap(path, &columns, &options)
     } else {
         recording::record::from_csv(path, &options)
@@ -133,13 +138,7 @@ fn read(path: &Path) -> Result<Series> {
     Ok(Series { file, columns, role: None, notes })
 }
 
-fn print_outcome(outcome: &Outcome) {
-    let words: Vec<&str> = outcome
-        .effects
-        .iter()
-        .map(|e| crate::effects::find(&e.id).map_or(e.id.as_str(), |effect| effect.words()))
-        .collect();
-    let (_, sentence, detail) = sentences(&words, outcome);
+fn print_outcome(outcome: &Outcome, (sentence, detail): (String, String)) {
     println!("{sentence}\n{detail}");
     for s in &outcome.steps {
         println!("  {:24} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);

@@ -2,15 +2,22 @@
 
 mod drive;
 mod drive_outcome;
+mod transmission;
+mod transmission_outcome;
+mod transmission_page;
 
 use crate::error::Result;
 use crate::input::Series;
-use crate::outcome::Outcome;
+use crate::outcome::{FoundEffect, Outcome};
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
 /// Kinds of models that can be held against data.
-pub static ALL: &[&dyn Model] = &[&drive::Drive];
+pub static ALL: &[&dyn Model] = &[
+    &drive::Drive,
+    &transmission::Transmission(ModelKind::Hydrostatic),
+    &transmission::Transmission(ModelKind::Cable),
+];
 
 /// What the command line asks for.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +26,21 @@ pub struct Options {
     pub jobs: usize,
     /// Seed of the split.
     pub seed: u64,
+    /// Turns of the model's master per turn of the measured one.
+    pub gear: f64,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.
 pub trait Model: Sync {
     /// Which kind.
     fn kind(&self) -> ModelKind;
+    /// The verdict as a sentence, and one that says how far it holds.
+    fn sentences(&self, outcome: &Outcome) -> (String, String) {
+        let words = |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words());
+        let words: Vec<&str> = outcome.effects.iter().filter_map(words).collect();
+        let (_, sentence, detail) = crate::page::sentences(&words, outcome);
+        (sentence, detail)
+    }
     /// Holds the declared model of `rig_file` (its name, for messages) against records.
     ///
     /// # Errors

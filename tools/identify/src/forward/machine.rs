@@ -1,0 +1,318 @@
+//! The declared model with its tolerances, and what it leaves of a record.
+
+use plant::ParameterSet;
+use plant::any;
+use plant::effects::{self, Effect, Moment, Site};
+use plant::transmission::{Correction, Input, Reading, Transmission as _};
+use rig::Model as Declared;
+
+use super::generic::Table;
+use super::record::Record;
+use crate::error::{IdentifyError, Result};
+
+/// Name of the parameter that rounds dry friction at rest: the model's own, declared nowhere.
+pub const SMOOTHING: &str = "friction_smoothing_rad_s";
+/// Between which it is looked for, and where a search begins (rad/s).
+const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
+/// Where a search begins.
+pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
+/// A model beyond this has lost the record (rad).
+const LOST_RAD: f64 = 1e3;
+/// Damping of the observer, as a factor on its bandwidth.
+const OBSERVER_DAMPING: f64 = 1.4;
+
+/// A parameter of the declared model that a fit may move.
+#[derive(Clone, Debug)]
+pub struct BaseParameter {
+    /// Name, as in the rig file.
+    pub name: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Its declared value; `None` for what only the fit knows.
+    pub declared: Option<f64>,
+    /// Where fits begin.
+    pub start: f64,
+    /// Least value within the tolerance.
+    pub low: f64,
+    /// Greatest value within the tolerance.
+    pub high: f64,
+    /// Whether it is searched by its logarithm.
+    pub logarithmic: bool,
+}
+
+/// What a channel of a residual is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Channel {
+    /// Master position (rad).
+    Master,
+    /// Slave position (rad).
+    Slave,
+    /// Torque channel while nobody is at the handle (N·m).
+    Torque,
+}
+
+impl Channel {
+    /// The column that it is held against.
+    pub const fn column(self) -> &'static str {
+        match self {
+            Self::Master => "master_rad",
+            Self::Slave => "slave_rad",
+            Self::Torque => "slave_torque_nm",
+        }
+    }
+
+    /// Its unit.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Master | Self::Slave => "rad",
+            Self::Torque => "N·m",
+        }
+    }
+}
+
+/// A listed effect with values for all its parameters that are not as by default.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placed {
+    /// Its id.
+    pub id: &'static str,
+    /// Where.
+    pub site: Site,
+    /// Values by name; the first is its size.
+    pub values: Vec<(&'static str, f64)>,
+}
+
+/// A model with everything set.
+#[derive(Clone, Debug, Default)]
+pub struct Setting {
+    /// Values of [`Machine::base`], in its order.
+    pub base: Vec<f64>,
+    /// Effects.
+    pub placed: Vec<Placed>,
+    /// Torques without a name.
+    pub tables: Vec<Table>,
+}
+
+/// What a model leaves of a record: averaged innovations, by channel.
+#[derive(Clone, Debug, Default)]
+pub struct Residual {
+    /// Channels in the order of [`Machine::channels`].
+    pub channels: Vec<Vec<f64>>,
+}
+
+/// The declared model and the records that it is held against.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// Declared constants.
+    pub declared: any::Parameters,
+    /// What of them a fit may move.
+    pub base: Vec<BaseParameter>,
+    /// The records.
+    pub records: Vec<Record>,
+}
+
+impl Machine {
+    /// The model of a rig file (`file`, for messages) with its records.
+    ///
+    /// # Errors
+    /// Where the declaration is no transmission, or holds what a transmission cannot be.
+    pub fn new(file: &str, declared: &Declared, records: Vec<Record>) -> Result<Self> {
+        let constants = declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
+        let mut base = Vec::new();
+        for parameter in &declared.parameters {
+            let Some(info) = infos(&constants).iter().find(|info| info.name == parameter.name) else { continue };
+            let spread = parameter.spread();
+            let (low, high) =
+                ((parameter.value - spread).max(info.minimum), (parameter.value + spread).min(info.maximum));
+            if spread <= 0.0 || low >= high || parameter.name == SMOOTHING {
+                continue;
+            }
+            base.push(BaseParameter {
+                name: parameter.name.clone(),
+                unit: info.unit,
+                declared: Some(parameter.value),
+                start: parameter.value.clamp(low, high),
+                low,
+                high,
+                logarithmic: false,
+            });
+        }
+        if let Some(info) = infos(&constants).iter().find(|info| info.name == SMOOTHING) {
+            let (low, high) = SMOOTHING_RANGE;
+            base.push(BaseParameter {
+                name: SMOOTHING.to_owned(),
+                unit: info.unit,
+                declared: None,
+                start: SMOOTHING_STARTS[0],
+                low,
+                high,
+                logarithmic: true,
+            });
+        }
+        Ok(Self { declared: constants, base, records })
+    }
+
+    /// The setting from which fits begin.
+    pub fn start(&self) -> Setting {
+        Setting { base: self.base.iter().map(|parameter| parameter.start).collect(), ..Setting::default() }
+    }
+
+    /// What a record's residual consists of.
+    pub fn channels(&self, record: usize) -> Vec<Channel> {
+        let record = &self.records[record];
+        let mut channels = vec![Channel::Master];
+        if record.slave.is_some() {
+            channels.push(Channel::Slave);
+        }
+        if record.idle && record.torque.is_some() {
+            channels.push(Channel::Torque);
+        }
+        channels
+    }
+
+    /// Constants with a setting's values.
+    fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
+        let mut constants = self.declared.clone();
+        for (parameter, value) in self.base.iter().zip(&setting.base) {
+            match &mut constants {
+                any::Parameters::Hydrostatic(own) => own.set(&parameter.name, *value),
+                any::Parameters::Cable(own) => own.set(&parameter.name, *value),
+            }
+            .ok()?;
+        }
+        Some(constants)
+    }
+
+    /// What a setting leaves of a record with an observer of this bandwidth (rad/s); `None` where the plant cannot be so, or has no such
+    /// effect.
+    pub fn residual(&self, setting: &Setting, record: usize, observer_rad_s: f64) -> Option<Residual> {
+        let record = &self.records[record];
+        let mut in_plant: Vec<Box<dyn Effect>> = Vec::new();
+        let mut on_torque: Vec<Box<dyn Effect>> = Vec::new();
+        for placed in &setting.placed {
+            let effect = placed.effect()?;
+            if placed.acts_on_torque_alone() { on_torque.push(effect) } else { in_plant.push(effect) }
+        }
+        in_plant.extend(setting.tables.iter().map(|table| Box::new(table.clone()) as Box<dyn Effect>));
+        let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
+        let slave = record.slave.as_deref();
+        plant.rest_at(record.master[0], slave.map(|slave| slave[0]));
+        plant.set_time(record.start_s);
+
+        let (hand, torque) = hand_torque(record, &mut on_torque);
+        let dt = record.step_s;
+        let (on_position, on_speed) = (OBSERVER_DAMPING * observer_rad_s * dt, observer_rad_s * observer_rad_s * dt);
+        let (width, settling, rows) = (record.decimation(), record.settling_rows(), record.residual_rows());
+        let mut master_rows = Vec::with_capacity(rows);
+        let mut slave_rows = Vec::with_capacity(if slave.is_some() { rows } else { 0 });
+        let (mut sums, share) = ([0.0; 2], 1.0 / width as f64);
+        for block in 0..rows + settling {
+            for row in block * width..(block + 1) * width {
+                let reading = plant.reading();
+                let master_off = record.master[row] - reading.master_rad;
+                let slave_off = slave.map_or(0.0, |slave| slave[row] - reading.slave_rad);
+                // Also what is no number has lost it.
+                if !(master_off.abs() < LOST_RAD && slave_off.abs() < LOST_RAD) {
+                    return None;
+                }
+                sums[0] += master_off;
+                sums[1] += slave_off;
+                plant.correct(Correction {
+                    master_position_rad: on_position * master_off,
+                    master_velocity_rad_s: on_speed * master_off,
+                    slave_position_rad: on_position * slave_off,
+                    slave_velocity_rad_s: on_speed * slave_off,
+                });
+                plant.step(Input { motor_v: record.volts[row], hand_torque_nm: hand[row] }, dt);
+            }
+            if block >= settling {
+                master_rows.push(share * sums[0]);
+                if slave.is_some() {
+                    slave_rows.push(share * sums[1]);
+                }
+            }
+            sums = [0.0; 2];
+        }
+        let mut channels = vec![master_rows];
+        if slave.is_some() {
+            channels.push(slave_rows);
+        }
+        channels.extend(torque.map(|torque| record.averaged(&torque)).into_iter().map(|mut rows_left| {
+            rows_left.truncate(rows);
+            rows_left
+        }));
+        Some(Residual { channels })
+    }
+}
+
+impl Placed {
+    /// The effect, made.
+    pub fn effect(&self) -> Option<Box<dyn Effect>> {
+        let (_, size) = self.values.first()?;
+        let mut effect = effects::make(self.id, self.site, *size).ok()?;
+        for (name, value) in &self.values {
+            effect.set(name, *value).ok()?;
+        }
+        Some(effect)
+    }
+
+    /// Whether it changes the torque channel and nothing else.
+    pub fn acts_on_torque_alone(&self) -> bool {
+        const ON_TORQUE: [&str; 6] =
+            ["sensor_offset", "sensor_gain", "sensor_drift", "sensor_crosstalk", "mains_hum", "rectified_sensor"];
+        ON_TORQUE.contains(&self.id)
+    }
+
+    /// A value by name.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        self.values.iter().find(|(own, _)| *own == name).map(|(_, value)| *value)
+    }
+}
+
+/// All that is known of the constants of a transmission.
+pub fn infos(constants: &any::Parameters) -> &'static [plant::ParameterInfo] {
+    match constants {
+        any::Parameters::Hydrostatic(own) => own.infos(),
+        any::Parameters::Cable(own) => own.infos(),
+    }
+}
+
+/// The hand's torque on the slave, row by row: what was measured with the sensor's effects taken back. Where nobody is at the handle it
+/// is 0, and what the channel shows beyond that is returned too.
+fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>]) -> (Vec<f64>, Option<Vec<f64>>) {
+    let rows = record.volts.len();
+    let Some(torque) = &record.torque else { return (vec![0.0; rows], None) };
+    if effects.is_empty() {
+        return if record.idle { (vec![0.0; rows], Some(torque.clone())) } else { (torque.clone(), None) };
+    }
+    let mut shown = |row: usize, hand_nm: f64| {
+        let mut reading = Reading {
+            motor_v: record.volts[row],
+            master_rad: record.master[row],
+            slave_rad: record.slave.as_ref().map_or(0.0, |slave| slave[row]),
+            slave_torque_nm: hand_nm,
+        };
+        let time_s = record.start_s + row as f64 * record.step_s;
+        let moment = Moment {
+            time_s,
+            master_position_rad: reading.master_rad,
+            slave_position_rad: reading.slave_rad,
+            ..Moment::default()
+        };
+        effects.iter_mut().for_each(|effect| effect.sense(&mut reading, &moment));
+        reading.slave_torque_nm
+    };
+    if record.idle {
+        let left = (0..rows).map(|row| torque[row] - shown(row, 0.0)).collect();
+        return (vec![0.0; rows], Some(left));
+    }
+    // Each effect is straight on either side of no torque.
+    let back = (0..rows).map(|row| {
+        let at_rest = shown(row, 0.0);
+        let beyond = torque[row] - at_rest;
+        let slopes = [shown(row, 1.0) - at_rest, at_rest - shown(row, -1.0)];
+        let slope = if beyond >= 0.0 { slopes[0] } else { slopes[1] };
+        // A sensor that shows no torque of one sign says nothing of it.
+        if slope.abs() < 0.05 { 0.0 } else { beyond / slope }
+    });
+    (back.collect(), None)
+}

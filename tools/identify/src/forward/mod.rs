@@ -1,0 +1,22 @@
+//! Models that are simulated forward, volts in and motion out, and pulled toward the measurement as they go.
+//!
+//! Free simulation would bury effects under noise and the drift of stick-slip. An observer pulls master and slave toward what was
+//! measured; what it has to pull by, the innovation, is the residual. With a bandwidth `ω` a torque `Δτ` that the model lacks at a side
+//! of inertia `I` shows as an innovation of about `Δτ/(I ω²)`, so that a low bandwidth gives contrast and a high one holds the model to
+//! the record: fits begin with a high one and end with a lower.
+//!
+//! - [`record`]: measured records, checked and laid out;
+//! - [`machine`]: the declared model with its tolerances, and its residual on a record for any setting of parameters and effects;
+//! - [`fit`]: Levenberg-Marquardt with a variance of its own for every record and channel;
+//! - [`catalogue`]: the listed effects, what of them is free, and from which sizes and shapes a search begins;
+//! - [`screen`]: which of them point along the residual, by score, the declared parameters projected out;
+//! - [`generic`]: torques as functions of one variable that have no name: what shows that something unlisted is missing;
+//! - [`search`]: all of it, round by round, to a verdict.
+
+pub mod catalogue;
+pub mod fit;
+pub mod generic;
+pub mod machine;
+pub mod record;
+pub mod screen;
+pub mod search;

@@ -1,0 +1,79 @@
+//! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and slave out.
+//!
+//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records fit, select and report.
+
+use report::Page;
+use rig::{Model as Declared, ModelKind};
+
+use super::{Model, Options, transmission_outcome, transmission_page};
+use crate::error::{IdentifyError, Result};
+use crate::forward::machine::Machine;
+use crate::forward::record::{Record, share_out};
+use crate::forward::search::{Found, of_role, search};
+use crate::input::Series;
+use crate::inverse::split::Role;
+use crate::outcome::Outcome;
+
+/// The model kinds `hydrostatic` and `cable`.
+pub(super) struct Transmission(pub(super) ModelKind);
+
+/// A transmission's records, and what they turned out to say.
+pub(super) struct Study {
+    /// Declared model and records.
+    pub(super) machine: Machine,
+    /// What the search found.
+    pub(super) found: Found,
+    /// What a reader should know of the data.
+    pub(super) notes: Vec<String>,
+}
+
+impl Model for Transmission {
+    fn kind(&self) -> ModelKind {
+        self.0
+    }
+
+    fn sentences(&self, outcome: &Outcome) -> (String, String) {
+        let (_, sentence, detail) = transmission_page::sentences(outcome);
+        (sentence, detail)
+    }
+
+    fn identify(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        options: Options,
+    ) -> Result<(Outcome, Page)> {
+        let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
+        let mut laid_out =
+            records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
+        share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
+        let machine = Machine::new(rig_file, declared, laid_out)?;
+        for role in [Role::Fit, Role::Select, Role::Report] {
+            if of_role(&machine, role).is_empty() {
+                return Err(IdentifyError::Roles {
+                    what: format!("expected at least three records of a transmission, found {}", machine.records.len()),
+                    advice: "whole records fit, select and report: give more of them, with movements that differ",
+                });
+            }
+        }
+        if machine.records.iter().all(|record| record.idle) {
+            notes.push(
+                "no record has a hand that drives the slave: the torque's scale, and with it every torque, rests on the motor's constant alone".to_owned(),
+            );
+        }
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(options.jobs)
+            .build()
+            .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
+        let files = || machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ");
+        let found = pool.install(|| search(&machine)).ok_or_else(|| IdentifyError::Lost { file: files() })?;
+        let study = Study { machine, found, notes };
+        pool.install(|| transmission_outcome::conclude(&study))
+            .ok_or_else(|| IdentifyError::Lost { file: files_of(&study) })
+    }
+}
+
+fn files_of(study: &Study) -> String {
+    study.machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,234 @@
+//! From what a search found to the verdict, its numbers and its page.
+
+use std::collections::BTreeMap;
+
+use plant::effects::LIST;
+use report::Page;
+
+use super::transmission::Study;
+use super::transmission_page;
+use crate::forward::fit::{AT_EDGE, Knob, View};
+use crate::forward::generic::NODES;
+use crate::forward::machine::Channel;
+use crate::forward::record::rms;
+use crate::forward::search::{Judged, SEEING_RAD_S, errors, of_role};
+use crate::inverse::split::Role;
+use crate::outcome::{
+    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
+    UnlistedTable, Verdict,
+};
+
+/// Rows of a block by which standard deviations are taken.
+const BLOCK: usize = 125;
+
+/// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
+pub(super) fn conclude(study: &Study) -> Option<(Outcome, Page)> {
+    let outcome = outcome(study)?;
+    let page = transmission_page::page(study, &outcome)?;
+    Some((outcome, page))
+}
+
+/// What an effect is, in words.
+pub(super) fn words(id: &str) -> &str {
+    LIST.iter().find(|entry| entry.id == id).map_or(id, |entry| entry.what)
+}
+
+fn outcome(study: &Study) -> Option<Outcome> {
+    let found = &study.found;
+    let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
+    let remains = found.nameless.is_some();
+    let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
+        (true, _, true) => Verdict::Unlisted,
+        (true, _, false) => Verdict::None,
+        (false, false, _) => Verdict::Ambiguous,
+        (false, true, _) => Verdict::Effect,
+    };
+    let fit =
+        View { machine: &study.machine, records: of_role(&study.machine, Role::Fit), observer_rad_s: SEEING_RAD_S };
+    let mut knobs = found.knobs.clone();
+    knobs.extend(found.effect_knobs.iter().cloned());
+    let deviations = fit.deviations(found.last(), &knobs, BLOCK)?;
+    let known: Vec<(Knob, f64)> = knobs.into_iter().zip(deviations).collect();
+    Some(Outcome {
+        verdict,
+        effects: effects(study, &known),
+        ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
+        remains,
+        unlisted: found.nameless.as_ref().map(|nameless| UnlistedTable {
+            site: nameless.judged.site.name().into(),
+            depends_on: nameless.table.variable.name().into(),
+            table: (0..NODES).map(|node| [nameless.table.at(node), nameless.table.values[node], 0.0]).collect(),
+        }),
+        error: error(study)?,
+        parameters: parameters(study, &known),
+        records: roles(study),
+        next_experiment: next_experiment(study, verdict),
+        steps: Vec::new(),
+        candidates: candidates(study),
+        notes: study.notes.clone(),
+        seconds: 0.0,
+    })
+}
+
+fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
+    let last = study.found.last();
+    let of = |at: usize, name: &str| {
+        let waves: Vec<&(Knob, f64)> = known
+            .iter()
+            .filter(|(knob, _)| matches!(knob, Knob::Wave { placed, name: own, .. } if *placed == at && (*own == name || name == "phase")))
+            .collect();
+        if let [(cosine, of_cosine), (sine, of_sine)] = waves[..] {
+            let (c, s) = (cosine.value(&last.setting), sine.value(&last.setting));
+            let amplitude = c.hypot(s).max(f64::MIN_POSITIVE);
+            let along = (c * of_cosine).hypot(s * of_sine) / amplitude;
+            let across = (s * of_cosine).hypot(c * of_sine) / amplitude;
+            return Some(if name == "phase" { across / amplitude } else { along });
+        }
+        known
+            .iter()
+            .find(|(knob, _)| matches!(knob, Knob::Effect { placed, name: own, .. } if *placed == at && *own == name))
+            .map(|(_, deviation)| *deviation)
+    };
+    study
+        .found
+        .steps
+        .iter()
+        .enumerate()
+        .map(|(at, step)| {
+            let placed = &last.setting.placed[at];
+            let infos = placed.effect().map_or(&[][..], |effect| effect.infos());
+            let parameters = placed
+                .values
+                .iter()
+                .map(|(name, value)| EffectParameter {
+                    name: (*name).to_owned(),
+                    value: *value,
+                    std: of(at, name),
+                    unit: infos.iter().find(|info| info.name == *name).map_or("", |info| info.unit).to_owned(),
+                })
+                .collect();
+            FoundEffect {
+                id: step.added.id.to_owned(),
+                site: step.added.site.name().to_owned(),
+                parameters,
+                t: step.added.t,
+                gain_percent: step.added.gain_percent(),
+            }
+        })
+        .collect()
+}
+
+fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
+    let report = of_role(&study.machine, Role::Report);
+    let before = errors(&study.machine, &report, &study.found.base.setting)?;
+    let after = errors(&study.machine, &report, &study.found.last().setting)?;
+    let size = |channel: Channel| {
+        let rows = report.iter().filter_map(|index| {
+            let record = &study.machine.records[*index];
+            match channel {
+                Channel::Master => Some(record.averaged(&record.master)),
+                Channel::Slave => record.slave.as_ref().map(|slave| record.averaged(slave)),
+                Channel::Torque => record.torque.as_ref().map(|torque| record.averaged(torque)),
+            }
+        });
+        rms(rows.flatten()).max(f64::MIN_POSITIVE)
+    };
+    let channels = before.into_iter().zip(after).map(|((channel, before, _), (_, after, floor))| {
+        let error = ChannelError {
+            before,
+            after,
+            floor,
+            unit: channel.unit().to_owned(),
+            before_percent: 100.0 * before / size(channel),
+            after_percent: 100.0 * after / size(channel),
+        };
+        (channel.column().to_owned(), error)
+    });
+    Some(channels.collect())
+}
+
+fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
+    let machine = &study.machine;
+    let last = study.found.last();
+    machine
+        .base
+        .iter()
+        .enumerate()
+        .map(|(index, parameter)| {
+            let knob = Knob::Base(index);
+            let deviation = known.iter().find(|(own, _)| *own == knob).map(|(_, deviation)| *deviation);
+            let at_edge = parameter.declared.is_some() && knob.place(machine, &last.setting).abs() > AT_EDGE;
+            FittedParameter {
+                name: parameter.name.clone(),
+                declared: parameter.declared,
+                fitted: last.setting.base[index],
+                std: deviation.filter(|deviation| deviation.is_finite() && !at_edge),
+                unit: parameter.unit.to_owned(),
+                identifiable: !at_edge
+                    && deviation.is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low)),
+                at_tolerance: at_edge,
+            }
+        })
+        .collect()
+}
+
+fn roles(study: &Study) -> Roles {
+    let names = |role| {
+        of_role(&study.machine, role).into_iter().map(|index| study.machine.records[index].name.clone()).collect()
+    };
+    Roles { fit: names(Role::Fit), select: names(Role::Select), report: names(Role::Report) }
+}
+
+fn candidates(study: &Study) -> Vec<CandidateGain> {
+    let row = |round: usize, generic: bool, judged: &Judged| CandidateGain {
+        round,
+        id: format!("{}@{}", judged.id, judged.site),
+        generic,
+        gain_percent: judged.gain_percent(),
+        t: judged.t,
+        blocks_better: judged.better,
+        blocks_worse: judged.worse,
+        accepted: judged.accepted,
+    };
+    let found = &study.found;
+    let last = found.steps.len() + 1;
+    let mut rows = Vec::new();
+    for (index, step) in found.steps.iter().enumerate() {
+        rows.extend(step.ranking.iter().map(|judged| row(index + 1, false, judged)));
+    }
+    if found.steps.len() < last {
+        rows.extend(found.last_ranking.iter().map(|judged| row(last, false, judged)));
+    }
+    rows.extend(found.generic.iter().map(|judged| row(last, true, judged)));
+    rows
+}
+
+fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
+    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned() };
+    let found = &study.found;
+    match verdict {
+        Verdict::Ambiguous => {
+            let step = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
+            let names = step.map_or(String::new(), |step| {
+                let rivals: Vec<&str> = step.rivals.iter().map(|(id, _)| words(id)).collect();
+                format!("{} from {}", words(step.added.id), rivals.join(" or "))
+            });
+            make(
+                format!("These records cannot tell {names}."),
+                "slow triangles and quick sines of several amplitudes, with a free handle and with a hand that drives the slave",
+            )
+        }
+        Verdict::Unlisted => make(
+            "Something is left that no listed effect explains.".to_owned(),
+            "the same movement several times, and movements in which what it depends on varies by itself",
+        ),
+        _ if study.machine.records.iter().all(|record| record.idle) => make(
+            "Without a hand that drives the slave the scale of all torques rests on the motor's constant.".to_owned(),
+            "two records in which a hand drives the slave with about 2 N·m, the torque cell recording",
+        ),
+        _ => make(
+            "Effects that these movements do not excite stay unseen.".to_owned(),
+            "the whole stroke slowly both ways, quick sines of several amplitudes, and a repeat of every movement for the floor",
+        ),
+    }
+}

@@ -1,0 +1,189 @@
+//! The page of a transmission: measured against model, what the residual depends on, all candidates, parameters.
+
+use report::{Colour, Figure, Page, Table, Tone};
+
+use super::transmission::Study;
+use super::transmission_outcome::words;
+use crate::forward::fit::View;
+use crate::forward::machine::{Channel, Residual};
+use crate::forward::search::{LEAST_GAIN, LEAST_T, SEEING_RAD_S, of_role};
+use crate::inverse::split::Role;
+use crate::outcome::{Outcome, Verdict};
+use crate::page::{banded, parameters, ranking, short};
+
+/// The verdict as a sentence, and one that says how far it holds.
+pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
+    let names: Vec<String> =
+        outcome.effects.iter().map(|effect| format!("{} ({})", words(&effect.id), effect.site)).collect();
+    let list = names.join(", and ");
+    let (tone, sentence) = match outcome.verdict {
+        Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
+        Verdict::Ambiguous => {
+            let others: Vec<String> =
+                outcome.ambiguous_with.iter().map(|named| format!("{} ({})", words(&named.id), named.site)).collect();
+            (Tone::Warning, format!("The declared model lacks {list}, or else {}.", others.join(" or ")))
+        }
+        Verdict::None => (Tone::Good, "Nothing is missing that these records could show.".to_owned()),
+        Verdict::Unlisted => {
+            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
+                format!("; it acts at the {} and depends on {}", unlisted.site, unlisted.depends_on)
+            });
+            (Tone::Warning, format!("Something is missing that no listed effect explains{of}."))
+        }
+    };
+    let mut detail = String::from("On records that took no part in fitting or choosing, the model is pulled along by");
+    for (index, (channel, error)) in outcome.error.iter().enumerate() {
+        let comma = if index == 0 { "" } else { ";" };
+        detail += &match outcome.effects.is_empty() {
+            true => format!("{comma} {} {} of {channel}", short(error.after), error.unit),
+            false => {
+                format!(
+                    "{comma} {} {} of {channel} where it was {}",
+                    short(error.after),
+                    error.unit,
+                    short(error.before)
+                )
+            }
+        };
+        if let Some(floor) = error.floor {
+            detail += &format!(" (repeats differ by {})", short(floor));
+        }
+    }
+    detail.push('.');
+    if outcome.remains && outcome.verdict != Verdict::Unlisted {
+        let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
+            format!(" at the {} that depends on {}", unlisted.site, unlisted.depends_on)
+        });
+        detail += &format!(" Something is left{of} and that no listed effect explains.");
+    }
+    (tone, sentence, detail)
+}
+
+/// The whole page; `None` where a model cannot be simulated.
+pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
+    let machine = &study.machine;
+    let report = of_role(machine, Role::Report);
+    let view = View { machine, records: report.clone(), observer_rad_s: SEEING_RAD_S };
+    let before = view.residuals(&study.found.base.setting)?;
+    let after = view.residuals(&study.found.last().setting)?;
+    let (tone, sentence, detail) = sentences(outcome);
+    let names: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
+    let mut page = Page::new("What the model lacks")
+        .subtitle(&format!("Declared transmission held against {}", names.join(", ")))
+        .verdict(tone, &sentence, &detail)
+        .table(
+            errors(outcome),
+            "Root mean square of the innovation on the reporting records, averaged over 4 ms: what the observer has to pull the model \
+             by. The floor is the difference of records that repeat one another, over √2.",
+        )
+        .heading("Measured against model");
+    for (at, index) in report.iter().take(3).enumerate() {
+        page = record(page, study, *index, (&before[at], &after[at]));
+    }
+    page = page.heading("What the residual depends on").paragraph(
+        "Mean of the innovation in bins (line) and one standard deviation to either side (band), reporting records. A mean that \
+         leaves zero is something that the model lacks.",
+    );
+    for channel in [Channel::Master, Channel::Slave] {
+        page = against(page, study, &report, channel, (&before, &after));
+    }
+    if let Some(unlisted) = &outcome.unlisted {
+        let column = |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
+        let figure = Figure::new("What is left", unlisted.depends_on.clone(), format!("at the {}", unlisted.site))
+            .line("", &column(0), &column(1));
+        page = page.figure(&figure, "Function of one variable without a name, fitted beside the model.");
+    }
+    page = page
+        .heading("Candidates")
+        .paragraph(&format!(
+            "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
+             added when the error falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of its standard errors above zero, and when no \
+             channel gets worse.",
+            100.0 * LEAST_GAIN
+        ))
+        .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
+        .heading("Parameters")
+        .table(
+            parameters(outcome),
+            "Parameters of the model with its effects, from the fitting records; ± is one standard deviation, by blocks.",
+        )
+        .heading("Next experiment")
+        .paragraph(&format!("{} To settle it: {}.", outcome.next_experiment.why, outcome.next_experiment.what));
+    for note in &outcome.notes {
+        page = page.paragraph(&format!("Note: {note}."));
+    }
+    Some(page)
+}
+
+fn errors(outcome: &Outcome) -> Table {
+    let mut table = Table::new(["channel", "declared model", "with effects", "floor", "unit"]);
+    for (channel, error) in &outcome.error {
+        let floor = error.floor.map_or("–".to_owned(), short);
+        table = table.row([channel.clone(), short(error.before), short(error.after), floor, error.unit.clone()]);
+    }
+    table
+}
+
+fn record(page: Page, study: &Study, index: usize, (before, after): (&Residual, &Residual)) -> Page {
+    let record = &study.machine.records[index];
+    let time = record.residual_times();
+    let mut position = Figure::new("Position", "time / s", "position / rad").size(680, 260).colour(Colour::Black).line(
+        "master",
+        &time,
+        &record.averaged(&record.master)[..time.len()],
+    );
+    if let Some(slave) = &record.slave {
+        position = position.colour(Colour::Green).line("slave", &time, &record.averaged(slave)[..time.len()]);
+    }
+    let mut page = page.figure(&position, &format!("{}: measured movement.", record.name));
+    for (at, channel) in study.machine.channels(index).into_iter().enumerate() {
+        let figure = Figure::new("Innovation", "time / s", format!("{} / {}", channel.column(), channel.unit()))
+            .size(680, 260)
+            .colour(Colour::Vermillion)
+            .line("declared model", &time, &before.channels[at])
+            .colour(Colour::Blue)
+            .line("with effects", &time, &after.channels[at])
+            .horizontal("", 0.0);
+        page = page
+            .figure(&figure, &format!("{}: what the observer pulls the model by, {}.", record.name, channel.column()));
+    }
+    page
+}
+
+fn against(
+    page: Page,
+    study: &Study,
+    report: &[usize],
+    channel: Channel,
+    (before, after): (&[Residual], &[Residual]),
+) -> Page {
+    let (mut positions, mut speeds, mut times) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut of_before, mut of_after) = (Vec::new(), Vec::new());
+    for (at, index) in report.iter().enumerate() {
+        let record = &study.machine.records[*index];
+        let Some(place) = study.machine.channels(*index).iter().position(|own| *own == channel) else { continue };
+        let column = match (channel, &record.slave) {
+            (Channel::Slave, Some(slave)) => slave,
+            _ => &record.master,
+        };
+        let averaged = record.averaged(column);
+        let pace = record.step_s * record.decimation() as f64;
+        for row in 2..record.residual_rows().saturating_sub(2) {
+            positions.push(averaged[row]);
+            speeds.push((averaged[row + 2] - averaged[row - 2]) / (4.0 * pace));
+            of_before.push(before[at].channels[place][row]);
+            of_after.push(after[at].channels[place][row]);
+        }
+        times.extend(record.residual_times().get(2..record.residual_rows().saturating_sub(2)).unwrap_or_default());
+    }
+    if positions.is_empty() {
+        return page;
+    }
+    [("position", "rad", positions), ("velocity", "rad/s", speeds), ("time", "s", times)].into_iter().fold(
+        page,
+        |page, (what, unit, values)| {
+            let figure = banded(what, unit, "rad", &values, &of_before, &of_after);
+            page.figure(&figure, &format!("Innovation of {} against {what}.", channel.column()))
+        },
+    )
+}

@@ -1,0 +1,121 @@
+//! A transmission's records, made by a plant with an effect that the declared model lacks: the search names it, and nothing where nothing is missing.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::f64::consts::TAU;
+
+use identify::forward::machine::Machine;
+use identify::forward::record::{Record, rms, share_out};
+use identify::forward::search::{Found, errors, of_role, search};
+use identify::input::Series;
+use identify::inverse::split::Role;
+use plant::any;
+use plant::effects::parse;
+use plant::transmission::{Input, Transmission as _};
+use rig::RigFile;
+
+const STEP_S: f64 = 1e-3;
+const COUNT_RAD: f64 = TAU / 4000.0;
+
+fn rig() -> RigFile {
+    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+}
+
+/// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says.
+fn record(turn: usize, effect: Option<&str>, hand: bool) -> Record {
+    let declared = rig().transmission_parameters().unwrap();
+    let any::Parameters::Hydrostatic(mut own) = declared else { panic!("a hydrostatic rig") };
+    own.motor_torque_per_volt_nm *= 0.9;
+    own.slave_static_friction_nm *= 1.1;
+    own.slave_kinetic_friction_nm *= 0.9;
+    own.motor_coulomb_nm *= 1.08;
+    own.line_stiffness_factor *= 0.88;
+    let effects = effect.map(|text| parse(text).unwrap()).into_iter().collect();
+    let mut plant = any::Parameters::from(own).plant(effects).unwrap();
+    let start_s = 10.0 * turn as f64;
+    plant.set_time(start_s);
+    let phase = 0.7 + 1.9 * turn as f64;
+    let mut noise = 17 + turn as u64;
+    let mut random = || {
+        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    let rows = 4000;
+    let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::with_capacity(rows));
+    for row in 0..rows {
+        let t = row as f64 * STEP_S;
+        let rise = (t / 0.5).min(1.0);
+        let reference = rise
+            * (0.45 * (TAU * 0.6 * t + phase).sin()
+                + 0.25 * (TAU * 1.7 * t + 2.0 * phase).sin()
+                + 0.06 * (TAU * 5.3 * t).sin());
+        let motion = plant.motion();
+        let volts =
+            (7.0 * (reference - motion.master_position_rad) - 0.4 * motion.master_velocity_rad_s).clamp(-8.0, 8.0);
+        let torque = if hand { 2.0 * rise * (TAU * 0.9 * t + phase).sin() } else { 0.0 };
+        let counts = |position: f64| (position / COUNT_RAD).round() * COUNT_RAD;
+        let values = [
+            start_s + t,
+            volts,
+            counts(motion.master_position_rad),
+            counts(motion.slave_position_rad),
+            torque + 4e-3 * random(),
+        ];
+        columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
+        plant.step(Input { motor_v: volts, hand_torque_nm: torque }, STEP_S);
+    }
+    let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
+    let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
+    let series = Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
+    Record::new(&series, 1.0, &mut Vec::new()).unwrap()
+}
+
+fn found(effect: Option<&str>) -> (Machine, Found) {
+    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4)).collect();
+    share_out(&mut records, false);
+    let machine = Machine::new("hydrostatic.toml", &rig().model, records).unwrap();
+    let found = search(&machine).unwrap();
+    (machine, found)
+}
+
+fn slave_error(machine: &Machine, found: &Found) -> [f64; 2] {
+    let report = of_role(machine, Role::Report);
+    [&found.base.setting, &found.last().setting].map(|setting| errors(machine, &report, setting).unwrap()[1].1)
+}
+
+#[test]
+fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
+    let (machine, found) = found(Some("backlash@slave=0.06"));
+    let names: Vec<_> = found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
+    assert_eq!(names, [("backlash", "slave")]);
+    let gap = found.last().setting.placed[0].value("gap").unwrap();
+    assert!((gap - 0.06).abs() < 0.006, "{gap} rad");
+    let [before, after] = slave_error(&machine, &found);
+    println!("backlash of {gap:.4} rad, slave error {before:.2e} -> {after:.2e} rad");
+    assert!(after < 0.3 * before, "{before} -> {after} rad");
+}
+
+#[test]
+fn where_nothing_is_missing_nothing_gets_a_name() {
+    let (machine, found) = found(None);
+    assert!(
+        found.steps.is_empty() && found.nameless.is_none(),
+        "{:?}",
+        found.steps.iter().map(|step| &step.added).collect::<Vec<_>>()
+    );
+    let [error, _] = slave_error(&machine, &found);
+    // What is left is what a count is: COUNT_RAD/√12 is 0.45 mrad a row, and less where rows are averaged.
+    assert!(error < 1e-3, "{error} rad");
+    let torque = machine.base.iter().position(|parameter| parameter.name == "motor_torque_per_volt_nm").unwrap();
+    let fitted = found.base.setting.base[torque];
+    assert!((fitted / 1.62 - 1.0).abs() < 0.03, "{fitted} N·m/V");
+}
+
+#[test]
+fn roles_are_shared_out_among_records_with_a_hand_and_without() {
+    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4)).collect();
+    share_out(&mut records, false);
+    assert!(records[..4].iter().all(|record| record.idle) && !records[4].idle);
+    let count = |role| records.iter().filter(|record| record.role == role).count();
+    assert_eq!([count(Role::Fit), count(Role::Select), count(Role::Report)], [3, 1, 1]);
+    assert!(rms(records[0].master.iter().copied()) > 0.1);
+}
