@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::{Detectability, detect};
+use crate::detect::{Detectability, SMOOTHING, detect};
 use crate::draw::{Draw, subseed};
 use crate::effects::{self, Effect, Entry};
 use crate::machine::Machine;
@@ -95,6 +95,45 @@ pub struct Case {
     pub records: Vec<Record>,
 }
 
+/// What a machine is built from.
+#[derive(Clone, Debug)]
+pub struct Builder {
+    /// Its constants, without the effects.
+    pub machine: Machine,
+    /// How dry friction passes through zero.
+    pub smoothing: Smoothing,
+    /// What is wrong with it.
+    pub effects: Vec<Effect>,
+}
+
+impl Builder {
+    /// The machine; with a constant changed by a fraction of itself, where that is asked for.
+    ///
+    /// # Errors
+    /// [`CaseError::Unbuildable`].
+    pub fn model(&self, change: Option<(&str, f64)>) -> Result<Model, CaseError> {
+        let (mut machine, mut smoothing) = (self.machine.clone(), self.smoothing);
+        if let Some((name, fraction)) = change {
+            let place = if name == SMOOTHING { Some(&mut smoothing.speed_rad_s) } else { machine.named_mut(name) };
+            if let Some(value) = place {
+                *value *= 1.0 + fraction;
+            }
+        }
+        let deviations = self
+            .effects
+            .iter()
+            .map(|effect| effect.build().ok_or_else(|| CaseError::Unbuildable(effect.name())))
+            .collect::<Result<_, _>>()?;
+        Ok(Model::new(machine, smoothing, deviations, SAMPLE_S))
+    }
+
+    fn without(&self, index: usize) -> Self {
+        let mut other = self.clone();
+        other.effects.remove(index);
+        other
+    }
+}
+
 /// What goes wrong while a case is made.
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
@@ -132,35 +171,21 @@ pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Re
     let effects: Vec<Effect> =
         choose(set, index, forced, &mut draw)?.into_iter().map(|entry| entry.draw(&mut draw)).collect();
     let plans = plan(seed);
-    let build = |effects: &[Effect]| -> Result<Model, CaseError> {
-        let deviations = effects
-            .iter()
-            .map(|effect| effect.build().ok_or_else(|| CaseError::Unbuildable(effect.name())))
-            .collect::<Result<_, _>>()?;
-        Ok(Model::new(machine.clone(), smoothing, deviations, SAMPLE_S))
-    };
-    let steps_per_row = build(&effects)?.steps();
+    let builder = Builder { machine, smoothing, effects };
+    let steps_per_row = builder.model(None)?.steps();
     let records = plans
         .par_iter()
         .enumerate()
         .map(|(number, plan)| {
-            let mut model = build(&effects)?;
             let (wanted, torque) = signals(plan);
             let seed = subseed(seed, &format!("noise {number}"));
-            Ok(record::run(&mut model, &wanted, &torque, plan.start_s, &noise, seed))
+            Ok(record::run(&mut builder.model(None)?, &wanted, &torque, plan.start_s, &noise, seed))
         })
         .collect::<Result<Vec<_>, CaseError>>()?;
-    let detectability = (0..effects.len())
-        .map(|without| {
-            let others: Vec<Effect> = effects
-                .iter()
-                .enumerate()
-                .filter(|(other, _)| *other != without)
-                .map(|(_, effect)| effect.clone())
-                .collect();
-            detect(&plans, &records, &|| build(&effects), &|| build(&others))
-        })
+    let detectability = (0..builder.effects.len())
+        .map(|index| detect(&plans, &records, &builder, &builder.without(index)))
         .collect::<Result<Vec<_>, CaseError>>()?;
+    let Builder { machine, effects, .. } = builder;
     let truth = Truth {
         set,
         index,

@@ -9,7 +9,7 @@ use crate::machine::Machine;
 use crate::smoothing::Smoothing;
 
 /// Most states that a model may have.
-const MOST: usize = 64;
+const MOST: usize = 40;
 /// States of the declared model.
 const OWN: usize = 8;
 /// Rate times step of the stiffest friction; Runge-Kutta of fourth order is stable up to 2.78.
@@ -94,6 +94,12 @@ impl Model {
             .fold(0.0, f64::max)
     }
 
+    /// With two thirds of the steps, as few as the integrator bears: for comparisons.
+    #[must_use]
+    pub fn coarse(self) -> Self {
+        Self { steps: (2 * self.steps).div_ceil(3).max(7), ..self }
+    }
+
     /// Steps of the integrator a sample.
     pub fn steps(&self) -> usize {
         self.steps
@@ -125,6 +131,14 @@ impl Model {
             velocity: [state[1], state[3]],
             fluid_velocity: [state[5], state[7]],
         }
+    }
+
+    /// At rest at two angles, the fluid midway.
+    pub fn settled(&self, master_rad: f64, slave_rad: f64) -> State {
+        let mut state = State::default();
+        let fluid = 0.5 * (self.displacement[0] * master_rad + self.displacement[1] * slave_rad);
+        (state.0[0], state.0[2], state.0[4], state.0[6]) = (master_rad, slave_rad, fluid, fluid);
+        state
     }
 
     /// Moves the state on by one sample that begins at `time_s` on the run and `local_s` within the record. Returns the rates

@@ -63,11 +63,12 @@ fn main() -> anyhow::Result<()> {
                     effect.parameters.0.iter().map(|value| format!("{} {:.4}", value.name, value.value)).collect();
                 let channel = ["master", "slave", "torque"][seen.channel];
                 format!(
-                    "{} ({}): {channel} {:.2e} to {:.2e}, gain {:.0} %",
+                    "{} ({}): {channel} {:.2e}, refitted {:.2e}, floor {:.2e}, gain {:.0} %",
                     effect.name(),
                     numbers.join(", "),
-                    seen.without,
-                    seen.floor,
+                    seen.without[seen.channel],
+                    seen.refitted[seen.channel],
+                    seen.floor[seen.channel],
                     100.0 * seen.gain
                 )
             })

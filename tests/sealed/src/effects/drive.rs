@@ -28,7 +28,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "amplifier_saturation",
         site: Site::Drive,
         depends_on: &[Variable::Volts],
-        draw: |draw, _| Values::of([("limit", draw.uniform(1.9, 2.6), "V")]),
+        draw: |draw, _| Values::of([("limit", draw.uniform(1.7, 2.3), "V")]),
         build: |values, _| Box::new(Saturation { limit: values.get("limit") }),
     },
     Entry {
@@ -42,14 +42,14 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "amplifier_lag",
         site: Site::Drive,
         depends_on: &[Variable::Time, Variable::Volts],
-        draw: |draw, _| Values::of([("time_constant", draw.log_uniform(8e-3, 30e-3), "s")]),
+        draw: |draw, _| Values::of([("time_constant", draw.log_uniform(5e-3, 20e-3), "s")]),
         build: |values, _| Box::new(Lag { time_constant: values.get("time_constant") }),
     },
     Entry {
         id: "transport_delay",
         site: Site::Drive,
         depends_on: &[Variable::Time, Variable::Volts],
-        draw: |draw, _| Values::of([("delay_s", draw.uniform(6e-3, 16e-3), "s")]),
+        draw: |draw, _| Values::of([("delay_s", draw.uniform(4e-3, 12e-3), "s")]),
         build: |values, _| Box::new(Delay { delay_s: values.get("delay_s") }),
     },
 ];

@@ -16,7 +16,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Load],
         // Beyond what stiffness factor, modulus, area and length can give within their tolerances: 0.67 of the declared.
-        draw: |draw, _| Values::of([("compliance_ratio", draw.uniform(1.2, 2.5), "1")]),
+        draw: |draw, _| Values::of([("compliance_ratio", draw.uniform(0.9, 1.6), "1")]),
         build: |values, _| Box::new(Compliance { ratio: values.get("compliance_ratio") }),
     },
     Entry {
@@ -39,7 +39,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         depends_on: &[Variable::Load],
         draw: |draw, _| {
             Values::of([
-                ("stiffness_ratio", draw.uniform(0.5, 1.5), "1"),
+                ("stiffness_ratio", draw.uniform(0.3, 1.0), "1"),
                 ("relaxation_s", draw.log_uniform(0.03, 0.3), "s"),
             ])
         },
@@ -51,14 +51,14 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "leakage",
         site: Site::Line,
         depends_on: &[Variable::Load],
-        draw: |draw, _| Values::of([("conductance", draw.log_uniform(1e-12, 6e-12), "m^3/(s Pa)")]),
+        draw: |draw, _| Values::of([("conductance", draw.log_uniform(3e-13, 2e-12), "m^3/(s Pa)")]),
         build: |values, _| Box::new(Leakage { conductance: values.get("conductance"), m_s_per_n: 0.0.into() }),
     },
     Entry {
         id: "backlash",
         site: Site::Line,
         depends_on: &[Variable::Load],
-        draw: |draw, _| Values::of([("gap", draw.uniform(1e-3, 3e-3), "m")]),
+        draw: |draw, _| Values::of([("gap", draw.uniform(6e-4, 2e-3), "m")]),
         build: build_backlash,
     },
     Entry {
@@ -79,7 +79,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "transport_delay",
         site: Site::Line,
         depends_on: &[Variable::Time],
-        draw: |draw, _| Values::of([("delay_s", draw.uniform(6e-3, 15e-3), "s")]),
+        draw: |draw, _| Values::of([("delay_s", draw.uniform(4e-3, 10e-3), "s")]),
         build: |values, _| Box::new(Stretch { delay_s: values.get("delay_s"), cell: Cell::default().into() }),
     },
     Entry {
@@ -117,8 +117,8 @@ impl Deviation for Compliance {
 fn draw_nonlinear(draw: &mut Draw, site: Site) -> Values {
     // At the slave only half of the springs are nonlinear.
     let more = if site == Site::Slave { 1.5 } else { 1.0 };
-    let cubic = if draw.sign() > 0.0 { draw.uniform(0.15, 0.5) * more } else { -draw.uniform(0.08, 0.15) * more };
-    Values::of([("cubic", cubic, "1"), ("even", draw.sign() * draw.uniform(0.05, 0.2) * more, "1")])
+    let cubic = if draw.sign() > 0.0 { draw.uniform(0.1, 0.3) } else { -draw.uniform(0.05, 0.1) } * more;
+    Values::of([("cubic", cubic, "1"), ("even", draw.sign() * draw.uniform(0.02, 0.08) * more, "1")])
 }
 
 fn build_nonlinear(values: &Values, site: Site) -> Box<dyn Deviation> {

@@ -15,7 +15,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         depends_on: &[Variable::Position, Variable::Velocity],
         draw: |draw, _| {
             Values::of([
-                ("stiffness", draw.uniform(0.6, 2.0), "N m/rad"),
+                ("stiffness", draw.uniform(0.4, 1.5), "N m/rad"),
                 ("damper_time_s", draw.uniform(0.02, 0.1), "s"),
                 ("inertia_time_s", draw.uniform(0.02, 0.06), "s"),
             ])
