@@ -158,6 +158,25 @@ pub enum CaseError {
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
 pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Result<Case, CaseError> {
+    let mut case = unjudged(set, index, campaign_seed, forced)?;
+    let mut machine = Machine::declared();
+    for (name, value) in &case.truth.machine {
+        if let Some(place) = machine.named_mut(name) {
+            *place = *value;
+        }
+    }
+    let builder = Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
+    case.truth.detectability = (0..builder.effects.len())
+        .map(|index| detect(&case.truth.records, &case.records, &builder, &builder.without(index)))
+        .collect::<Result<Vec<_>, CaseError>>()?;
+    Ok(case)
+}
+
+/// The same case, without the question how far its effects show.
+///
+/// # Errors
+/// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
+pub fn unjudged(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Result<Case, CaseError> {
     let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
     let mut draw = Draw::new(subseed(seed, "machine"));
     let machine = Machine::drawn(&mut draw);
@@ -182,9 +201,6 @@ pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Re
             Ok(record::run(&mut builder.model(None)?, &wanted, &torque, plan.start_s, &noise, seed))
         })
         .collect::<Result<Vec<_>, CaseError>>()?;
-    let detectability = (0..builder.effects.len())
-        .map(|index| detect(&plans, &records, &builder, &builder.without(index)))
-        .collect::<Result<Vec<_>, CaseError>>()?;
     let Builder { machine, effects, .. } = builder;
     let truth = Truth {
         set,
@@ -196,7 +212,7 @@ pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Re
         noise,
         steps_per_row,
         records: plans,
-        detectability,
+        detectability: Vec::new(),
     };
     Ok(Case { truth, records })
 }

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::case::{Builder, CaseError, Plan, signals};
 use crate::deviation::Instruments;
+use crate::effects::{Effect, Site};
 use crate::machine::{DECLARED, Machine};
 use crate::model::{Input, Model};
 use crate::record::{Record, SAMPLE_S};
@@ -89,11 +90,13 @@ pub fn detect(
     without: &Builder,
 ) -> Result<Detectability, CaseError> {
     let count = records.len().min(ROWS.len());
+    let ((with, in_time), (without, as_read)) = (undelayed(with, records), undelayed(without, records));
     let handed: Vec<Vec<f64>> = plans[..count].iter().map(|plan| signals(plan).1).collect();
     let left = |builder: &Builder, change: Option<(&str, f64)>, knows: bool| -> Result<Vec<Left>, CaseError> {
         (0..count)
             .map(|index| {
-                let (hand, record) = (&handed[index], &records[index]);
+                let hand = &handed[index];
+                let record = if knows { &in_time[index] } else { &as_read[index] };
                 let free = hand.is_empty();
                 // A model that knows nothing of its instruments takes the torque as it was read.
                 let torque = if free || knows { hand } else { &record.slave_torque_nm };
@@ -106,9 +109,36 @@ pub fn detect(
     let all = jobs
         .par_iter()
         .enumerate()
-        .map(|(job, change)| if job == 0 { left(with, None, true) } else { left(without, *change, false) })
+        .map(|(job, change)| if job == 0 { left(&with, None, true) } else { left(&without, *change, false) })
         .collect::<Result<Vec<_>, CaseError>>()?;
     Ok(judge(&all, &without.machine))
+}
+
+/// Late readings would make the observer unstable: a model that knows of the dead time of its instruments takes the records as
+/// they would be without it.
+fn undelayed(builder: &Builder, records: &[Record]) -> (Builder, Vec<Record>) {
+    let late = |effect: &Effect| effect.id == "transport_delay" && effect.site == Site::Sensor;
+    let delay_s: f64 =
+        builder.effects.iter().filter(|effect| late(effect)).map(|effect| effect.parameters.get("delay_s")).sum();
+    let mut builder = builder.clone();
+    builder.effects.retain(|effect| !late(effect));
+    let earlier = |values: &[f64]| -> Vec<f64> {
+        let (whole, part) = ((delay_s / SAMPLE_S).floor(), (delay_s / SAMPLE_S).fract());
+        let at = |index: usize| values[(index + whole as usize).min(values.len() - 1)];
+        (0..values.len()).map(|index| at(index) + part * (at(index + 1) - at(index))).collect()
+    };
+    let records = records
+        .iter()
+        .take(ROWS.len())
+        .map(|record| Record {
+            start_s: record.start_s,
+            motor_v: record.motor_v.clone(),
+            master_rad: earlier(&record.master_rad),
+            slave_rad: earlier(&record.slave_rad),
+            slave_torque_nm: earlier(&record.slave_torque_nm),
+        })
+        .collect();
+    (builder, records)
 }
 
 /// Relative change with which a derivative is taken.
@@ -127,13 +157,17 @@ fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
     };
     let rms =
         |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
-    let floors: [f64; 3] = std::array::from_fn(|channel| rms(&join(&all[0], channel)).max(1e-6));
+    // A channel on which even the true model runs away says nothing.
+    let floors: [f64; 3] = std::array::from_fn(|channel| {
+        let floor = rms(&join(&all[0], channel));
+        if floor.is_finite() { floor.max(1e-6) } else { f64::MAX }
+    });
     let stacked = |left: &[Left]| {
         DVector::from_iterator(
             (0..3).map(|channel| join(left, channel).len()).sum(),
             (0..3).flat_map(|channel| {
                 let floor = floors[channel];
-                join(left, channel).into_iter().map(move |value| value / floor)
+                join(left, channel).into_iter().map(move |value| if value.is_finite() { value / floor } else { 0.0 })
             }),
         )
     };
@@ -153,8 +187,7 @@ fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
         })
         .collect();
     let fitted = &rest + &jacobian * bounded_least_squares(&jacobian, &rest, &bounds);
-    let mut seen =
-        Detectability { floor: floors, without: [0.0; 3], refitted: [0.0; 3], gain: f64::NEG_INFINITY, channel: 0 };
+    let mut seen = Detectability { floor: floors, without: [0.0; 3], refitted: [0.0; 3], gain: -1.0, channel: 0 };
     let mut from = 0;
     for (channel, floor) in floors.into_iter().enumerate() {
         let count = join(&all[0], channel).len();

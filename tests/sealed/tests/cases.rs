@@ -1,7 +1,7 @@
 //! Whole cases: the same seed gives the same case, and every effect leaves its mark on the records.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use sealed::case::{Set, make};
+use sealed::case::{Set, unjudged};
 use sealed::draw::{Draw, subseed};
 use sealed::effects::{listed, unlisted};
 use sealed::machine::Machine;
@@ -12,11 +12,11 @@ use sealed::smoothing::{Shape, Smoothing};
 
 #[test]
 fn a_case_follows_from_its_seed() {
-    let case = make(Set::Pairs, 3, 11, &[]).unwrap();
-    let again = make(Set::Pairs, 3, 11, &[]).unwrap();
+    let case = unjudged(Set::Pairs, 3, 11, &[]).unwrap();
+    let again = unjudged(Set::Pairs, 3, 11, &[]).unwrap();
     assert_eq!(case.truth, again.truth);
     assert_eq!(case.records, again.records);
-    assert_ne!(make(Set::Pairs, 3, 12, &[]).unwrap().truth.machine, case.truth.machine);
+    assert_ne!(unjudged(Set::Pairs, 3, 12, &[]).unwrap().truth.machine, case.truth.machine);
     assert!((8..=10).contains(&case.records.len()));
     let [one, other] = &case.truth.effects[..] else { panic!("two effects") };
     assert!(one.site != other.site && one.id != other.id);
@@ -32,7 +32,7 @@ fn a_case_follows_from_its_seed() {
 #[test]
 fn a_written_case_has_its_records_and_its_truth() {
     let folder = tempfile::tempdir().unwrap();
-    let case = make(Set::Clean, 1, 5, &[]).unwrap();
+    let case = unjudged(Set::Clean, 1, 5, &[]).unwrap();
     case.write(folder.path()).unwrap();
     let truth: sealed::case::Truth =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("truth.json")).unwrap()).unwrap();

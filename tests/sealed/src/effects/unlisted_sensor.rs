@@ -20,7 +20,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "cell_inertia",
         site: Site::Sensor,
         depends_on: &[Variable::Acceleration],
-        draw: |draw, _| Values::of([("inertia", draw.uniform(2e-3, 6e-3), "kg m^2")]),
+        draw: |draw, _| Values::of([("inertia", draw.uniform(5e-4, 2e-3), "kg m^2")]),
         build: |values, _| Box::new(CellInertia { inertia: values.get("inertia"), reading_nm: 0.0 }),
     },
     Entry {
@@ -34,7 +34,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "cell_speed_error",
         site: Site::Sensor,
         depends_on: &[Variable::Velocity],
-        draw: |draw, _| Values::of([("coefficient", draw.sign() * draw.uniform(4e-3, 12e-3), "N m s^2/rad^2")]),
+        draw: |draw, _| Values::of([("coefficient", draw.sign() * draw.uniform(2e-3, 8e-3), "N m s^2/rad^2")]),
         build: |values, _| Box::new(CellSpeedError { coefficient: values.get("coefficient") }),
     },
 ];

@@ -11,7 +11,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         draw: |draw, _| {
             Values::of([
                 ("torque", draw.uniform(0.5, 1.2), "N m"),
-                ("angle", draw.uniform(-0.5, 0.5), "rad"),
+                ("angle", draw.uniform(-0.35, 0.35), "rad"),
                 ("width", draw.uniform(0.05, 0.12), "rad"),
             ])
         },
@@ -67,7 +67,7 @@ pub(super) const ENTRIES: &[Entry] = &[
         draw: |draw, _| {
             Values::of([
                 ("stiffness", draw.uniform(4.0, 12.0), "N m/rad"),
-                ("angle", draw.sign() * draw.uniform(0.3, 0.5), "rad"),
+                ("angle", draw.sign() * draw.uniform(0.1, 0.3), "rad"),
             ])
         },
         build: |values, _| Box::new(Bumper { stiffness: values.get("stiffness"), angle: values.get("angle") }),
