@@ -192,7 +192,7 @@ impl Model {
         for line in 0..2 {
             let (place, speed) = (4 + 2 * line, 5 + 2 * line);
             let mut on_fluid = 0.0;
-            for side in 0..2 {
+            for (side, transmitted) in transmitted.iter_mut().enumerate() {
                 let ratio = self.displacement[side];
                 let mut link = Link {
                     side,
@@ -210,7 +210,7 @@ impl Model {
                 link.force_n = link.stiffness_n_per_m * link.deflection_m + link.damping_n_s_per_m * link.rate_m_s;
                 link.fluid_force_n = link.force_n;
                 self.each(|deviation, own| deviation.link(&mut link, &view, &x[own.clone()], &mut rates[own]));
-                transmitted[side] += ratio * link.force_n;
+                *transmitted += ratio * link.force_n;
                 on_fluid += link.fluid_force_n;
             }
             let mut loss = self.machine.hose_loss_n_s_per_m(x[speed]);

@@ -161,7 +161,7 @@ struct Control {
 
 impl Control {
     fn volts(&mut self, reference: &[f64], index: usize, master: f64) -> f64 {
-        if index % CONTROL_SAMPLES != 0 {
+        if !index.is_multiple_of(CONTROL_SAMPLES) {
             return self.volts;
         }
         let cycle = CONTROL_SAMPLES as f64 * SAMPLE_S;
