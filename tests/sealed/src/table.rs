@@ -116,9 +116,12 @@ pub fn table(scores: &[Score]) -> Table {
             share(set, "detectable (all rows below are of these)", "", Share::of(&cases, |score| score.detectable));
         }
         let seen = seen(set);
+        // What must not happen is counted over the cases that had an answer: silence is no merit.
+        let told: Vec<&Score> = seen.iter().copied().filter(|score| score.end == End::Done).collect();
         match set {
             Set::Listed => {
                 let naming = |naming: Naming| Share::of(&seen, |score| score.naming == Some(naming));
+                let wrong = |naming: Naming| Share::of(&told, |score| score.naming == Some(naming));
                 share(set, "right name first (id and site)", ">= 95 %", naming(Naming::Right));
                 share(set, "ambiguous, the truth among at most two", "counted apart", naming(Naming::Ambiguous));
                 share(
@@ -127,35 +130,45 @@ pub fn table(scores: &[Score]) -> Table {
                     "",
                     Share::of(&seen, |score| matches!(score.naming, Some(Naming::Right | Naming::Ambiguous))),
                 );
-                share(set, "wrong name first", "<= 2 %", naming(Naming::Wrong));
-                share(set, "right id at another site", "(in the 2 %)", naming(Naming::WrongSite));
+                share(set, "wrong name first (of those answered)", "<= 2 %", wrong(Naming::Wrong));
+                share(set, "right id at another site (likewise)", "(in the 2 %)", wrong(Naming::WrongSite));
                 share(set, "said to have no name", "", naming(Naming::Unlisted));
                 share(set, "missed", "", naming(Naming::Missed));
                 share(set, "no answer", "", naming(Naming::NoAnswer));
                 share(set, "named more than the one effect", "", Share::of(&seen, |score| score.named.len() > 1));
             }
             Set::Clean => {
-                let (plain, foreign): (Vec<&Score>, Vec<&Score>) = cases.iter().partition(|score| score.index % 2 == 0);
-                share(set, "false alarms", "0", Share::of(&cases, |score| score.alarm));
+                let (plain, foreign): (Vec<&Score>, Vec<&Score>) = told.iter().partition(|score| score.index % 2 == 0);
+                share(set, "false alarms (of those answered)", "0", Share::of(&told, |score| score.alarm));
                 share(set, "... with the model's own smoothing", "0", Share::of(&plain, |score| score.alarm));
                 share(set, "... with a smoothing it does not have", "0", Share::of(&foreign, |score| score.alarm));
-                share(set, "... that named an effect", "0", Share::of(&cases, |score| !score.named.is_empty()));
+                share(set, "... that named an effect", "0", Share::of(&told, |score| !score.named.is_empty()));
             }
             Set::Unlisted => {
                 share(set, "flagged", ">= 95 %", Share::of(&seen, |score| score.flagged));
-                share(set, "a listed name", "<= 5 %", Share::of(&seen, |score| !score.named.is_empty()));
+                share(
+                    set,
+                    "a listed name (of those answered)",
+                    "<= 5 %",
+                    Share::of(&told, |score| !score.named.is_empty()),
+                );
                 share(
                     set,
                     "... and not flagged",
                     "",
-                    Share::of(&seen, |score| !score.named.is_empty() && !score.flagged),
+                    Share::of(&told, |score| !score.named.is_empty() && !score.flagged),
                 );
                 share(set, "right site", ">= 85 %", Share::of(&seen, |score| score.site_right == Some(true)));
                 share(set, "right variable", ">= 60 %", Share::of(&seen, |score| score.variable_right == Some(true)));
             }
             Set::Pairs => {
                 share(set, "both named", ">= 80 %", Share::of(&seen, |score| score.both == Some(true)));
-                share(set, "a false third", "<= 5 %", Share::of(&seen, |score| score.false_third == Some(true)));
+                share(
+                    set,
+                    "a false third (of those answered)",
+                    "<= 5 %",
+                    Share::of(&told, |score| score.false_third == Some(true)),
+                );
             }
         }
     }
@@ -195,9 +208,15 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
     }
     for (set, cases, bar) in [("listed", &listed, "<= 30 s"), ("pairs", &pairs, "<= 60 s")] {
         let seconds: Vec<f64> =
-            cases.iter().filter(|score| score.end == End::Done).map(|score| score.seconds).collect();
+            cases.iter().filter(|score| score.end != End::Failed).map(|score| score.seconds).collect();
         let median = quantile(&seconds, 0.5);
-        number(set, "time of a case, median (s)", bar, median, put(median, &|value| format!("{value:.1}")));
+        number(
+            set,
+            "time of a case, median, late ones at the limit (s)",
+            bar,
+            median,
+            put(median, &|value| format!("{value:.1}")),
+        );
     }
 }
 

@@ -10,7 +10,7 @@ use sealed::case::{Set, Truth, unjudged};
 use sealed::detect::Detectability;
 use sealed::effects::{Variable, listed, unlisted};
 use sealed::score::{Answer, End, Naming, Run, Score, score, variable};
-use sealed::table::table;
+use sealed::table::{Table, table as table_of};
 use serde_json::{Value, json};
 
 fn seen(gain: f64) -> Detectability {
@@ -128,6 +128,11 @@ fn two_effects_and_errors() {
     assert_eq!((one.both, one.false_third), (Some(false), Some(false)));
 }
 
+fn count_in(table: &Table, what: &str) -> (usize, usize) {
+    let row = table.rows.iter().find(|row| row.what == what).unwrap_or_else(|| panic!("{what}"));
+    (row.share.unwrap().count, row.share.unwrap().of)
+}
+
 /// The table counts detectable cases only, and says how many there were.
 #[test]
 fn the_table_counts() {
@@ -139,16 +144,26 @@ fn the_table_counts() {
         let site = if index < 6 { "slave" } else { "line" };
         scores.push(judged(&truth, json!({ "verdict": "effect", "effects": [named("backlash", site)] })));
     }
-    let table = table(&scores);
-    let count = |what: &str| {
-        let row = table.rows.iter().find(|row| row.what == what).unwrap_or_else(|| panic!("{what}"));
-        (row.share.unwrap().count, row.share.unwrap().of)
-    };
+    let table = table_of(&scores);
+    let count = |what: &str| count_in(&table, what);
     assert_eq!(count("detectable (all rows below are of these)"), (9, 10));
     assert_eq!(count("right name first (id and site)"), (6, 9));
-    assert_eq!(count("right id at another site"), (3, 9));
+    // Silence is no merit: a case without an answer is a missed name, and no proof against false alarms.
+    let late = Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 };
+    truth.detectability = vec![seen(2.0)];
+    scores.push(score(&truth, None, &late));
+    truth.set = Set::Clean;
+    truth.effects.clear();
+    truth.detectability.clear();
+    scores.push(score(&truth, None, &late));
+    scores.push(judged(&truth, json!({ "verdict": "unlisted" })));
+    let table = table_of(&scores);
+    let count = |what: &str| count_in(&table, what);
+    assert_eq!(count("right name first (id and site)"), (6, 10));
+    assert_eq!(count("right id at another site (likewise)"), (3, 9));
+    assert_eq!(count("false alarms (of those answered)"), (1, 1));
     assert_eq!(table.by_effect["backlash@slave"].instead["backlash@line"], 3);
-    assert!(table.to_string().contains("6 of 9 = 66.7 %"), "{table}");
+    assert!(table.to_string().contains("6 of 10 = 60.0 %"), "{table}");
 }
 
 /// The interface's table of sites has at least 20 ids, and eight effects are on no list.
