@@ -29,7 +29,7 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
     let time = |index: usize| index as f64 * sample_s;
     let mut angles: Vec<f64> = match kind {
         Kind::Multisine => {
-            let tones = tones(draw, 12, 0.1, 3.0, duration);
+            let tones = tones(draw, 12, 0.1, 3.0);
             scaled((0..samples).map(|index| sum(&tones, time(index))).collect(), draw.uniform(0.7, 1.0))
         }
         Kind::Triangles => {
@@ -100,14 +100,14 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
 
 /// The torque of a hand that pushes the handle to and fro, smooth and random, about 2 N·m at its largest; N·m.
 pub fn hand(draw: &mut Draw, samples: usize, sample_s: f64) -> Vec<f64> {
-    let tones = tones(draw, 10, 0.2, 1.6, samples as f64 * sample_s);
+    let tones = tones(draw, 10, 0.2, 1.6);
     let torque =
         scaled((0..samples).map(|index| sum(&tones, index as f64 * sample_s)).collect(), draw.uniform(1.8, 2.4));
     torque.iter().enumerate().map(|(index, value)| value * smooth(index as f64 * sample_s / FADE_S)).collect()
 }
 
 /// Tones of random phase with frequencies spread evenly over a logarithmic axis; amplitude, rate (rad/s), phase.
-fn tones(draw: &mut Draw, count: usize, from_hz: f64, to_hz: f64, _duration: f64) -> Vec<(f64, f64, f64)> {
+fn tones(draw: &mut Draw, count: usize, from_hz: f64, to_hz: f64) -> Vec<(f64, f64, f64)> {
     (0..count)
         .map(|index| {
             let place = (index as f64 + draw.uniform(0.2, 0.8)) / count as f64;

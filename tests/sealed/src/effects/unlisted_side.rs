@@ -187,7 +187,7 @@ impl Deviation for Dwell {
 
     fn side(&self, side: &mut Side, _view: &View<'_>, own: &[f64], rates: &mut [f64]) {
         if side.side == 0 {
-            // A tenth of a radian tears them.
+            // A fiftieth of a radian tears them.
             rates[0] = (1.0 - own[0]) / self.dwell_s - own[0] * side.velocity_rad_s.abs() / 0.02;
             side.add_dry(self.level * own[0].clamp(0.0, 1.0));
         }
