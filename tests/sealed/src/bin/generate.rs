@@ -1,0 +1,79 @@
+//! Writes sealed cases: records (CSV) and the truth about them, one folder a case.
+//!
+//! ```text
+//! $ generate --set listed --cases 31 --seed 1 --out cases
+//! $ generate --set listed --effect backlash@slave --cases 3 --seed 7 --out cases
+//! ```
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Parser;
+use sealed::case::{Set, make};
+use sealed::effects;
+
+/// Writes sealed cases, one folder a case: record-NN.csv and truth.json.
+#[derive(Parser)]
+struct Args {
+    /// Set of the cases
+    #[arg(long, value_enum, default_value = "listed")]
+    set: Set,
+    /// How many
+    #[arg(long, default_value_t = 1)]
+    cases: usize,
+    /// Index of the first
+    #[arg(long, default_value_t = 0)]
+    from: usize,
+    /// Seed of the campaign: a case follows from it, its set and its index
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder
+    #[arg(long, required_unless_present = "list")]
+    out: Option<PathBuf>,
+    /// This effect instead of the set's choice (repeatable): ID or ID@SITE
+    #[arg(long, value_name = "ID@SITE")]
+    effect: Vec<String>,
+    /// Names all effects, listed and unlisted, and writes nothing
+    #[arg(long)]
+    list: bool,
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    if args.list {
+        for entry in effects::listed().into_iter().chain(effects::unlisted()) {
+            let kind = if entry.listed() { "listed" } else { "unlisted" };
+            println!("{kind:9} {}@{}", entry.id, entry.site.name());
+        }
+        return Ok(());
+    }
+    let Some(out) = args.out else { return Ok(()) };
+    for index in args.from..args.from + args.cases {
+        let started = Instant::now();
+        let case = make(args.set, index, args.seed, &args.effect)?;
+        let folder = out.join(format!("{}-{:03}", args.set.name(), index + 1));
+        case.write(&folder)?;
+        let shown: Vec<String> = case
+            .truth
+            .effects
+            .iter()
+            .zip(&case.truth.detectability)
+            .map(|(effect, seen)| {
+                let numbers: Vec<String> =
+                    effect.parameters.0.iter().map(|value| format!("{} {:.4}", value.name, value.value)).collect();
+                let channel = ["master", "slave", "torque"][seen.channel];
+                format!(
+                    "{} ({}): {channel} {:.2e}, refitted {:.2e}, floor {:.2e}, gain {:.0} %",
+                    effect.name(),
+                    numbers.join(", "),
+                    seen.without[seen.channel],
+                    seen.refitted[seen.channel],
+                    seen.floor[seen.channel],
+                    100.0 * seen.gain
+                )
+            })
+            .collect();
+        println!("{} in {:.1} s: {}", folder.display(), started.elapsed().as_secs_f64(), shown.join("; "));
+    }
+    Ok(())
+}

@@ -1,0 +1,316 @@
+//! What identify said about a case, held against the truth.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::case::{Set, Truth};
+use crate::effective;
+use crate::effects::{Effect, Variable};
+use crate::machine::Machine;
+
+/// The part of `identify --json` that is scored. Everything may be missing.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Answer {
+    /// `effect`, `none`, `ambiguous` or `unlisted`.
+    pub verdict: String,
+    /// Effects in the order in which they were added.
+    pub effects: Vec<Named>,
+    /// What the data cannot tell from them.
+    pub ambiguous_with: Vec<Named>,
+    /// Whether something is left.
+    pub remains: bool,
+    /// What has no name.
+    pub unlisted: Option<Unlisted>,
+    /// Errors by channel.
+    pub error: BTreeMap<String, Errors>,
+    /// Declared parameters as fitted.
+    pub parameters: Vec<Fitted>,
+}
+
+/// An effect by name, with its parameters where it was added.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Named {
+    /// Id.
+    pub id: String,
+    /// Site.
+    pub site: String,
+    /// Parameters.
+    pub parameters: Vec<Parameter>,
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Parameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: Option<f64>,
+}
+
+/// A declared parameter.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Fitted {
+    /// Name.
+    pub name: String,
+    /// Fitted value.
+    pub fitted: Option<f64>,
+}
+
+/// Something without a name.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Unlisted {
+    /// At which balance.
+    pub site: String,
+    /// Of which variable.
+    pub depends_on: String,
+}
+
+/// Errors of a channel on the reporting records.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Errors {
+    /// Of the declared model.
+    pub before: Option<f64>,
+    /// With the effects.
+    pub after: Option<f64>,
+    /// What no model can explain.
+    pub floor: Option<f64>,
+}
+
+/// How a run of identify ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// With a verdict.
+    Done,
+    /// With another exit code than 0, or without a result that can be read.
+    Failed,
+    /// Not within the time limit.
+    TooLate,
+}
+
+/// How a named effect compares with the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Naming {
+    /// Id and site are right, first.
+    Right,
+    /// `ambiguous`, and the truth is one of at most two besides the first, or the first.
+    Ambiguous,
+    /// The id is right first, the site is not.
+    WrongSite,
+    /// Another name first.
+    Wrong,
+    /// Said to have no name.
+    Unlisted,
+    /// Nothing found.
+    Missed,
+    /// No answer.
+    NoAnswer,
+}
+
+/// A scored case.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Score {
+    /// Set.
+    pub set: Set,
+    /// Index within the set.
+    pub index: usize,
+    /// Effects that were there, `ID@SITE`.
+    pub truth: Vec<String>,
+    /// Whether each of them is detectable.
+    pub detectable: bool,
+    /// Smallest gain of [`crate::detect`] over the effects.
+    pub gain: f64,
+    /// How the run ended.
+    pub end: End,
+    /// Exit code.
+    pub code: Option<i32>,
+    /// Last line of what it said on stderr, where it failed.
+    pub message: String,
+    /// Verdict.
+    pub verdict: String,
+    /// Effects that were named, `ID@SITE`, in order.
+    pub named: Vec<String>,
+    /// `ambiguous_with`.
+    pub ambiguous_with: Vec<String>,
+    /// How the first name compares; only where there is one effect.
+    pub naming: Option<Naming>,
+    /// Whether any effect was named or said to have no name.
+    pub alarm: bool,
+    /// Flagged as having no name: verdict `unlisted`, or something remains.
+    pub flagged: bool,
+    /// Site that was told for what has no name, `SITE` of `unlisted`.
+    pub site_right: Option<bool>,
+    /// Whether the variable told is one that describes it.
+    pub variable_right: Option<bool>,
+    /// Site and variable as told.
+    pub told: Option<(String, String)>,
+    /// Both of two effects named.
+    pub both: Option<bool>,
+    /// An effect named that is none of two.
+    pub false_third: Option<bool>,
+    /// Error after over repeat floor, of the worst channel that has a floor.
+    pub over_floor: Option<f64>,
+    /// Error before over after: root mean square over the channels, each in its floor (or in what is left, without one).
+    pub drop: Option<f64>,
+    /// Relative error of the effective size of each effect named rightly.
+    pub size_errors: Vec<f64>,
+    /// Relative error of the raw first parameter of each effect named rightly.
+    pub raw_size_errors: Vec<f64>,
+    /// Wall time of identify, s.
+    pub seconds: f64,
+    /// Records of the case.
+    pub records: usize,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// How.
+    pub end: End,
+    /// Exit code.
+    pub code: Option<i32>,
+    /// Last line on stderr.
+    pub message: String,
+    /// Wall time, s.
+    pub seconds: f64,
+}
+
+/// Scores an answer.
+pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
+    let nothing = Answer::default();
+    let said = answer.unwrap_or(&nothing);
+    let name = |named: &Named| format!("{}@{}", named.id, named.site);
+    let names: Vec<String> = said.effects.iter().map(name).collect();
+    let rivals: Vec<String> = said.ambiguous_with.iter().map(name).collect();
+    let true_names: Vec<String> = truth.effects.iter().map(Effect::name).collect();
+    let flagged = answer.is_some() && (said.verdict == "unlisted" || said.remains);
+    let two = truth.effects.len() == 2;
+    let hits = true_names.iter().filter(|name| names.contains(name)).count();
+    let told = said.unlisted.as_ref();
+    let unnamed = truth.effects.first().filter(|effect| !effect.listed);
+    let sizes: Vec<(f64, f64)> = truth
+        .effects
+        .iter()
+        .filter_map(|effect| {
+            let found = said.effects.iter().find(|named| name(named) == effect.name())?;
+            size_error(truth, effect, found, said)
+        })
+        .collect();
+    Score {
+        set: truth.set,
+        index: truth.index,
+        detectable: truth.detectability.iter().all(|seen| seen.detectable()),
+        gain: truth.detectability.iter().map(|seen| seen.gain).fold(f64::INFINITY, f64::min).min(1e9),
+        end: run.end,
+        code: run.code,
+        message: run.message.clone(),
+        verdict: said.verdict.clone(),
+        naming: (truth.effects.len() == 1).then(|| naming(&truth.effects[0], answer, &names, &rivals)),
+        alarm: answer.is_some() && (!names.is_empty() || said.verdict != "none"),
+        flagged,
+        site_right: unnamed.map(|effect| told.is_some_and(|told| told.site == effect.site.name())),
+        variable_right: unnamed.map(|effect| {
+            told.and_then(|told| variable(&told.depends_on)).is_some_and(|found| effect.depends_on.contains(&found))
+        }),
+        told: told.map(|told| (told.site.clone(), told.depends_on.clone())),
+        both: two.then_some(hits == 2),
+        false_third: two.then(|| names.iter().any(|name| !true_names.contains(name))),
+        over_floor: over_floor(said),
+        drop: drop(said),
+        size_errors: sizes.iter().map(|size| size.0).collect(),
+        raw_size_errors: sizes.iter().map(|size| size.1).collect(),
+        seconds: run.seconds,
+        records: truth.records.len(),
+        truth: true_names,
+        named: names,
+        ambiguous_with: rivals,
+    }
+}
+
+fn naming(truth: &Effect, answer: Option<&Answer>, names: &[String], rivals: &[String]) -> Naming {
+    let Some(answer) = answer else { return Naming::NoAnswer };
+    let wanted = truth.name();
+    let Some(first) = names.first() else {
+        return if answer.verdict == "unlisted" || answer.remains { Naming::Unlisted } else { Naming::Missed };
+    };
+    let meant = *first == wanted || (rivals.len() <= 2 && rivals.contains(&wanted));
+    if answer.verdict == "ambiguous" && meant {
+        Naming::Ambiguous
+    } else if *first == wanted {
+        Naming::Right
+    } else if first.split('@').next() == Some(truth.id.as_str()) {
+        Naming::WrongSite
+    } else {
+        Naming::Wrong
+    }
+}
+
+/// The kind of variable that a text means, as `slave_velocity`, `master_rad`, `line force (N)`.
+pub fn variable(text: &str) -> Option<Variable> {
+    let text = text.to_lowercase();
+    let has = |words: &[&str]| words.iter().any(|word| text.contains(word));
+    Some(if has(&["accel", "rad_s2", "rad/s²", "rad/s^2"]) {
+        Variable::Acceleration
+    } else if has(&["veloc", "speed", "flow", "rate", "rad_s", "rad/s", "m_s", "m/s"]) {
+        Variable::Velocity
+    } else if has(&["volt", "motor_v"]) {
+        Variable::Volts
+    } else if has(&["torque", "force", "load", "pressure", "tension", "_nm", "deflection"]) {
+        Variable::Load
+    } else if has(&["posit", "angle", "_rad", "displacement", "stroke"]) {
+        Variable::Position
+    } else if has(&["time", "_s"]) {
+        Variable::Time
+    } else {
+        return None;
+    })
+}
+
+fn over_floor(answer: &Answer) -> Option<f64> {
+    let ratios =
+        answer.error.values().filter_map(|errors| Some(errors.after? / errors.floor.filter(|floor| *floor > 0.0)?));
+    ratios.reduce(f64::max)
+}
+
+fn drop(answer: &Answer) -> Option<f64> {
+    let (mut before, mut after) = (0.0, 0.0);
+    for errors in answer.error.values() {
+        let (Some(was), Some(is)) = (errors.before, errors.after) else { continue };
+        let unit = errors.floor.filter(|floor| *floor > 0.0).unwrap_or(is.max(1e-12));
+        before += (was / unit).powi(2);
+        after += (is / unit).powi(2);
+    }
+    (after > 0.0).then(|| (before / after).sqrt())
+}
+
+/// Relative error of the effective and of the raw size.
+fn size_error(truth: &Truth, effect: &Effect, found: &Named, answer: &Answer) -> Option<(f64, f64)> {
+    let own = effect.parameters.0.first()?;
+    let lookup = |name: &str| found.parameters.iter().find(|parameter| parameter.name == name)?.value;
+    let first = lookup(&own.name).or_else(|| found.parameters.first()?.value)?;
+    let mut fitted = Machine::declared();
+    for parameter in &answer.parameters {
+        if let (Some(value), Some(place)) = (parameter.fitted, fitted.named_mut(&parameter.name)) {
+            *place = value;
+        }
+    }
+    let mut real = Machine::declared();
+    for (name, value) in &truth.machine {
+        if let Some(place) = real.named_mut(name) {
+            *place = *value;
+        }
+    }
+    let site = effect.site.name();
+    let known = |name: &str| Some(effect.parameters.get(name)).filter(|value| value.is_finite());
+    let is = effective::value(&effect.id, site, &real, &known, own.value)?;
+    let told = effective::value(&effect.id, site, &fitted, &lookup, first)?;
+    Some(((told / is - 1.0).abs(), (first / own.value - 1.0).abs()))
+}

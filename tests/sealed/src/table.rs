@@ -1,0 +1,304 @@
+//! The table of a campaign: counts with Wilson's 95 % bounds, medians and percentiles, and a row for each effect.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Write};
+
+use serde::Serialize;
+
+use crate::case::Set;
+use crate::score::{End, Naming, Score};
+
+/// How many of how many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Share {
+    /// Counted.
+    pub count: usize,
+    /// Of these.
+    pub of: usize,
+    /// Wilson's 95 % bounds.
+    pub bounds: [f64; 2],
+}
+
+impl Share {
+    /// Of how many of the scores something holds.
+    pub fn of(scores: &[&Score], holds: impl Fn(&Score) -> bool) -> Self {
+        Self::new(scores.iter().filter(|score| holds(score)).count(), scores.len())
+    }
+
+    /// With its bounds.
+    pub fn new(count: usize, of: usize) -> Self {
+        Self { count, of, bounds: wilson(count, of) }
+    }
+}
+
+impl fmt::Display for Share {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.of == 0 {
+            return f.pad("none");
+        }
+        let percent = 100.0 * self.count as f64 / self.of as f64;
+        let [low, high] = self.bounds.map(|bound| 100.0 * bound);
+        f.pad(&format!("{} of {} = {percent:.1} % ({low:.1} to {high:.1} %)", self.count, self.of))
+    }
+}
+
+/// Bounds of a share at 95 % (Wilson, JASA 22, 1927).
+pub fn wilson(count: usize, of: usize) -> [f64; 2] {
+    if of == 0 {
+        return [0.0, 1.0];
+    }
+    let z = 1.959_963_985;
+    let (n, p) = (of as f64, count as f64 / of as f64);
+    let centre = p + z * z / (2.0 * n);
+    let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    [-1.0, 1.0].map(|sign| ((centre + sign * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
+/// One row: what, its bar, what was found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Set.
+    pub set: &'static str,
+    /// What is counted.
+    pub what: String,
+    /// What is asked for.
+    pub bar: &'static str,
+    /// As text.
+    pub found: String,
+    /// As numbers, for a share.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub share: Option<Share>,
+    /// As a number, otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
+}
+
+/// What became of the cases of one effect.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ByEffect {
+    /// Cases, and how many of them are detectable.
+    pub cases: usize,
+    /// Detectable ones.
+    pub detectable: usize,
+    /// Detectable ones by what was said.
+    pub said: BTreeMap<String, usize>,
+    /// Names that were said first instead, with their counts.
+    pub instead: BTreeMap<String, usize>,
+    /// Median relative error of the effective size.
+    pub size_error: Option<f64>,
+}
+
+/// The whole table.
+#[derive(Clone, Debug, Serialize)]
+pub struct Table {
+    /// Rows.
+    pub rows: Vec<Row>,
+    /// By effect, `ID@SITE`.
+    pub by_effect: BTreeMap<String, ByEffect>,
+}
+
+/// Puts scores into a table.
+pub fn table(scores: &[Score]) -> Table {
+    let mut rows = Vec::new();
+    let all = |set: Set| scores.iter().filter(|score| score.set == set).collect::<Vec<_>>();
+    let seen = |set: Set| all(set).into_iter().filter(|score| score.detectable).collect::<Vec<&Score>>();
+    let mut share = |set: Set, what: &str, bar: &'static str, share: Share| {
+        let (what, found) = (what.to_owned(), share.to_string());
+        rows.push(Row { set: set.name(), what, bar, found, share: Some(share), value: None });
+    };
+    for set in Set::ALL {
+        let cases = all(set);
+        if cases.is_empty() {
+            continue;
+        }
+        share(set, "a verdict at all", "", Share::of(&cases, |score| score.end == End::Done));
+        if set != Set::Clean {
+            share(set, "detectable (all rows below are of these)", "", Share::of(&cases, |score| score.detectable));
+        }
+        let seen = seen(set);
+        // What must not happen is counted over the cases that had an answer: silence is no merit.
+        let told: Vec<&Score> = seen.iter().copied().filter(|score| score.end == End::Done).collect();
+        match set {
+            Set::Listed => {
+                let naming = |naming: Naming| Share::of(&seen, |score| score.naming == Some(naming));
+                let wrong = |naming: Naming| Share::of(&told, |score| score.naming == Some(naming));
+                share(set, "right name first (id and site)", ">= 95 %", naming(Naming::Right));
+                share(set, "ambiguous, the truth among at most two", "counted apart", naming(Naming::Ambiguous));
+                share(
+                    set,
+                    "right or ambiguous with the truth",
+                    "",
+                    Share::of(&seen, |score| matches!(score.naming, Some(Naming::Right | Naming::Ambiguous))),
+                );
+                share(set, "wrong name first (of those answered)", "<= 2 %", wrong(Naming::Wrong));
+                share(set, "right id at another site (likewise)", "(in the 2 %)", wrong(Naming::WrongSite));
+                share(set, "said to have no name", "", naming(Naming::Unlisted));
+                share(set, "missed", "", naming(Naming::Missed));
+                share(set, "no answer", "", naming(Naming::NoAnswer));
+                share(set, "named more than the one effect", "", Share::of(&seen, |score| score.named.len() > 1));
+            }
+            Set::Clean => {
+                let (plain, foreign): (Vec<&Score>, Vec<&Score>) = told.iter().partition(|score| score.index % 2 == 0);
+                share(set, "false alarms (of those answered)", "0", Share::of(&told, |score| score.alarm));
+                share(set, "... with the model's own smoothing", "0", Share::of(&plain, |score| score.alarm));
+                share(set, "... with a smoothing it does not have", "0", Share::of(&foreign, |score| score.alarm));
+                share(set, "... that named an effect", "0", Share::of(&told, |score| !score.named.is_empty()));
+            }
+            Set::Unlisted => {
+                share(set, "flagged", ">= 95 %", Share::of(&seen, |score| score.flagged));
+                share(
+                    set,
+                    "a listed name (of those answered)",
+                    "<= 5 %",
+                    Share::of(&told, |score| !score.named.is_empty()),
+                );
+                share(
+                    set,
+                    "... and not flagged",
+                    "",
+                    Share::of(&told, |score| !score.named.is_empty() && !score.flagged),
+                );
+                share(set, "right site", ">= 85 %", Share::of(&seen, |score| score.site_right == Some(true)));
+                share(set, "right variable", ">= 60 %", Share::of(&seen, |score| score.variable_right == Some(true)));
+            }
+            Set::Pairs => {
+                share(set, "both named", ">= 80 %", Share::of(&seen, |score| score.both == Some(true)));
+                share(
+                    set,
+                    "a false third (of those answered)",
+                    "<= 5 %",
+                    Share::of(&told, |score| score.false_third == Some(true)),
+                );
+            }
+        }
+    }
+    numbers(&mut rows, &seen);
+    Table { rows, by_effect: by_effect(scores) }
+}
+
+fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
+    let mut number = |set: &'static str, what: &str, bar: &'static str, value: Option<f64>, text: String| {
+        rows.push(Row { set, what: what.to_owned(), bar, found: text, share: None, value });
+    };
+    let listed = seen(Set::Listed);
+    let pairs = seen(Set::Pairs);
+    let plain = |value: f64| format!("{value:.3}");
+    let percent = |value: f64| format!("{:.2} %", 100.0 * value);
+    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or_else(|| "none".to_owned(), text);
+    let over: Vec<f64> = listed.iter().filter_map(|score| score.over_floor).collect();
+    if !over.is_empty() {
+        let within = Share::new(over.iter().filter(|ratio| **ratio <= 1.4).count(), over.len());
+        number("listed", "error at most 1.4 repeat floors", ">= 90 %", None, within.to_string());
+        let p90 = quantile(&over, 0.9);
+        number("listed", "error over floor, 90th percentile", "<= 1.4", p90, put(p90, &plain));
+    }
+    let drops: Vec<f64> = listed.iter().filter_map(|score| score.drop).collect();
+    let median = quantile(&drops, 0.5);
+    number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain));
+    let sizes: Vec<f64> = listed.iter().flat_map(|score| score.size_errors.iter().copied()).collect();
+    let raw: Vec<f64> = listed.iter().flat_map(|score| score.raw_size_errors.iter().copied()).collect();
+    for (what, bar, values, at) in [
+        ("error of the effective size, median", "<= 1 %", &sizes, 0.5),
+        ("error of the effective size, 90th percentile", "<= 6 %", &sizes, 0.9),
+        ("error of the raw first parameter, median", "", &raw, 0.5),
+        ("error of the raw first parameter, 90th percentile", "", &raw, 0.9),
+    ] {
+        let value = quantile(values, at);
+        number("listed", what, bar, value, format!("{} (n = {})", put(value, &percent), values.len()));
+    }
+    for (set, cases, bar) in [("listed", &listed, "<= 30 s"), ("pairs", &pairs, "<= 60 s")] {
+        let seconds: Vec<f64> =
+            cases.iter().filter(|score| score.end != End::Failed).map(|score| score.seconds).collect();
+        let median = quantile(&seconds, 0.5);
+        number(
+            set,
+            "time of a case, median, late ones at the limit (s)",
+            bar,
+            median,
+            put(median, &|value| format!("{value:.1}")),
+        );
+    }
+}
+
+fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {
+    let mut rows: BTreeMap<String, ByEffect> = BTreeMap::new();
+    let mut sizes: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for score in scores.iter().filter(|score| score.truth.len() == 1) {
+        let row = rows.entry(score.truth[0].clone()).or_default();
+        row.cases += 1;
+        if !score.detectable {
+            continue;
+        }
+        row.detectable += 1;
+        let said = score.naming.map_or_else(String::new, |naming| format!("{naming:?}"));
+        *row.said.entry(said).or_default() += 1;
+        if let (Some(Naming::Wrong | Naming::WrongSite | Naming::Ambiguous), Some(first)) =
+            (score.naming, score.named.first())
+        {
+            *row.instead.entry(first.clone()).or_default() += 1;
+        }
+        sizes.entry(score.truth[0].clone()).or_default().extend(&score.size_errors);
+    }
+    for (name, row) in &mut rows {
+        row.size_error = sizes.get(name).and_then(|sizes| quantile(sizes, 0.5));
+    }
+    rows
+}
+
+/// The value below which a share of the values lies; between two of them along a straight line.
+pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let place = share * sorted.len().checked_sub(1)? as f64;
+    let (low, part) = (place.floor() as usize, place - place.floor());
+    let high = (low + 1).min(sorted.len() - 1);
+    Some(sorted[low] + part * (sorted[high] - sorted[low]))
+}
+
+impl fmt::Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let widest = self.rows.iter().map(|row| row.what.chars().count()).max().unwrap_or(0);
+        let mut set = "";
+        for row in &self.rows {
+            let shown = if row.set == set { "" } else { row.set };
+            set = row.set;
+            writeln!(f, "{shown:9} {:widest$}  {:14} {}", row.what, row.bar, row.found)?;
+        }
+        writeln!(f)?;
+        for (name, row) in &self.by_effect {
+            let mut text = format!("{name:36} {:3} cases, {:3} detectable", row.cases, row.detectable);
+            for (said, count) in &row.said {
+                write!(text, ", {count} {said}")?;
+            }
+            if let Some(error) = row.size_error {
+                write!(text, ", size off by {:.2} %", 100.0 * error)?;
+            }
+            for (instead, count) in &row.instead {
+                write!(text, "; {instead} x{count}")?;
+            }
+            writeln!(f, "{text}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_as_published() {
+        // Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81 of 263 and 0 of 20.
+        let [low, high] = wilson(81, 263);
+        assert!((low - 0.2553).abs() < 1e-4 && (high - 0.3662).abs() < 1e-4, "{low} {high}");
+        let [low, high] = wilson(0, 20);
+        assert!(low == 0.0 && (high - 0.1611).abs() < 1e-4, "{high}");
+    }
+
+    #[test]
+    fn quantiles() {
+        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
+        assert_eq!(quantile(&[0.0, 10.0], 0.9), Some(9.0));
+        assert_eq!(quantile(&[], 0.5), None);
+    }
+}

@@ -1,0 +1,224 @@
+//! Answers of known worth, and what the scoring makes of them; and a campaign with a program that answers what it is told.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Command;
+
+use sealed::case::{Set, Truth, unjudged};
+use sealed::detect::Detectability;
+use sealed::effects::{Variable, listed, unlisted};
+use sealed::score::{Answer, End, Naming, Run, Score, score, variable};
+use sealed::table::{Table, table as table_of};
+use serde_json::{Value, json};
+
+fn seen(gain: f64) -> Detectability {
+    Detectability { floor: [1e-3; 3], without: [1e-2; 3], refitted: [1e-3 * (1.0 + gain); 3], gain, channel: 0 }
+}
+
+/// The truth about the first case of a set whose effects are these, at their drawn sizes.
+fn truth(set: Set, effects: &[&str]) -> Truth {
+    let names: Vec<String> = effects.iter().map(|name| (*name).to_owned()).collect();
+    let mut truth = unjudged(set, 0, 3, &names).unwrap().truth;
+    truth.detectability = effects.iter().map(|_| seen(2.0)).collect();
+    truth
+}
+
+fn judged(truth: &Truth, answer: Value) -> Score {
+    let answer: Answer = serde_json::from_value(answer).unwrap();
+    score(truth, Some(&answer), &Run { end: End::Done, code: Some(0), message: String::new(), seconds: 12.0 })
+}
+
+fn named(id: &str, site: &str) -> Value {
+    json!({ "id": id, "site": site, "parameters": [], "t": 9.0, "gain_percent": 40.0 })
+}
+
+#[test]
+fn names_are_right_ambiguous_or_wrong() {
+    let truth = truth(Set::Listed, &["backlash@slave"]);
+    let naming = |answer: Value| judged(&truth, answer).naming.unwrap();
+    let right = named("backlash", "slave");
+    assert_eq!(naming(json!({ "verdict": "effect", "effects": [right] })), Naming::Right);
+    assert_eq!(naming(json!({ "verdict": "effect", "effects": [named("backlash", "line")] })), Naming::WrongSite);
+    assert_eq!(naming(json!({ "verdict": "effect", "effects": [named("leakage", "line"), right] })), Naming::Wrong);
+    assert_eq!(naming(json!({ "verdict": "none" })), Naming::Missed);
+    assert_eq!(naming(json!({ "verdict": "unlisted" })), Naming::Unlisted);
+    let rivals = |rivals: Value| json!({ "verdict": "ambiguous", "effects": [named("leakage", "line")], "ambiguous_with": rivals });
+    assert_eq!(naming(rivals(json!([right]))), Naming::Ambiguous);
+    assert_eq!(naming(rivals(json!([named("leakage", "line")]))), Naming::Wrong);
+    let three = json!([right, named("leakage", "line"), named("mains_hum", "sensor")]);
+    assert_eq!(naming(rivals(three)), Naming::Wrong, "at most two");
+    let failed = Run { end: End::Failed, code: Some(1), message: "kind".to_owned(), seconds: 0.1 };
+    let nothing = score(&truth, None, &failed);
+    assert_eq!((nothing.naming, nothing.alarm, nothing.flagged), (Some(Naming::NoAnswer), false, false));
+}
+
+#[test]
+fn sizes_are_compared_as_totals_where_they_share() {
+    let truth = truth(Set::Listed, &["coulomb_friction@master"]);
+    let added = truth.effects[0].parameters.get("level");
+    let coulomb = truth.machine["motor_coulomb_nm"];
+    let piston = ["master_piston_kinetic_friction_n", "master_pulley_radius_m"].map(|name| truth.machine[name]);
+    // A fifth of what was added is taken for motor friction: the total stays.
+    let answer = |level: f64, base: f64| {
+        let effect =
+            json!({ "id": "coulomb_friction", "site": "master", "parameters": [{ "name": "level", "value": level }] });
+        json!({ "verdict": "effect", "effects": [effect], "parameters": [
+            { "name": "motor_coulomb_nm", "fitted": base },
+            { "name": "master_piston_kinetic_friction_n", "fitted": piston[0] },
+            { "name": "master_pulley_radius_m", "fitted": piston[1] },
+        ] })
+    };
+    let shared = judged(&truth, answer(0.8 * added, coulomb + 0.2 * added));
+    assert!(shared.size_errors[0] < 1e-9, "{:?}", shared.size_errors);
+    assert!((shared.raw_size_errors[0] - 0.2).abs() < 1e-9);
+    let total = coulomb + added + piston[0] * piston[1];
+    let off = judged(&truth, answer(1.1 * added, coulomb));
+    assert!((off.size_errors[0] - 0.1 * added / total).abs() < 1e-9, "{:?}", off.size_errors);
+}
+
+#[test]
+fn unlisted_ones_need_flag_site_and_variable() {
+    let truth = truth(Set::Unlisted, &["detent@slave"]);
+    let told = |site: &str, on: &str| {
+        judged(&truth, json!({ "verdict": "unlisted", "unlisted": { "site": site, "depends_on": on, "table": [] } }))
+    };
+    let right = told("slave", "slave_position");
+    assert_eq!((right.flagged, right.site_right, right.variable_right), (true, Some(true), Some(true)));
+    let wrong = told("line", "slave velocity (rad/s)");
+    assert_eq!((wrong.flagged, wrong.site_right, wrong.variable_right), (true, Some(false), Some(false)));
+    let missed = judged(&truth, json!({ "verdict": "effect", "effects": [named("gravity_imbalance", "slave")] }));
+    assert_eq!((missed.flagged, missed.site_right), (false, Some(false)));
+}
+
+#[test]
+fn variables_are_known_by_their_usual_names() {
+    for (text, expected) in [
+        ("master_position", Variable::Position),
+        ("slave_rad", Variable::Position),
+        ("slave_velocity", Variable::Velocity),
+        ("fluid speed", Variable::Velocity),
+        ("slave_rad_s", Variable::Velocity),
+        ("slave acceleration", Variable::Acceleration),
+        ("line_force", Variable::Load),
+        ("slave_torque_nm", Variable::Load),
+        ("motor_v", Variable::Volts),
+        ("time", Variable::Time),
+        ("t_s", Variable::Time),
+    ] {
+        assert_eq!(variable(text), Some(expected), "{text}");
+    }
+    assert_eq!(variable("?"), None);
+}
+
+#[test]
+fn two_effects_and_errors() {
+    let truth = truth(Set::Pairs, &["backlash@slave", "torque_ripple@drive"]);
+    let errors = json!({
+        "master_rad": { "before": 4e-3, "after": 4e-4, "floor": 4e-4 },
+        "slave_rad": { "before": 2e-2, "after": 6e-4, "floor": 5e-4 },
+        "slave_torque_nm": { "before": 1.0, "after": 1.0, "floor": null },
+    });
+    let effects = [named("torque_ripple", "drive"), named("backlash", "slave"), named("leakage", "line")];
+    let three = judged(&truth, json!({ "verdict": "effect", "effects": effects, "error": errors }));
+    assert_eq!((three.both, three.false_third), (Some(true), Some(true)));
+    assert!((three.over_floor.unwrap() - 1.2).abs() < 1e-12, "the worst channel with a floor");
+    let one = judged(&truth, json!({ "verdict": "effect", "effects": effects[..1] }));
+    assert_eq!((one.both, one.false_third), (Some(false), Some(false)));
+}
+
+fn count_in(table: &Table, what: &str) -> (usize, usize) {
+    let row = table.rows.iter().find(|row| row.what == what).unwrap_or_else(|| panic!("{what}"));
+    (row.share.unwrap().count, row.share.unwrap().of)
+}
+
+/// The table counts detectable cases only, and says how many there were.
+#[test]
+fn the_table_counts() {
+    let mut scores = Vec::new();
+    let mut truth = truth(Set::Listed, &["backlash@slave"]);
+    for index in 0..10 {
+        truth.index = index;
+        truth.detectability = vec![seen(if index == 9 { 0.05 } else { 2.0 })];
+        let site = if index < 6 { "slave" } else { "line" };
+        scores.push(judged(&truth, json!({ "verdict": "effect", "effects": [named("backlash", site)] })));
+    }
+    let table = table_of(&scores);
+    let count = |what: &str| count_in(&table, what);
+    assert_eq!(count("detectable (all rows below are of these)"), (9, 10));
+    assert_eq!(count("right name first (id and site)"), (6, 9));
+    // Silence is no merit: a case without an answer is a missed name, and no proof against false alarms.
+    let late = Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 };
+    truth.detectability = vec![seen(2.0)];
+    scores.push(score(&truth, None, &late));
+    truth.set = Set::Clean;
+    truth.effects.clear();
+    truth.detectability.clear();
+    scores.push(score(&truth, None, &late));
+    scores.push(judged(&truth, json!({ "verdict": "unlisted" })));
+    let table = table_of(&scores);
+    let count = |what: &str| count_in(&table, what);
+    assert_eq!(count("right name first (id and site)"), (6, 10));
+    assert_eq!(count("right id at another site (likewise)"), (3, 9));
+    assert_eq!(count("false alarms (of those answered)"), (1, 1));
+    assert_eq!(table.by_effect["backlash@slave"].instead["backlash@line"], 3);
+    assert!(table.to_string().contains("6 of 10 = 60.0 %"), "{table}");
+}
+
+/// The interface's table of sites has at least 20 ids, and eight effects are on no list.
+#[test]
+fn the_campaign_covers_what_it_must() {
+    let ids: std::collections::BTreeSet<&str> = listed().iter().map(|entry| entry.id).collect();
+    assert!(ids.len() >= 20 && unlisted().len() >= 8);
+}
+
+fn program(folder: &Path, text: &str) -> std::path::PathBuf {
+    let path = folder.join("answers");
+    fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    path
+}
+
+fn campaign(folder: &Path, farreach: &Path, clean: usize) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_campaign"))
+        .current_dir(folder)
+        .args([
+            "--listed",
+            "0",
+            "--unlisted",
+            "0",
+            "--pairs",
+            "0",
+            "--clean",
+            &clean.to_string(),
+            "--json",
+            "table.json",
+        ])
+        .arg("--farreach")
+        .arg(farreach)
+        .arg("--rig")
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn a_campaign_goes_on_after_what_is_there_and_survives_a_program_that_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    // Arguments: identify --rig RIG --json FILE --jobs 2 RECORDS...
+    let alarm = r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && echo '{"verdict":"unlisted"}' > "$5""#;
+    let text = campaign(folder.path(), &program(folder.path(), alarm), 1);
+    assert!(text.contains("a verdict at all") && text.contains("1 of 1 = 100.0 %"), "{text}");
+    let failing = "echo 'kind hydrostatic: known: drive' >&2; exit 1";
+    let text = campaign(folder.path(), &program(folder.path(), failing), 2);
+    let table: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("table.json")).unwrap()).unwrap();
+    let cases = table["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), 2, "{text}");
+    assert_eq!((&cases[0]["end"], &cases[0]["alarm"]), (&json!("done"), &json!(true)), "the first was kept");
+    assert_eq!((&cases[1]["end"], &cases[1]["code"]), (&json!("failed"), &json!(1)));
+    assert_eq!(cases[1]["message"], json!("kind hydrostatic: known: drive"));
+    assert_eq!(fs::read_to_string(folder.path().join("campaign.jsonl")).unwrap().lines().count(), 2);
+}
