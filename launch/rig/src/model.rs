@@ -102,6 +102,16 @@ const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
     source: "EMPS: Janot, Gautier, Brunot 2019",
 };
 
+/// How far a turn of the motor moves a drive; what repeats with the motor's angle is told by it. It need not be declared.
+const MOTOR_TURN: ParameterInfo = ParameterInfo {
+    name: "motor_turn_m",
+    unit: "m",
+    minimum: 1e-6,
+    maximum: 1e3,
+    printed: 2.5e-3,
+    source: "EMPS: Janot, Gautier, Brunot 2019",
+};
+
 /// The file's model is not the one that was asked for.
 fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
     let (file, advice) = (file.to_owned(), "take a rig file with that model".to_owned());
@@ -109,7 +119,7 @@ fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
 }
 
 fn is_of_the_motor(kind: ModelKind, name: &str) -> bool {
-    kind == ModelKind::Drive && name == FORCE_PER_VOLT.name
+    kind == ModelKind::Drive && [FORCE_PER_VOLT.name, MOTOR_TURN.name].contains(&name)
 }
 
 /// Tolerance where the file says none.
@@ -240,8 +250,8 @@ impl Model {
             ModelKind::Drive => drive::Parameters::NAMES,
             ModelKind::Oscillator | ModelKind::Element => return,
         };
-        let extra = (self.kind == ModelKind::Drive).then_some(FORCE_PER_VOLT);
-        let infos = || infos.iter().chain(extra.iter());
+        let extra: &[ParameterInfo] = if self.kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
+        let infos = || infos.iter().chain(extra);
         for parameter in parameters {
             let key = format!("{table}.{}", parameter.name);
             let Some(info) = infos().find(|info| info.name == parameter.name) else {
