@@ -5,6 +5,7 @@ use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
 
 use crate::axis::Axis;
 use crate::error::{Problem, RigError};
+use crate::one_channel;
 use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
 
 /// What stands between motor and handle, as far as the laboratory declares it.
@@ -194,7 +195,7 @@ impl Model {
         Ok(parameters)
     }
 
-    /// Names and ranges, for the models that `plant` knows; and the handle that several axes share.
+    /// Names and ranges; and the handle that several axes share.
     pub(crate) fn check(&self, axes: &[Axis], source: &Source<'_>) {
         self.check_parameters("model.parameters", &self.parameters, source);
         for (at, axis) in axes.iter().enumerate() {
@@ -248,7 +249,8 @@ impl Model {
             ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
             ModelKind::Cable => cable::Parameters::NAMES,
             ModelKind::Drive => drive::Parameters::NAMES,
-            ModelKind::Oscillator | ModelKind::Element => return,
+            ModelKind::Oscillator => one_channel::OSCILLATOR,
+            ModelKind::Element => one_channel::ELEMENT,
         };
         let extra: &[ParameterInfo] = if self.kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
         let infos = || infos.iter().chain(extra);

@@ -228,6 +228,7 @@ fn the_measured_emps_record_gives_the_published_figures() {
     let series = Series { file: "emps_train.csv".into(), columns, role: None, notes: Vec::new() };
     let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
     let outcome = identify(&[series], &rig.model).unwrap();
+    eprintln!("{:#?}\n{:#?}\n{:#?}", outcome.effects, outcome.steps, outcome.left);
     assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
     // Published on all rows: 4.08 % and 3.11 %; 95.1 kg, 203.5 N·s/m, 20.4 N, -3.2 N (symmetric model).
     let [declared, coulomb, asymmetric] = &outcome.steps[..] else { panic!("{:?}", outcome.steps) };

@@ -6,7 +6,7 @@
 //! Parameter: `time_constant` `T` (s), at least 0; 0.1 ms in a good current loop, 5 ms in a slow one.
 //!
 //! In a residual: error in proportion to the rate of the force, largest at quick reversals. Confused with: dead time (the same in
-//! first order), a mass or damping outside of its tolerance.
+//! first order; below one and a half sampling periods neither gets a name), a mass or damping outside of its tolerance.
 
 use super::{Axis, Effect, InverseEffect, Term, View};
 use crate::filter::derivatives;
@@ -41,6 +41,9 @@ impl InverseEffect for AmplifierLag {
     }
     fn linear(&self) -> bool {
         true
+    }
+    fn shift(&self, amplitudes: &[f64], _: &[f64]) -> Option<f64> {
+        amplitudes.first().copied()
     }
     fn terms(&self, _: &Axis) -> Vec<Term> {
         vec![Term::positive("time_constant", "s")]

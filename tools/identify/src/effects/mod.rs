@@ -305,6 +305,11 @@ pub trait InverseEffect: Sync {
     fn linear(&self) -> bool {
         false
     }
+    /// By how much it shifts the force in time (s), where that is all it does. A shift of about a sampling period is what
+    /// sampling and holding make, and gets no name.
+    fn shift(&self, _amplitudes: &[f64], _shapes: &[f64]) -> Option<f64> {
+        None
+    }
     /// Whether its columns are sine and cosine of the time, its only shape being the frequency.
     fn is_tone(&self) -> bool {
         false

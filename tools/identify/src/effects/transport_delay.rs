@@ -6,7 +6,9 @@
 //! Parameter: `delay` (s), within one period of the low-pass's cut-off to either side; 0.1 to 20 ms.
 //!
 //! In a residual: error in proportion to the rate of the force. Confused with: a lag of the amplifier (the same in first
-//! order), damping beside a spring, channels that were not sampled at the same instant.
+//! order), damping beside a spring, channels that were not sampled at the same instant. Below one and a half
+//! sampling periods it gets no name: a command that is sampled and held acts half a period late by itself, and one more where the
+//! loop computes in between.
 
 use super::{Axis, Effect, InverseEffect, Shape, Term, View, waves};
 
@@ -37,6 +39,9 @@ impl InverseEffect for TransportDelay {
     }
     fn linear(&self) -> bool {
         true
+    }
+    fn shift(&self, _: &[f64], shapes: &[f64]) -> Option<f64> {
+        shapes.first().copied()
     }
     fn terms(&self, _: &Axis) -> Vec<Term> {
         vec![Term::given()]

@@ -84,6 +84,9 @@ pub struct Fitted {
     pub columns: Vec<Vec<Vec<f64>>>,
 }
 
+/// Sampling periods by which sampling, computing and holding may shift a force.
+const HELD: f64 = 1.5;
+
 impl Machine {
     /// Whether the declared model has that column.
     pub fn declares(&self, column: Column) -> bool {
@@ -250,6 +253,16 @@ impl Machine {
     /// Residual of a fitted structure over some rows.
     pub fn residual(&self, fitted: &Fitted, block: &Block) -> Vec<f64> {
         residual(&fitted.columns[block.record], &self.balances[block.record].force, &fitted.fit.coefficients, block)
+    }
+
+    /// The shift in time (s) of the effect that was added last, where it is one that sampling and holding would make.
+    pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+        let effect = *structure.effects.last()?;
+        let amplitudes = fitted.fit.coefficients.as_slice();
+        let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];
+        let place = self.places(structure).pop()?;
+        let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+        effect.shift(own, &fitted.shapes[place]).filter(|shift| shift.abs() < HELD * sampling)
     }
 
     /// Root mean square over some rows of what the last `terms` columns of a fit put out.

@@ -213,7 +213,8 @@ impl Round<'_> {
             fitted = machine.fit(&structure, self.fit, &fitted.shapes, Known::Start)?;
         }
         let after = mean_squares(machine, &fitted, self.select);
-        let verdict = judge(sited.effect.id(), before, &after);
+        let mut verdict = judge(sited.effect.id(), before, &after);
+        verdict.accepted &= machine.hidden_shift(&structure, &fitted).is_none();
         Some(Tried { sited, verdict, structure, fitted, after })
     }
 

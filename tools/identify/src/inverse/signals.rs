@@ -50,6 +50,8 @@ pub struct Balance {
     pub force: Vec<f64>,
     /// Cut-off of the low-pass (Hz).
     pub cut_off: f64,
+    /// Time between two samples of the record (s).
+    pub sampling: f64,
 }
 
 /// The highest cut-off (Hz), and the largest as a share of the sampling frequency.
@@ -83,7 +85,7 @@ impl Balance {
             stride,
         };
         let force = signals.low_passed_rows(force);
-        (!force.is_empty()).then(|| Self { name: name.to_owned(), signals, force, cut_off })
+        (!force.is_empty()).then(|| Self { name: name.to_owned(), signals, force, cut_off, sampling: step })
     }
 
     /// The same for a band-limited pair: motion and force are followed [`FINER`] times finer than sampled, with spectral
@@ -109,7 +111,7 @@ impl Balance {
             stride: FINER,
         };
         let rows = signals.low_passed_rows(&signals.force);
-        (!rows.is_empty()).then(|| Self { name: name.to_owned(), signals, force: rows, cut_off })
+        (!rows.is_empty()).then(|| Self { name: name.to_owned(), signals, force: rows, cut_off, sampling: step })
     }
 
     /// Rows of the regression.

@@ -2,16 +2,30 @@
 
 use super::inverse_outcome::effect_parameters;
 use super::inverse_study::Study;
-use crate::inverse::search::{Candidate, LEAST_T, of};
+use crate::inverse::model::Machine;
+use crate::inverse::search::{Candidate, of};
 use crate::inverse::split::Role;
 use crate::outcome::Left;
 
 /// What makes the error smaller by less than this (%) is not worth a line.
 const LEAST_PERCENT: f64 = 1.0;
 
-/// Whether a candidate shows and is too small to be accepted.
-fn shows(c: &Candidate) -> bool {
+/// What has a smaller block t is chance as likely as not.
+const LEAST_T: f64 = 1.0;
+
+/// Whether a candidate shows.
+pub(super) fn shows(c: &Candidate) -> bool {
     c.gain_percent >= LEAST_PERCENT && c.t >= LEAST_T && c.better > c.worse
+}
+
+/// A sentence on a shift in time that gets no name.
+pub(super) fn shift_note(machine: &Machine, what: &Candidate, shift: f64) -> String {
+    let sampling = machine.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+    format!(
+        "{}: {shift:.3e} s would make the error smaller by {:.1} %; that is within one and a half sampling periods of {sampling:.3e} s, \
+         which sampling and holding make, and gets no name",
+        what.id, what.gain_percent
+    )
 }
 
 /// Listed effects and generic functions that show on the selecting rows, largest gain first. They are tried one

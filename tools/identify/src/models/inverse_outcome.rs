@@ -2,13 +2,13 @@
 
 use report::Page;
 
-use super::inverse_left::left;
+use super::inverse_left::{left, shift_note, shows};
 use super::inverse_study::{Study, error};
 use super::next_experiment::Open;
 use crate::effects::Declared;
 use crate::inverse::fit::Known;
 use crate::inverse::model::{Column, Fitted, Machine, Structure};
-use crate::inverse::search::{Candidate, Found, Sited, of};
+use crate::inverse::search::{Candidate, Found, Sited, Tried, of};
 use crate::inverse::split::{Block, Role};
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, Outcome, Roles, StepError,
@@ -27,7 +27,8 @@ fn outcome(study: &Study) -> Outcome {
     let found = &study.found;
     let rivals: Vec<Sited> =
         found.steps.iter().rev().find(|s| !s.rivals.is_empty()).map_or(Vec::new(), |s| s.rivals.clone());
-    let remains = found.unlisted.is_some();
+    // With three effects in the model a fourth that passes is something left, too.
+    let remains = found.unlisted.is_some() || found.last_round.iter().any(|t| t.verdict.accepted);
     let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
         (true, _, true) => Verdict::Unlisted,
         (true, _, false) => Verdict::None,
@@ -68,9 +69,17 @@ fn outcome(study: &Study) -> Outcome {
         next_experiment: open.next_experiment(),
         steps: steps(study),
         candidates: candidates(found),
-        notes: study.notes.clone(),
+        notes: notes(study),
         seconds: 0.0,
     }
+}
+
+fn notes(study: &Study) -> Vec<String> {
+    let shift = |tried: &Tried| {
+        let shift = study.machine.hidden_shift(&tried.structure, &tried.fitted).filter(|_| shows(&tried.verdict))?;
+        Some(shift_note(&study.machine, &tried.verdict, shift))
+    };
+    study.notes.iter().cloned().chain(study.found.last_round.iter().filter_map(shift)).collect()
 }
 
 /// An effect by name and site.

@@ -85,7 +85,8 @@ impl Search<'_> {
         let prove = |tried: &Tried| {
             let simulated = self.bench.fit(&tried.structure, &self.fit, &tried.fitted, &[])?;
             let after = self.bench.mean_squares(&simulated, &self.select);
-            let verdict = judge(tried.verdict.id, &before, &after);
+            let mut verdict = judge(tried.verdict.id, &before, &after);
+            verdict.accepted &= self.bench.machine.hidden_shift(&tried.structure, &simulated.fitted).is_none();
             let (structure, screened) = (tried.structure.clone(), tried.fitted.clone());
             Some(Proved { sited: tried.sited, verdict, structure, simulated, after, screened })
         };
