@@ -32,7 +32,7 @@ pub struct Outcome {
     /// What that depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
-    /// What shows and is too small for a name, one by one, largest gain first.
+    /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first.
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
@@ -100,7 +100,7 @@ pub struct UnlistedTable {
     pub table: Vec<[f64; 3]>,
 }
 
-/// Something that shows on the selecting rows and is too small to be accepted.
+/// Something that shows on the selecting rows and gets no name.
 #[derive(Clone, Debug, Serialize)]
 pub struct Left {
     /// Id of the effect, or the variable of a generic function.

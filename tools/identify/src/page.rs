@@ -98,7 +98,9 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
             )
         };
     }
-    if outcome.remains && outcome.verdict != Verdict::Unlisted {
+    if outcome.remains && outcome.unlisted.is_none() {
+        detail += "More than three effects show; the rest stands under what is left.";
+    } else if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let on = outcome.unlisted.as_ref().map_or("", |u| u.depends_on.as_str());
         detail += &format!("Something is left that depends on {on} and that no listed effect explains.");
     }
@@ -156,8 +158,8 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
     if !outcome.left.is_empty() {
         page = page.heading("What is left").table(
             left(&outcome.left),
-            "What shows and is too small for a name, tried one by one beside the model: two lines may be two views of the \
-             same thing. Size is the root mean square of what it puts out.",
+            "What shows and gets no name, tried one by one beside the model: two lines may be two views of the same thing. \
+             Size is the root mean square of what it puts out. Below a block t of 2.5 it may be chance.",
         );
     }
     page = page

@@ -173,7 +173,13 @@ fn the_measured_silverbox_record_has_a_cubic_spring() {
     assert_eq!(ids(&outcome)[0], "nonlinear_stiffness", "{:#?}", outcome.candidates);
     let error = &outcome.error["output"];
     let volts = |percent: f64| percent / error.before_percent * error.before;
-    eprintln!("{error:?}");
+    eprintln!("{error:?} {:#?} {:#?} {:?}", outcome.effects, outcome.left, outcome.ambiguous_with);
+    for c in &outcome.candidates {
+        eprintln!(
+            "{} {} {:.2} % t {:.2}, {} better, {} worse, {}",
+            c.round, c.id, c.gain_percent, c.t, c.blocks_better, c.blocks_worse, c.accepted
+        );
+    }
     for s in &outcome.steps {
         eprintln!(
             "{}: {:.4} mV held back, {:.4} mV fit",

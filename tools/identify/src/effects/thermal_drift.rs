@@ -5,7 +5,7 @@
 //! Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012), fig. 6.
 //!
 //! Parameters: `coulomb_excess` (N or N·m), `viscous_excess` (N·s/m or N·m·s/rad), up to twice the warm values;
-//! `time_constant` (s), a thirtieth of the record to the whole of it: slower ones act as a constant.
+//! `time_constant` (s), a thirtieth to two fifths of the record: slower ones act as a constant.
 //!
 //! In a residual: error that is large early (or late) and goes with the velocity's sign. Confused with: drift of a sensor (does
 //! not change sign with the velocity), differences between records.
@@ -43,7 +43,7 @@ impl InverseEffect for ThermalDrift {
         vec![Term::free("coulomb_excess", axis.units.force), Term::free("viscous_excess", axis.units.damping)]
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
-        vec![Shape::by_factors("time_constant", "s", (0.03 * axis.seconds, axis.seconds), 6)]
+        vec![Shape::by_factors("time_constant", "s", (0.03 * axis.seconds, 0.4 * axis.seconds), 6)]
     }
     fn law(&self) -> Option<&dyn Law> {
         Some(self)

@@ -24,6 +24,8 @@ pub enum Known {
     Held,
     /// They are where the refinement begins.
     Start,
+    /// As [`Known::Start`], but nothing is refined: for a first look at what is refined elsewhere.
+    Unrefined,
 }
 
 impl Machine {

@@ -64,6 +64,12 @@ pub struct Tried {
     pub after: Vec<f64>,
 }
 
+impl Tried {
+    fn standing(&self) -> Standing<'_> {
+        Standing { sited: self.sited, verdict: &self.verdict, after: &self.after }
+    }
+}
+
 /// One step of the search: the candidates as they did, ranked, and the model after it.
 pub struct Step {
     /// All candidates, best first.
@@ -197,6 +203,8 @@ pub struct Round<'a> {
     pub fit: &'a [Block],
     /// Rows that select.
     pub select: &'a [Block],
+    /// What to do with the shapes: [`Known::Start`], or [`Known::Unrefined`].
+    pub how: Known,
 }
 
 impl Round<'_> {
@@ -206,11 +214,11 @@ impl Round<'_> {
         let mut structure = self.structure.clone();
         structure.effects.push(sited.inverse);
         structure.model = Arc::clone(model);
-        let mut fitted = machine.fit(&structure, self.fit, &self.now.shapes, Known::Start)?;
+        let mut fitted = machine.fit(&structure, self.fit, &self.now.shapes, self.how)?;
         if structure.effects.iter().any(|e| e.uses_model()) {
             // The force that the model asks for was that of a model without the effect.
             structure.model = Arc::new(machine.force(&structure, &fitted));
-            fitted = machine.fit(&structure, self.fit, &fitted.shapes, Known::Start)?;
+            fitted = machine.fit(&structure, self.fit, &fitted.shapes, self.how)?;
         }
         let after = mean_squares(machine, &fitted, self.select);
         let mut verdict = judge(sited.effect.id(), before, &after);
@@ -238,28 +246,58 @@ impl Round<'_> {
     }
 }
 
-/// The best candidate that passes; a simpler one that it contains as a limit takes its place unless it is better by as much
-/// as an effect must be.
-fn choose(machine: &Machine, added: &[Sited], tried: &[Tried]) -> Option<usize> {
-    let best = tried.iter().position(|t| t.verdict.accepted)?;
-    let simpler = tried[best].sited.inverse.refines().filter(|id| !has(machine, added, id));
-    let simpler = simpler.and_then(|id| tried.iter().position(|t| t.verdict.id == id && t.verdict.accepted));
-    Some(simpler.filter(|s| !judge("", &tried[*s].after, &tried[best].after).accepted).unwrap_or(best))
+/// A candidate as the choice sees it.
+pub struct Standing<'a> {
+    /// The effect.
+    pub sited: Sited,
+    /// How it did.
+    pub verdict: &'a Candidate,
+    /// Mean squared residual of each selecting block.
+    pub after: &'a [f64],
 }
 
-/// Those that did about as well as the winner and have nothing to add to it; at most two.
-pub fn rivals(round: &Round<'_>, tried: &[Tried], best: usize, jobs: usize) -> Vec<Sited> {
+impl Standing<'_> {
+    /// Fall of the error in logarithms.
+    fn log_gain(&self) -> f64 {
+        -(1.0 - self.verdict.gain_percent / 100.0).max(1e-12).ln()
+    }
+}
+
+/// Numbers that an effect brings along.
+fn freedom(machine: &Machine, sited: &Sited) -> usize {
+    let terms = sited.inverse.terms(&machine.axis);
+    terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&machine.axis).len()
+}
+
+/// Of the candidates that pass, one of those that do about as well as the best: the one with the fewest numbers, and of
+/// these the best. One that it contains as a limit takes its place unless it is better by as much as an effect must be.
+/// `tried` is in the order of gains.
+pub fn choose(machine: &Machine, added: &[Sited], tried: &[Standing<'_>]) -> Option<usize> {
+    let top = tried.iter().find(|t| t.verdict.accepted)?.log_gain();
+    let near = |t: &Standing<'_>| t.verdict.accepted && t.log_gain() >= RIVAL * top;
+    let best = (0..tried.len()).filter(|i| near(&tried[*i])).min_by_key(|i| freedom(machine, &tried[*i].sited))?;
+    let simpler = tried[best].sited.inverse.refines().filter(|id| !has(machine, added, id));
+    let simpler = simpler.and_then(|id| tried.iter().position(|t| t.verdict.id == id && t.verdict.accepted));
+    Some(simpler.filter(|s| !judge("", tried[*s].after, tried[best].after).accepted).unwrap_or(best))
+}
+
+/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of them.
+pub fn near(machine: &Machine, tried: &[Standing<'_>], best: usize) -> Vec<Sited> {
     let winner = &tried[best];
-    let log_gain = |percent: f64| -(1.0 - percent / 100.0).max(1e-12).ln();
     let nested = |a: &Sited, b: &Sited| a.inverse.refines() == Some(b.effect.id());
-    let near: Vec<Sited> = tried
+    tried
         .iter()
         .enumerate()
         .filter(|(i, t)| *i != best && t.verdict.accepted)
         .filter(|(_, t)| !nested(&t.sited, &winner.sited) && !nested(&winner.sited, &t.sited))
-        .filter(|(_, t)| log_gain(t.verdict.gain_percent) >= RIVAL * log_gain(winner.verdict.gain_percent))
+        .filter(|(_, t)| t.log_gain() >= RIVAL * winner.log_gain())
+        .filter(|(_, t)| freedom(machine, &t.sited) <= freedom(machine, &winner.sited))
         .map(|(_, t)| t.sited)
-        .collect();
+        .collect()
+}
+
+/// Those that did about as well as the winner and have nothing to add to it; at most two.
+fn rivals(round: &Round<'_>, winner: &Tried, near: Vec<Sited>, jobs: usize) -> Vec<Sited> {
     let beside = Round { structure: &winner.structure, now: &winner.fitted, ..*round }.try_all(&near, jobs);
     let adds = |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
     near.into_iter().filter(|c| !adds(c)).take(2).collect()
@@ -275,17 +313,19 @@ pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found>
     let mut steps: Vec<Step> = Vec::new();
     let last_round = loop {
         let added: Vec<Sited> = steps.iter().map(|s| s.added).collect();
-        let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select };
+        let how = Known::Start;
+        let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how };
         let tried = round.try_all(&candidates(machine, &added, &now), jobs);
         let room = steps.len() < MOST_EFFECTS;
-        let Some(best) = choose(machine, &added, &tried).filter(|_| room) else { break tried };
-        let rivals = rivals(&round, &tried, best, jobs);
+        let standings: Vec<Standing<'_>> = tried.iter().map(Tried::standing).collect();
+        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else { break tried };
+        let rivals = rivals(&round, &tried[best], near(machine, &standings, best), jobs);
         let ranking = tried.iter().map(|t| t.verdict.clone()).collect();
         let Tried { sited, structure: wider, fitted, .. } = tried[best].clone();
         (structure, now) = (wider.clone(), fitted.clone());
         steps.push(Step { ranking, added: sited, rivals, structure: wider, fitted });
     };
-    let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select };
+    let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how: Known::Held };
     let generic = generic(&round);
     let unlisted = generic.iter().find(|g| g.verdict.accepted).map(|g| g.unlisted.clone());
     Some(Found { base, steps, last_round, generic, unlisted })

@@ -228,7 +228,7 @@ pub(super) fn blocks(machine: &Machine, records: &[Series], seed: u64) -> Result
         let b = &machine.balances[i];
         let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
         let blocks = split::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
-        if blocks.len() < FEWEST_BLOCKS { Err(records[i].short(b.signals.time.len())) } else { Ok(blocks) }
+        if blocks.len() < FEWEST_BLOCKS { Err(records[i].short(records[i].columns[0].1.len())) } else { Ok(blocks) }
     };
     let n = machine.balances.len();
     if records.iter().all(|r| r.role.is_some()) {

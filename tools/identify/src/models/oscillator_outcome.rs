@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use report::Page;
 
+use super::inverse_left::{shift_note, shows};
 use super::inverse_outcome::{effect_parameters, named, parameters, roles};
 use super::next_experiment::Open;
 use super::oscillator_search::Found;
 use crate::inverse::model::{Fitted, Machine, Structure};
-use crate::inverse::search::{Candidate, LEAST_T, Sited, of};
+use crate::inverse::search::{Candidate, Sited, of};
 use crate::inverse::split::{Block, Role};
 use crate::outcome::{CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict};
 use crate::output_error::fit::{Bench, Record, Simulated};
@@ -28,9 +29,6 @@ pub(super) struct Study<'a> {
     pub(super) notes: Vec<String>,
 }
 
-/// What makes the error smaller by less than this (%) is not worth a line.
-const LEAST_PERCENT: f64 = 1.0;
-
 impl Study<'_> {
     /// The verdict, and the page that shows it.
     pub(super) fn conclude(&self) -> (Outcome, Page) {
@@ -47,7 +45,7 @@ impl Study<'_> {
         let found = &self.found;
         let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
         let rivals: &[Sited] = contested.map_or(&[], |s| &s.rivals);
-        let remains = found.unlisted.is_some();
+        let remains = found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
         let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
             (true, _, true) => Verdict::Unlisted,
             (true, _, false) => Verdict::None,
@@ -91,9 +89,18 @@ impl Study<'_> {
             next_experiment: open.next_experiment(),
             steps: self.steps(),
             candidates: self.candidates(),
-            notes: self.notes.clone(),
+            notes: self.notes(),
             seconds: 0.0,
         }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let shift = |proved: &super::oscillator_search::Proved| {
+            let (structure, fitted) = (&proved.structure, &proved.simulated.fitted);
+            let shift = self.machine.hidden_shift(structure, fitted).filter(|_| shows(&proved.verdict))?;
+            Some(shift_note(self.machine, &proved.verdict, shift))
+        };
+        self.notes.iter().cloned().chain(self.found.last_proved.iter().filter_map(shift)).collect()
     }
 
     /// Root mean square of the output error over some blocks, and of the output over the same rows.
@@ -201,8 +208,6 @@ impl Study<'_> {
 
     /// What shows in the last round and is too small for a name. Sizes are what it changes in the output.
     fn left(&self) -> Vec<Left> {
-        let shows =
-            |c: &Candidate| !c.accepted && c.gain_percent >= LEAST_PERCENT && c.t >= LEAST_T && c.better > c.worse;
         let select = of(self.blocks, Role::Select);
         let now = &self.found.last().outputs;
         let mut left: Vec<Left> = Vec::new();

@@ -4,7 +4,8 @@ use crate::effects::InverseEffect;
 use crate::inverse::fit::Known;
 use crate::inverse::model::{Fitted, Machine, Structure};
 use crate::inverse::search::{
-    Candidate, LEAST_T, MOST_EFFECTS, Round, Sited, Tried, Unlisted, candidates, generic, judge, of,
+    Candidate, LEAST_T, MOST_EFFECTS, Round, Sited, Standing, Tried, Unlisted, candidates, choose, generic, judge,
+    near, of,
 };
 use crate::inverse::spline::{Spline, Variable};
 use crate::inverse::split::{Block, Role};
@@ -13,8 +14,6 @@ use crate::output_error::simulation::can_simulate;
 
 /// So many of the screened candidates are simulated.
 const SIMULATED: usize = 4;
-/// A rival is as good as the winner when its gain (in log error) is at least this share of the winner's.
-const RIVAL: f64 = 0.9;
 
 /// A candidate that was simulated.
 #[derive(Clone)]
@@ -30,6 +29,12 @@ pub(super) struct Proved {
     after: Vec<f64>,
     /// Its fit to the balance of the input.
     screened: Fitted,
+}
+
+impl Proved {
+    fn standing(&self) -> Standing<'_> {
+        Standing { sited: self.sited, verdict: &self.verdict, after: &self.after }
+    }
 }
 
 /// One step: an effect that was added.
@@ -83,7 +88,8 @@ impl Search<'_> {
         let promising: Vec<&Tried> =
             tried.iter().filter(|t| t.verdict.t >= LEAST_T && t.verdict.gain_percent > 0.0).take(SIMULATED).collect();
         let prove = |tried: &Tried| {
-            let simulated = self.bench.fit(&tried.structure, &self.fit, &tried.fitted, &[])?;
+            let start = from_here(&tried.fitted, now);
+            let simulated = self.bench.fit(&tried.structure, &self.fit, &start, &[])?;
             let after = self.bench.mean_squares(&simulated, &self.select);
             let mut verdict = judge(tried.verdict.id, &before, &after);
             verdict.accepted &= self.bench.machine.hidden_shift(&tried.structure, &simulated.fitted).is_none();
@@ -104,27 +110,8 @@ impl Search<'_> {
         proved
     }
 
-    /// The best that passes, or a simpler one that it contains as a limit and that does as well.
-    fn choose(proved: &[Proved]) -> Option<usize> {
-        let best = proved.iter().position(|p| p.verdict.accepted)?;
-        let simpler = proved[best].sited.inverse.refines();
-        let simpler = simpler.and_then(|id| proved.iter().position(|p| p.verdict.id == id && p.verdict.accepted));
-        Some(simpler.filter(|s| !judge("", &proved[*s].after, &proved[best].after).accepted).unwrap_or(best))
-    }
-
     /// Those that did about as well as the winner and have nothing to add to it; at most two.
-    fn rivals(&self, proved: &[Proved], best: usize) -> Vec<Sited> {
-        let winner = &proved[best];
-        let log_gain = |percent: f64| -(1.0 - percent / 100.0).max(1e-12).ln();
-        let nested = |a: &Sited, b: &Sited| a.inverse.refines() == Some(b.effect.id());
-        let near: Vec<Sited> = proved
-            .iter()
-            .enumerate()
-            .filter(|(i, p)| *i != best && p.verdict.accepted)
-            .filter(|(_, p)| !nested(&p.sited, &winner.sited) && !nested(&winner.sited, &p.sited))
-            .filter(|(_, p)| log_gain(p.verdict.gain_percent) >= RIVAL * log_gain(winner.verdict.gain_percent))
-            .map(|(_, p)| p.sited)
-            .collect();
+    fn rivals(&self, winner: &Proved, near: Vec<Sited>) -> Vec<Sited> {
         if near.is_empty() {
             return near;
         }
@@ -134,6 +121,7 @@ impl Search<'_> {
             now: &winner.screened,
             fit: &self.fit,
             select: &self.select,
+            how: Known::Unrefined,
         };
         let beside = self.prove(&round.try_all(&near, self.jobs), &winner.simulated);
         let adds = |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
@@ -142,12 +130,11 @@ impl Search<'_> {
 
     /// Generic functions, screened, the promising ones simulated.
     fn generic(&self, round: &Round<'_>, now: &Simulated) -> Vec<(Candidate, Unlisted, bool)> {
-        let before = self.bench.mean_squares(now, &self.select);
         let mut all: Vec<_> = generic(round)
             .into_iter()
             .map(|g| {
                 let shows = g.verdict.t >= LEAST_T && g.verdict.gain_percent > 3.0;
-                let proved = shows.then(|| self.prove_generic(round, g.unlisted.variable, &before)).flatten();
+                let proved = shows.then(|| self.prove_generic(round, g.unlisted.variable, now)).flatten();
                 match proved {
                     Some((verdict, unlisted)) => (verdict, unlisted, true),
                     None => (Candidate { accepted: false, ..g.verdict }, g.unlisted, false),
@@ -160,7 +147,8 @@ impl Search<'_> {
         all
     }
 
-    fn prove_generic(&self, round: &Round<'_>, variable: Variable, before: &[f64]) -> Option<(Candidate, Unlisted)> {
+    fn prove_generic(&self, round: &Round<'_>, variable: Variable, now: &Simulated) -> Option<(Candidate, Unlisted)> {
+        let before = &self.bench.mean_squares(now, &self.select);
         let machine = self.bench.machine;
         let spline = Spline::over(variable, machine.balances.iter().map(|b| &b.signals))?;
         let generic: &dyn InverseEffect = &spline;
@@ -168,13 +156,24 @@ impl Search<'_> {
         let effects = round.structure.effects.iter().copied().chain([generic]).collect();
         let wider = Structure { effects, model: round.structure.model.clone() };
         let start = machine.fit(&wider, &self.fit, &round.now.shapes, Known::Held)?;
-        let simulated = self.bench.fit(&wider, &self.fit, &start, &[])?;
+        let simulated = self.bench.fit(&wider, &self.fit, &from_here(&start, now), &[])?;
         let verdict = judge(variable.name(), before, &self.bench.mean_squares(&simulated, &self.select));
         let fitted = &simulated.fitted;
         let from = fitted.fit.coefficients.len() - spline.knots.len();
         let at = |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
         Some((verdict, Unlisted { variable, table: (0..spline.knots.len()).map(at).collect() }))
     }
+}
+
+/// What is in the model starts where its simulation is, what is new where the screening found it.
+fn from_here(screened: &Fitted, now: &Simulated) -> Fitted {
+    let mut start = screened.clone();
+    let known = &now.fitted;
+    for (to, from) in start.fit.coefficients.iter_mut().zip(known.fit.coefficients.iter()) {
+        *to = *from;
+    }
+    start.shapes[1..known.shapes.len()].copy_from_slice(&known.shapes[1..]);
+    start
 }
 
 /// Simulated candidates first, then those that were screened only, which cannot pass.
@@ -200,21 +199,25 @@ pub(super) fn search(machine: &Machine, records: &[Record], blocks: &[Block], jo
             .into_iter()
             .filter(|c| machine.frees(c.inverse) || can_simulate(c.inverse))
             .collect();
-        let round = Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select };
+        // What the screening leaves coarse the simulation refines.
+        let how = Known::Unrefined;
+        let round =
+            Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select, how };
         let tried = round.try_all(&list, jobs);
         let proved = search.prove(&tried, &now);
         let ranking = ranking(&proved, &tried);
-        let Some(best) = Search::choose(&proved).filter(|_| steps.len() < MOST_EFFECTS) else {
-            break (ranking, proved);
-        };
-        let rivals = search.rivals(&proved, best);
+        let standings: Vec<Standing<'_>> = proved.iter().map(Proved::standing).collect();
+        let room = steps.len() < MOST_EFFECTS;
+        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else { break (ranking, proved) };
+        let rivals = search.rivals(&proved[best], near(machine, &standings, best));
         let added = proved[best].clone();
         structure = added.structure.clone();
         screened = added.screened.clone();
         now = added.simulated.clone();
         steps.push(Step { ranking, added, rivals });
     };
-    let round = Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select };
+    let how = Known::Held;
+    let round = Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select, how };
     let generic = search.generic(&round, &now);
     let unlisted = generic.iter().find(|g| g.0.accepted).map(|g| g.1.clone());
     Some(Found { base, steps, last_ranking, last_proved, generic, unlisted })

@@ -95,7 +95,7 @@ impl Bench<'_> {
         let problem = Problem::new(self, structure, blocks, start, without);
         let before = problem.residuals()?.norm_squared();
         let first = problem.moved.clone();
-        let lm = LevenbergMarquardt::new().with_ftol(1e-8).with_xtol(1e-6).with_patience(12);
+        let lm = LevenbergMarquardt::new().with_ftol(1e-6).with_xtol(1e-5).with_patience(8);
         let (mut problem, _) = lm.minimize(problem);
         let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
         if !(after <= before) {
@@ -124,6 +124,8 @@ struct Problem<'a> {
     /// Shapes that are fitted.
     free_shapes: Vec<usize>,
     moved: DVector<f64>,
+    /// Residuals at `moved`, once they are known.
+    here: Option<DVector<f64>>,
 }
 
 impl<'a> Problem<'a> {
@@ -153,7 +155,10 @@ impl<'a> Problem<'a> {
         // The smoothing speed stays where the force balance found it: output hardly feels it.
         let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
-        Self { bench, structure, blocks, start, shapes, bounds, amplitudes, free_shapes, moved }
+        let mut problem =
+            Self { bench, structure, blocks, start, shapes, bounds, amplitudes, free_shapes, moved, here: None };
+        problem.here = problem.residuals_at(&problem.moved);
+        problem
     }
 
     /// Amplitudes and shapes at a place.
@@ -170,6 +175,21 @@ impl<'a> Problem<'a> {
             shapes[*i] = shape.at(share);
         }
         (coefficients, shapes)
+    }
+
+    /// The same place, or the nearest one that bounds and ranges allow.
+    fn within(&self, moved: &DVector<f64>) -> DVector<f64> {
+        let mut inside = moved.clone();
+        for (k, (i, size)) in self.amplitudes.iter().enumerate() {
+            let (start, bound) = (self.start.fit.coefficients[*i], self.bounds[*i]);
+            inside[k] = moved[k].clamp((bound.0 - start) / size, (bound.1 - start) / size);
+        }
+        for (k, i) in self.free_shapes.iter().enumerate() {
+            let (shape, k) = (&self.shapes[*i], k + self.amplitudes.len());
+            let (start, last) = (shape.share(self.start.shapes[*i]), (shape.points - 1) as f64);
+            inside[k] = moved[k].clamp(-start * last, (1.0 - start) * last);
+        }
+        inside
     }
 
     fn simulate(&self, moved: &DVector<f64>) -> Option<Vec<Vec<f64>>> {
@@ -213,7 +233,7 @@ impl<'a> Problem<'a> {
                 coulomb: of(Column::Sign),
                 offset: of(Column::One),
                 // Steeper, the step in the friction would be too much for an explicit step.
-                smoothing: if uses_sign { shapes[0].max(dry * step / mass) } else { shapes[0] },
+                smoothing: uses_sign.then_some(shapes[0].max(dry * step / mass)),
                 forces: forces
                     .iter()
                     .map(|f| Force { law: f.law, amplitudes: f.amplitudes.clone(), shapes: f.shapes.clone() })
@@ -255,7 +275,7 @@ impl<'a> Problem<'a> {
         let (coefficients, shapes) = self.values(&self.moved);
         let inward = match self.place(k) {
             Place::Amplitude(i, size, bound) => coefficients[i] + step * size > bound.1,
-            Place::Shape(i, shape) => shape.share(shapes[i]) + step > 1.0,
+            Place::Shape(i, shape) => shape.share(shapes[i]) + step / (shape.points - 1) as f64 > 1.0,
         };
         if inward { -step } else { step }
     }
@@ -276,7 +296,8 @@ impl<'a> Problem<'a> {
         gram.add(&columns, errors.as_slice(), 0..errors.len());
         let local = Fit {
             coefficients: DVector::zeros(n),
-            at_bound: (0..n).map(edge).collect(),
+            // What the output does not feel has no standard deviation either.
+            at_bound: (0..n).map(|k| edge(k) || columns[k].iter().all(|c| *c == 0.0)).collect(),
             squares: errors.norm_squared(),
         };
         let std = standard_deviations(&gram, &local, &self.scores(&columns, &errors, &coefficients));
@@ -318,7 +339,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     type ParameterStorage = Owned<f64, Dyn>;
 
     fn set_params(&mut self, moved: &DVector<f64>) {
-        self.moved.copy_from(moved);
+        self.moved = self.within(moved);
+        self.here = self.residuals_at(&self.moved);
     }
     fn params(&self) -> DVector<f64> {
         self.moved.clone()
@@ -327,16 +349,16 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let rows = self.blocks.iter().map(|b| b.rows.len()).sum();
         // Too far off to be simulated is a very bad fit, not the end of the search.
         let far = self.bench.records.iter().map(|r| r.largest).fold(0.0, f64::max);
-        Some(self.residuals_at(&self.moved).unwrap_or_else(|| DVector::from_element(rows, far)))
+        Some(self.here.clone().unwrap_or_else(|| DVector::from_element(rows, far)))
     }
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let here = self.residuals_at(&self.moved)?;
+        let here = self.here.as_ref()?;
         let mut jacobian = DMatrix::zeros(here.len(), self.moved.len());
         for k in 0..self.moved.len() {
             let step = self.difference(k);
             let mut moved = self.moved.clone();
             moved[k] += step;
-            jacobian.set_column(k, &((self.residuals_at(&moved)? - &here) / step));
+            jacobian.set_column(k, &((self.residuals_at(&moved)? - here) / step));
         }
         Some(jacobian)
     }

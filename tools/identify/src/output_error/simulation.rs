@@ -34,8 +34,8 @@ pub struct Oscillator<'a> {
     pub coulomb: f64,
     /// The input at rest at 0.
     pub offset: f64,
-    /// Speed over which the sign of the velocity is smoothed.
-    pub smoothing: f64,
+    /// Speed over which the sign of the velocity is smoothed; `None` where nothing depends on it.
+    pub smoothing: Option<f64>,
     /// Effects.
     pub forces: Vec<Force<'a>>,
 }
@@ -68,7 +68,7 @@ impl Oscillator<'_> {
 
     fn rate(&self, time: f64, input: f64, state: &State) -> State {
         let (position, velocity) = (state[0], state[1]);
-        let now = Instant { time, position, velocity, sign: (velocity / self.smoothing).tanh() };
+        let now = Instant { time, position, velocity, sign: self.smoothing.map_or(0.0, |s| (velocity / s).tanh()) };
         let mut force = self.damping * velocity + self.stiffness * position + self.coulomb * now.sign + self.offset;
         let mut rate = [0.0; STATES + 2];
         let mut next = 2;
@@ -139,7 +139,7 @@ mod tests {
 
     fn plain(damping: f64) -> Oscillator<'static> {
         let forces = Vec::new();
-        Oscillator { mass: 0.5, damping, stiffness: 200.0, coulomb: 0.0, offset: 0.0, smoothing: 1.0, forces }
+        Oscillator { mass: 0.5, damping, stiffness: 200.0, coulomb: 0.0, offset: 0.0, smoothing: None, forces }
     }
 
     /// Worst error of a free oscillation against its closed form.
