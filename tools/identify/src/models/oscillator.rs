@@ -50,8 +50,10 @@ impl Model for Oscillator {
         ];
         parameters.extend(declaration.of(&["coulomb_friction_v"], UNITS.force, Column::Sign));
         parameters.extend(declaration.of(&["input_offset_v"], UNITS.force, Column::One));
-        // A mass that is lighter and a spring that is stiffer than declared, each by half.
-        let natural = 2.0 * (parameters[2].declared / parameters[0].declared).sqrt();
+        // The lightest mass on the stiffest spring that the declaration allows.
+        let (mass, stiffness) = (&parameters[0], &parameters[2]);
+        let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
+        let natural = ((stiffness.declared + stiffness.spread) / lightest).sqrt();
         let mut notes: Vec<String> = series.iter().flat_map(|r| r.notes.iter().cloned()).collect();
         let (mut balances, mut records) = (Vec::new(), Vec::new());
         for series in series {

@@ -95,7 +95,7 @@ impl Bench<'_> {
         let problem = Problem::new(self, structure, blocks, start, without);
         let before = problem.residuals()?.norm_squared();
         let first = problem.moved.clone();
-        let lm = LevenbergMarquardt::new().with_ftol(1e-6).with_xtol(1e-5).with_patience(8);
+        let lm = LevenbergMarquardt::new().with_ftol(1e-5).with_xtol(1e-4).with_patience(8);
         let (mut problem, _) = lm.minimize(problem);
         let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
         if !(after <= before) {
