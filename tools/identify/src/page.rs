@@ -64,6 +64,8 @@ const MOST_FIGURES: usize = 3;
 const DETAIL_ROWS: usize = 1400;
 /// The same for an output that oscillates, where a few periods show more.
 const DETAIL_PERIODS: usize = 200;
+/// Listed candidates of each round in the table.
+const MOST_CANDIDATES: usize = 6;
 /// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
 const BANDS_PER_OCTAVE: f64 = 6.0;
 
@@ -170,7 +172,7 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
             100.0 * crate::inverse::search::LEAST_GAIN,
             crate::inverse::search::LEAST_T
         ))
-        .table(ranking(outcome), "All candidates, round by round. Generic ones are functions of one variable and have no name.")
+        .table(ranking(outcome), "The best candidates of each round; all of them stand in the result at the end. Generic ones are functions of one variable and have no name.")
         .heading("Parameters")
         .table(parameters(outcome), "Parameters of the model with its effects, from the fitting rows; ± is one standard deviation, by blocks.")
         .heading("Next experiment")
@@ -351,7 +353,12 @@ fn steps(outcome: &Outcome) -> Table {
 fn ranking(outcome: &Outcome) -> Table {
     let mut table =
         Table::new(["round", "candidate", "error falls by / %", "block t", "blocks better", "worse", "result"]);
+    let mut shown = (0, 0);
     for c in &outcome.candidates {
+        shown = if shown.0 == c.round { (c.round, shown.1 + 1) } else { (c.round, 1) };
+        if shown.1 > MOST_CANDIDATES && !c.generic && !c.accepted {
+            continue;
+        }
         table = table.row([
             c.round.to_string(),
             if c.generic { format!("generic, of {}", c.id.replace('_', " ")) } else { c.id.clone() },
@@ -359,7 +366,7 @@ fn ranking(outcome: &Outcome) -> Table {
             format!("{:.1}", c.t).replace('-', "−"),
             c.blocks_better.to_string(),
             c.blocks_worse.to_string(),
-            if c.accepted { "passes" } else { "does not pass" }.to_owned(),
+            if c.accepted { "passes" } else { "no" }.to_owned(),
         ]);
     }
     table

@@ -10,6 +10,9 @@ use crate::effects::{Shape, View};
 use crate::regression::{Gram, solve};
 use crate::spectral::periodogram;
 
+/// Columns of one record, row by row.
+type Columns = Vec<Vec<f64>>;
+
 /// Points that go on.
 const KEPT: usize = 6;
 /// Products of rows and points that a look may cost; beyond, rows are left out evenly.
@@ -21,7 +24,7 @@ pub(super) fn first_look(
     structure: &Structure<'_>,
     blocks: &[Block],
     settled: usize,
-    (columns, signs, points): (&[Vec<Vec<f64>>], &[Vec<f64>], Vec<Vec<f64>>),
+    (columns, signs, points): (&[Columns], &[Vec<f64>], Vec<Vec<f64>>),
 ) -> Option<Vec<Vec<f64>>> {
     let [effect] = structure.effects[settled..] else { return Some(points) };
     let before = Structure { effects: structure.effects[..settled].to_vec(), model: structure.model.clone() };

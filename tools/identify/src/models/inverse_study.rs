@@ -141,7 +141,8 @@ pub(super) fn axis(balances: &[Balance], units: Units, spring: bool, commanded: 
         (sum / n.max(1) as f64).sqrt()
     };
     let peak = |f| all(f).fold(0.0f64, |top, v| top.max(v.abs()));
-    let (velocity, force): (fn(&Balance) -> &[f64], fn(&Balance) -> &[f64]) = (|b| &b.signals.velocity, |b| &b.force);
+    let velocity: fn(&Balance) -> &[f64] = |b| &b.signals.velocity;
+    let force: fn(&Balance) -> &[f64] = |b| &b.force;
     let range = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
     let seconds = |b: &Balance| b.rows() as f64 * b.row_step();
     Axis {

@@ -98,7 +98,7 @@ impl Bench<'_> {
         let lm = LevenbergMarquardt::new().with_ftol(1e-5).with_xtol(1e-4).with_patience(8);
         let (mut problem, _) = lm.minimize(problem);
         let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-        if !(after <= before) {
+        if after.is_nan() || after > before {
             problem.set_params(&first);
         }
         problem.finish()

@@ -123,7 +123,7 @@ impl Oscillator<'_> {
                     state[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
                 }
             }
-            if !(state[0].abs() <= largest) {
+            if !state[0].is_finite() || state[0].abs() > largest {
                 return None;
             }
             output.push(state[0]);
