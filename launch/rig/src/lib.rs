@@ -22,6 +22,7 @@ mod error;
 mod force;
 mod identity;
 mod model;
+mod one_channel;
 pub mod protocol;
 
 mod rates;

@@ -5,6 +5,7 @@ use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
 
 use crate::axis::Axis;
 use crate::error::{Problem, RigError};
+use crate::one_channel;
 use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
 
 /// What stands between motor and handle, as far as the laboratory declares it.
@@ -102,6 +103,16 @@ const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
     source: "EMPS: Janot, Gautier, Brunot 2019",
 };
 
+/// How far a turn of the motor moves a drive; what repeats with the motor's angle is told by it. It need not be declared.
+const MOTOR_TURN: ParameterInfo = ParameterInfo {
+    name: "motor_turn_m",
+    unit: "m",
+    minimum: 1e-6,
+    maximum: 1e3,
+    printed: 2.5e-3,
+    source: "EMPS: Janot, Gautier, Brunot 2019",
+};
+
 /// The file's model is not the one that was asked for.
 fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
     let (file, advice) = (file.to_owned(), "take a rig file with that model".to_owned());
@@ -109,7 +120,7 @@ fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
 }
 
 fn is_of_the_motor(kind: ModelKind, name: &str) -> bool {
-    kind == ModelKind::Drive && name == FORCE_PER_VOLT.name
+    kind == ModelKind::Drive && [FORCE_PER_VOLT.name, MOTOR_TURN.name].contains(&name)
 }
 
 /// Tolerance where the file says none.
@@ -184,7 +195,7 @@ impl Model {
         Ok(parameters)
     }
 
-    /// Names and ranges, for the models that `plant` knows; and the handle that several axes share.
+    /// Names and ranges; and the handle that several axes share.
     pub(crate) fn check(&self, axes: &[Axis], source: &Source<'_>) {
         self.check_parameters("model.parameters", &self.parameters, source);
         for (at, axis) in axes.iter().enumerate() {
@@ -238,10 +249,11 @@ impl Model {
             ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
             ModelKind::Cable => cable::Parameters::NAMES,
             ModelKind::Drive => drive::Parameters::NAMES,
-            ModelKind::Oscillator | ModelKind::Element => return,
+            ModelKind::Oscillator => one_channel::OSCILLATOR,
+            ModelKind::Element => one_channel::ELEMENT,
         };
-        let extra = (self.kind == ModelKind::Drive).then_some(FORCE_PER_VOLT);
-        let infos = || infos.iter().chain(extra.iter());
+        let extra: &[ParameterInfo] = if self.kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
+        let infos = || infos.iter().chain(extra);
         for parameter in parameters {
             let key = format!("{table}.{}", parameter.name);
             let Some(info) = infos().find(|info| info.name == parameter.name) else {

@@ -84,6 +84,26 @@ fn the_emps_carriage_counts_in_metres() {
 }
 
 #[test]
+fn models_of_one_channel_declare_what_they_must_and_nothing_unknown() {
+    let silverbox = shipped("silverbox.toml");
+    assert_eq!(silverbox.model.kind, ModelKind::Oscillator);
+    let of = |name| silverbox.model.parameter(name).unwrap().value;
+    let hertz = (of("stiffness") / of("mass_s2")).sqrt() / std::f64::consts::TAU;
+    assert!((60.0..80.0).contains(&hertz), "Silverbox rings near 70 Hz: {hertz}");
+    let element = shipped("element.toml");
+    assert_eq!(element.model.kind, ModelKind::Element);
+    assert!(element.model.parameter("stiffness_n_per_m").is_some());
+
+    let edited = silverbox.text().replace("damping_s =", "dampning_s =");
+    let error = RigFile::parse(&edited, "silverbox.toml").unwrap_err();
+    assert_eq!(error.problems()[0].key, "model.parameters.dampning_s");
+    assert!(error.problems()[0].advice.contains("damping_s"), "{error}");
+    let edited = element.text().replace("value = 2.0e4", "value = -2.0e4");
+    let error = RigFile::parse(&edited, "element.toml").unwrap_err();
+    assert_eq!(error.problems()[0].key, "model.parameters.stiffness_n_per_m");
+}
+
+#[test]
 fn a_rig_keeps_its_text_and_a_stable_identity() {
     let rig = shipped("hydrostatic.toml");
     assert!(rig.text().starts_with("# The hydrostatic"));

@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 /// Holds the declared model against measured records and names what it lacks.
 ///
-/// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a drive: t_s,
-/// force_n, position_m (or torque_nm, position_rad). With one record, blocks of it fit, select and report;
-/// with three or more, whole records do, in the order given unless --fit, --select and --report-on say otherwise.
+/// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a transmission: t_s,
+/// motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured; of a drive: t_s, force_n, position_m (or torque_nm,
+/// position_rad); of an element: t_s, position_m, force_n; of an oscillator: t_s, input, output.
+///
+/// A transmission needs three records or more; whole records fit, select and report, unless --fit, --select and --report-on say
+/// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n\n\

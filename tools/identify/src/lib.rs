@@ -18,9 +18,11 @@ pub mod input;
 pub mod inverse;
 pub mod models;
 pub mod outcome;
+pub mod output_error;
 pub mod page;
 pub mod regression;
 mod run;
+pub mod spectral;
 
 pub use args::Args;
 pub use run::run;

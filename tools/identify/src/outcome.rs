@@ -32,6 +32,8 @@ pub struct Outcome {
     /// What that depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
+    /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first.
+    pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
     /// Declared parameters, as fitted beside the effects.
@@ -96,6 +98,25 @@ pub struct UnlistedTable {
     pub depends_on: String,
     /// Abscissa, value, standard deviation.
     pub table: Vec<[f64; 3]>,
+}
+
+/// Something that shows on the selecting rows and gets no name.
+#[derive(Clone, Debug, Serialize)]
+pub struct Left {
+    /// Id of the effect, or the variable of a generic function.
+    pub id: String,
+    /// Site of the effect; `null` for a generic function.
+    pub site: Option<String>,
+    /// Root mean square of what it puts out on the selecting rows.
+    pub size: f64,
+    /// Unit of the size.
+    pub unit: String,
+    /// Fall of the root-mean-square residual on the selecting rows (%).
+    pub gain_percent: f64,
+    /// Block t.
+    pub t: f64,
+    /// Parameters of the effect; none for a generic function.
+    pub parameters: Vec<EffectParameter>,
 }
 
 /// Root-mean-square error of one channel on the reporting rows.

@@ -12,7 +12,7 @@ use crate::input::Series;
 use crate::inverse::split::Role;
 use crate::models::{ALL, Options};
 use crate::outcome::Outcome;
-use crate::page::short;
+use crate::page::{short, what_is_left};
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
 /// rig file cannot be used (the reason goes to stderr).
@@ -141,7 +141,7 @@ fn read(path: &Path, names: &ColumnNames) -> Result<Series> {
 fn print_outcome(outcome: &Outcome, (sentence, detail): (String, String)) {
     println!("{sentence}\n{detail}");
     for s in &outcome.steps {
-        println!("  {:24} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);
+        println!("  {:32} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);
     }
     for p in &outcome.parameters {
         let std = p.std.map_or("–".to_owned(), short);
@@ -150,6 +150,10 @@ fn print_outcome(outcome: &Outcome, (sentence, detail): (String, String)) {
     for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
         let name = format!("{}: {}", effect.id, p.name);
         println!("  {name:32} {:>10} ± {} {}", short(p.value), p.std.map_or("–".to_owned(), short), p.unit);
+    }
+    for l in &outcome.left {
+        let (what, size) = (what_is_left(l), short(l.size));
+        println!("  left: {what:32} {size:>10} {} rms, {:.1} % of the error", l.unit, l.gain_percent);
     }
     println!("next: {}", outcome.next_experiment.what);
 }

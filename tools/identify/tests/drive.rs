@@ -229,6 +229,12 @@ fn the_measured_emps_record_gives_the_published_figures() {
     let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
     let outcome = identify(&[series], &rig.model).unwrap();
     assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
+    // What is left: a delay of about one sample gets a note and no name; ripple once a motor turn is small.
+    assert!(!outcome.remains, "{:?}", outcome.unlisted);
+    assert!(outcome.notes.iter().any(|n| n.starts_with("transport_delay: 1.0")), "{:?}", outcome.notes);
+    let ripple = outcome.left.iter().find(|l| l.id == "torque_ripple").unwrap();
+    let order = ripple.parameters.iter().find(|p| p.name == "order").unwrap().value;
+    assert!((order - 1.0).abs() < 0.01 && (0.2..1.0).contains(&ripple.size), "{ripple:?}");
     // Published on all rows: 4.08 % and 3.11 %; 95.1 kg, 203.5 N·s/m, 20.4 N, -3.2 N (symmetric model).
     let [declared, coulomb, asymmetric] = &outcome.steps[..] else { panic!("{:?}", outcome.steps) };
     assert!(declared.all_rows_percent > 15.0);

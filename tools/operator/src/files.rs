@@ -27,8 +27,7 @@ macro_rules! shipped {
 }
 
 /// The rig files of `launch/rigs`.
-pub const RIGS: &[Shipped] =
-    shipped!("rigs": "cable", "emps", "hydrostatic", "hydrostatic-printed", "three-axis", "two-axis");
+pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "element", "emps", "hydrostatic", "hydrostatic-printed", "silverbox", "three-axis", "two-axis");
 /// The protocols of `launch/protocols`.
 pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "learning", "learning-model-based", "steps", "three-axes");
 

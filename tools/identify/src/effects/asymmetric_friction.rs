@@ -1,19 +1,22 @@
 //! Friction that differs by direction.
+//!
+//! With `c₊, c₋` the viscous and `F₊, F₋` the Coulomb terms of the two directions, friction is
+//!
+//! `F = (c₊+c₋)/2 · v + (c₊-c₋)/2 · |v| + (F₊+F₋)/2 · sign v + (F₊-F₋)/2 · |sign v|`.
+//!
+//! The first and third terms are the symmetric model. The last one is 1 wherever the machine moves, as is the column of
+//! the offset: the two differ only during standstill, where static friction hides the force anyway. So the
+//! difference of the Coulomb terms goes into the fitted offset, cannot be told from it, and has no column here.
+//! What remains is the viscous part. Source: Janot, Gautier, Brunot 2019 (EMPS), direction-dependent friction.
+//!
+//! Parameter: `viscous_difference = (c₊-c₋)/2` (N·s/m or N·m·s/rad), either sign, positive where the positive direction is the
+//! stiffer one; up to the viscous friction itself.
+//!
+//! In a residual: a V over the velocity. Confused with: an offset, where the speed is the same in both directions; quadratic
+//! drag that acts in one direction only.
 
-use super::{Effect, InverseEffect, Term, Units};
-use crate::inverse::signals::Signals;
+use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 
-/// Coulomb and viscous terms that differ by direction, beside a declared offset.
-///
-/// With `c₊, c₋` the viscous and `F₊, F₋` the Coulomb terms of the two directions, friction is
-///
-/// `F = (c₊+c₋)/2 · v + (c₊-c₋)/2 · |v| + (F₊+F₋)/2 · sign v + (F₊-F₋)/2 · |sign v|`.
-///
-/// The first and third terms are the symmetric model. The last one is 1 wherever the machine moves, as is the column of
-/// the offset: the two differ only during standstill, where static friction hides the force anyway. So the
-/// difference of the Coulomb terms goes into the fitted offset, cannot be told from it, and has no column here.
-/// What remains is the viscous part, one parameter: `viscous_difference = (c₊-c₋)/2`, either sign,
-/// positive where the positive direction is the stiffer one.
 pub(super) struct AsymmetricFriction;
 
 impl Effect for AsymmetricFriction {
@@ -36,11 +39,16 @@ impl Effect for AsymmetricFriction {
 }
 
 impl InverseEffect for AsymmetricFriction {
-    fn terms(&self, units: &Units) -> Vec<Term> {
-        let bound = (f64::NEG_INFINITY, f64::INFINITY);
-        vec![Term { name: "viscous_difference".into(), unit: units.damping.into(), bound }]
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::free("viscous_difference", axis.units.damping)]
     }
-    fn columns(&self, signals: &Signals, _: &[f64], _: &[f64]) -> Vec<Vec<f64>> {
-        vec![signals.velocity.iter().map(|v| v.abs()).collect()]
+    fn law(&self) -> Option<&dyn Law> {
+        Some(self)
+    }
+}
+
+impl Law for AsymmetricFriction {
+    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
+        out[0] = now.velocity.abs();
     }
 }

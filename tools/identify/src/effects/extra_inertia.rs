@@ -1,10 +1,14 @@
 //! Mass or inertia beyond the declared tolerance.
+//!
+//! `F = m a` with `m` outside of what is declared: missing physics that acts like a changed parameter. Inside the
+//! tolerance the same change is calibration, and no effect. A part tested by itself for which no mass is declared has none.
+//!
+//! Parameter: `mass_beyond_declared` (kg or kg·m²), fitted less declared; either sign, the sum at least 0.
+//!
+//! In a residual: a straight line over the acceleration. Confused with: a wrong scale of the force, dead time beside a spring.
 
-use super::{Declared, Effect, InverseEffect, Term, Units};
-use crate::inverse::signals::Signals;
+use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 
-/// The declared mass lies outside of its tolerance: missing physics that acts like a changed parameter.
-/// Inside the tolerance the same change is calibration, and no effect.
 pub(super) struct ExtraInertia;
 
 impl Effect for ExtraInertia {
@@ -29,11 +33,13 @@ impl InverseEffect for ExtraInertia {
     fn lifts(&self) -> Option<Declared> {
         Some(Declared::Mass)
     }
-    fn terms(&self, units: &Units) -> Vec<Term> {
-        let bound = (f64::NEG_INFINITY, f64::INFINITY);
-        vec![Term { name: "mass_beyond_declared".into(), unit: units.mass.into(), bound }]
+    fn linear(&self) -> bool {
+        true
     }
-    fn columns(&self, _: &Signals, _: &[f64], _: &[f64]) -> Vec<Vec<f64>> {
-        Vec::new()
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::positive("mass_beyond_declared", axis.units.mass)]
+    }
+    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+        vec![view.signals.acceleration.clone()]
     }
 }

@@ -1,11 +1,15 @@
 //! Stribeck friction: more of it near standstill.
+//!
+//! `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)` on top of Coulomb friction, without which a high Stribeck speed would
+//! mimic it. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), eq. 3.
+//!
+//! Parameters: `stribeck` (N or N·m), at least 0, usually 5 to 60 % of the Coulomb friction; `stribeck_speed` (m/s or rad/s),
+//! 1 to 35 % of the record's highest speed: above that the bell is as wide as the record and acts as a changed viscous friction.
+//!
+//! In a residual: a spike at each side of a reversal. Confused with: presliding hysteresis, a wrong smoothing of the sign.
 
-use super::{Effect, InverseEffect, Shape, Speeds, Term, Units};
-use crate::inverse::signals::Signals;
+use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
 
-/// `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)`, at least 0, on top of Coulomb friction (without which a
-/// high Stribeck speed would mimic it). Source of the form: Armstrong-Hélouvry, Dupont, Canudas de Wit,
-/// Automatica 30 (1994), eq. 3.
 pub(super) struct StribeckFriction;
 
 impl Effect for StribeckFriction {
@@ -30,16 +34,23 @@ impl InverseEffect for StribeckFriction {
     fn needs(&self) -> &'static [&'static str] {
         &["coulomb_friction"]
     }
-    fn terms(&self, units: &Units) -> Vec<Term> {
-        vec![Term { name: "stribeck".into(), unit: units.force.into(), bound: (0.0, f64::INFINITY) }]
+    fn uses_sign(&self) -> bool {
+        true
     }
-    fn shapes(&self, units: &Units, speeds: &Speeds) -> Vec<Shape> {
-        // Above a third of the peak the bell is as wide as the record and acts as a changed viscous friction.
-        let (low, high) = (0.01 * speeds.peak, 0.35 * speeds.peak);
-        vec![Shape { name: "stribeck_speed".into(), unit: units.velocity.into(), low, high, points: 7 }]
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::positive("stribeck", axis.units.force)]
     }
-    fn columns(&self, signals: &Signals, sign: &[f64], shapes: &[f64]) -> Vec<Vec<f64>> {
-        let speed = shapes.first().copied().unwrap_or(1.0);
-        vec![signals.velocity.iter().zip(sign).map(|(v, s)| s * (-(v / speed).powi(2)).exp()).collect()]
+    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+        let range = (0.01 * axis.velocity_peak, 0.35 * axis.velocity_peak);
+        vec![Shape::by_factors("stribeck_speed", axis.units.velocity, range, 7)]
+    }
+    fn law(&self) -> Option<&dyn Law> {
+        Some(self)
+    }
+}
+
+impl Law for StribeckFriction {
+    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
+        out[0] = now.sign * (-(now.velocity / shapes[0]).powi(2)).exp();
     }
 }

@@ -1,10 +1,14 @@
 //! Viscous friction beyond the declared tolerance.
+//!
+//! `F = c v` with `c` outside of what is declared: missing physics that acts like a changed parameter. Inside the
+//! tolerance the same change is calibration, and no effect.
+//!
+//! Parameter: `viscous_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign, the sum at least 0.
+//!
+//! In a residual: a straight line over the velocity. Confused with: quadratic drag, a hand's damper, damping in the line.
 
-use super::{Declared, Effect, InverseEffect, Term, Units};
-use crate::inverse::signals::Signals;
+use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 
-/// The declared viscous friction lies outside of its tolerance: missing physics that acts like a changed parameter.
-/// Inside the tolerance the same change is calibration, and no effect.
 pub(super) struct ViscousFriction;
 
 impl Effect for ViscousFriction {
@@ -29,11 +33,13 @@ impl InverseEffect for ViscousFriction {
     fn lifts(&self) -> Option<Declared> {
         Some(Declared::Viscous)
     }
-    fn terms(&self, units: &Units) -> Vec<Term> {
-        let bound = (f64::NEG_INFINITY, f64::INFINITY);
-        vec![Term { name: "viscous_beyond_declared".into(), unit: units.damping.into(), bound }]
+    fn linear(&self) -> bool {
+        true
     }
-    fn columns(&self, _: &Signals, _: &[f64], _: &[f64]) -> Vec<Vec<f64>> {
-        Vec::new()
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::positive("viscous_beyond_declared", axis.units.damping)]
+    }
+    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+        vec![view.signals.velocity.clone()]
     }
 }

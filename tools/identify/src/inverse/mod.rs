@@ -2,6 +2,8 @@
 //! has beyond that is the residual. Such models are linear in their parameters but for a few shapes, so fits are exact
 //! and fast, and nothing drifts as a free simulation of a machine without a spring would.
 
+pub mod fit;
+mod look;
 pub mod model;
 pub mod search;
 pub mod signals;

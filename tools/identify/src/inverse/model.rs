@@ -1,12 +1,13 @@
-//! A linear model with a few nonlinear shapes, and its fit.
+//! A linear model with a few nonlinear shapes, and its columns.
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use std::sync::Arc;
+
+use nalgebra::DVector;
 
 use super::signals::Balance;
 use super::split::Block;
-use crate::effects::{Declared, InverseEffect, Shape, Speeds, Term, Units};
-use crate::regression::{Bound, Fit, Gram, solve, standard_deviations};
+use crate::effects::{Axis, Declared, InverseEffect, Shape, Term, View};
+use crate::regression::{Bound, Fit, Gram};
 
 /// A declared parameter as a column of the regression.
 #[derive(Clone, Debug)]
@@ -30,10 +31,23 @@ pub enum Column {
     Acceleration,
     /// Velocity: viscous friction.
     Velocity,
+    /// Position: stiffness.
+    Position,
     /// Smoothed sign of the velocity: Coulomb friction, where the rig file declares it.
     Sign,
     /// One: a constant force.
     One,
+}
+
+impl Column {
+    /// The column whose parameter an effect would change.
+    pub const fn of(which: Declared) -> Self {
+        match which {
+            Declared::Mass => Self::Acceleration,
+            Declared::Viscous => Self::Velocity,
+            Declared::Stiffness => Self::Position,
+        }
+    }
 }
 
 /// The machine and its records, before any effect.
@@ -42,17 +56,19 @@ pub struct Machine {
     pub balances: Vec<Balance>,
     /// Declared parameters.
     pub parameters: Vec<Parameter>,
-    /// Units of the axis.
-    pub units: Units,
-    /// How fast the records move.
-    pub speeds: Speeds,
+    /// Units and scales of the axis.
+    pub axis: Axis,
+    /// Where effects are looked for; one that can sit at several takes the first.
+    pub sites: &'static [&'static str],
 }
 
 /// The declared model with the effects that were added to it.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Structure<'a> {
     /// In the order in which they were added.
     pub effects: Vec<&'a dyn InverseEffect>,
+    /// The force that a model asked for, per record at the full rate: what columns are made of that come from it.
+    pub model: Arc<Vec<Vec<f64>>>,
 }
 
 /// A fitted structure.
@@ -68,46 +84,50 @@ pub struct Fitted {
     pub columns: Vec<Vec<Vec<f64>>>,
 }
 
-/// Clusters of the sandwich last this long [s]: eight periods of the cut-off, far beyond what the low-pass correlates.
-const CLUSTER_S: f64 = 0.2;
+/// Sampling periods by which sampling, computing and holding may shift a force.
+const HELD: f64 = 1.5;
 
 impl Machine {
+    /// Whether the declared model has that column.
+    pub fn declares(&self, column: Column) -> bool {
+        self.parameters.iter().any(|p| p.column == column)
+    }
+
+    /// Whether an effect frees a declared parameter instead of having a column of its own.
+    pub fn frees(&self, effect: &dyn InverseEffect) -> bool {
+        effect.lifts().is_some_and(|which| self.declares(Column::of(which)))
+    }
+
     /// Whether anything in the structure depends on the smoothed sign.
-    fn uses_sign(&self, structure: &Structure<'_>) -> bool {
-        !structure.effects.is_empty() || self.parameters.iter().any(|p| p.column == Column::Sign)
+    pub fn uses_sign(&self, structure: &Structure<'_>) -> bool {
+        structure.effects.iter().any(|e| e.uses_sign()) || self.declares(Column::Sign)
     }
 
     /// The smoothing speed of the sign, then the shapes of the effects.
     pub fn shapes(&self, structure: &Structure<'_>) -> Vec<Shape> {
-        let mut shapes = vec![Shape {
-            name: "smoothing_speed".into(),
-            unit: self.units.velocity.into(),
-            low: 1e-3 * self.speeds.rms,
-            high: 0.3 * self.speeds.rms,
-            points: if self.uses_sign(structure) { 7 } else { 1 },
-        }];
-        shapes.extend(structure.effects.iter().flat_map(|e| e.shapes(&self.units, &self.speeds)));
+        let range = (1e-3 * self.axis.velocity_rms, 0.3 * self.axis.velocity_rms);
+        let points = if self.uses_sign(structure) { 7 } else { 1 };
+        let mut shapes = vec![Shape::by_factors("smoothing_speed", self.axis.units.velocity, range, points)];
+        shapes.extend(structure.effects.iter().flat_map(|e| e.shapes(&self.axis)));
         shapes
+    }
+
+    /// The terms of one effect that have a column.
+    pub fn terms_of(&self, effect: &dyn InverseEffect) -> Vec<Term> {
+        if self.frees(effect) { Vec::new() } else { effect.terms(&self.axis) }
     }
 
     /// The effects' terms in order.
     pub fn terms(&self, structure: &Structure<'_>) -> Vec<Term> {
-        structure.effects.iter().filter(|e| e.lifts().is_none()).flat_map(|e| e.terms(&self.units)).collect()
+        structure.effects.iter().flat_map(|e| self.terms_of(*e)).collect()
     }
 
     /// Bounds of all amplitudes: tolerances of declared parameters unless an effect lifts them, physical
     /// limits of effects.
     pub fn bounds(&self, structure: &Structure<'_>) -> Vec<Bound> {
-        let lifted = |column| {
-            structure.effects.iter().any(|e| {
-                matches!(
-                    (e.lifts(), column),
-                    (Some(Declared::Mass), Column::Acceleration) | (Some(Declared::Viscous), Column::Velocity)
-                )
-            })
-        };
+        let lifted = |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
         let declared = self.parameters.iter().map(|p| match p.column {
-            // Mass and damping below 0 are no machine, whatever the tolerance.
+            // Mass, damping and stiffness below 0 are no machine, whatever the tolerance.
             Column::One => (p.declared - p.spread, p.declared + p.spread),
             column if lifted(column) => (0.0, f64::INFINITY),
             _ => ((p.declared - p.spread).max(0.0), p.declared + p.spread),
@@ -115,36 +135,114 @@ impl Machine {
         declared.chain(self.terms(structure).into_iter().map(|t| t.bound)).collect()
     }
 
-    fn columns_of(&self, structure: &Structure<'_>, shapes: &[f64], balance: &Balance) -> Vec<Vec<f64>> {
+    /// The smoothed sign along a record, where the structure wants one.
+    pub(super) fn sign(&self, structure: &Structure<'_>, smoothing: f64, balance: &Balance) -> Vec<f64> {
+        if self.uses_sign(structure) { balance.signals.sign(smoothing) } else { Vec::new() }
+    }
+
+    /// Rows of the declared parameters' columns.
+    pub(super) fn declared_columns(&self, sign: &[f64], balance: &Balance) -> Vec<Vec<f64>> {
         let signals = &balance.signals;
-        let smoothing = shapes.first().copied().unwrap_or(1.0);
-        let sign = if self.uses_sign(structure) { signals.sign(smoothing) } else { Vec::new() };
-        let mut columns: Vec<Vec<f64>> = self
-            .parameters
-            .iter()
-            .map(|p| match p.column {
-                Column::Acceleration => signals.rows(&signals.acceleration),
-                Column::Velocity => signals.rows(&signals.velocity),
-                Column::Sign => signals.low_passed_rows(&sign),
-                Column::One => vec![1.0; balance.rows()],
-            })
-            .collect();
-        let mut used = 1;
-        for effect in &structure.effects {
-            let count = effect.shapes(&self.units, &self.speeds).len();
-            let own = shapes.get(used..used + count).unwrap_or(&[]);
-            used += count;
-            columns.extend(effect.columns(signals, &sign, own).iter().map(|c| signals.low_passed_rows(c)));
+        let rows = |p: &Parameter| match p.column {
+            Column::Acceleration => signals.rows(&signals.acceleration),
+            Column::Velocity => signals.rows(&signals.velocity),
+            Column::Position => signals.rows(&signals.position),
+            Column::Sign => signals.low_passed_rows(sign),
+            Column::One => vec![1.0; balance.rows()],
+        };
+        self.parameters.iter().map(rows).collect()
+    }
+
+    /// An effect's columns at the full rate, low-passed.
+    fn full_columns(&self, effect: &dyn InverseEffect, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+        if self.frees(effect) {
+            return Vec::new();
         }
-        columns
+        let columns = effect.columns(view, shapes);
+        match effect.linear() {
+            true => columns,
+            false => columns.iter().map(|c| view.signals.low_passed(c)).collect(),
+        }
+    }
+
+    /// Rows of an effect's columns in one record.
+    pub(super) fn effect_columns(
+        &self,
+        structure: &Structure<'_>,
+        effect: &dyn InverseEffect,
+        (record, sign, shapes): (usize, &[f64], &[f64]),
+    ) -> Vec<Vec<f64>> {
+        let signals = &self.balances[record].signals;
+        let model = structure.model.get(record).map_or(&[][..], Vec::as_slice);
+        let view = View { signals, sign, model, axis: &self.axis };
+        self.full_columns(effect, &view, shapes).iter().map(|c| signals.rows(c)).collect()
+    }
+
+    /// The shapes of each effect: their places in the list of all, the smoothing speed being the first.
+    pub fn places(&self, structure: &Structure<'_>) -> Vec<std::ops::Range<usize>> {
+        let mut next = 1;
+        let place = |effect: &&dyn InverseEffect| {
+            let from = next;
+            next += effect.shapes(&self.axis).len();
+            from..next
+        };
+        structure.effects.iter().map(place).collect()
     }
 
     /// All columns of all records.
     pub fn columns(&self, structure: &Structure<'_>, shapes: &[f64]) -> Vec<Vec<Vec<f64>>> {
-        self.balances.iter().map(|b| self.columns_of(structure, shapes, b)).collect()
+        let places = self.places(structure);
+        let of = |(record, balance): (usize, &Balance)| {
+            let sign = self.sign(structure, shapes[0], balance);
+            let mut columns = self.declared_columns(&sign, balance);
+            for (effect, place) in structure.effects.iter().zip(&places) {
+                columns.extend(self.effect_columns(structure, *effect, (record, &sign, &shapes[place.clone()])));
+            }
+            columns
+        };
+        self.balances.iter().enumerate().map(of).collect()
     }
 
-    fn gram(&self, columns: &[Vec<Vec<f64>>], blocks: &[Block]) -> Gram {
+    /// The force that a fitted model asks for, per record at the full rate, low-passed. Effects that are made of this force
+    /// themselves are left out.
+    pub fn force(&self, structure: &Structure<'_>, fitted: &Fitted) -> Vec<Vec<f64>> {
+        let places = self.places(structure);
+        let of = |balance: &Balance| {
+            let signals = &balance.signals;
+            let mut force = vec![0.0; signals.time.len()];
+            let mut add = |amplitude: f64, column: &[f64]| {
+                force.iter_mut().zip(column).for_each(|(f, x)| *f += amplitude * x);
+            };
+            let sign = self.sign(structure, fitted.shapes[0], balance);
+            for (p, amplitude) in self.parameters.iter().zip(fitted.fit.coefficients.iter()) {
+                match p.column {
+                    Column::Acceleration => add(*amplitude, &signals.acceleration),
+                    Column::Velocity => add(*amplitude, &signals.velocity),
+                    Column::Position => add(*amplitude, &signals.position),
+                    Column::Sign => add(*amplitude, &signals.low_passed(&sign)),
+                    Column::One => add(*amplitude, &vec![1.0; signals.time.len()]),
+                }
+            }
+            let mut at = self.parameters.len();
+            for (effect, place) in structure.effects.iter().zip(&places) {
+                let terms = self.terms_of(*effect);
+                // A clipped command is no force that the motion asks for.
+                if !effect.uses_model() && !terms.iter().any(Term::is_given) {
+                    let view = View { signals, sign: &sign, model: &[], axis: &self.axis };
+                    let columns = self.full_columns(*effect, &view, &fitted.shapes[place.clone()]);
+                    for (i, column) in columns.iter().enumerate() {
+                        add(fitted.fit.coefficients[at + i], column);
+                    }
+                }
+                at += terms.len();
+            }
+            force
+        };
+        self.balances.iter().map(of).collect()
+    }
+
+    /// Sums of products over some rows.
+    pub(super) fn gram(&self, columns: &[Vec<Vec<f64>>], blocks: &[Block]) -> Gram {
         let mut gram = Gram::empty(columns.first().map_or(0, Vec::len));
         for block in blocks {
             gram.add(&columns[block.record], &self.balances[block.record].force, block.rows.clone());
@@ -157,78 +255,34 @@ impl Machine {
         residual(&fitted.columns[block.record], &self.balances[block.record].force, &fitted.fit.coefficients, block)
     }
 
-    /// Fits amplitudes and shapes on `blocks`: shapes on their grid (amplitudes by bounded least squares at each point), the
-    /// best point refined by Levenberg-Marquardt on the projected residual. Shapes that are given in `fixed` are held
-    /// there. `None` where the columns cannot be told apart in these rows.
-    pub fn fit(&self, structure: &Structure<'_>, blocks: &[Block], fixed: Option<&[f64]>) -> Option<Fitted> {
-        let shapes = self.shapes(structure);
-        let bounds = self.bounds(structure);
-        let try_at = |values: &[f64]| {
-            let columns = self.columns(structure, values);
-            let fit = solve(&self.gram(&columns, blocks), &bounds)?;
-            Some((fit, columns))
-        };
-        let mut best: Option<(f64, Vec<f64>)> = None;
-        for values in grid(&shapes, fixed) {
-            if let Some((fit, _)) = try_at(&values)
-                && best.as_ref().is_none_or(|b| fit.squares < b.0)
-            {
-                best = Some((fit.squares, values));
-            }
-        }
-        let (_, mut values) = best?;
-        if fixed.is_none() && shapes.iter().any(|s| s.points > 1) {
-            values = self.refine(structure, blocks, &shapes, &bounds, values);
-        }
-        let (fit, columns) = try_at(&values)?;
-        let gram = self.gram(&columns, blocks);
-        let scores = self.scores(&columns, &fit, blocks);
-        let std = standard_deviations(&gram, &fit, &scores);
-        Some(Fitted { fit, std, shapes: values, columns })
+    /// The shift in time (s) of the effect that was added last, where it is one that sampling and holding would make.
+    pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+        let effect = *structure.effects.last()?;
+        let amplitudes = fitted.fit.coefficients.as_slice();
+        let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];
+        let place = self.places(structure).pop()?;
+        let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+        effect.shift(own, &fitted.shapes[place]).filter(|shift| shift.abs() < HELD * sampling)
     }
 
-    /// `Xᵀe` by clusters of [`CLUSTER_S`].
-    fn scores(&self, columns: &[Vec<Vec<f64>>], fit: &Fit, blocks: &[Block]) -> Vec<DVector<f64>> {
-        let mut scores = Vec::new();
+    /// Root mean square over some rows of what the last `terms` columns of a fit put out.
+    pub fn size_of_last(&self, fitted: &Fitted, terms: usize, blocks: &[Block]) -> f64 {
+        let (mut sum, mut rows) = (0.0, 0usize);
         for block in blocks {
-            let balance = &self.balances[block.record];
-            let length = ((CLUSTER_S / balance.row_step()).ceil() as usize).max(1);
-            let e = residual(&columns[block.record], &balance.force, &fit.coefficients, block);
-            for (i, part) in e.chunks(length).enumerate() {
-                let from = block.rows.start + i * length;
-                scores.push(DVector::from_iterator(
-                    fit.coefficients.len(),
-                    columns[block.record].iter().map(|c| part.iter().zip(&c[from..]).map(|(e, x)| e * x).sum::<f64>()),
-                ));
+            let columns = &fitted.columns[block.record];
+            let from = columns.len() - terms;
+            for row in block.rows.clone() {
+                let put: f64 = (from..columns.len()).map(|c| fitted.fit.coefficients[c] * columns[c][row]).sum();
+                sum += put * put;
             }
+            rows += block.rows.len();
         }
-        scores
-    }
-
-    fn refine(
-        &self,
-        structure: &Structure<'_>,
-        blocks: &[Block],
-        shapes: &[Shape],
-        bounds: &[Bound],
-        start: Vec<f64>,
-    ) -> Vec<f64> {
-        let problem = Projected {
-            machine: self,
-            structure,
-            blocks,
-            shapes,
-            bounds,
-            logs: DVector::from_iterator(start.len(), start.iter().map(|v| v.ln())),
-        };
-        let before = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-        let (problem, _) = LevenbergMarquardt::new().with_ftol(1e-6).with_xtol(1e-4).with_patience(8).minimize(problem);
-        let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-        if after < before { problem.values() } else { start }
+        (sum / rows.max(1) as f64).sqrt()
     }
 }
 
-fn residual(columns: &[Vec<f64>], force: &[f64], coefficients: &DVector<f64>, block: &Block) -> Vec<f64> {
+/// Force less the columns times their coefficients, over some rows.
+pub(super) fn residual(columns: &[Vec<f64>], force: &[f64], coefficients: &DVector<f64>, block: &Block) -> Vec<f64> {
     let mut e = force[block.rows.clone()].to_vec();
     for (column, amplitude) in columns.iter().zip(coefficients.iter()) {
         for (e, x) in e.iter_mut().zip(&column[block.rows.clone()]) {
@@ -236,77 +290,4 @@ fn residual(columns: &[Vec<f64>], force: &[f64], coefficients: &DVector<f64>, bl
         }
     }
     e
-}
-
-/// All points of the grid; shapes that are given in `fixed` are held at their value.
-fn grid(shapes: &[Shape], fixed: Option<&[f64]>) -> Vec<Vec<f64>> {
-    let mut points = vec![Vec::new()];
-    for (i, shape) in shapes.iter().enumerate() {
-        let values: Vec<f64> = match fixed.and_then(|s| s.get(i)) {
-            Some(v) => vec![*v],
-            None if shape.points < 2 => vec![shape.low],
-            None => {
-                let ratio = shape.high / shape.low;
-                (0..shape.points).map(|k| shape.low * ratio.powf(k as f64 / (shape.points - 1) as f64)).collect()
-            }
-        };
-        points = points.iter().flat_map(|p| values.iter().map(|v| [p.as_slice(), &[*v]].concat())).collect();
-    }
-    points
-}
-
-/// The residual as a function of the logarithms of the shapes alone, amplitudes solved for inside (variable projection).
-struct Projected<'a> {
-    machine: &'a Machine,
-    structure: &'a Structure<'a>,
-    blocks: &'a [Block],
-    shapes: &'a [Shape],
-    bounds: &'a [Bound],
-    logs: DVector<f64>,
-}
-
-impl Projected<'_> {
-    fn values_at(&self, logs: &DVector<f64>) -> Vec<f64> {
-        self.shapes.iter().zip(logs.iter()).map(|(s, l)| l.exp().clamp(s.low, s.high)).collect()
-    }
-    fn values(&self) -> Vec<f64> {
-        self.values_at(&self.logs)
-    }
-    fn residuals_at(&self, logs: &DVector<f64>) -> Option<DVector<f64>> {
-        let columns = self.machine.columns(self.structure, &self.values_at(logs));
-        let fit = solve(&self.machine.gram(&columns, self.blocks), self.bounds)?;
-        let mut all = Vec::new();
-        for block in self.blocks {
-            let balance = &self.machine.balances[block.record];
-            all.extend(residual(&columns[block.record], &balance.force, &fit.coefficients, block));
-        }
-        Some(DVector::from_vec(all))
-    }
-}
-
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Projected<'_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, logs: &DVector<f64>) {
-        self.logs.copy_from(logs);
-    }
-    fn params(&self) -> DVector<f64> {
-        self.logs.clone()
-    }
-    fn residuals(&self) -> Option<DVector<f64>> {
-        self.residuals_at(&self.logs)
-    }
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let step = 0.02;
-        let here = self.residuals()?;
-        let mut jacobian = DMatrix::zeros(here.len(), self.logs.len());
-        for k in 0..self.logs.len() {
-            let mut moved = self.logs.clone();
-            moved[k] += step;
-            jacobian.set_column(k, &((self.residuals_at(&moved)? - &here) / step));
-        }
-        Some(jacobian)
-    }
 }

@@ -1,9 +1,12 @@
 //! Which effects the records demand, one after the other, judged on rows that took no part in the fit.
 
-use super::model::{Fitted, Machine, Structure};
+use std::sync::Arc;
+
+use super::fit::Known;
+use super::model::{Column, Fitted, Machine, Structure};
 use super::spline::{Spline, Variable};
 use super::split::{Block, Role};
-use crate::effects::{ALL, Declared, Effect, InverseEffect};
+use crate::effects::{ALL, Effect, InverseEffect};
 
 /// An effect is accepted when the root-mean-square residual on the selecting rows falls by this share at least. On
 /// filtered rows at 200 Hz any test of significance alone would fire on clean data; size is what protects.
@@ -16,7 +19,7 @@ pub const LEAST_T: f64 = 2.5;
 const RIVAL: f64 = 0.9;
 
 /// Most effects that are added: more than three are a fit, not an explanation.
-const MOST_EFFECTS: usize = 3;
+pub const MOST_EFFECTS: usize = 3;
 
 /// How a candidate did.
 #[derive(Clone, Debug)]
@@ -35,15 +38,49 @@ pub struct Candidate {
     pub accepted: bool,
 }
 
+/// An effect where it sits.
+#[derive(Clone, Copy)]
+pub struct Sited {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Its share in the balance of forces.
+    pub inverse: &'static dyn InverseEffect,
+    /// Its site.
+    pub site: &'static str,
+}
+
+/// A candidate, fitted beside what is there and judged.
+#[derive(Clone)]
+pub struct Tried {
+    /// The effect.
+    pub sited: Sited,
+    /// How it did.
+    pub verdict: Candidate,
+    /// The model with it.
+    pub structure: Structure<'static>,
+    /// Its fit.
+    pub fitted: Fitted,
+    /// Mean squared residual of each selecting block.
+    pub after: Vec<f64>,
+}
+
+impl Tried {
+    fn standing(&self) -> Standing<'_> {
+        Standing { sited: self.sited, verdict: &self.verdict, after: &self.after }
+    }
+}
+
 /// One step of the search: the candidates as they did, ranked, and the model after it.
 pub struct Step {
     /// All candidates, best first.
     pub ranking: Vec<Candidate>,
     /// The effect that was added.
-    pub added: &'static dyn Effect,
+    pub added: Sited,
     /// Those that did as well and that the winner makes superfluous.
-    pub rivals: Vec<&'static dyn Effect>,
+    pub rivals: Vec<Sited>,
     /// The model with it.
+    pub structure: Structure<'static>,
+    /// Its fit.
     pub fitted: Fitted,
 }
 
@@ -56,6 +93,17 @@ pub struct Unlisted {
     pub table: Vec<[f64; 3]>,
 }
 
+/// A generic function of one variable, beside the model.
+#[derive(Clone, Debug)]
+pub struct Generic {
+    /// How it did.
+    pub verdict: Candidate,
+    /// Its table.
+    pub unlisted: Unlisted,
+    /// Root mean square of what it puts out over the selecting rows.
+    pub size: f64,
+}
+
 /// What the search found.
 pub struct Found {
     /// The declared model, fitted within its tolerances.
@@ -63,9 +111,9 @@ pub struct Found {
     /// Effects in the order in which they were added.
     pub steps: Vec<Step>,
     /// How the listed candidates did in the last round, in which none passed.
-    pub last_ranking: Vec<Candidate>,
-    /// How generic functions of one variable did after that.
-    pub splines: Vec<Candidate>,
+    pub last_round: Vec<Tried>,
+    /// How generic functions of one variable did after that, best first.
+    pub generic: Vec<Generic>,
     /// The best of them, where it passes.
     pub unlisted: Option<Unlisted>,
 }
@@ -78,7 +126,7 @@ impl Found {
 
     /// Its structure.
     pub fn structure(&self) -> Structure<'static> {
-        Structure { effects: self.steps.iter().filter_map(|s| s.added.inverse()).collect() }
+        self.steps.last().map_or_else(Structure::default, |s| s.structure.clone())
     }
 }
 
@@ -96,7 +144,8 @@ pub fn mean_squares(machine: &Machine, fitted: &Fitted, blocks: &[Block]) -> Vec
         .collect()
 }
 
-fn judge(id: &'static str, before: &[f64], after: &[f64]) -> Candidate {
+/// Holds a candidate against what was there, from the mean squared residuals of the selecting blocks.
+pub fn judge(id: &'static str, before: &[f64], after: &[f64]) -> Candidate {
     let n = before.len() as f64;
     let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
     let gain = 1.0 - (sum_after / sum_before.max(f64::MIN_POSITIVE)).sqrt();
@@ -110,123 +159,198 @@ fn judge(id: &'static str, before: &[f64], after: &[f64]) -> Candidate {
     Candidate { id, gain_percent: 100.0 * gain, t, better, worse, accepted }
 }
 
+/// Whether the model has that effect already: added, or declared as a parameter.
+fn has(machine: &Machine, added: &[Sited], id: &str) -> bool {
+    id == "coulomb_friction" && machine.declares(Column::Sign) || added.iter().any(|a| a.effect.id() == id)
+}
+
 /// Candidates that make sense beside the effects that are in the model already.
-fn candidates(machine: &Machine, site: &str, added: &[&'static dyn Effect], now: &Fitted) -> Vec<&'static dyn Effect> {
-    let has = |id: &str| added.iter().any(|e| e.id() == id);
-    // A declared parameter does what its effect would do.
-    let declares = |id: &str| {
-        id == "coulomb_friction" && machine.parameters.iter().any(|p| p.column == super::model::Column::Sign)
+pub fn candidates(machine: &Machine, added: &[Sited], now: &Fitted) -> Vec<Sited> {
+    let at_edge =
+        |column| machine.parameters.iter().zip(&now.fit.at_bound).any(|(p, edge)| p.column == column && *edge);
+    let rank = |site: &str| machine.sites.iter().position(|s| *s == site);
+    let sited = |effect: &'static dyn Effect| {
+        let inverse = effect.inverse()?;
+        let site = machine.sites.iter().find(|site| effect.sites().contains(site))?;
+        Some(Sited { effect, inverse, site })
     };
-    let at_edge = |which| {
-        let column = match which {
-            Declared::Mass => super::model::Column::Acceleration,
-            Declared::Viscous => super::model::Column::Velocity,
-        };
-        machine.parameters.iter().zip(&now.fit.at_bound).any(|(p, edge)| p.column == column && *edge)
+    let mut list: Vec<Sited> = ALL
+        .iter()
+        .filter_map(|e| sited(*e))
+        .filter(|c| !has(machine, added, c.effect.id()) && c.inverse.applies(&machine.axis))
+        .filter(|c| c.inverse.needs().iter().all(|need| has(machine, added, need)))
+        .filter(|c| !machine.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge))
+        .collect();
+    // Of two names for the same parameter the one at the nearer site is meant.
+    let lifted: Vec<_> = list.iter().map(|c| (c.inverse.lifts(), rank(c.site))).collect();
+    let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
+        lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
     };
-    ALL.iter()
-        .copied()
-        .filter(|e| e.sites().contains(&site) && !has(e.id()) && !declares(e.id()))
-        .filter(|e| {
-            e.inverse().is_some_and(|i| {
-                i.needs().iter().all(|need| has(need) || declares(need)) && i.lifts().is_none_or(at_edge)
-            })
-        })
+    let mut keep = lifted.iter().map(|l| !taken(l));
+    list.retain(|_| keep.next().unwrap_or(true));
+    list
+}
+
+/// The model a round starts from.
+pub struct Round<'a> {
+    /// The machine.
+    pub machine: &'a Machine,
+    /// What is in the model.
+    pub structure: &'a Structure<'static>,
+    /// Its fit.
+    pub now: &'a Fitted,
+    /// Rows that fit.
+    pub fit: &'a [Block],
+    /// Rows that select.
+    pub select: &'a [Block],
+    /// What to do with the shapes: [`Known::Start`], or [`Known::Unrefined`].
+    pub how: Known,
+}
+
+impl Round<'_> {
+    /// Fits one candidate on the fitting blocks and judges it on the selecting ones.
+    fn attempt(&self, sited: Sited, before: &[f64], model: &Arc<Vec<Vec<f64>>>) -> Option<Tried> {
+        let machine = self.machine;
+        let mut structure = self.structure.clone();
+        structure.effects.push(sited.inverse);
+        structure.model = Arc::clone(model);
+        let mut fitted = machine.fit(&structure, self.fit, &self.now.shapes, self.how)?;
+        if structure.effects.iter().any(|e| e.uses_model()) {
+            // The force that the model asks for was that of a model without the effect.
+            structure.model = Arc::new(machine.force(&structure, &fitted));
+            fitted = machine.fit(&structure, self.fit, &fitted.shapes, self.how)?;
+        }
+        let after = mean_squares(machine, &fitted, self.select);
+        let mut verdict = judge(sited.effect.id(), before, &after);
+        verdict.accepted &= machine.hidden_shift(&structure, &fitted).is_none();
+        Some(Tried { sited, verdict, structure, fitted, after })
+    }
+
+    /// Tries every candidate, `jobs` at a time; best first.
+    pub fn try_all(&self, candidates: &[Sited], jobs: usize) -> Vec<Tried> {
+        let before = mean_squares(self.machine, self.now, self.select);
+        let model = Arc::new(self.machine.force(self.structure, self.now));
+        let jobs = jobs.max(1);
+        let mut tried: Vec<Tried> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..jobs)
+                .map(|job| {
+                    let (before, model) = (&before, &model);
+                    let own = candidates.iter().skip(job).step_by(jobs);
+                    scope.spawn(move || own.filter_map(|c| self.attempt(*c, before, model)).collect::<Vec<_>>())
+                })
+                .collect();
+            threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
+        });
+        tried.sort_by(|a, b| b.verdict.gain_percent.total_cmp(&a.verdict.gain_percent));
+        tried
+    }
+}
+
+/// A candidate as the choice sees it.
+pub struct Standing<'a> {
+    /// The effect.
+    pub sited: Sited,
+    /// How it did.
+    pub verdict: &'a Candidate,
+    /// Mean squared residual of each selecting block.
+    pub after: &'a [f64],
+}
+
+impl Standing<'_> {
+    /// Fall of the error in logarithms.
+    fn log_gain(&self) -> f64 {
+        -(1.0 - self.verdict.gain_percent / 100.0).max(1e-12).ln()
+    }
+}
+
+/// Numbers that an effect brings along.
+fn freedom(machine: &Machine, sited: &Sited) -> usize {
+    let terms = sited.inverse.terms(&machine.axis);
+    terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&machine.axis).len()
+}
+
+/// Of the candidates that pass, one of those that do about as well as the best: the one with the fewest numbers, and of
+/// these the best. One that it contains as a limit takes its place unless it is better by as much as an effect must be.
+/// `tried` is in the order of gains.
+pub fn choose(machine: &Machine, added: &[Sited], tried: &[Standing<'_>]) -> Option<usize> {
+    let top = tried.iter().find(|t| t.verdict.accepted)?.log_gain();
+    let near = |t: &Standing<'_>| t.verdict.accepted && t.log_gain() >= RIVAL * top;
+    let best = (0..tried.len()).filter(|i| near(&tried[*i])).min_by_key(|i| freedom(machine, &tried[*i].sited))?;
+    let simpler = tried[best].sited.inverse.refines().filter(|id| !has(machine, added, id));
+    let simpler = simpler.and_then(|id| tried.iter().position(|t| t.verdict.id == id && t.verdict.accepted));
+    Some(simpler.filter(|s| !judge("", tried[*s].after, tried[best].after).accepted).unwrap_or(best))
+}
+
+/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of them.
+pub fn near(machine: &Machine, tried: &[Standing<'_>], best: usize) -> Vec<Sited> {
+    let winner = &tried[best];
+    let nested = |a: &Sited, b: &Sited| a.inverse.refines() == Some(b.effect.id());
+    tried
+        .iter()
+        .enumerate()
+        .filter(|(i, t)| *i != best && t.verdict.accepted)
+        .filter(|(_, t)| !nested(&t.sited, &winner.sited) && !nested(&winner.sited, &t.sited))
+        .filter(|(_, t)| t.log_gain() >= RIVAL * winner.log_gain())
+        .filter(|(_, t)| freedom(machine, &t.sited) <= freedom(machine, &winner.sited))
+        .map(|(_, t)| t.sited)
         .collect()
 }
 
-/// Fits every candidate on the fitting blocks and judges it on the selecting ones; `jobs` at a time.
-fn try_all(
-    machine: &Machine,
-    structure: &Structure<'static>,
-    candidates: &[&'static dyn Effect],
-    before: &[f64],
-    (fit, select): (&[Block], &[Block]),
-    jobs: usize,
-) -> Vec<(&'static dyn Effect, Candidate, Fitted)> {
-    let attempt = |effect: &'static dyn Effect| {
-        let mut wider = structure.clone();
-        wider.effects.push(effect.inverse()?);
-        let fitted = machine.fit(&wider, fit, None)?;
-        let verdict = judge(effect.id(), before, &mean_squares(machine, &fitted, select));
-        Some((effect, verdict, fitted))
-    };
-    let share = candidates.len().div_ceil(jobs.max(1)).max(1);
-    let mut tried: Vec<_> = std::thread::scope(|scope| {
-        let threads: Vec<_> = candidates
-            .chunks(share)
-            .map(|part| scope.spawn(|| part.iter().filter_map(|e| attempt(*e)).collect::<Vec<_>>()))
-            .collect();
-        threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
-    });
-    tried.sort_by(|a, b| b.1.gain_percent.total_cmp(&a.1.gain_percent));
-    tried
+/// Those that did about as well as the winner and have nothing to add to it; at most two.
+fn rivals(round: &Round<'_>, winner: &Tried, near: Vec<Sited>, jobs: usize) -> Vec<Sited> {
+    let beside = Round { structure: &winner.structure, now: &winner.fitted, ..*round }.try_all(&near, jobs);
+    let adds = |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
+    near.into_iter().filter(|c| !adds(c)).take(2).collect()
 }
 
 /// Greedy search: the best accepted candidate is added and all is fitted again, until none passes. `None` where not even
 /// the declared model can be fitted.
-pub fn search(machine: &Machine, site: &str, blocks: &[Block], jobs: usize) -> Option<Found> {
+pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
-    let mut structure = Structure { effects: Vec::new() };
-    let base = machine.fit(&structure, &fit, None)?;
+    let mut structure = Structure::default();
+    let base = machine.fit(&structure, &fit, &[], Known::Start)?;
     let mut now = base.clone();
     let mut steps: Vec<Step> = Vec::new();
-    let mut last_ranking;
-    loop {
-        let added: Vec<_> = steps.iter().map(|s| s.added).collect();
-        let before = mean_squares(machine, &now, &select);
-        let candidates = candidates(machine, site, &added, &now);
-        let tried = try_all(machine, &structure, &candidates, &before, (&fit, &select), jobs);
-        last_ranking = tried.iter().map(|t| t.1.clone()).collect::<Vec<_>>();
-        let Some(best) = tried.iter().position(|t| t.1.accepted).filter(|_| steps.len() < MOST_EFFECTS) else { break };
-        let (effect, verdict, fitted) = &tried[best];
-        structure.effects.extend(effect.inverse());
-        // A rival did as well, and has nothing to add to the winner.
-        let after = mean_squares(machine, fitted, &select);
-        let log_gain = |percent: f64| -(1.0 - percent / 100.0).max(1e-12).ln();
-        let near: Vec<_> = tried
-            .iter()
-            .filter(|t| t.0.id() != effect.id() && t.1.accepted)
-            .filter(|t| log_gain(t.1.gain_percent) >= RIVAL * log_gain(verdict.gain_percent))
-            .map(|t| t.0)
-            .collect();
-        let beside = try_all(machine, &structure, &near, &after, (&fit, &select), jobs);
-        let rivals = near.into_iter().filter(|e| beside.iter().all(|b| b.0.id() != e.id() || !b.1.accepted)).take(2);
-        now = fitted.clone();
-        steps.push(Step {
-            ranking: last_ranking.clone(),
-            added: *effect,
-            rivals: rivals.collect(),
-            fitted: now.clone(),
-        });
-    }
-    let (splines, unlisted) = adequacy(machine, &structure, &now, (&fit, &select));
-    Some(Found { base, steps, last_ranking, splines, unlisted })
+    let last_round = loop {
+        let added: Vec<Sited> = steps.iter().map(|s| s.added).collect();
+        let how = Known::Start;
+        let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how };
+        let tried = round.try_all(&candidates(machine, &added, &now), jobs);
+        let room = steps.len() < MOST_EFFECTS;
+        let standings: Vec<Standing<'_>> = tried.iter().map(Tried::standing).collect();
+        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else { break tried };
+        let rivals = rivals(&round, &tried[best], near(machine, &standings, best), jobs);
+        let ranking = tried.iter().map(|t| t.verdict.clone()).collect();
+        let Tried { sited, structure: wider, fitted, .. } = tried[best].clone();
+        (structure, now) = (wider.clone(), fitted.clone());
+        steps.push(Step { ranking, added: sited, rivals, structure: wider, fitted });
+    };
+    let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how: Known::Held };
+    let generic = generic(&round);
+    let unlisted = generic.iter().find(|g| g.verdict.accepted).map(|g| g.unlisted.clone());
+    Some(Found { base, steps, last_round, generic, unlisted })
 }
 
-/// Holds generic functions of one variable against what is left.
-fn adequacy(
-    machine: &Machine,
-    structure: &Structure<'static>,
-    now: &Fitted,
-    (fit, select): (&[Block], &[Block]),
-) -> (Vec<Candidate>, Option<Unlisted>) {
-    let before = mean_squares(machine, now, select);
-    let mut tried: Vec<(Candidate, Variable, Unlisted)> = Vec::new();
+/// Holds generic functions of one variable against what is left; best first.
+pub fn generic(round: &Round<'_>) -> Vec<Generic> {
+    let machine = round.machine;
+    let before = mean_squares(machine, round.now, round.select);
+    let mut tried: Vec<Generic> = Vec::new();
     for variable in Variable::ALL {
         let Some(spline) = Spline::over(variable, machine.balances.iter().map(|b| &b.signals)) else { continue };
-        let effects = structure.effects.iter().copied().chain([&spline as &dyn InverseEffect]).collect();
+        let effects = round.structure.effects.iter().copied().chain([&spline as &dyn InverseEffect]).collect();
+        let wider = Structure { effects, model: Arc::clone(&round.structure.model) };
         // Shapes stay where they are: a spline must not pay for a worse smoothing.
-        let Some(fitted) = machine.fit(&Structure { effects }, fit, Some(&now.shapes)) else { continue };
-        let verdict = judge(variable.name(), &before, &mean_squares(machine, &fitted, select));
-        let from = fitted.fit.coefficients.len() - spline.knots.len();
+        let Some(fitted) = machine.fit(&wider, round.fit, &round.now.shapes, Known::Held) else { continue };
+        let verdict = judge(variable.name(), &before, &mean_squares(machine, &fitted, round.select));
+        let knots = spline.knots.len();
+        let from = fitted.fit.coefficients.len() - knots;
         let at = |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
-        let table = (0..spline.knots.len()).map(at).collect();
-        tried.push((verdict, variable, Unlisted { variable, table }));
+        let unlisted = Unlisted { variable, table: (0..knots).map(at).collect() };
+        tried.push(Generic { verdict, unlisted, size: machine.size_of_last(&fitted, knots, round.select) });
     }
-    tried.sort_by(|a, b| b.0.gain_percent.total_cmp(&a.0.gain_percent));
-    let unlisted = tried.iter().find(|t| t.0.accepted).map(|t| t.2.clone());
-    (tried.into_iter().map(|t| t.0).collect(), unlisted)
+    tried.sort_by(|a, b| b.verdict.gain_percent.total_cmp(&a.verdict.gain_percent));
+    tried
 }
 
 #[cfg(test)]

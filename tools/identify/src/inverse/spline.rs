@@ -1,6 +1,6 @@
 //! Generic functions of one variable: what a residual looks like that no listed effect explains.
 
-use crate::effects::{InverseEffect, Term, Units};
+use crate::effects::{Axis, Instant, InverseEffect, Law, Term, View};
 use crate::inverse::signals::Signals;
 
 /// What a residual may depend on.
@@ -77,23 +77,53 @@ impl Spline {
     }
 }
 
+impl Spline {
+    /// The knot to the left of a value, and how far towards the next one it lies; beyond the ends it stays at them.
+    fn place(&self, value: f64) -> (usize, f64) {
+        let left = self.knots.partition_point(|k| *k <= value).clamp(1, self.knots.len() - 1) - 1;
+        let share = (value - self.knots[left]) / (self.knots[left + 1] - self.knots[left]);
+        (left, share.clamp(0.0, 1.0))
+    }
+}
+
 impl InverseEffect for Spline {
-    fn terms(&self, units: &Units) -> Vec<Term> {
-        let bound = (f64::NEG_INFINITY, f64::INFINITY);
-        self.knots.iter().map(|k| Term { name: format!("at {k}"), unit: units.force.into(), bound }).collect()
+    fn uses_sign(&self) -> bool {
+        self.variable == Variable::PositionByDirection
     }
 
-    fn columns(&self, signals: &Signals, sign: &[f64], _: &[f64]) -> Vec<Vec<f64>> {
-        let values = self.variable.values(signals);
-        let n = self.knots.len();
-        let mut columns = vec![vec![0.0; values.len()]; n];
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        self.knots.iter().map(|k| Term::free(&format!("at {k}"), axis.units.force)).collect()
+    }
+
+    fn law(&self) -> Option<&dyn Law> {
+        // The acceleration is what a simulation asks for, not what it knows.
+        (self.variable != Variable::Acceleration).then_some(self)
+    }
+
+    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+        let values = self.variable.values(view.signals);
+        let mut columns = vec![vec![0.0; values.len()]; self.knots.len()];
         for (row, value) in values.iter().enumerate() {
-            let left = self.knots.partition_point(|k| k <= value).clamp(1, n - 1) - 1;
-            let share = ((value - self.knots[left]) / (self.knots[left + 1] - self.knots[left])).clamp(0.0, 1.0);
-            let weight = if self.variable == Variable::PositionByDirection { sign[row] } else { 1.0 };
+            let (left, share) = self.place(*value);
+            let weight = if self.variable == Variable::PositionByDirection { view.sign[row] } else { 1.0 };
             columns[left][row] = weight * (1.0 - share);
             columns[left + 1][row] = weight * share;
         }
         columns
+    }
+}
+
+impl Law for Spline {
+    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
+        let (value, weight) = match self.variable {
+            Variable::Position => (now.position, 1.0),
+            Variable::PositionByDirection => (now.position, now.sign),
+            Variable::Velocity => (now.velocity, 1.0),
+            Variable::Time => (now.time, 1.0),
+            Variable::Acceleration => (0.0, 0.0),
+        };
+        let (left, share) = self.place(value);
+        out[..self.knots.len()].fill(0.0);
+        (out[left], out[left + 1]) = (weight * (1.0 - share), weight * share);
     }
 }

@@ -11,53 +11,26 @@
 //!
 //! The offset is positive where the machine needs a positive force to stand still.
 
-use nalgebra::DVector;
 use report::Page;
-use rig::{Model as Declared, ModelKind, Parameter as DeclaredParameter};
+use rig::{Model as Declared, ModelKind};
 
-use super::{Model, Options, drive_outcome};
-use crate::effects::{Speeds, Units};
-use crate::error::{IdentifyError, Result};
+use super::inverse_study::{Declaration, LINEAR, ROTARY, axis, check_channels, check_scale, study};
+use super::{Model, Options};
+use crate::effects::Units;
+use crate::error::Result;
 use crate::input::Series;
 use crate::inverse::model::{Column, Machine, Parameter};
-use crate::inverse::search::{Found, search};
-use crate::inverse::signals::Balance;
-use crate::inverse::split::{self, Block, Role};
+use crate::inverse::signals::{Balance, CutOff};
 use crate::outcome::Outcome;
-use crate::regression::{Gram, solve};
 
 /// The model kind `drive`.
 pub(super) struct Drive;
 
-/// The site at which a drive's friction is looked for.
-pub(super) const SITE: &str = "master";
+/// Where a drive's effects are looked for: at the mass, before it, and in its instruments.
+const SITES: &[&str] = &["master", "drive", "sensor"];
 
-const LINEAR: Units = Units { force: "N", position: "m", velocity: "m/s", damping: "N·s/m", mass: "kg" };
-const ROTARY: Units =
-    Units { force: "N·m", position: "rad", velocity: "rad/s", damping: "N·m·s/rad", mass: "kg·m²" };
-
-/// Blocks of one record last at least this long (s).
-const BLOCK_S: f64 = 0.4;
-/// A record is cut into about this many blocks.
-const BLOCKS: f64 = 40.0;
-/// Fewest blocks: three that select and three that report.
-const FEWEST_BLOCKS: usize = 12;
-/// A mass that differs from the declared one by this factor is a wrong unit, not a wrong guess.
-const UNIT_FACTOR: f64 = 30.0;
-
-/// A drive's records, prepared, and what they turned out to say.
-pub(super) struct Study {
-    /// Declared model and prepared records.
-    pub(super) machine: Machine,
-    /// Rows by role.
-    pub(super) blocks: Vec<Block>,
-    /// What the search found.
-    pub(super) found: Found,
-    /// Column of the force.
-    pub(super) channel: &'static str,
-    /// What a reader should know of the data.
-    pub(super) notes: Vec<String>,
-}
+/// As published for EMPS.
+const CUT_OFF: CutOff = CutOff { highest: 40.0, share: 0.1 };
 
 impl Model for Drive {
     fn kind(&self) -> ModelKind {
@@ -79,59 +52,26 @@ impl Model for Drive {
             channel = name;
         }
         let units = if channel == "torque_nm" { ROTARY } else { LINEAR };
-        let parameters = declared_parameters(rig_file, declared, &units)?;
-        let speed = |f: &dyn Fn(f64, f64) -> f64| {
-            balances.iter().flat_map(|b| &b.signals.velocity).fold(0.0, |sum, v| f(sum, *v))
-        };
-        let count: usize = balances.iter().map(|b| b.signals.velocity.len()).sum();
-        let speeds = Speeds {
-            rms: (speed(&|sum, v| sum + v * v) / count as f64).sqrt(),
-            peak: speed(&|top, v| top.max(v.abs())),
-        };
-        let machine = Machine { balances, parameters, units, speeds };
-        check_units(&machine, channel)?;
-        let blocks = blocks(&machine, records, options.seed)?;
-        let names = || machine.parameters.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
-        let files = || records.iter().map(|r| r.file.as_str()).collect::<Vec<_>>().join(", ");
-        let found = search(&machine, SITE, &blocks, options.jobs)
-            .ok_or_else(|| IdentifyError::Singular { file: files(), columns: names() })?;
-        let study = Study { machine, blocks, found, channel, notes };
-        Ok(drive_outcome::conclude(&study))
+        let parameters = declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
+        let mut axis = axis(&balances, units, false, true);
+        axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
+        let machine = Machine { balances, parameters, axis, sites: SITES };
+        let advice = "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+        check_scale(&machine, channel, (Column::Acceleration, "force and acceleration give a mass"), advice)?;
+        study(machine, records, options, (channel, notes))
     }
 }
 
 /// Reads the declaration: mass, viscous friction, offset, and Coulomb friction where it is declared.
-fn declared_parameters(file: &str, declared: &Declared, units: &Units) -> Result<Vec<Parameter>> {
-    let of = |names: &[&'static str]| names.iter().find_map(|n| declared.parameter(n));
-    let need = |names: &[&'static str]| {
-        of(names).ok_or_else(|| IdentifyError::Parameter {
-            file: file.to_owned(),
-            kind: "drive",
-            name: names[0],
-            found: declared.parameters.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", "),
-        })
-    };
-    let column = |p: &DeclaredParameter, unit, column| Parameter {
-        name: p.name.clone(),
-        unit,
-        declared: p.value,
-        spread: p.spread(),
-        column,
-    };
-    let mass = need(&["mass_kg", "inertia_kg_m2"])?;
-    if mass.value <= 0.0 {
-        let (file, value) = (file.to_owned(), mass.value);
-        return Err(IdentifyError::Value { file, name: "mass_kg", value, expected: "more than 0" });
-    }
-    let viscous = need(&["viscous_friction_n_s_per_m", "viscous_n_s_per_m", "viscous_nm_s_per_rad"])?;
-    let mut parameters =
-        vec![column(mass, units.mass, Column::Acceleration), column(viscous, units.damping, Column::Velocity)];
-    if let Some(coulomb) = of(&["coulomb_friction_n", "coulomb_n", "coulomb_nm"]) {
-        parameters.push(column(coulomb, units.force, Column::Sign));
-    }
-    if let Some(offset) = of(&["force_offset_n", "offset_n", "offset_nm"]) {
-        parameters.push(column(offset, units.force, Column::One));
-    }
+fn declared_parameters(declaration: &Declaration<'_>, units: &Units) -> Result<Vec<Parameter>> {
+    let viscous = ["viscous_friction_n_s_per_m", "viscous_n_s_per_m", "viscous_nm_s_per_rad"];
+    let mut parameters = vec![
+        declaration.need_positive(&["mass_kg", "inertia_kg_m2"], units.mass, Column::Acceleration)?,
+        declaration.need(&viscous, units.damping, Column::Velocity)?,
+    ];
+    let coulomb = ["coulomb_friction_n", "coulomb_n", "coulomb_nm"];
+    parameters.extend(declaration.of(&coulomb, units.force, Column::Sign));
+    parameters.extend(declaration.of(&["force_offset_n", "offset_n", "offset_nm"], units.force, Column::One));
     Ok(parameters)
 }
 
@@ -152,113 +92,7 @@ fn prepare(series: &Series, declared: &Declared, notes: &mut Vec<String>) -> Res
             (name, name, force)
         }
     };
-    for (name, what) in [(position_name, "the position"), (force_source, "the force")] {
-        series.finite(name)?;
-        series.alive(name, what)?;
-    }
-    let railed = series.railed(force_source);
-    if railed > 0.001 {
-        notes.push(format!(
-            "{}: {force_source} stands at its extreme for {:.1} % of the rows; where that is the sensor's rail and not \
-             the amplifier's, the force is wrong there",
-            series.file,
-            100.0 * railed
-        ));
-    }
-    let balance = Balance::new(&series.file, time, position, force).ok_or_else(|| series.short(time.len()))?;
-    Ok((balance, channel))
-}
-
-/// Refuses data whose scale is off by orders of magnitude, or whose sign is: a free fit of the mass tells.
-fn check_units(machine: &Machine, channel: &'static str) -> Result<()> {
-    let Some(mass) = machine.parameters.first() else { return Ok(()) };
-    for balance in &machine.balances {
-        let s = &balance.signals;
-        let columns = [s.rows(&s.acceleration), s.rows(&s.velocity), vec![1.0; balance.rows()]];
-        let mut gram = Gram::empty(3);
-        gram.add(&columns, &balance.force, 0..balance.rows());
-        let Some(fit) = solve(&gram, &[(f64::NEG_INFINITY, f64::INFINITY); 3]) else { continue };
-        let without = {
-            let mut rest = Gram::empty(2);
-            rest.add(&columns[1..], &balance.force, 0..balance.rows());
-            solve(&rest, &[(f64::NEG_INFINITY, f64::INFINITY); 2]).map_or(f64::INFINITY, |f| f.squares)
-        };
-        // Only where the acceleration explains a good part of the force does the mass say anything.
-        if fit.squares > 0.7 * without {
-            continue;
-        }
-        let found = fit.coefficients[0];
-        let ratio = found / mass.declared;
-        let unit = machine.units.mass;
-        let fault = |found: String, advice: &str| {
-            Err(IdentifyError::Channel {
-                file: balance.name.clone(),
-                column: channel.to_owned(),
-                found,
-                advice: advice.to_owned(),
-            })
-        };
-        if ratio < 0.0 {
-            let advice = "force and position must be positive in the same direction: change the sign of one";
-            return fault(format!("force and acceleration give a mass of {found:.4} {unit}"), advice);
-        }
-        if !(1.0 / UNIT_FACTOR..=UNIT_FACTOR).contains(&ratio) {
-            let advice = "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-            let declared = mass.declared;
-            return fault(
-                format!("force and acceleration give a mass of {found:.4} {unit}, declared {declared}"),
-                advice,
-            );
-        }
-    }
-    Ok(())
-}
-
-/// Who does what: whole records where there are enough, else blocks of the record.
-fn blocks(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Block>> {
-    let length = |b: &Balance| {
-        let seconds = b.rows() as f64 * b.row_step();
-        ((seconds / BLOCKS).max(BLOCK_S) / b.row_step()).ceil() as usize
-    };
-    let whole = |i: usize, role| {
-        let b = &machine.balances[i];
-        split::whole_record(i, b.rows(), length(b), role)
-    };
-    let cut = |i: usize| {
-        let b = &machine.balances[i];
-        let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
-        let blocks = split::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
-        if blocks.len() < FEWEST_BLOCKS { Err(records[i].short(b.signals.time.len())) } else { Ok(blocks) }
-    };
-    let n = machine.balances.len();
-    if records.iter().all(|r| r.role.is_some()) {
-        let roles = records.iter().enumerate().filter_map(|(i, r)| r.role.map(|role| (i, role)));
-        return Ok(roles.flat_map(|(i, role)| whole(i, role)).collect());
-    }
-    match split::roles(n) {
-        Some(roles) => Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect()),
-        None if n == 2 => {
-            // The second reports as a whole; the first fits and selects.
-            let mut blocks = cut(0)?;
-            for block in &mut blocks {
-                if block.role == Role::Report {
-                    block.role = Role::Select;
-                }
-            }
-            blocks.extend(whole(1, Role::Report));
-            Ok(blocks)
-        }
-        None => cut(0),
-    }
-}
-
-/// Root mean square of the residual over some blocks, and of the force over the same rows.
-pub(super) fn error(study: &Study, fitted: &crate::inverse::model::Fitted, blocks: &[Block]) -> (f64, f64) {
-    let (mut e, mut f, mut n) = (0.0, 0.0, 0usize);
-    for block in blocks {
-        e += DVector::from_vec(study.machine.residual(fitted, block)).norm_squared();
-        f += study.machine.balances[block.record].force[block.rows.clone()].iter().map(|f| f * f).sum::<f64>();
-        n += block.rows.len();
-    }
-    ((e / n.max(1) as f64).sqrt(), (f / n.max(1) as f64).sqrt())
+    check_channels(series, &[(position_name, "the position"), (force_source, "the force")], notes)?;
+    let balance = Balance::new(&series.file, time, position, force, CUT_OFF);
+    Ok((balance.ok_or_else(|| series.short(time.len()))?, channel))
 }

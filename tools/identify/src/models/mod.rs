@@ -1,7 +1,14 @@
 //! One file per kind of model, and one line in [`ALL`].
 
 mod drive;
-mod drive_outcome;
+mod element;
+mod inverse_left;
+mod inverse_outcome;
+mod inverse_study;
+mod next_experiment;
+mod oscillator;
+mod oscillator_outcome;
+mod oscillator_search;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
@@ -15,6 +22,8 @@ use rig::{Model as Declared, ModelKind};
 /// Kinds of models that can be held against data.
 pub static ALL: &[&dyn Model] = &[
     &drive::Drive,
+    &oscillator::Oscillator,
+    &element::Element,
     &transmission::Transmission(ModelKind::Hydrostatic),
     &transmission::Transmission(ModelKind::Cable),
 ];

@@ -54,6 +54,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
         effects: effects(study, &known),
         ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
         remains,
+        left: Vec::new(),
         unlisted: found.nameless.as_ref().map(|nameless| UnlistedTable {
             site: nameless.judged.site.name().into(),
             depends_on: nameless.table.variable.name().into(),

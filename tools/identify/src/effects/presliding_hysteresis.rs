@@ -1,0 +1,75 @@
+//! Bristles: friction that builds up over a small travel.
+//!
+//! `F = bristle_force · z`, `dz/dx = (1 - z sign(v)) / travel`: Dahl's law, whose limit for a small `travel` is Coulomb friction.
+//! Source: Dahl 1968; Canudas de Wit, Olsson, Åström, Lischinsky, IEEE Transactions on Automatic Control 40 (1995). The state
+//! begins at 0; what it really was is forgotten after a few `travel`.
+//!
+//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the record's travel.
+//!
+//! In a residual: after each reversal the force goes over from one side to the other along the *position*, however slow the
+//! movement. Confused with: Coulomb friction (small travel), a Maxwell branch (along the time instead), backlash.
+
+use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
+
+pub(super) struct PreslidingHysteresis;
+
+impl Effect for PreslidingHysteresis {
+    fn id(&self) -> &'static str {
+        "presliding_hysteresis"
+    }
+    fn sites(&self) -> &'static [&'static str] {
+        &["slave", "master"]
+    }
+    fn words(&self) -> &'static str {
+        "presliding friction that builds up over a small travel"
+    }
+    fn experiment(&self) -> &'static str {
+        "small strokes about one place at two speeds that differ tenfold: presliding follows the travel, smoothing of friction the speed, \
+         a relaxing branch the time"
+    }
+    fn inverse(&self) -> Option<&dyn InverseEffect> {
+        Some(self)
+    }
+}
+
+impl InverseEffect for PreslidingHysteresis {
+    fn refines(&self) -> Option<&'static str> {
+        Some("coulomb_friction")
+    }
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::positive("bristle_force", axis.units.force)]
+    }
+    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+        vec![Shape::by_factors("travel", axis.units.position, (1e-4 * axis.travel(), 0.1 * axis.travel()), 7)]
+    }
+    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+        let mut state = 0.0;
+        let mut last = view.signals.position.first().copied().unwrap_or(0.0);
+        // Exact for a movement that keeps its direction from sample to sample.
+        let bristle = |x: &f64| {
+            let step = x - last;
+            last = *x;
+            if step != 0.0 {
+                let side = step.signum();
+                state = side + (state - side) * (-step.abs() / shapes[0]).exp();
+            }
+            state
+        };
+        vec![view.signals.position.iter().map(bristle).collect()]
+    }
+    fn law(&self) -> Option<&dyn Law> {
+        Some(self)
+    }
+}
+
+impl Law for PreslidingHysteresis {
+    fn states(&self) -> usize {
+        1
+    }
+    fn rates(&self, now: &Instant, shapes: &[f64], states: &[f64], rates: &mut [f64]) {
+        rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0];
+    }
+    fn force(&self, _: &Instant, _: &[f64], states: &[f64], out: &mut [f64]) {
+        out[0] = states[0];
+    }
+}

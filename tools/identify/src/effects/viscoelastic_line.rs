@@ -1,0 +1,78 @@
+//! A relaxing branch: stiffness that decays with time.
+//!
+//! `F = branch_stiffness · e`, `ė = v - e / relaxation`: a Maxwell branch beside the declared spring (standard linear solid).
+//! Fast movement feels both springs, slow movement the declared one alone. Source: Findley, Lai, Onaran, Creep and Relaxation
+//! of Nonlinear Viscoelastic Materials (1976), ch. 5. The branch begins relaxed.
+//!
+//! Parameters: `branch_stiffness` (N/m or N·m/rad), at least 0, a few per cent to several times the declared stiffness;
+//! `relaxation` (s), from half a radian of the highest frequency seen to a third of the record: faster ones are a
+//! damper, slower ones a spring.
+//!
+//! In a residual: after a step of the position the force decays; over frequency the loop has a largest size. Confused with:
+//! damping (all of the record slower than the relaxation), stiffness (all faster), leakage (decays to nothing).
+
+use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
+
+pub(super) struct ViscoelasticLine;
+
+impl Effect for ViscoelasticLine {
+    fn id(&self) -> &'static str {
+        "viscoelastic_line"
+    }
+    fn sites(&self) -> &'static [&'static str] {
+        &["line"]
+    }
+    fn words(&self) -> &'static str {
+        "a relaxing branch (viscoelasticity)"
+    }
+    fn experiment(&self) -> &'static str {
+        "a step that is held for ten times the relaxation, and sines of the same amplitude at frequencies spaced by factors of two"
+    }
+    fn inverse(&self) -> Option<&dyn InverseEffect> {
+        Some(self)
+    }
+}
+
+impl InverseEffect for ViscoelasticLine {
+    fn applies(&self, axis: &Axis) -> bool {
+        axis.spring
+    }
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        vec![Term::positive("branch_stiffness", axis.units.stiffness)]
+    }
+    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+        let fastest = 0.5 / (std::f64::consts::TAU * axis.cut_off);
+        vec![Shape::by_factors("relaxation", "s", (fastest, axis.seconds / 3.0), 10)]
+    }
+    fn linear(&self) -> bool {
+        true
+    }
+    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+        let (time, position) = (&view.signals.time, &view.signals.position);
+        let mut stretch = 0.0;
+        let mut column = vec![0.0; position.len()];
+        for i in 1..position.len() {
+            // Exact for a position that goes straight from sample to sample.
+            let share = (time[i] - time[i - 1]) / shapes[0];
+            let kept = (-share).exp();
+            stretch = stretch * kept + (position[i] - position[i - 1]) * (1.0 - kept) / share;
+            column[i] = stretch;
+        }
+        vec![column]
+    }
+    fn law(&self) -> Option<&dyn Law> {
+        Some(self)
+    }
+}
+
+impl Law for ViscoelasticLine {
+    fn states(&self) -> usize {
+        1
+    }
+    fn rates(&self, now: &Instant, shapes: &[f64], states: &[f64], rates: &mut [f64]) {
+        rates[0] = now.velocity - states[0] / shapes[0];
+    }
+    fn force(&self, _: &Instant, _: &[f64], states: &[f64], out: &mut [f64]) {
+        out[0] = states[0];
+    }
+}

@@ -1,0 +1,89 @@
+//! What to measure next, from what is open.
+
+use crate::inverse::search::Sited;
+use crate::inverse::spline::Variable;
+use crate::outcome::NextExperiment;
+
+/// What is open after a search.
+pub(super) struct Open {
+    /// An effect that was added and one that the records cannot tell from it.
+    pub(super) contested: Option<(Sited, Sited)>,
+    /// What a residual without a name depends on.
+    pub(super) unlisted: Option<Variable>,
+    /// A declared parameter of which the records say no more than its declaration.
+    pub(super) unsure: Option<String>,
+    /// The last effect that was added.
+    pub(super) last: Option<Sited>,
+    /// Number of records.
+    pub(super) records: usize,
+    /// Whether a spring holds the position.
+    pub(super) spring: bool,
+}
+
+impl Open {
+    /// The experiment that would settle it.
+    pub(super) fn next_experiment(&self) -> NextExperiment {
+        let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned() };
+        if let Some((added, rival)) = &self.contested {
+            let (added, rival) = (added.effect, rival.effect);
+            let why = format!("These records cannot tell {} from {}.", added.words(), rival.words());
+            return make(why, added.experiment());
+        }
+        if let Some(variable) = self.unlisted {
+            let on = variable.name().replace('_', " ");
+            return make(format!("Something is left that depends on {on} and has no name here."), self.along(variable));
+        }
+        if let Some(name) = &self.unsure {
+            let what = match self.spring {
+                false => {
+                    "quick reversals (for the mass) and strokes at several constant speeds (for friction and offset)"
+                }
+                true => {
+                    "slow movement over the whole range (for stiffness and offset) and fast movement (for damping and mass)"
+                }
+            };
+            return make(format!("These records say no more about {name} than its declaration."), what);
+        }
+        match &self.last {
+            Some(last) if self.records < 3 => make(
+                format!("One run cannot show that {} is the same on another day.", last.effect.words()),
+                last.effect.experiment(),
+            ),
+            Some(last) => make(
+                format!("The value of {} could be had more exactly.", last.effect.words()),
+                last.effect.experiment(),
+            ),
+            None => make(
+                "Nothing is missing that this movement could show; effects that it does not excite stay unseen."
+                    .to_owned(),
+                match self.spring {
+                    false => {
+                        "the whole stroke slowly both ways, quick reversals, and a long run with the temperature recorded"
+                    }
+                    true => "a larger range, slower and faster movement, and a step that is held for long",
+                },
+            ),
+        }
+    }
+
+    /// A movement that shows how something depends on one variable.
+    fn along(&self, variable: Variable) -> &'static str {
+        match (variable, self.spring) {
+            (Variable::Time, _) => "the same movement for ten times as long, with the temperature recorded",
+            (Variable::Velocity, false) => {
+                "constant speeds from the slowest to the fastest that the drive can hold, both ways"
+            }
+            (Variable::Velocity, true) => "triangles of the same amplitude at speeds that differ by factors of two",
+            (Variable::Acceleration, false) => "the same stroke with accelerations that differ by factors of two",
+            (Variable::Acceleration, true) => {
+                "sines of the same amplitude at frequencies that differ by factors of two"
+            }
+            (Variable::Position | Variable::PositionByDirection, false) => {
+                "the whole stroke at one slow constant speed, both ways, several times"
+            }
+            (Variable::Position | Variable::PositionByDirection, true) => {
+                "slow load and unload over the whole range, both ways, several times"
+            }
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Mass, damper and spring, input in and output out: `m ÿ + d ẏ + k y + offset = input`.
+//!
+//! Candidates are screened by the balance of the input ([`crate::inverse`]): motion and input are followed four times finer
+//! than sampled, with spectral derivatives ([`crate::spectral`]), since both are band-limited. The best few are then
+//! simulated from the input alone ([`crate::output_error`]), fitted by what the output lacks, and judged by that on rows
+//! that took no part in the fit. All errors are those of the simulation: output measured less simulated, not filtered. One
+//! thing of the output is used beside the fit: position and speed at the first row, where the simulation begins.
+//!
+//! The offset is positive where the machine needs a positive input to rest at 0. An output that is measured from
+//! another zero acts as an offset of the input, and beside a cubic spring as a quadratic one.
+
+use report::Page;
+use rig::{Model as Declared, ModelKind};
+
+use super::inverse_study::{Declaration, axis, blocks, check_channels, check_scale, singular};
+use super::{Model, Options, oscillator_outcome, oscillator_search};
+use crate::effects::Units;
+use crate::error::{IdentifyError, Result};
+use crate::input::Series;
+use crate::inverse::model::{Column, Machine};
+use crate::inverse::signals::Balance;
+use crate::outcome::Outcome;
+use crate::output_error::fit::Record;
+
+/// The model kind `oscillator`.
+pub(super) struct Oscillator;
+
+/// Where an oscillator's effects are looked for: at the spring, at the mass, before it, and in its instruments.
+const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
+
+const UNITS: Units = Units { force: "V", position: "V", velocity: "V/s", stiffness: "1", damping: "s", mass: "s²" };
+
+impl Model for Oscillator {
+    fn kind(&self) -> ModelKind {
+        ModelKind::Oscillator
+    }
+
+    fn identify(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        series: &[Series],
+        options: Options,
+    ) -> Result<(Outcome, Page)> {
+        let declaration = Declaration { file: rig_file, model: declared };
+        let mut parameters = vec![
+            declaration.need_positive(&["mass_s2"], UNITS.mass, Column::Acceleration)?,
+            declaration.need(&["damping_s"], UNITS.damping, Column::Velocity)?,
+            declaration.need_positive(&["stiffness"], UNITS.stiffness, Column::Position)?,
+        ];
+        parameters.extend(declaration.of(&["coulomb_friction_v"], UNITS.force, Column::Sign));
+        parameters.extend(declaration.of(&["input_offset_v"], UNITS.force, Column::One));
+        // The lightest mass on the stiffest spring that the declaration allows.
+        let (mass, stiffness) = (&parameters[0], &parameters[2]);
+        let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
+        let natural = ((stiffness.declared + stiffness.spread) / lightest).sqrt();
+        let mut notes: Vec<String> = series.iter().flat_map(|r| r.notes.iter().cloned()).collect();
+        let (mut balances, mut records) = (Vec::new(), Vec::new());
+        for series in series {
+            let (balance, record) = prepare(series, natural, &mut notes)?;
+            balances.push(balance);
+            records.push(record);
+        }
+        let axis = axis(&balances, UNITS, true, true);
+        let machine = Machine { balances, parameters, axis, sites: SITES };
+        let advice = "check the units: input and output in the same unit (V), t_s in s, and which of the two is which";
+        check_scale(&machine, "output", (Column::Acceleration, "input and acceleration give a mass"), advice)?;
+        check_scale(&machine, "output", (Column::Position, "input and output give a stiffness"), advice)?;
+        let blocks = blocks(&machine, series, options.seed)?;
+        let found = oscillator_search::search(&machine, &records, &blocks, options.jobs)
+            .ok_or_else(|| singular(&machine, series))?;
+        let study = oscillator_outcome::Study { machine: &machine, records: &records, blocks: &blocks, found, notes };
+        Ok(study.conclude())
+    }
+}
+
+/// Checks one record and prepares it for the screening and for the simulation.
+fn prepare(series: &Series, natural: f64, notes: &mut Vec<String>) -> Result<(Balance, Record)> {
+    let time = series.time()?;
+    let (_, input) = series.any(&["input"])?;
+    let (_, output) = series.any(&["output"])?;
+    check_channels(series, &[("input", "the input"), ("output", "the output")], notes)?;
+    let short = || series.short(time.len());
+    let balance = Balance::band_limited(&series.file, time, output, input).ok_or_else(short)?;
+    let signals = &balance.signals;
+    let sampling = (time.len() - 1) as f64 / (time[time.len() - 1] - time[0]);
+    if natural > std::f64::consts::PI * sampling {
+        return Err(IdentifyError::Channel {
+            file: series.file.clone(),
+            column: "t_s".into(),
+            found: format!(
+                "{sampling:.4} samples a second cannot show an oscillation of {:.4} Hz",
+                0.5 * natural / std::f64::consts::TAU
+            ),
+            advice: "record at ten times the natural frequency, or check mass, stiffness and the unit of time".into(),
+        });
+    }
+    let at = signals.before_rows();
+    let start = (signals.position[at], signals.velocity[at]);
+    let first = Record::first_sample(at);
+    let record = Record::new(time, (input, output), (first, balance.rows()), start, natural).ok_or_else(short)?;
+    Ok((balance, record))
+}

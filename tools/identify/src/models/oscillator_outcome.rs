@@ -1,0 +1,257 @@
+//! From what the search of an oscillator found to the verdict, its numbers and its page.
+
+use std::collections::BTreeMap;
+
+use report::Page;
+
+use super::inverse_left::{shift_note, shows};
+use super::inverse_outcome::{effect_parameters, named, parameters, roles};
+use super::next_experiment::Open;
+use super::oscillator_search::Found;
+use crate::inverse::model::{Fitted, Machine, Structure};
+use crate::inverse::search::{Candidate, Sited, of};
+use crate::inverse::split::{Block, Role};
+use crate::outcome::{CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict};
+use crate::output_error::fit::{Bench, Record, Simulated};
+use crate::page;
+
+/// Records of an oscillator, and what they turned out to say.
+pub(super) struct Study<'a> {
+    /// Declared model and records as they were screened.
+    pub(super) machine: &'a Machine,
+    /// Records as they were simulated.
+    pub(super) records: &'a [Record],
+    /// Rows by role.
+    pub(super) blocks: &'a [Block],
+    /// What the search found.
+    pub(super) found: Found,
+    /// What a reader should know of the data.
+    pub(super) notes: Vec<String>,
+}
+
+impl Study<'_> {
+    /// The verdict, and the page that shows it.
+    pub(super) fn conclude(&self) -> (Outcome, Page) {
+        let outcome = self.outcome();
+        let page = page::page(self.view(), &outcome);
+        (outcome, page)
+    }
+
+    fn bench(&self) -> Bench<'_> {
+        Bench { machine: self.machine, records: self.records }
+    }
+
+    fn outcome(&self) -> Outcome {
+        let found = &self.found;
+        let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
+        let rivals: &[Sited] = contested.map_or(&[], |s| &s.rivals);
+        let remains = found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
+        let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
+            (true, _, true) => Verdict::Unlisted,
+            (true, _, false) => Verdict::None,
+            (false, false, _) => Verdict::Ambiguous,
+            (false, true, _) => Verdict::Effect,
+        };
+        let report = of(self.blocks, Role::Report);
+        let (before, output) = self.error(&found.base, &report);
+        let (after, _) = self.error(found.last(), &report);
+        let channel = ChannelError {
+            before,
+            after,
+            floor: None,
+            unit: self.machine.axis.units.position.to_owned(),
+            before_percent: 100.0 * before / output,
+            after_percent: 100.0 * after / output,
+        };
+        let declared = parameters(self.machine, &found.structure(), &found.last().fitted);
+        let open = Open {
+            contested: contested.and_then(|s| Some((s.added.sited, *s.rivals.first()?))),
+            unlisted: found.unlisted.as_ref().map(|u| u.variable),
+            unsure: declared.iter().find(|p| !p.identifiable && p.declared.is_some()).map(|p| p.name.clone()),
+            last: found.steps.last().map(|s| s.added.sited),
+            records: self.records.len(),
+            spring: true,
+        };
+        Outcome {
+            verdict,
+            effects: self.effects(),
+            ambiguous_with: rivals.iter().map(named).collect(),
+            remains,
+            unlisted: found.unlisted.as_ref().map(|u| UnlistedTable {
+                site: self.machine.sites.first().copied().unwrap_or_default().into(),
+                depends_on: u.variable.name().into(),
+                table: u.table.clone(),
+            }),
+            left: self.left(),
+            error: BTreeMap::from([("output".to_owned(), channel)]),
+            parameters: declared,
+            records: roles(self.machine, self.blocks),
+            next_experiment: open.next_experiment(),
+            steps: self.steps(),
+            candidates: self.candidates(),
+            notes: self.notes(),
+            seconds: 0.0,
+        }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let shift = |proved: &super::oscillator_search::Proved| {
+            let (structure, fitted) = (&proved.structure, &proved.simulated.fitted);
+            let shift = self.machine.hidden_shift(structure, fitted).filter(|_| shows(&proved.verdict))?;
+            Some(shift_note(self.machine, &proved.verdict, shift))
+        };
+        self.notes.iter().cloned().chain(self.found.last_proved.iter().filter_map(shift)).collect()
+    }
+
+    /// Root mean square of the output error over some blocks, and of the output over the same rows.
+    fn error(&self, simulated: &Simulated, blocks: &[Block]) -> (f64, f64) {
+        let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
+        for block in blocks {
+            e += self.bench().residual(simulated, block).iter().map(|e| e * e).sum::<f64>();
+            y += self.records[block.record].output[block.rows.clone()].iter().map(|y| y * y).sum::<f64>();
+            n += block.rows.len();
+        }
+        ((e / n.max(1) as f64).sqrt(), (y / n.max(1) as f64).sqrt())
+    }
+
+    fn effects(&self) -> Vec<FoundEffect> {
+        let structure = self.found.structure();
+        let effect = |(at, step): (usize, &super::oscillator_search::Step)| {
+            let sited = step.added.sited;
+            FoundEffect {
+                id: sited.effect.id().into(),
+                site: sited.site.into(),
+                parameters: effect_parameters(self.machine, &structure, at, &self.found.last().fitted),
+                t: step.added.verdict.t,
+                gain_percent: step.added.verdict.gain_percent,
+            }
+        };
+        self.found.steps.iter().enumerate().map(effect).collect()
+    }
+
+    /// Errors after each step; an effect of two terms is shown with its first term alone, too.
+    fn steps(&self) -> Vec<StepError> {
+        let declared = Structure::default();
+        let found = &self.found;
+        let mut out: Vec<StepError> =
+            vec![self.step("declared".to_owned(), &declared, &found.base, &found.base.fitted, &[])];
+        for step in &found.steps {
+            let (structure, simulated) = (&step.added.structure, &step.added.simulated);
+            let id = step.added.sited.effect.id();
+            let terms = self.machine.terms_of(step.added.sited.inverse);
+            if terms.len() == 2 {
+                let all = self.machine.terms(structure).len();
+                let second = [all - 1];
+                let fit = of(self.blocks, Role::Fit);
+                if let Some(first) = self.bench().fit(structure, &fit, &simulated.fitted, &second) {
+                    let name = format!("{id}, {} alone", terms[0].name);
+                    out.push(self.step(name, structure, &first, &simulated.fitted, &second));
+                }
+            }
+            out.push(self.step(id.to_owned(), structure, simulated, &simulated.fitted, &[]));
+        }
+        out
+    }
+
+    fn step(
+        &self,
+        model: String,
+        structure: &Structure<'static>,
+        simulated: &Simulated,
+        start: &Fitted,
+        without: &[usize],
+    ) -> StepError {
+        let machine = self.machine;
+        let percent = |simulated: &Simulated, blocks: &[Block]| {
+            let (e, y) = self.error(simulated, blocks);
+            100.0 * e / y
+        };
+        let by_role = |role| percent(simulated, &of(self.blocks, role));
+        let rows = self.records.iter().map(|r| r.output.len()).enumerate();
+        let all: Vec<Block> = rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect();
+        let whole = self.bench().fit(structure, &all, start, without);
+        let terms = machine.terms(structure).into_iter().map(|t| t.name);
+        let names = machine.parameters.iter().map(|p| p.name.clone()).chain(terms);
+        StepError {
+            model,
+            fit_percent: by_role(Role::Fit),
+            select_percent: by_role(Role::Select),
+            report_percent: by_role(Role::Report),
+            all_rows_percent: whole.as_ref().map_or(f64::NAN, |w| percent(w, &all)),
+            all_rows_parameters: whole.map_or(Vec::new(), |w| {
+                names.enumerate().map(|(i, n)| (n, w.fitted.fit.coefficients[i], w.fitted.std[i])).collect()
+            }),
+        }
+    }
+
+    fn candidates(&self) -> Vec<CandidateGain> {
+        let row = |round: usize, generic: bool, (c, simulated): &(Candidate, bool)| CandidateGain {
+            round,
+            id: if *simulated { c.id.to_owned() } else { format!("{} (screened)", c.id) },
+            generic,
+            gain_percent: c.gain_percent,
+            t: c.t,
+            blocks_better: c.better,
+            blocks_worse: c.worse,
+            accepted: c.accepted,
+        };
+        let found = &self.found;
+        let last = found.steps.len() + 1;
+        let mut out = Vec::new();
+        for (i, step) in found.steps.iter().enumerate() {
+            out.extend(step.ranking.iter().map(|c| row(i + 1, false, c)));
+        }
+        out.extend(found.last_ranking.iter().map(|c| row(last, false, c)));
+        out.extend(found.generic.iter().map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))));
+        out
+    }
+
+    /// What shows in the last round and is too small for a name. Sizes are what it changes in the output.
+    fn left(&self) -> Vec<Left> {
+        let select = of(self.blocks, Role::Select);
+        let now = &self.found.last().outputs;
+        let mut left: Vec<Left> = Vec::new();
+        for proved in self.found.last_proved.iter().filter(|p| shows(&p.verdict)) {
+            let (mut sum, mut rows) = (0.0, 0usize);
+            for block in &select {
+                let (with, without) = (&proved.simulated.outputs[block.record], &now[block.record]);
+                sum += block.rows.clone().map(|r| (with[r] - without[r]).powi(2)).sum::<f64>();
+                rows += block.rows.len();
+            }
+            let at = proved.structure.effects.len() - 1;
+            left.push(Left {
+                id: proved.verdict.id.into(),
+                site: Some(proved.sited.site.into()),
+                size: (sum / rows.max(1) as f64).sqrt(),
+                unit: self.machine.axis.units.position.into(),
+                gain_percent: proved.verdict.gain_percent,
+                t: proved.verdict.t,
+                parameters: effect_parameters(self.machine, &proved.structure, at, &proved.simulated.fitted),
+            });
+        }
+        left
+    }
+
+    fn view(&self) -> page::View {
+        let records = self.machine.balances.iter().zip(self.records).enumerate().map(|(i, (b, record))| {
+            let block = Block { record: i, rows: 0..b.rows(), role: Role::Fit };
+            page::RecordView {
+                name: b.name.clone(),
+                time: b.signals.rows(&b.signals.time),
+                position: b.signals.rows(&b.signals.position),
+                velocity: b.signals.rows(&b.signals.velocity),
+                measured: record.output.clone(),
+                before: self.bench().residual(&self.found.base, &block),
+                after: self.bench().residual(self.found.last(), &block),
+            }
+        });
+        page::View {
+            units: self.machine.axis.units,
+            channel: page::Channel::Output,
+            spring: true,
+            records: records.collect(),
+            words: self.found.steps.iter().map(|s| s.added.sited.effect.words()).collect(),
+            cut_off: self.machine.axis.cut_off,
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! Fits a simulated model to measured outputs by Levenberg-Marquardt.
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
+
+use super::simulation::{Force, Input, Oscillator, steps};
+use crate::effects::Shape;
+use crate::inverse::model::{Column, Fitted, Machine, Structure};
+use crate::inverse::signals::FINER;
+use crate::inverse::split::Block;
+use crate::regression::{Bound, Fit, Gram, standard_deviations};
+use crate::spectral::Spectrum;
+
+/// A simulated output this many times beyond the measured one is no fit.
+const LARGEST: f64 = 20.0;
+/// Clusters of the sandwich last this many decay times of the machine.
+const CLUSTER_DECAYS: f64 = 4.0;
+
+/// One record: measured output, and the input as the simulation wants it, both from the first row on.
+pub struct Record {
+    /// Output at the rows.
+    pub output: Vec<f64>,
+    /// Input.
+    pub input: Input,
+    /// Position and velocity at the first row.
+    pub start: (f64, f64),
+    largest: f64,
+}
+
+impl Record {
+    /// From one record's columns, of which `rows` from sample `first` on are used; position and velocity at that sample.
+    /// `natural` is the highest natural frequency to expect (rad/s). `None` where the input has no transform.
+    pub fn new(
+        time: &[f64],
+        (input, output): (&[f64], &[f64]),
+        (first, rows): (usize, usize),
+        start: (f64, f64),
+        natural: f64,
+    ) -> Option<Self> {
+        let sampling = (time.last()? - time.first()?) / (time.len() - 1) as f64;
+        let steps = steps(natural, sampling);
+        let fine = Spectrum::of(input)?.wave(2 * steps, 0, 1.0 / sampling, |_| 1.0)?;
+        let values = fine.get(2 * steps * first..=2 * steps * (first + rows - 1))?.to_vec();
+        let output = output.get(first..first + rows)?.to_vec();
+        let largest = LARGEST * output.iter().fold(0.0f64, |top, y| top.max(y.abs()));
+        let input = Input { values, steps, step: sampling / steps as f64, start: *time.get(first)? };
+        Some(Self { output, input, start, largest })
+    }
+
+    /// The sample of the first row of a balance of band-limited signals.
+    pub fn first_sample(before_rows: usize) -> usize {
+        before_rows / FINER
+    }
+}
+
+/// A fitted simulation.
+#[derive(Clone, Debug)]
+pub struct Simulated {
+    /// Amplitudes, their standard deviations and shapes; no columns.
+    pub fitted: Fitted,
+    /// Simulated output of each record, row by row.
+    pub outputs: Vec<Vec<f64>>,
+}
+
+/// What the fits of all structures share.
+pub struct Bench<'a> {
+    /// Declared model and records, for their parameters, bounds and scales.
+    pub machine: &'a Machine,
+    /// The records as they are simulated.
+    pub records: &'a [Record],
+}
+
+impl Bench<'_> {
+    /// Output less simulation, over some rows.
+    pub fn residual(&self, simulated: &Simulated, block: &Block) -> Vec<f64> {
+        let (measured, model) = (&self.records[block.record].output, &simulated.outputs[block.record]);
+        block.rows.clone().map(|row| measured[row] - model[row]).collect()
+    }
+
+    /// Mean squared residual of each block.
+    pub fn mean_squares(&self, simulated: &Simulated, blocks: &[Block]) -> Vec<f64> {
+        let mean = |e: Vec<f64>| e.iter().map(|e| e * e).sum::<f64>() / e.len().max(1) as f64;
+        blocks.iter().map(|block| mean(self.residual(simulated, block))).collect()
+    }
+
+    /// Fits amplitudes and shapes on `blocks`, from where `start` stands. Terms that `without` names by their place among the
+    /// structure's stay at 0. `None` where the model at the start cannot be simulated.
+    pub fn fit(
+        &self,
+        structure: &Structure<'_>,
+        blocks: &[Block],
+        start: &Fitted,
+        without: &[usize],
+    ) -> Option<Simulated> {
+        let problem = Problem::new(self, structure, blocks, start, without);
+        let before = problem.residuals()?.norm_squared();
+        let first = problem.moved.clone();
+        let lm = LevenbergMarquardt::new().with_ftol(1e-5).with_xtol(1e-4).with_patience(8);
+        let (mut problem, _) = lm.minimize(problem);
+        let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
+        if after.is_nan() || after > before {
+            problem.set_params(&first);
+        }
+        problem.finish()
+    }
+}
+
+/// One number that is fitted.
+enum Place<'s> {
+    Amplitude(usize, f64, Bound),
+    Shape(usize, &'s Shape),
+}
+
+/// Output error as a function of how far each number has moved from the start, in units of its own size.
+struct Problem<'a> {
+    bench: &'a Bench<'a>,
+    structure: &'a Structure<'a>,
+    blocks: &'a [Block],
+    start: Fitted,
+    shapes: Vec<Shape>,
+    bounds: Vec<Bound>,
+    /// Amplitudes that are fitted: place and size.
+    amplitudes: Vec<(usize, f64)>,
+    /// Shapes that are fitted.
+    free_shapes: Vec<usize>,
+    moved: DVector<f64>,
+    /// Residuals at `moved`, once they are known.
+    here: Option<DVector<f64>>,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        bench: &'a Bench<'a>,
+        structure: &'a Structure<'a>,
+        blocks: &'a [Block],
+        start: &Fitted,
+        without: &[usize],
+    ) -> Self {
+        let machine = bench.machine;
+        let (shapes, mut bounds) = (machine.shapes(structure), machine.bounds(structure));
+        let mut start = start.clone();
+        for term in without {
+            let at = machine.parameters.len() + term;
+            bounds[at] = (0.0, 0.0);
+            start.fit.coefficients[at] = 0.0;
+        }
+        let amplitudes: Vec<(usize, f64)> = (0..bounds.len())
+            .filter(|i| bounds[*i].0 < bounds[*i].1)
+            .map(|i| {
+                let spread = machine.parameters.get(i).map_or(0.0, |p| 0.1 * p.spread);
+                let size = start.fit.coefficients[i].abs().max(start.std[i]).max(spread);
+                (i, if size > 0.0 && size.is_finite() { size } else { 1.0 })
+            })
+            .collect();
+        // The smoothing speed stays where the force balance found it: output hardly feels it.
+        let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
+        let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
+        let mut problem =
+            Self { bench, structure, blocks, start, shapes, bounds, amplitudes, free_shapes, moved, here: None };
+        problem.here = problem.residuals_at(&problem.moved);
+        problem
+    }
+
+    /// Amplitudes and shapes at a place.
+    fn values(&self, moved: &DVector<f64>) -> (DVector<f64>, Vec<f64>) {
+        let mut coefficients = self.start.fit.coefficients.clone();
+        let mut shapes = self.start.shapes.clone();
+        for ((i, size), moved) in self.amplitudes.iter().zip(moved.iter()) {
+            coefficients[*i] = (coefficients[*i] + size * moved).clamp(self.bounds[*i].0, self.bounds[*i].1);
+        }
+        for (i, moved) in self.free_shapes.iter().zip(moved.iter().skip(self.amplitudes.len())) {
+            let shape = &self.shapes[*i];
+            // A unit of movement is the way from one point of the grid to the next.
+            let share = shape.share(shapes[*i]) + moved / (shape.points - 1) as f64;
+            shapes[*i] = shape.at(share);
+        }
+        (coefficients, shapes)
+    }
+
+    /// The same place, or the nearest one that bounds and ranges allow.
+    fn within(&self, moved: &DVector<f64>) -> DVector<f64> {
+        let mut inside = moved.clone();
+        for (k, (i, size)) in self.amplitudes.iter().enumerate() {
+            let (start, bound) = (self.start.fit.coefficients[*i], self.bounds[*i]);
+            inside[k] = moved[k].clamp((bound.0 - start) / size, (bound.1 - start) / size);
+        }
+        for (k, i) in self.free_shapes.iter().enumerate() {
+            let (shape, k) = (&self.shapes[*i], k + self.amplitudes.len());
+            let (start, last) = (shape.share(self.start.shapes[*i]), (shape.points - 1) as f64);
+            inside[k] = moved[k].clamp(-start * last, (1.0 - start) * last);
+        }
+        inside
+    }
+
+    fn simulate(&self, moved: &DVector<f64>) -> Option<Vec<Vec<f64>>> {
+        let machine = self.bench.machine;
+        let (coefficients, shapes) = self.values(moved);
+        let of = |column| {
+            let at = machine.parameters.iter().position(|p| p.column == column);
+            at.map_or(0.0, |i| coefficients[i])
+        };
+        let mut forces = Vec::new();
+        let mut amplifiers = Vec::new();
+        let mut at = machine.parameters.len();
+        let mut dry = of(Column::Sign);
+        for (effect, place) in self.structure.effects.iter().zip(machine.places(self.structure)) {
+            let terms = machine.terms_of(*effect).len();
+            let (amplitudes, shapes) = (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
+            at += terms;
+            if effect.uses_sign() {
+                dry += amplitudes.iter().map(|a| a.abs()).sum::<f64>();
+            }
+            match effect.law() {
+                _ if terms == 0 => {}
+                Some(law) => forces.push(Force { law, amplitudes, shapes }),
+                None => amplifiers.push((*effect, amplitudes, shapes)),
+            }
+        }
+        let mass = of(Column::Acceleration);
+        let run = |record: &Record| {
+            let step = record.input.step;
+            let mut delivered = None;
+            for (effect, amplitudes, shapes) in &amplifiers {
+                let command = delivered.as_ref().unwrap_or(&record.input.values);
+                delivered = effect.deliver(command, 0.5 * step, amplitudes, shapes).or(delivered);
+            }
+            let input = delivered.map(|values| Input { values, ..record.input.clone() });
+            let uses_sign = machine.uses_sign(self.structure);
+            let oscillator = Oscillator {
+                mass,
+                damping: of(Column::Velocity),
+                stiffness: of(Column::Position),
+                coulomb: of(Column::Sign),
+                offset: of(Column::One),
+                // Steeper, the step in the friction would be too much for an explicit step.
+                smoothing: uses_sign.then_some(shapes[0].max(dry * step / mass)),
+                forces: forces
+                    .iter()
+                    .map(|f| Force { law: f.law, amplitudes: f.amplitudes.clone(), shapes: f.shapes.clone() })
+                    .collect(),
+            };
+            oscillator.run(input.as_ref().unwrap_or(&record.input), record.start, record.largest)
+        };
+        if mass <= 0.0 {
+            return None;
+        }
+        self.bench.records.iter().map(run).collect()
+    }
+
+    fn errors(&self, outputs: &[Vec<f64>]) -> DVector<f64> {
+        let error = |block: &Block| {
+            let (measured, model) = (&self.bench.records[block.record].output, &outputs[block.record]);
+            block.rows.clone().map(|row| measured[row] - model[row]).collect::<Vec<f64>>()
+        };
+        DVector::from_vec(self.blocks.iter().flat_map(error).collect())
+    }
+
+    fn residuals_at(&self, moved: &DVector<f64>) -> Option<DVector<f64>> {
+        self.simulate(moved).map(|outputs| self.errors(&outputs))
+    }
+
+    fn place(&self, k: usize) -> Place<'_> {
+        match self.amplitudes.get(k) {
+            Some((i, size)) => Place::Amplitude(*i, *size, self.bounds[*i]),
+            None => {
+                let i = self.free_shapes[k - self.amplitudes.len()];
+                Place::Shape(i, &self.shapes[i])
+            }
+        }
+    }
+
+    /// How far to move one number for a difference: a thousandth of its size, away from a bound.
+    fn difference(&self, k: usize) -> f64 {
+        let step = 1e-3;
+        let (coefficients, shapes) = self.values(&self.moved);
+        let inward = match self.place(k) {
+            Place::Amplitude(i, size, bound) => coefficients[i] + step * size > bound.1,
+            Place::Shape(i, shape) => shape.share(shapes[i]) + step / (shape.points - 1) as f64 > 1.0,
+        };
+        if inward { -step } else { step }
+    }
+
+    fn finish(self) -> Option<Simulated> {
+        let outputs = self.simulate(&self.moved)?;
+        let errors = self.errors(&outputs);
+        let jacobian = self.jacobian()?;
+        let (coefficients, shapes) = self.values(&self.moved);
+        let at_edge = |i: usize| {
+            let (low, high) = self.bounds[i];
+            coefficients[i] <= low || coefficients[i] >= high
+        };
+        let n = self.moved.len();
+        let edge = |k: usize| matches!(self.place(k), Place::Amplitude(i, ..) if at_edge(i));
+        let columns: Vec<Vec<f64>> = (0..n).map(|k| jacobian.column(k).iter().map(|j| -j).collect()).collect();
+        let mut gram = Gram::empty(n);
+        gram.add(&columns, errors.as_slice(), 0..errors.len());
+        let local = Fit {
+            coefficients: DVector::zeros(n),
+            // What the output does not feel has no standard deviation either.
+            at_bound: (0..n).map(|k| edge(k) || columns[k].iter().all(|c| *c == 0.0)).collect(),
+            squares: errors.norm_squared(),
+        };
+        let std = standard_deviations(&gram, &local, &self.scores(&columns, &errors, &coefficients));
+        let mut all = vec![0.0; self.bounds.len()];
+        for (k, (i, size)) in self.amplitudes.iter().enumerate() {
+            all[*i] = std[k] * size;
+        }
+        let fit = Fit {
+            at_bound: (0..self.bounds.len()).map(at_edge).collect(),
+            coefficients: coefficients.clone(),
+            squares: errors.norm_squared(),
+        };
+        Some(Simulated { fitted: Fitted { fit, std: all, shapes, columns: Vec::new() }, outputs })
+    }
+
+    /// `Jᵀe` by clusters that outlast the machine's memory.
+    fn scores(&self, columns: &[Vec<f64>], errors: &DVector<f64>, coefficients: &DVector<f64>) -> Vec<DVector<f64>> {
+        let of = |column| {
+            let at = self.bench.machine.parameters.iter().position(|p| p.column == column);
+            at.map_or(0.0, |i| coefficients[i])
+        };
+        let decay = 2.0 * of(Column::Acceleration) / of(Column::Velocity).max(f64::MIN_POSITIVE);
+        let input = &self.bench.records[0].input;
+        let rows = CLUSTER_DECAYS * decay / (input.step * input.steps as f64);
+        let longest = (errors.len() / 20).max(1);
+        let rows = (rows.ceil() as usize).clamp(1, longest);
+        let score = |from: usize| {
+            let to = (from + rows).min(errors.len());
+            let sum = |c: &Vec<f64>| (from..to).map(|r| c[r] * errors[r]).sum::<f64>();
+            DVector::from_iterator(columns.len(), columns.iter().map(sum))
+        };
+        (0..errors.len()).step_by(rows).map(score).collect()
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, moved: &DVector<f64>) {
+        self.moved = self.within(moved);
+        self.here = self.residuals_at(&self.moved);
+    }
+    fn params(&self) -> DVector<f64> {
+        self.moved.clone()
+    }
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let rows = self.blocks.iter().map(|b| b.rows.len()).sum();
+        // Too far off to be simulated is a very bad fit, not the end of the search.
+        let far = self.bench.records.iter().map(|r| r.largest).fold(0.0, f64::max);
+        Some(self.here.clone().unwrap_or_else(|| DVector::from_element(rows, far)))
+    }
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let here = self.here.as_ref()?;
+        let mut jacobian = DMatrix::zeros(here.len(), self.moved.len());
+        for k in 0..self.moved.len() {
+            let step = self.difference(k);
+            let mut moved = self.moved.clone();
+            moved[k] += step;
+            jacobian.set_column(k, &((self.residuals_at(&moved)? - here) / step));
+        }
+        Some(jacobian)
+    }
+}

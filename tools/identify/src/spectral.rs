@@ -1,0 +1,208 @@
+//! Signals whose spectrum ends below half the sampling frequency: interpolated, differentiated and low-passed by their
+//! Fourier transform.
+//!
+//! A record is no period of anything, so its end is joined to its start by a stretch of odd reflections that fade into
+//! one another. What that does to the record itself decays within [`LowPass::settling`] samples of both ends, which callers
+//! leave out. Between the two edges the result is exact for a band-limited signal: the interpolation of Whittaker and
+//! Shannon.
+
+use std::cell::RefCell;
+use std::f64::consts::{PI, TAU};
+
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
+
+/// Samples of the stretch that joins end and start, at most.
+const JOIN: usize = 512;
+
+thread_local! {
+    /// Plans are costly and serve every signal of the same length.
+    static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
+}
+
+/// A signal in frequency.
+pub struct Spectrum {
+    bins: Vec<Complex<f64>>,
+    length: usize,
+    samples: usize,
+}
+
+/// The smallest even number from `least` on whose prime factors are 2, 3 and 5: transforms of such lengths are fast.
+fn smooth_length(least: usize) -> usize {
+    let smooth = |n: &usize| {
+        let mut rest = *n;
+        for factor in [2, 3, 5] {
+            while rest.is_multiple_of(factor) {
+                rest /= factor;
+            }
+        }
+        rest == 1
+    };
+    (least.div_ceil(2)..).find(smooth).unwrap_or(least) * 2
+}
+
+impl Spectrum {
+    /// The transform of a signal of at least two samples.
+    pub fn of(signal: &[f64]) -> Option<Self> {
+        let n = signal.len();
+        let (first, last) = (*signal.first()?, *signal.last()?);
+        if n < 2 {
+            return None;
+        }
+        let join = JOIN.min(n - 1);
+        let length = smooth_length(n + join);
+        let gap = length - n;
+        let mut work = signal.to_vec();
+        for j in 1..=gap {
+            let onward = 2.0 * last - signal[n - 1 - j.min(n - 1)];
+            let back = 2.0 * first - signal[(gap + 1 - j).min(n - 1)];
+            let weight = 0.5 * (1.0 + (PI * j as f64 / (gap + 1) as f64).cos());
+            work.push(weight * onward + (1.0 - weight) * back);
+        }
+        let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(length));
+        let mut bins = plan.make_output_vec();
+        plan.process(&mut work, &mut bins).ok()?;
+        Some(Self { bins, length, samples: n })
+    }
+
+    /// The signal, or its derivative of that order, at `factor` times the sampling frequency, from the first sample to
+    /// the last; each frequency (Hz) weighted. `None` where the transform fails.
+    pub fn wave(&self, factor: usize, derivative: u32, sampling: f64, weight: impl Fn(f64) -> f64) -> Option<Vec<f64>> {
+        let length = self.length * factor;
+        let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(length));
+        let mut bins = plan.make_input_vec();
+        let nyquist = self.length / 2;
+        for (k, (to, from)) in bins.iter_mut().zip(&self.bins).enumerate() {
+            let frequency = k as f64 * sampling / self.length as f64;
+            let turn = Complex::new(0.0, TAU * frequency).powu(derivative);
+            // The bin at half the sampling frequency stands for two when the wave is made finer.
+            let share = if k == nyquist && factor > 1 { 0.5 } else { 1.0 };
+            *to = *from * turn * (share * weight(frequency) / self.length as f64);
+        }
+        for edge in [0, length / 2] {
+            if let Some(bin) = bins.get_mut(edge) {
+                bin.im = 0.0;
+            }
+        }
+        let mut out = plan.make_output_vec();
+        plan.process(&mut bins, &mut out).ok()?;
+        out.truncate((self.samples - 1) * factor + 1);
+        Some(out)
+    }
+
+    /// The frequency (Hz) below which this share of the energy lies, the mean left out.
+    pub fn energy_below(&self, share: f64, sampling: f64) -> f64 {
+        let energy: Vec<f64> = self.bins.iter().skip(1).map(Complex::norm_sqr).collect();
+        let total: f64 = energy.iter().sum();
+        let mut sum = 0.0;
+        let below = energy.iter().take_while(|e| {
+            sum += **e;
+            sum < share * total
+        });
+        (below.count() + 1) as f64 * sampling / self.length as f64
+    }
+}
+
+/// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Parts that take no part are 0.
+pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
+    let length = smooth_length(4 * signal.len().max(1));
+    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(length));
+    let mut work = plan.make_input_vec();
+    work[..signal.len()].copy_from_slice(signal);
+    let mut bins = plan.make_output_vec();
+    if plan.process(&mut work, &mut bins).is_err() {
+        return Vec::new();
+    }
+    bins.iter().enumerate().map(|(k, bin)| (k as f64 * sampling / length as f64, bin.norm_sqr())).collect()
+}
+
+/// A low-pass without phase: 1 up to the cut-off, 0 from 1.25 times the cut-off on, a half cosine between.
+#[derive(Clone, Copy, Debug)]
+pub struct LowPass {
+    /// End of what passes unchanged (Hz).
+    pub cut_off: f64,
+    /// Sampling frequency (Hz).
+    pub sampling: f64,
+}
+
+impl LowPass {
+    /// Weight of a frequency (Hz).
+    pub fn weight(&self, frequency: f64) -> f64 {
+        let share = ((frequency / self.cut_off - 1.0) / 0.25).clamp(0.0, 1.0);
+        0.5 * (1.0 + (PI * share).cos())
+    }
+
+    /// Samples at each end that still feel the edge: sixteen periods of the cut-off.
+    pub fn settling(&self) -> usize {
+        (16.0 * self.sampling / self.cut_off).ceil() as usize
+    }
+
+    /// The signal without what lies above the cut-off; as long as the input.
+    pub fn run(&self, signal: &[f64]) -> Vec<f64> {
+        Spectrum::of(signal)
+            .and_then(|s| s.wave(1, 0, self.sampling, |f| self.weight(f)))
+            .unwrap_or_else(|| signal.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tones(t: f64) -> (f64, f64, f64) {
+        let mut sum = (0.3, 0.0, 0.0);
+        for (frequency, size, phase) in [(7.3, 1.0, 0.4), (61.0, 0.5, 1.0), (133.7, 0.2, 2.0)] {
+            let w = TAU * frequency;
+            let (sine, cosine) = (w * t + phase).sin_cos();
+            sum = (sum.0 + size * sine, sum.1 + size * w * cosine, sum.2 - size * w * w * sine);
+        }
+        sum
+    }
+
+    #[test]
+    fn tones_are_interpolated_and_differentiated_exactly_away_from_the_edges() {
+        let (sampling, n) = (600.0, 4000);
+        let signal: Vec<f64> = (0..n).map(|i| tones(f64::from(i) / sampling).0).collect();
+        let spectrum = Spectrum::of(&signal).unwrap();
+        let low_pass = LowPass { cut_off: 200.0, sampling };
+        for (order, size) in [(0, 1.7), (1, 400.0), (2, 2e5)] {
+            let wave = spectrum.wave(4, order, sampling, |f| low_pass.weight(f)).unwrap();
+            assert_eq!(wave.len(), 4 * (n as usize - 1) + 1);
+            for (i, value) in wave.iter().enumerate().skip(2000).take(12_000) {
+                let exact = tones(i as f64 / (4.0 * sampling));
+                let exact = [exact.0, exact.1, exact.2][order as usize];
+                assert!((value - exact).abs() < 1e-4 * size, "order {order}, {i}: {value} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_low_pass_takes_out_what_lies_above_and_nothing_below() {
+        let sampling = 600.0;
+        let low_pass = LowPass { cut_off: 100.0, sampling };
+        for (frequency, gain) in [(20.0, 1.0), (99.0, 1.0), (126.0, 0.0), (250.0, 0.0)] {
+            let wave: Vec<f64> = (0..6000).map(|i| (TAU * frequency * f64::from(i) / sampling).sin()).collect();
+            let settled = low_pass.settling();
+            for (a, b) in low_pass.run(&wave)[settled..6000 - settled].iter().zip(&wave[settled..]) {
+                assert!((a - gain * b).abs() < 2e-3, "{frequency} Hz: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn energy_and_peaks_lie_where_the_tone_is() {
+        let wave: Vec<f64> = (0..3000).map(|i| (TAU * 31.4 * f64::from(i) / 500.0).sin()).collect();
+        let edge = Spectrum::of(&wave).unwrap().energy_below(0.99, 500.0);
+        assert!((31.0..33.0).contains(&edge), "{edge}");
+        let peak = periodogram(&wave, 500.0).into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        assert!((peak.0 - 31.4).abs() < 0.05, "{peak:?}");
+    }
+
+    #[test]
+    fn lengths_are_even_and_smooth() {
+        for (least, expected) in [(2, 2), (7, 8), (62, 64), (65_574, 65_610)] {
+            let length = smooth_length(least);
+            assert!(length >= least && length.is_multiple_of(2) && length <= expected, "{least}: {length}");
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! What the tests of models of one channel share.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use identify::error::IdentifyError;
+use identify::input::Series;
+use identify::models::{ALL, Options};
+use identify::outcome::Outcome;
+
+/// A generator good enough for noise (xorshift64*), summed to be nearly normal.
+pub(crate) struct Noise(pub(crate) u64);
+
+impl Noise {
+    pub(crate) fn uniform(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
+    }
+    pub(crate) fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+pub(crate) fn series<const N: usize>(file: &str, columns: [(&str, Vec<f64>); N]) -> Series {
+    let columns = columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect();
+    Series { file: file.to_owned(), columns, role: None, notes: Vec::new() }
+}
+
+pub(crate) fn parameter(name: &str, value: f64, tolerance: f64, absolute: Option<f64>) -> rig::Parameter {
+    let source = rig::ParameterSource::Assumed;
+    rig::Parameter { name: name.into(), value, tolerance, tolerance_absolute: absolute, source }
+}
+
+pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig::Model {
+    rig::Model { kind, parameters, handle_coupling: Vec::new() }
+}
+
+pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
+    let kind = ALL.iter().find(|m| m.kind() == model.kind).unwrap();
+    let (outcome, page) = kind.identify("rig.toml", model, records, Options { jobs: 2, seed: 1, gear: 1.0 })?;
+    // Every outcome must make a page.
+    page.render().unwrap();
+    Ok(outcome)
+}
+
+pub(crate) fn ids(outcome: &Outcome) -> Vec<&str> {
+    outcome.effects.iter().map(|e| e.id.as_str()).collect()
+}
+
+/// Value and standard deviation of a parameter of an effect.
+pub(crate) fn effect(outcome: &Outcome, name: &str) -> (f64, f64) {
+    let all = outcome.effects.iter().flat_map(|e| &e.parameters);
+    all.filter(|p| p.name == name).map(|p| (p.value, p.std.unwrap_or(f64::NAN))).next().unwrap()
+}
+
+/// A record measured by others, from beside the project; `None`, said loudly, where it is absent.
+pub(crate) fn measured(name: &str) -> Option<Series> {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there; the measured record took no part in this test", path.display());
+        return None;
+    }
+    let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
+    let mut columns = vec![("t_s".to_owned(), read.time_s)];
+    columns.extend(read.columns);
+    Some(Series { file: name.into(), columns, role: None, notes: Vec::new() })
+}
+
+/// The model of a shipped rig file.
+pub(crate) fn shipped(name: &str) -> rig::Model {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs").join(name);
+    rig::RigFile::load(path).unwrap().model
+}
