@@ -64,7 +64,8 @@ fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page, (String, String)
     let records = records(args, &names)?;
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let gear = rig.axes[0].master.turns_per_handle_turn;
-    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed, gear };
+    let slave_count_rad = rig.axes[0].slave.map(|encoder| 1.0 / encoder.counts_per_unit);
+    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed, gear, slave_count_rad };
     let (outcome, page) = model.identify(&args.rig.display().to_string(), &rig.model, &records, options)?;
     let told = model.sentences(&outcome);
     Ok((outcome, page, told))

@@ -12,6 +12,8 @@ use crate::error::{IdentifyError, Result};
 
 /// Name of the parameter that rounds dry friction at rest: the model's own, declared nowhere.
 pub const SMOOTHING: &str = "friction_smoothing_rad_s";
+/// Name of the parameter that shifts the slave's encoder by up to a count: where it stands when it counts 0, nobody knows closer.
+pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
 /// Between which it is looked for, and where a search begins (rad/s).
 const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
 /// Where a search begins.
@@ -111,11 +113,11 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The model of a rig file (`file`, for messages) with its records.
+    /// The model of a rig file (`file`, for messages) with its records; `slave_count_rad` is a count of the slave's encoder (rad).
     ///
     /// # Errors
     /// Where the declaration is no transmission, or holds what a transmission cannot be.
-    pub fn new(file: &str, declared: &Declared, records: Vec<Record>) -> Result<Self> {
+    pub fn new(file: &str, declared: &Declared, records: Vec<Record>, slave_count_rad: Option<f64>) -> Result<Self> {
         let constants = declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
         let mut base = Vec::new();
         for parameter in &declared.parameters {
@@ -148,6 +150,17 @@ impl Machine {
                 logarithmic: true,
             });
         }
+        if let Some(count) = slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some())) {
+            base.push(BaseParameter {
+                name: SLAVE_ZERO.to_owned(),
+                unit: "rad",
+                declared: None,
+                start: 0.0,
+                low: -count,
+                high: count,
+                logarithmic: false,
+            });
+        }
         Ok(Self { declared: constants, base, records })
     }
 
@@ -172,7 +185,9 @@ impl Machine {
     /// Constants with a setting's values.
     fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
         let mut constants = self.declared.clone();
-        for (parameter, value) in self.base.iter().zip(&setting.base) {
+        for (parameter, value) in
+            self.base.iter().zip(&setting.base).filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
+        {
             match &mut constants {
                 any::Parameters::Hydrostatic(own) => own.set(&parameter.name, *value),
                 any::Parameters::Cable(own) => own.set(&parameter.name, *value),
@@ -195,7 +210,12 @@ impl Machine {
         in_plant.extend(setting.tables.iter().map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
         let slave = record.slave.as_deref();
-        plant.rest_at(record.master[0], slave.map(|slave| slave[0]));
+        let zero = self
+            .base
+            .iter()
+            .position(|parameter| parameter.name == SLAVE_ZERO)
+            .map_or(0.0, |index| setting.base[index]);
+        plant.rest_at(record.master[0], slave.map(|slave| slave[0] - zero));
         plant.set_time(record.start_s);
 
         let (hand, torque) = hand_torque(record, &mut on_torque);
@@ -209,7 +229,7 @@ impl Machine {
             for row in block * width..(block + 1) * width {
                 let reading = plant.reading();
                 let master_off = record.master[row] - reading.master_rad;
-                let slave_off = slave.map_or(0.0, |slave| slave[row] - reading.slave_rad);
+                let slave_off = slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
                 // Also what is no number has lost it.
                 if !(master_off.abs() < LOST_RAD && slave_off.abs() < LOST_RAD) {
                     return None;

@@ -37,6 +37,10 @@ pub const SEEING_RAD_S: f64 = 80.0;
 const SEEN: f64 = 0.02;
 /// Most declared parameters that a fit moves.
 const MOST_PARAMETERS: usize = 22;
+/// An error on the selecting records within this factor of what repeats differ by leaves nothing to be explained.
+const AT_FLOOR: f64 = 1.2;
+/// Effects that go by the clock: repeats differ by them too, and a floor does not speak against them.
+const BY_TIME: [&str; 4] = ["periodic_disturbance", "mains_hum", "thermal_drift", "sensor_drift"];
 /// A generic function must beat the best listed effect by this factor to overrule it.
 const OVERRULES: f64 = 1.3;
 
@@ -298,9 +302,11 @@ pub fn search(machine: &Machine) -> Option<Found> {
     let (mut now, mut knobs) = (base.clone(), base_knobs);
     let (mut steps, mut last_ranking) = (Vec::<Step>::new(), Vec::new());
     while steps.len() < MOST_EFFECTS {
+        let explained = at_floor(machine, &select.records, &now.setting)?;
         let before = select.residuals(&now.setting)?;
         let listed: Vec<Candidate> = candidates(&scale(&fit, &now))
             .into_iter()
+            .filter(|candidate| !explained || BY_TIME.contains(&candidate.id))
             .filter(|candidate| {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
@@ -346,7 +352,10 @@ pub fn search(machine: &Machine) -> Option<Found> {
             step.fitted = now.clone();
         }
     }
-    let (generic, nameless) = functions((&fit, &select), &now, &knobs)?;
+    let (generic, nameless) = match at_floor(machine, &select.records, &now.setting)? {
+        true => (Vec::new(), None),
+        false => functions((&fit, &select), &now, &knobs)?,
+    };
     let effect_knobs = knobs.split_off(base_count);
     Some(Found { base, knobs, steps, last_ranking, generic, nameless, effect_knobs })
 }
@@ -480,6 +489,12 @@ pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option
         out.push((channel, rms(rows.into_iter()), floor));
     }
     Some(out)
+}
+
+/// Whether records are explained as closely as repeats of a movement repeat; false where none is repeated.
+fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<bool> {
+    let errors = errors(machine, records, setting)?;
+    Some(errors.iter().all(|(_, error, floor)| floor.is_some_and(|floor| *error <= AT_FLOOR * floor)))
 }
 
 /// Whether a function without a name explains so much more than a listed effect that the name is wrong.

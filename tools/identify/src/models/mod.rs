@@ -37,6 +37,8 @@ pub struct Options {
     pub seed: u64,
     /// Turns of the model's master per turn of the measured one.
     pub gear: f64,
+    /// A count of the slave's encoder (rad), where there is one.
+    pub slave_count_rad: Option<f64>,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.

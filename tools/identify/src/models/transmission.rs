@@ -48,7 +48,7 @@ impl Model for Transmission {
         let mut laid_out =
             records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
-        let machine = Machine::new(rig_file, declared, laid_out)?;
+        let machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
             if of_role(&machine, role).is_empty() {
                 return Err(IdentifyError::Roles {
