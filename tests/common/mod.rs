@@ -5,6 +5,7 @@
 //! subscribes or publishes itself has a test binary of its own.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod host;
 pub mod witness;
 
 use std::fs::{File, OpenOptions};
@@ -27,7 +28,8 @@ pub struct TestRig {
 }
 
 impl TestRig {
-    /// Waits for its turn. `tag` makes the rig's name together with the process id.
+    /// Waits for its turn. `tag` makes the rig's name together with the process id. On a machine that cannot run a rig in real time
+    /// ([`host::stalls`]) it takes the best-effort profile, and says so.
     pub fn new(tag: &str) -> Self {
         let user = rustix::process::geteuid().as_raw();
         let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
@@ -35,7 +37,12 @@ impl TestRig {
         flock(&turn, FlockOperation::LockExclusive).unwrap();
         let name = format!("{tag}-{}", std::process::id()).parse().unwrap();
         let directory = tempfile::tempdir().unwrap();
-        Self { name, best_effort: false, directory, _turn: turn }
+        let best_effort = host::stalls();
+        if best_effort {
+            let longest = host::longest_delay().unwrap_or_default();
+            eprintln!("this machine takes its processors away for up to {longest:.1?}: best-effort profile");
+        }
+        Self { name, best_effort, directory, _turn: turn }
     }
 
     /// The same in the best-effort profile, for what has nothing to do with timing: a machine that is held up for milliseconds then

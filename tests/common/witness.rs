@@ -259,8 +259,12 @@ impl Witness {
         witness
     }
 
-    /// Keeps this many cores busy, at normal priority, for as long as the witness lives.
+    /// Keeps this many cores busy, at normal priority, for as long as the witness lives; a rig of the best-effort profile is
+    /// spared: that others' work does not hold a rig up is what the real-time class is for.
     pub fn load(&mut self, cores: usize) {
+        if self.profile() == Profile::BestEffort {
+            return;
+        }
         for _ in 0..cores {
             let stop = Arc::clone(&self.stop);
             self.threads.push(std::thread::spawn(move || {

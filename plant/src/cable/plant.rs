@@ -7,7 +7,7 @@ use super::lines::{Coupling, Lines, Supports};
 use super::modes::modes;
 use super::{Parameters, State};
 use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
-use crate::friction::{Advance, Load, advance, impose};
+use crate::friction::{Advance, Load, Smoothing, advance, impose};
 use crate::shared::Shared;
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
@@ -299,7 +299,7 @@ impl Plant {
                 viscous_forward: viscous,
                 viscous_backward: viscous,
                 dry,
-                smoothing: 0.0,
+                smoothing: Smoothing::default(),
             },
         };
         let added = self.effects.side(&mut load, moment);
@@ -324,7 +324,7 @@ impl Plant {
             viscous_forward: factor * viscous,
             viscous_backward: factor * viscous,
             dry,
-            smoothing: 0.0,
+            smoothing: Smoothing::default(),
         }
     }
 

@@ -4,6 +4,8 @@
 //! the instant at which it stops is resolved, and at rest the friction takes any value up to breakaway: the speed is
 //! exactly zero, with neither creep nor chatter. A movement that is only slowed is a midpoint rule (second order).
 
+use super::smoothed::{Smoothing, advance_smoothed};
+
 /// Dry friction, N·m or N, as positive magnitudes for movement in either direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DryFriction {
@@ -53,8 +55,8 @@ pub struct Load {
     pub viscous_backward: f64,
     /// Dry friction.
     pub dry: DryFriction,
-    /// Speed over which the dry friction is smoothed, rad/s or m/s: `v/√(v² + smoothing²)`; 0 for exact stick.
-    pub smoothing: f64,
+    /// How the dry friction passes through zero speed; exact stick by default.
+    pub smoothing: Smoothing,
 }
 
 /// What one degree of freedom did during a step.
@@ -71,7 +73,7 @@ pub struct Advance {
 /// Advances one degree of freedom that moves at `velocity` by `step` seconds.
 #[inline(always)]
 pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
-    if load.smoothing > 0.0 {
+    if load.smoothing.speed > 0.0 {
         return advance_smoothed(velocity, step, load);
     }
     if velocity == 0.0 {
@@ -157,38 +159,4 @@ fn start(step: f64, load: &Load) -> Advance {
         displacement: sign * displacement,
         dissipated: (level + viscous * mean) * displacement,
     }
-}
-
-/// Dry friction spread over a small speed, implicit in the new speed: for estimators that need a slope.
-#[cold]
-#[inline(never)]
-fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
-    let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
-    let half = 0.5 * step * viscous;
-    let (weight, drive) = (load.inertia + half, (load.inertia - half) * velocity + step * load.force);
-    // Mirrored, so that the new speed is forward.
-    let (sign, drive) = (drive.signum(), drive.abs());
-    let level = (if sign > 0.0 { load.dry.forward } else { load.dry.backward }).max(0.0);
-    let (smoothing, most) = (load.smoothing, step * level);
-    // `w v + h F v/√(v² + s²) = d` grows and bends down, so that each of Newton's steps ends on the left of the root, wherever it begins. What
-    // full friction leaves lies there too, and what a line through the origin, steeper than friction anywhere, gives.
-    let least = ((drive - most) / weight).max(drive / (weight + most / smoothing));
-    let mut speed = least.max(sign * velocity);
-    for _ in 0..30 {
-        let inverse = 1.0 / (speed * speed + smoothing * smoothing).sqrt();
-        let share = most * inverse;
-        let narrowed = smoothing * inverse;
-        let change = (drive - (weight + share) * speed) / (weight + share * narrowed * narrowed);
-        speed = (speed + change).max(least);
-        // What is left is of the order of the square.
-        if change.abs() <= 1e-5 * (speed + smoothing) {
-            break;
-        }
-    }
-    // What the balance leaves for dry friction: its impulse.
-    let dry = sign * (drive - weight * speed) / step;
-    let speed = sign * speed;
-    let mean = 0.5 * (velocity + speed);
-    let displacement = step * mean;
-    Advance { velocity: speed, displacement, dissipated: (dry + viscous * mean) * displacement }
 }

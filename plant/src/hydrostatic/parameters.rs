@@ -89,6 +89,8 @@ parameter_set! {
         slave_rising_slope_nm_s: "N m s/rad", -10.0, 10.0, 0.2, "§ 3.2.1, tuned";
         /// Speed over which dry friction is smoothed; 0 is exact stick.
         friction_smoothing_rad_s: "rad/s", 0.0, 10.0, 0.0, "0: exact stick; estimators may smooth";
+        /// How it is smoothed: -1 a long approach, 0 a root, 1 a sharp corner ([`crate::friction::Smoothing`]).
+        friction_smoothing_shape: "1", -1.0, 1.0, 0.0, "for estimators";
     }
 }
 

@@ -8,7 +8,7 @@
 use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
-use crate::friction::{Advance, DryFriction, Load, Stribeck, advance, impose};
+use crate::friction::{Advance, DryFriction, Load, Smoothing, Stribeck, advance, impose};
 use crate::shared::Shared;
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
 use crate::{ParameterError, ParameterSet};
@@ -30,6 +30,7 @@ struct Constants {
     pipe: Pipe,
     piston: Stribeck,
     slave: Stribeck,
+    smoothing: Smoothing,
     longest_step_s: f64,
     /// The longest that modes and damping allow.
     stable_step_s: f64,
@@ -110,6 +111,7 @@ impl Plant {
             pipe: real.pipe(),
             piston: real.master_piston_friction(),
             slave: real.slave_friction(),
+            smoothing: Smoothing { speed: real.friction_smoothing_rad_s, shape: real.friction_smoothing_shape },
             longest_step_s: LONGEST_STEP_S.min(stable_step_s),
             stable_step_s,
         };
@@ -295,7 +297,7 @@ impl Plant {
                 force: transmitted,
                 inertia: constants.inertia[1],
                 dry: DryFriction::symmetric(constants.slave.level(mean[1]), constants.slave.level(0.0)),
-                smoothing: self.parameters.friction_smoothing_rad_s,
+                smoothing: constants.smoothing,
                 ..Load::default()
             },
         };
@@ -453,7 +455,7 @@ impl Plant {
                     dry + constants.piston.level(velocity_rad_s),
                     dry + constants.piston.level(0.0),
                 ),
-                smoothing: parameters.friction_smoothing_rad_s,
+                smoothing: constants.smoothing,
             },
         }
     }

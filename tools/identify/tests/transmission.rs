@@ -3,9 +3,10 @@
 
 use std::f64::consts::TAU;
 
+use identify::forward::judge::errors;
 use identify::forward::machine::Machine;
 use identify::forward::record::{Record, rms, share_out};
-use identify::forward::search::{Found, errors, of_role, search};
+use identify::forward::search::{Found, of_role, search};
 use identify::input::Series;
 use identify::inverse::split::Role;
 use plant::any;

@@ -42,6 +42,8 @@ pub struct Candidate {
     pub site: Site,
     /// What a fit moves.
     pub free: Vec<Free>,
+    /// How many of a start's values, from the first, are sizes that grow with the effect.
+    pub sizes: usize,
     /// Amplitude of an effect that has one and a phase, and its greatest value: a fit moves its sine and cosine part.
     pub wave: Option<(&'static str, f64)>,
     /// Where the search begins.
@@ -212,5 +214,12 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         }
         _ => return None,
     };
-    (!starts.is_empty()).then_some(Candidate { id, site, free, wave: amplitude, starts })
+    let sizes = match id {
+        // A limit does not grow with the effect.
+        "amplifier_saturation" => 0,
+        // An odd and an even part.
+        "nonlinear_stiffness" => 2,
+        _ => 1,
+    };
+    (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, wave: amplitude, starts })
 }

@@ -2,7 +2,7 @@
 //!
 //! The likelihood is that of independent residuals whose variance nobody knows: `Σ ½ M ln(mean e²)` over records and channels. Weights
 //! are taken from the last residual and held while the fit moves. Tolerances are held by a transformation that no step leaves; what the
-//! data do not see is kept near its declared value by one row each, that weighs as much as one row of data.
+//! data do not see, each by itself or several together, is kept near its declared value by one row each.
 
 use std::cell::Cell;
 
@@ -18,6 +18,10 @@ use super::machine::{Machine, Residual, Setting};
 const EDGE: f64 = 0.98;
 /// A value this far out, as a share of half its range, stands at its end.
 pub const AT_EDGE: f64 = 0.97;
+
+/// Weight of a declared value at the end of its tolerance (1). Neighbouring rows of a residual are not independent: some tens of them
+/// weigh as much as one that is.
+const DECLARED: f64 = 5.0;
 
 /// One number of a setting that a fit moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,6 +116,18 @@ impl Knob {
         }
     }
 
+    /// The same knob once an effect is taken away; `None` for its own.
+    pub fn without(&self, gone: usize) -> Option<Self> {
+        let mut knob = self.clone();
+        if let Self::Effect { placed, .. } | Self::Wave { placed, .. } = &mut knob {
+            if *placed == gone {
+                return None;
+            }
+            *placed -= usize::from(*placed > gone);
+        }
+        Some(knob)
+    }
+
     /// Where the value stands in its range, -1 to 1.
     pub fn place(&self, machine: &Machine, setting: &Setting) -> f64 {
         let (low, high, logarithmic) = self.range(machine);
@@ -184,12 +200,23 @@ impl View<'_> {
         (0..self.machine.base.len()).map(|index| 0.5 * self.off(setting, index).powi(2)).sum()
     }
 
-    /// How far a declared parameter stands off its declared value, over its tolerance.
+    /// How far a declared parameter stands off its declared value, over its tolerance, as a row.
     fn off(&self, setting: &Setting, index: usize) -> f64 {
         let parameter = &self.machine.base[index];
-        parameter
-            .declared
-            .map_or(0.0, |declared| 2.0 * (setting.base[index] - declared) / (parameter.high - parameter.low))
+        parameter.declared.map_or(0.0, |declared| {
+            DECLARED * 2.0 * (setting.base[index] - declared) / (parameter.high - parameter.low)
+        })
+    }
+
+    /// Slope of that row by the knob's free number; 0 for what is not declared.
+    fn off_slope(&self, knob: &Knob, setting: &Setting) -> f64 {
+        match knob {
+            // Place by free number; a declared parameter stands in the middle of its range, or nearly.
+            Knob::Base(index) if self.machine.base[*index].declared.is_some() => {
+                DECLARED * knob.open(self.machine, setting).cos()
+            }
+            _ => 0.0,
+        }
     }
 
     /// Weights of every record and channel: 1 over the root mean square.
@@ -239,9 +266,15 @@ impl View<'_> {
     /// the slopes. `None` where it does not.
     pub fn step(&self, from: &Fitted, knobs: &[Knob], slopes: &DMatrix<f64>, weights: &[Vec<f64>]) -> Option<Fitted> {
         let rows = Self::stack(&from.residuals, weights);
-        let normal = slopes.transpose() * slopes;
+        let (mut normal, mut gradient) = (slopes.transpose() * slopes, slopes.transpose() * rows);
+        for (at, knob) in knobs.iter().enumerate() {
+            let Knob::Base(index) = knob else { continue };
+            let slope = self.off_slope(knob, &from.setting);
+            normal[(at, at)] += slope * slope;
+            gradient[at] += slope * self.off(&from.setting, *index);
+        }
         let damped = &normal + DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-3 * entry + 1e-9));
-        let whole = -damped.cholesky()?.solve(&(slopes.transpose() * rows));
+        let whole = -damped.cholesky()?.solve(&gradient);
         [1.0, 0.4, 0.1].iter().find_map(|part| {
             let mut setting = from.setting.clone();
             for (knob, change) in knobs.iter().zip(whole.iter()) {
@@ -252,6 +285,20 @@ impl View<'_> {
             }
             self.evaluate(setting).filter(|fitted| fitted.objective < from.objective)
         })
+    }
+
+    /// Steps along slopes taken once, until one does not lead down.
+    pub fn follow(&self, from: &Fitted, knobs: &[Knob], steps: usize) -> Option<Fitted> {
+        let weights = Self::weights(&from.residuals);
+        let slopes = self.slopes(from, knobs, &weights)?;
+        let mut now = from.clone();
+        for _ in 0..steps {
+            match self.step(&now, knobs, &slopes, &weights) {
+                Some(better) => now = better,
+                None => break,
+            }
+        }
+        Some(now)
     }
 
     /// Fits from a setting: so many rounds of weights, in each at most so many slopes. `None` where the start cannot be simulated.
@@ -379,8 +426,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
         let mut all = slopes.resize_vertically(data + self.declared().count(), 0.0);
         let of_declared = self.knobs.iter().enumerate().filter(|(_, knob)| matches!(knob, Knob::Base(_)));
         for (row, (column, knob)) in of_declared.enumerate() {
-            // Place by free number; a declared parameter stands in the middle of its range, or nearly.
-            all[(data + row, column)] = knob.open(self.view.machine, &now.setting).cos();
+            all[(data + row, column)] = self.view.off_slope(knob, &now.setting);
         }
         Some(all)
     }

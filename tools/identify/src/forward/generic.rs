@@ -4,7 +4,6 @@
 //! looks like.
 
 use plant::effects::{Effect, Link, Moment, SideLoad, Site};
-use plant::transmission::Reading;
 use plant::{ParameterError, ParameterInfo, ParameterSet};
 
 /// What a function depends on.
@@ -14,7 +13,9 @@ pub enum Variable {
     Position,
     /// Its speed (rad/s).
     Velocity,
-    /// Torque that the line transmits to it (N·m).
+    /// Its acceleration (rad/s²).
+    Acceleration,
+    /// Torque that the line transmits to it, or that a cell shows (N·m).
     Torque,
     /// Time (s).
     Time,
@@ -30,6 +31,7 @@ impl Variable {
         match self {
             Self::Position => "position",
             Self::Velocity => "velocity",
+            Self::Acceleration => "acceleration",
             Self::Torque => "torque",
             Self::Time => "time",
             Self::Voltage => "voltage",
@@ -42,6 +44,7 @@ impl Variable {
         match self {
             Self::Position => "rad",
             Self::Velocity => "rad/s",
+            Self::Acceleration => "rad/s²",
             Self::Torque => "N·m",
             Self::Time => "s",
             Self::Voltage => "V",
@@ -50,11 +53,12 @@ impl Variable {
     }
 }
 
-/// Where functions are tried, and of what. At the drive, the one of speed is a share of the motor's torque: beside it, a torque that
-/// depends on speed is the master's. At the sensor it is a position error of the slave's encoder (rad); at the line, a force (N).
-pub const PLACES: [(Site, Variable); 12] = [
+/// Where functions are tried, and of what. At the drive, those of speed and position are a share of the motor's torque: beside it, a torque
+/// that depends on them is the master's. At the line it is a force (N), at the sensor what the torque cell shows too much (N·m).
+pub const PLACES: [(Site, Variable); 17] = [
     (Site::Drive, Variable::Voltage),
     (Site::Drive, Variable::Velocity),
+    (Site::Drive, Variable::Position),
     (Site::Master, Variable::Position),
     (Site::Master, Variable::Velocity),
     (Site::Master, Variable::Torque),
@@ -65,10 +69,14 @@ pub const PLACES: [(Site, Variable); 12] = [
     (Site::Slave, Variable::Velocity),
     (Site::Slave, Variable::Torque),
     (Site::Slave, Variable::Time),
+    (Site::Sensor, Variable::Torque),
+    (Site::Sensor, Variable::Position),
+    (Site::Sensor, Variable::Velocity),
+    (Site::Sensor, Variable::Acceleration),
 ];
 
 /// Nodes of a function.
-pub const NODES: usize = 11;
+pub const NODES: usize = 21;
 
 /// A piecewise linear function of one variable, evenly spaced, constant beyond its ends.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,7 +89,7 @@ pub struct Table {
     pub low: f64,
     /// The variable at the last node.
     pub high: f64,
-    /// Values at the nodes: N·m; N at the line, a share at the drive where it goes by speed.
+    /// Values at the nodes: N·m; N at the line, a share at the drive where it goes by speed or position.
     pub values: [f64; NODES],
     /// Volts of the present step.
     volts: f64,
@@ -128,6 +136,7 @@ impl Effect for Table {
         match self.variable {
             Variable::Voltage => torque_nm + self.value(self.volts),
             Variable::Velocity => torque_nm * (1.0 + self.value(moment.master_velocity_rad_s)),
+            Variable::Position => torque_nm * (1.0 + self.value(moment.master_position_rad)),
             _ => torque_nm,
         }
     }
@@ -138,7 +147,7 @@ impl Effect for Table {
             Variable::Velocity => load.velocity_rad_s,
             Variable::Torque => load.transmitted_nm,
             Variable::Time => moment.time_s,
-            Variable::Voltage | Variable::Deflection => return,
+            Variable::Voltage | Variable::Deflection | Variable::Acceleration => return,
         };
         load.load.force += self.value(x);
     }
@@ -154,10 +163,6 @@ impl Effect for Table {
             link.force_n += force;
         }
         link.fluid_force_n += force;
-    }
-
-    fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
-        reading.slave_rad += self.value(reading.slave_rad);
     }
 }
 
@@ -187,7 +192,7 @@ mod tests {
         table.values[1] = 1.0;
         assert_eq!(table.at(0), -1.0);
         assert_eq!(table.value(-5.0), 2.0);
-        assert!((table.value(-0.9) - 1.5).abs() < 1e-12);
+        assert!((table.value(-0.95) - 1.5).abs() < 1e-12);
         assert_eq!(table.value(f64::NAN), 0.0);
         assert_eq!(table.value(3.0), 0.0);
     }

@@ -2,16 +2,19 @@
 
 use plant::ParameterSet;
 use plant::any;
-use plant::effects::{self, Effect, Moment, Site};
-use plant::transmission::{Correction, Input, Reading, Transmission as _};
+use plant::effects::{self, Effect, Site};
+use plant::transmission::{Correction, Input, Transmission as _};
 use rig::Model as Declared;
 
 use super::generic::Table;
 use super::record::Record;
+use super::sensor::{advanced, hand_torque};
 use crate::error::{IdentifyError, Result};
 
 /// Name of the parameter that rounds dry friction at rest: the model's own, declared nowhere.
 pub const SMOOTHING: &str = "friction_smoothing_rad_s";
+/// Name of the parameter that gives that rounding its shape.
+pub const SMOOTHING_SHAPE: &str = "friction_smoothing_shape";
 /// Name of the parameter that shifts the slave's encoder by up to a count: where it stands when it counts 0, nobody knows closer.
 pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
 /// Between which it is looked for, and where a search begins (rad/s).
@@ -125,7 +128,7 @@ impl Machine {
             let spread = parameter.spread();
             let (low, high) =
                 ((parameter.value - spread).max(info.minimum), (parameter.value + spread).min(info.maximum));
-            if spread <= 0.0 || low >= high || parameter.name == SMOOTHING {
+            if spread <= 0.0 || low >= high || [SMOOTHING, SMOOTHING_SHAPE].contains(&parameter.name.as_str()) {
                 continue;
             }
             base.push(BaseParameter {
@@ -148,6 +151,17 @@ impl Machine {
                 low,
                 high,
                 logarithmic: true,
+            });
+        }
+        if let Some(info) = infos(&constants).iter().find(|info| info.name == SMOOTHING_SHAPE) {
+            base.push(BaseParameter {
+                name: SMOOTHING_SHAPE.to_owned(),
+                unit: info.unit,
+                declared: None,
+                start: 0.0,
+                low: info.minimum,
+                high: info.maximum,
+                logarithmic: false,
             });
         }
         if let Some(count) = slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some())) {
@@ -203,22 +217,34 @@ impl Machine {
         let record = &self.records[record];
         let mut in_plant: Vec<Box<dyn Effect>> = Vec::new();
         let mut on_torque: Vec<Box<dyn Effect>> = Vec::new();
+        let mut late_s = 0.0;
         for placed in &setting.placed {
+            if placed.delays_all_sensors() {
+                late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
+                continue;
+            }
             let effect = placed.effect()?;
             if placed.acts_on_torque_alone() { on_torque.push(effect) } else { in_plant.push(effect) }
         }
-        in_plant.extend(setting.tables.iter().map(|table| Box::new(table.clone()) as Box<dyn Effect>));
+        let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
+        in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
-        let slave = record.slave.as_deref();
+        // What is shown late is known earlier: an observer that waited for it would swing.
+        let late = late_s / record.step_s;
+        let known = record.volts.len().saturating_sub(late.ceil() as usize);
+        let master = advanced(&record.master, late);
+        let slave = record.slave.as_deref().map(|slave| advanced(slave, late));
+        let slave = slave.as_deref();
         let zero = self
             .base
             .iter()
             .position(|parameter| parameter.name == SLAVE_ZERO)
             .map_or(0.0, |index| setting.base[index]);
-        plant.rest_at(record.master[0], slave.map(|slave| slave[0] - zero));
+        plant.rest_at(master[0], slave.map(|slave| slave[0] - zero));
         plant.set_time(record.start_s);
 
-        let (hand, torque) = hand_torque(record, &mut on_torque);
+        let (hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
+        let hand = advanced(&hand, late);
         let dt = record.step_s;
         let (on_position, on_speed) = (OBSERVER_DAMPING * observer_rad_s * dt, observer_rad_s * observer_rad_s * dt);
         let (width, settling, rows) = (record.decimation(), record.settling_rows(), record.residual_rows());
@@ -228,8 +254,12 @@ impl Machine {
         for block in 0..rows + settling {
             for row in block * width..(block + 1) * width {
                 let reading = plant.reading();
-                let master_off = record.master[row] - reading.master_rad;
-                let slave_off = slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
+                let mut master_off = master[row] - reading.master_rad;
+                let mut slave_off = slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
+                // Shown only after the record's end.
+                if row >= known {
+                    (master_off, slave_off) = (0.0, 0.0);
+                }
                 // Also what is no number has lost it.
                 if !(master_off.abs() < LOST_RAD && slave_off.abs() < LOST_RAD) {
                     return None;
@@ -256,10 +286,7 @@ impl Machine {
         if slave.is_some() {
             channels.push(slave_rows);
         }
-        channels.extend(torque.map(|torque| record.averaged(&torque)).into_iter().map(|mut rows_left| {
-            rows_left.truncate(rows);
-            rows_left
-        }));
+        channels.extend(torque.map(|torque| record.averaged(&torque)));
         Some(Residual { channels })
     }
 }
@@ -282,6 +309,11 @@ impl Placed {
         ON_TORQUE.contains(&self.id)
     }
 
+    /// Whether it shows positions and torque late, and changes nothing else.
+    pub fn delays_all_sensors(&self) -> bool {
+        self.id == "transport_delay" && self.site == Site::Sensor
+    }
+
     /// A value by name.
     pub fn value(&self, name: &str) -> Option<f64> {
         self.values.iter().find(|(own, _)| *own == name).map(|(_, value)| *value)
@@ -294,45 +326,4 @@ pub fn infos(constants: &any::Parameters) -> &'static [plant::ParameterInfo] {
         any::Parameters::Hydrostatic(own) => own.infos(),
         any::Parameters::Cable(own) => own.infos(),
     }
-}
-
-/// The hand's torque on the slave, row by row: what was measured with the sensor's effects taken back. Where nobody is at the handle it
-/// is 0, and what the channel shows beyond that is returned too.
-fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>]) -> (Vec<f64>, Option<Vec<f64>>) {
-    let rows = record.volts.len();
-    let Some(torque) = &record.torque else { return (vec![0.0; rows], None) };
-    if effects.is_empty() {
-        return if record.idle { (vec![0.0; rows], Some(torque.clone())) } else { (torque.clone(), None) };
-    }
-    let mut shown = |row: usize, hand_nm: f64| {
-        let mut reading = Reading {
-            motor_v: record.volts[row],
-            master_rad: record.master[row],
-            slave_rad: record.slave.as_ref().map_or(0.0, |slave| slave[row]),
-            slave_torque_nm: hand_nm,
-        };
-        let time_s = record.start_s + row as f64 * record.step_s;
-        let moment = Moment {
-            time_s,
-            master_position_rad: reading.master_rad,
-            slave_position_rad: reading.slave_rad,
-            ..Moment::default()
-        };
-        effects.iter_mut().for_each(|effect| effect.sense(&mut reading, &moment));
-        reading.slave_torque_nm
-    };
-    if record.idle {
-        let left = (0..rows).map(|row| torque[row] - shown(row, 0.0)).collect();
-        return (vec![0.0; rows], Some(left));
-    }
-    // Each effect is straight on either side of no torque.
-    let back = (0..rows).map(|row| {
-        let at_rest = shown(row, 0.0);
-        let beyond = torque[row] - at_rest;
-        let slopes = [shown(row, 1.0) - at_rest, at_rest - shown(row, -1.0)];
-        let slope = if beyond >= 0.0 { slopes[0] } else { slopes[1] };
-        // A sensor that shows no torque of one sign says nothing of it.
-        if slope.abs() < 0.05 { 0.0 } else { beyond / slope }
-    });
-    (back.collect(), None)
 }

@@ -11,12 +11,20 @@
 //! - [`catalogue`]: the listed effects, what of them is free, and from which sizes and shapes a search begins;
 //! - [`screen`]: which of them point along the residual, by score, the declared parameters projected out;
 //! - [`generic`]: torques as functions of one variable that have no name: what shows that something unlisted is missing;
+//! - [`judge`]: how a model does on records that its fit has not seen, beside what repeats of a movement differ by;
+//! - [`unnamed`]: where functions without a name are tried, and how each does;
+//! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
+//! - [`prune`]: effects that later ones, or a single other one, made needless;
 //! - [`search`]: all of it, round by round, to a verdict.
 
 pub mod catalogue;
 pub mod fit;
 pub mod generic;
+pub mod judge;
 pub mod machine;
+pub mod prune;
 pub mod record;
 pub mod screen;
 pub mod search;
+pub mod sensor;
+pub mod unnamed;

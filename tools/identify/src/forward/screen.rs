@@ -4,7 +4,6 @@
 //! against the residual: the part of the residual that it would take away is its score. No effect is fitted here.
 
 use nalgebra::{DMatrix, DVector};
-use plant::effects::Site;
 use rayon::prelude::*;
 use realfft::RealFftPlanner;
 
@@ -144,16 +143,10 @@ fn scaled(candidate: &Candidate, start: &Start, factors: &[f64]) -> Placed {
         }
         return placed;
     }
-    // A limit does not grow with the effect; of the others the first is the size, and a stiffness has two.
-    let sizes = match placed.id {
-        "amplifier_saturation" => 0,
-        "nonlinear_stiffness" => 2,
-        _ => 1,
-    };
     let Some(factor) = factors.first() else { return placed };
     // From nothing at all no fit finds its way back.
     let factor = if factor.abs() < 0.1 { 0.1_f64.copysign(*factor) } else { *factor };
-    for (name, value) in placed.values.iter_mut().take(sizes) {
+    for (name, value) in placed.values.iter_mut().take(candidate.sizes) {
         let (low, high) = candidate
             .free
             .iter()
@@ -190,11 +183,6 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
         hand: machine.records.iter().any(|record| !record.idle),
         slave: records.iter().all(|record| record.slave.is_some()),
     }
-}
-
-/// The site at which a candidate's disturbance is looked for: its index in [`Scale::lines_hz`].
-pub fn side(site: Site) -> usize {
-    usize::from(site == Site::Slave)
 }
 
 /// Frequencies (Hz) at which residuals have more power than their neighbourhood, the most prominent first.

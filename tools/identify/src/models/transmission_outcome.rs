@@ -9,17 +9,15 @@ use super::transmission::Study;
 use super::transmission_page;
 use crate::forward::fit::{AT_EDGE, Knob, View};
 use crate::forward::generic::NODES;
+use crate::forward::judge::{BLOCK, Judged, errors};
 use crate::forward::machine::Channel;
 use crate::forward::record::rms;
-use crate::forward::search::{Judged, SEEING_RAD_S, errors, of_role};
+use crate::forward::search::{SEEING_RAD_S, of_role};
 use crate::inverse::split::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
     UnlistedTable, Verdict,
 };
-
-/// Rows of a block by which standard deviations are taken.
-const BLOCK: usize = 125;
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
 pub(super) fn conclude(study: &Study) -> Option<(Outcome, Page)> {
@@ -36,7 +34,7 @@ pub(super) fn words(id: &str) -> &str {
 fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
-    let remains = found.nameless.is_some();
+    let remains = found.nameless.is_some() || found.inadequate;
     let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
         (true, _, true) => Verdict::Unlisted,
         (true, _, false) => Verdict::None,
@@ -66,7 +64,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
         next_experiment: next_experiment(study, verdict),
         steps: Vec::new(),
         candidates: candidates(study),
-        notes: study.notes.clone(),
+        notes: notes(study),
         seconds: 0.0,
     })
 }
@@ -192,16 +190,20 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
         accepted: judged.accepted,
     };
     let found = &study.found;
-    let last = found.steps.len() + 1;
-    let mut rows = Vec::new();
-    for (index, step) in found.steps.iter().enumerate() {
-        rows.extend(step.ranking.iter().map(|judged| row(index + 1, false, judged)));
-    }
-    if found.steps.len() < last {
-        rows.extend(found.last_ranking.iter().map(|judged| row(last, false, judged)));
-    }
+    let mut rows: Vec<CandidateGain> = (1..)
+        .zip(&found.rounds)
+        .flat_map(|(round, ranking)| ranking.iter().map(move |judged| row(round, false, judged)))
+        .collect();
+    let last = found.rounds.len().max(1);
     rows.extend(found.generic.iter().map(|judged| row(last, true, judged)));
     rows
+}
+
+fn notes(study: &Study) -> Vec<String> {
+    let given_up = study.found.given_up.iter().map(|(id, site)| {
+        format!("{id} at the {site} was added, and given up: what came later explained all that it had, or it left far more than repeats differ by")
+    });
+    study.notes.iter().cloned().chain(given_up).collect()
 }
 
 fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {

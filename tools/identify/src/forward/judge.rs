@@ -1,0 +1,169 @@
+//! How a model does on records that its fit has not seen.
+
+use plant::effects::Site;
+
+use super::fit::View;
+use super::machine::{Channel, Machine, Residual, Setting};
+use super::record::{Record, repeats, rms};
+use super::search::SEEING_RAD_S;
+
+/// Least gain on the selecting records: fall of the logarithm of the error, summed over channels.
+pub const LEAST_GAIN: f64 = 0.10;
+/// Least gain over its standard error, by blocks.
+pub const LEAST_T: f64 = 3.0;
+/// Rows of a block (half a second).
+pub const BLOCK: usize = 125;
+/// An error within this factor of what repeats differ by leaves nothing to be explained.
+pub const AT_FLOOR: f64 = 1.2;
+/// Records of other movements may stand so much further off: their floor is not known.
+const OTHERS_DIFFER: f64 = 1.35;
+/// Share of a movement below which no difference counts.
+const LEAST_SHARE: f64 = 5e-4;
+/// Beyond this factor the model is not one of this machine, whatever it gained: right names end nearer.
+pub const INADEQUATE: f64 = 1.9;
+
+/// How a candidate did on the selecting records.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// Its id, or the variable of a function without a name.
+    pub id: &'static str,
+    /// Where.
+    pub site: Site,
+    /// Fall of the logarithm of the error, summed over channels, mean of all blocks.
+    pub gain: f64,
+    /// The same over its standard error.
+    pub t: f64,
+    /// Records that get better and worse by more than 1 %.
+    pub better: usize,
+    /// See `better`.
+    pub worse: usize,
+    /// Whether it passes.
+    pub accepted: bool,
+}
+
+impl Judged {
+    /// The gain in percent of the error.
+    pub fn gain_percent(&self) -> f64 {
+        -100.0 * (-self.gain).exp_m1()
+    }
+}
+
+/// Logarithm of the fall of the error, by record, channel and block.
+fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
+    let blocks = |before: &Vec<f64>, after: &Vec<f64>| -> Vec<f64> {
+        let pairs = before.chunks_exact(BLOCK).zip(after.chunks_exact(BLOCK));
+        let size = |rows: &[f64]| rms(rows.iter().copied()).max(1e-9);
+        pairs.map(|(before, after)| (size(before) / size(after)).ln()).collect()
+    };
+    before
+        .iter()
+        .zip(after)
+        .map(|(before, after)| before.channels.iter().zip(&after.channels).map(|(b, a)| blocks(b, a)).collect())
+        .collect()
+}
+
+/// Judges what a fit does on records that it has not seen, beside what was there before.
+pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
+    let falls = falls(before, after);
+    let mut blocks = Vec::new();
+    for record in &falls {
+        let count = record.iter().map(Vec::len).min().unwrap_or(0);
+        blocks.extend((0..count).map(|block| record.iter().map(|channel| channel[block]).sum::<f64>()));
+    }
+    let count = blocks.len().max(1) as f64;
+    let gain = blocks.iter().sum::<f64>() / count;
+    let variance = blocks.iter().map(|block| (block - gain).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let t = gain / (variance / count).sqrt().max(1e-12);
+    // By whole records and channels.
+    let whole = |before: &Vec<f64>, after: &Vec<f64>| {
+        rms(before.iter().copied()).max(1e-9).ln() - rms(after.iter().copied()).max(1e-9).ln()
+    };
+    let by_record: Vec<Vec<f64>> = before
+        .iter()
+        .zip(after)
+        .map(|(before, after)| before.channels.iter().zip(&after.channels).map(|(b, a)| whole(b, a)).collect())
+        .collect();
+    let sums: Vec<f64> = by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
+    let better = sums.iter().filter(|sum| **sum > 0.01).count();
+    let worse = sums.iter().filter(|sum| **sum < -0.01).count();
+    let channels = by_record.iter().map(Vec::len).max().unwrap_or(0);
+    let harmed = (0..channels).any(|channel| {
+        let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
+        of.iter().sum::<f64>() / (of.len().max(1) as f64) < -0.03
+    });
+    let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
+    let accepted = gain.min(total) >= LEAST_GAIN && t >= LEAST_T && better > worse && !harmed;
+    Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
+}
+
+/// Root mean square of a setting's residual over records, by channel; and that of the difference of records that repeat one another,
+/// over √2: what no model can explain.
+pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Vec<(Channel, f64, Option<f64>)>> {
+    let view = View { machine, records: (0..machine.records.len()).collect(), observer_rad_s: SEEING_RAD_S };
+    let residuals = view.residuals(setting)?;
+    let pairs = repeats(&machine.records);
+    let mut out = Vec::new();
+    for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
+        let of = |record: usize| {
+            let at = machine.channels(record).iter().position(|own| *own == channel)?;
+            Some(&residuals[record].channels[at])
+        };
+        let rows: Vec<f64> = records.iter().filter_map(|record| of(*record)).flatten().copied().collect();
+        if rows.is_empty() {
+            continue;
+        }
+        let mut floors: Vec<f64> = pairs
+            .iter()
+            .filter_map(|(a, b)| {
+                let (a, b) = (of(*a)?, of(*b)?);
+                Some(rms(a.iter().zip(b).map(|(a, b)| a - b)) / std::f64::consts::SQRT_2)
+            })
+            .collect();
+        floors.sort_by(f64::total_cmp);
+        let floor = floors.get(floors.len() / 2).copied();
+        out.push((channel, rms(rows.into_iter()), floor));
+    }
+    Some(out)
+}
+
+/// Repeats that differ by less do not say that a model should leave as little: half of what the rounding to counts leaves, a share of the
+/// movement, a thousandth of a newton metre.
+fn least(machine: &Machine, channel: Channel) -> f64 {
+    let largest = |of: &dyn Fn(&Record) -> f64| machine.records.iter().map(of).fold(0.0, f64::max);
+    let moved = |column: &[f64]| {
+        let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
+        LEAST_SHARE * rms(column.iter().map(|position| position - mean))
+    };
+    let rounding = 0.5 / 12f64.sqrt();
+    match channel {
+        Channel::Master => largest(&|record| moved(&record.master).max(rounding * record.count_rad[0])),
+        Channel::Slave => {
+            largest(&|record| record.slave.as_deref().map_or(0.0, moved).max(rounding * record.count_rad[1]))
+        }
+        Channel::Torque => 1e-3,
+    }
+}
+
+/// How far a setting stands above what repeats of a movement differ by, the worst channel of either the repeated records or the
+/// others (over what those may differ by more): 1 is at the floor. `None` inside where nothing is repeated.
+pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Option<f64>> {
+    let mut repeated: Vec<usize> = repeats(&machine.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
+    repeated.sort_unstable();
+    repeated.dedup();
+    if repeated.is_empty() {
+        return Some(None);
+    }
+    let worst = |records: &[usize], beyond: f64| -> Option<f64> {
+        let errors = errors(machine, records, setting)?;
+        let ratios = errors.iter().filter_map(|(channel, error, floor)| {
+            Some(error / (beyond * floor.as_ref()?.max(least(machine, *channel))))
+        });
+        Some(ratios.fold(0.0, f64::max))
+    };
+    Some(Some(worst(&repeated, 1.0)?.max(worst(records, OTHERS_DIFFER)?)))
+}
+
+/// Whether records are explained as closely as repeats of a movement repeat; false where none is repeated.
+pub fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<bool> {
+    Some(above_floor(machine, records, setting)?.is_some_and(|above| above <= AT_FLOOR))
+}

@@ -1,0 +1,108 @@
+//! Effects that were added too early: what later ones, or a single other one, explain as well.
+
+use plant::effects::Site;
+
+use super::fit::{Fitted, Knob, View};
+use super::judge::{Judged, LEAST_GAIN, judge};
+use super::machine::{Residual, Setting};
+use super::search::{FOLLOWED, Tried};
+
+/// How many of the first round's others are tried alone once an effect was added.
+const OTHERS: usize = 6;
+/// A loss beyond this is not made good by a closer fit.
+const FAR_BEHIND: f64 = 0.5;
+/// A loss below this is none.
+const AS_GOOD: f64 = 0.05;
+/// Beyond this, by blocks, two effects are told apart (1).
+const TOLD_APART_T: f64 = 4.0;
+
+/// An effect that the later ones made needless: its place, and the model fitted without it. The newest has just been tried against
+/// nothing, and stays.
+pub fn needless(
+    (fit, select): (&View<'_>, &View<'_>),
+    now: &Fitted,
+    knobs: &[Knob],
+) -> Option<(usize, Fitted, Vec<Knob>)> {
+    let with = select.residuals(&now.setting)?;
+    (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
+        let mut setting = now.setting.clone();
+        let placed = setting.placed.remove(at);
+        let left: Vec<Knob> = knobs.iter().filter_map(|knob| knob.without(at)).collect();
+        let fitted = fit.fit(&setting, &left, 2, 3)?;
+        let without = select.residuals(&fitted.setting)?;
+        let judged = judge((placed.id, placed.site), &without, &with);
+        (judged.gain < LEAST_GAIN).then_some((at, fitted, left))
+    })
+}
+
+/// One that did well in the first round, but not best.
+#[derive(Clone, Debug)]
+pub struct Other {
+    setting: Setting,
+    knobs: Vec<Knob>,
+}
+
+impl Other {
+    /// `None` where it did too little.
+    pub fn of(tried: &Tried) -> Option<Self> {
+        let knobs = tried.knobs.iter().filter(|knob| !matches!(knob, Knob::Base(_))).cloned().collect();
+        (tried.judged.gain >= LEAST_GAIN).then(|| Self { setting: tried.fitted.setting.clone(), knobs })
+    }
+}
+
+/// A model with one of the first round's others alone.
+pub struct Alone {
+    /// What all the effects that are there do beside it, on the selecting records.
+    pub beside: Judged,
+    /// The model.
+    pub fitted: Fitted,
+    /// What its fit moved.
+    pub knobs: Vec<Knob>,
+    /// What it leaves of the selecting records.
+    pub selected: Vec<Residual>,
+}
+
+/// The first round's others, each alone, from the declared parameters to which the effects that were added have led: the first round did not
+/// know those. The best first; those far behind are left out.
+pub fn alone(
+    (fit, select): (&View<'_>, &View<'_>),
+    now: &Fitted,
+    knobs: &[Knob],
+    others: &[Other],
+) -> Option<Vec<Alone>> {
+    let with = select.residuals(&now.setting)?;
+    let one = |other: &Other| -> Option<Alone> {
+        let placed = other.setting.placed.first()?;
+        let mut own: Vec<Knob> = knobs.iter().filter(|knob| matches!(knob, Knob::Base(_))).cloned().collect();
+        own.extend(other.knobs.iter().cloned());
+        let there = Setting { placed: vec![placed.clone()], ..now.setting.clone() };
+        let starts = [there, other.setting.clone()].map(|start| fit.evaluate(start));
+        let first = starts.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+        let beside = |fitted: &Fitted| {
+            let selected = select.residuals(&fitted.setting)?;
+            Some((judge((placed.id, placed.site), &selected, &with), selected))
+        };
+        let near = fit.follow(&first, &own, FOLLOWED)?;
+        if beside(&near)?.0.gain > FAR_BEHIND {
+            return None;
+        }
+        let fitted = fit.fit(&near.setting, &own, 2, 3)?;
+        let (beside, selected) = beside(&fitted)?;
+        Some(Alone { beside, fitted, knobs: own, selected })
+    };
+    let mut found: Vec<Alone> = others.iter().take(OTHERS).filter_map(one).collect();
+    found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
+    Some(found)
+}
+
+/// Those of some models, at most two, that the selecting records cannot tell from one that leaves `selected`.
+pub fn rivals<'a>(selected: &[Residual], models: impl Iterator<Item = &'a Alone>) -> Vec<(&'static str, Site)> {
+    models
+        .filter(|model| {
+            let beside = judge((model.beside.id, model.beside.site), &model.selected, selected);
+            beside.gain < AS_GOOD && beside.t.abs() < TOLD_APART_T
+        })
+        .map(|model| (model.beside.id, model.beside.site))
+        .take(2)
+        .collect()
+}

@@ -1,0 +1,162 @@
+//! Functions of one variable that stand for what has no name: where they are tried, and how each does.
+
+use plant::any;
+use plant::effects::Site;
+use rayon::prelude::*;
+
+use super::fit::{Fitted, Knob, View};
+use super::generic::{NODES, PLACES, Table, Variable};
+use super::judge::{Judged, judge};
+
+use super::machine::{Machine, Setting};
+use super::screen::Projection;
+use super::sensor::beside;
+
+/// Least gain on the selecting records of a function that bends wherever it likes.
+const LEAST_UNNAMED: f64 = 0.25;
+
+/// Something without a name.
+#[derive(Clone, Debug)]
+pub struct Nameless {
+    /// How it did.
+    pub judged: Judged,
+    /// What it looks like.
+    pub table: Table,
+    /// The model with it.
+    pub fitted: Fitted,
+}
+
+/// Values between which a variable runs in the fitting records.
+fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable)) -> (f64, f64) {
+    let mut values: Vec<f64> = Vec::new();
+    if site == Site::Sensor {
+        for record in records.iter().map(|index| &machine.records[*index]) {
+            values.extend((0..record.volts.len()).step_by(4).map(|row| beside(record, variable, row)));
+        }
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
+        return (at(0.005), at(0.995));
+    }
+    for record in records.iter().map(|index| &machine.records[*index]) {
+        let position = match (site, &record.slave) {
+            (Site::Slave, Some(slave)) => slave,
+            _ => &record.master,
+        };
+        let width = record.decimation();
+        let pace = width as f64 * record.step_s;
+        let positions = record.averaged(position);
+        match variable {
+            Variable::Position => values.extend(&positions),
+            Variable::Velocity => values.extend(positions.windows(5).map(|rows| (rows[4] - rows[0]) / (4.0 * pace))),
+            Variable::Time => values.extend(record.residual_times()),
+            Variable::Voltage => values.extend(record.averaged(&record.volts)),
+            Variable::Acceleration => return (0.0, 0.0),
+            Variable::Torque | Variable::Deflection => values.extend(record.averaged(&record.volts)),
+        }
+    }
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
+    let (low, high) = (at(0.005), at(0.995));
+    let constants = match &machine.declared {
+        any::Parameters::Hydrostatic(own) => {
+            (own.motor_torque_per_volt_nm, own.master_displacement_m_per_rad(), own.line_stiffness_n_per_m())
+        }
+        any::Parameters::Cable(own) => {
+            (own.motor_torque_per_volt_nm, own.master_pulley_radius_m, own.line_stiffness_n_per_m())
+        }
+    };
+    let (per_volt, displacement, stiffness) = constants;
+    // The line carries at most what the motor gives, and half of it a line; its ends stand off by that over their stiffness.
+    let factor = match (site, variable) {
+        (Site::Line, Variable::Velocity) => displacement,
+        (_, Variable::Torque) => 0.7 * per_volt,
+        (_, Variable::Deflection) => 0.7 * per_volt / (2.0 * displacement * 2.0 * stiffness),
+        _ => 1.0,
+    };
+    (factor * low, factor * high)
+}
+
+/// Size of a node's value for a first try.
+fn unit((site, variable): (Site, Variable)) -> f64 {
+    match (site, variable) {
+        (Site::Drive, Variable::Velocity | Variable::Position) => 0.05,
+        (Site::Line, _) => 1.0,
+        _ => 0.05,
+    }
+}
+
+/// A setting with a node of its last function moved by so many units.
+fn by(mut setting: Setting, node: usize, units: f64) -> Setting {
+    if let Some(table) = setting.tables.last_mut() {
+        table.values[node] += units * unit((table.site, table.variable));
+    }
+    setting
+}
+
+/// Functions of one variable beside what there is: how each does on the selecting records, and the best that passes. With
+/// `must_be` something is known to be missing.
+pub fn functions(
+    (fit, select): (&View<'_>, &View<'_>),
+    (now, knobs): (&Fitted, &[Knob]),
+    must_be: bool,
+) -> Option<(Vec<Judged>, Option<Nameless>)> {
+    let machine = fit.machine;
+    let projection = Projection::new(fit, now, knobs)?;
+    let before = select.residuals(&now.setting)?;
+    let has_slave = machine.records.iter().all(|record| record.slave.is_some());
+    let has_torque = machine.records.iter().any(|record| record.torque.is_some() && !record.idle);
+    let mut scored: Vec<(f64, Table)> = PLACES
+        .iter()
+        .filter(|(site, _)| has_slave || *site != Site::Slave)
+        .filter(|(site, _)| has_torque || *site != Site::Sensor)
+        .filter_map(|place| {
+            let (low, high) = range(machine, &fit.records, *place);
+            let table = Table::new(*place, low, high);
+            let settings: Vec<Setting> = (0..NODES)
+                .map(|node| {
+                    let mut setting = now.setting.clone();
+                    let mut table = table.clone();
+                    table.values[node] = unit(*place);
+                    setting.tables.push(table);
+                    setting
+                })
+                .collect();
+            let (factors, share) = projection.explain(fit, &settings)?;
+            let mut table = table;
+            for (value, factor) in table.values.iter_mut().zip(factors) {
+                *value = unit(*place) * factor;
+            }
+            Some((share, table))
+        })
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut tried: Vec<Nameless> = scored
+        .into_par_iter()
+        .take(5)
+        .filter_map(|(_, table)| {
+            let mut start = now.setting.clone();
+            start.tables.push(table);
+            let first = fit.fit(&start, knobs, 1, 2)?;
+            // What the function changes was taken where it was nothing, and the parameters have moved.
+            let settings: Vec<Setting> = (0..NODES).map(|node| by(first.setting.clone(), node, 1.0)).collect();
+            let (factors, _) = Projection::new(fit, &first, knobs)?.explain(fit, &settings)?;
+            let mut again = first.setting.clone();
+            for (node, factor) in factors.into_iter().enumerate() {
+                again = by(again, node, factor);
+            }
+            let again = fit.fit(&again, knobs, 1, 2);
+            let fitted = again.into_iter().chain([first]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+            let table = fitted.setting.tables.last()?.clone();
+            let judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);
+            Some(Nameless { judged, table, fitted })
+        })
+        .collect();
+    tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
+    let judged = tried.iter().map(|tried| tried.judged.clone()).collect();
+    // Where nothing else is left to say, what explains most of it is said though it does not pass.
+    let enough = |tried: &Nameless| match must_be {
+        true => tried.judged.gain > 0.0,
+        false => tried.judged.accepted && tried.judged.gain >= LEAST_UNNAMED,
+    };
+    Some((judged, tried.into_iter().find(enough)))
+}
