@@ -6,6 +6,7 @@ reach. Targets are scaled to a root mean square of 1 and columns normalised, so 
 target's root mean square that a term must carry to be kept; width, threshold, degree and cut-off are chosen on the selecting records.
 """
 
+import math
 import warnings
 from dataclasses import dataclass
 
@@ -39,6 +40,10 @@ class Equations:
         space = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign, "abs": np.abs}
         exec(code, space)  # the text above and nothing else
         self.rates = space["rates"]
+        # The same for plain numbers: where there is one record, ten times as fast.
+        space = {"sin": math.sin, "cos": math.cos, "tanh": math.tanh, "sign": sign, "abs": abs}
+        exec(code, space)
+        self.rates_of_numbers = space["rates"]
 
     @property
     def count(self):
@@ -74,6 +79,11 @@ class Equations:
             k4 = slope(state + h * k3, u2)
             state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         return state
+
+
+def sign(number):
+    """As numpy has it."""
+    return (number > 0.0) - (number < 0.0)
 
 
 def library(positions, speeds, controls, degree, width, control_products=True, per_turn=None):
