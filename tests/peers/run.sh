@@ -20,7 +20,10 @@ shift
 if [ ! -x "$work/venv/bin/python" ]; then
     python3 -m venv "$work/venv"
 fi
-"$work/venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt"
+if ! cmp -s "$here/requirements.txt" "$work/venv/installed.txt"; then
+    "$work/venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt"
+    cp "$here/requirements.txt" "$work/venv/installed.txt"
+fi
 # One thread for everybody.
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 RAYON_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 exec "$work/venv/bin/python" "$here/bench.py" --work "$work" --farreach "$1" --ahead "$2" --cases "$3" --data "$4" \

@@ -176,8 +176,8 @@ def foretold(equations, states, positions, inputs, starts, step_s):
     return positions[:, starts + AHEAD] - shown
 
 
-def sections(records, cut_off_hz=40.0, rows=600, settling=100):
-    """Pieces of records of 0.3 s, all at once, with states at their starts from the filtered record: for choosing only."""
+def sections(records, cut_off_hz=40.0, rows=200, settling=75):
+    """Pieces of records of 0.1 s, all at once, with states at their starts from the filtered record: for choosing only."""
     q, u, start = [], [], []
     for record in records:
         position = data.low_pass(record.positions, cut_off_hz, record.step_s)
@@ -193,14 +193,16 @@ def sindy_choice(fit_records, select_records, tell):
     """The best of the grid on the select records."""
     step_s = fit_records[0].step_s
     q, u, start, starts = sections(select_records)
-    tried, single = [], []
+    tried, single, laid_out = [], [], {}
 
     def attempt(cut_off, width, degree, threshold):
         if any(t[1:5] == (cut_off, width, degree, threshold) for t in tried):
             return
         began = time.perf_counter()
         make = sindy.library(2, 2, 2, degree, width, per_turn=1.0)
-        equations = sindy.fit(*prepared(fit_records, cut_off), 4 * step_s, make, threshold, STATES)
+        if cut_off not in laid_out:
+            laid_out[cut_off] = prepared(fit_records, cut_off)
+        equations = sindy.fit(*laid_out[cut_off], 4 * step_s, make, threshold, STATES)
         single.append(time.perf_counter() - began)
         with np.errstate(all="ignore"):
             _, states = observed(equations, q[:, :-AHEAD], u[:, :-AHEAD], start, step_s, CHOOSING_RAD_S)
