@@ -154,8 +154,8 @@ def sealed_case(args, name):
         **kept(work / "ahead.json", lambda: run_ahead(args, folder, json_file, roles)),
     }
     peers = {
-        "pysindy": kept(work / "pysindy.json", lambda: timed(lambda: transmission.run_sindy(roles, tell))),
         "sysidentpy": kept(work / "sysidentpy.json", lambda: timed(lambda: transmission.run_narmax(roles, tell))),
+        "pysindy": kept(work / "pysindy.json", lambda: timed(lambda: transmission.run_sindy(roles, tell))),
     }
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     return {
@@ -229,7 +229,9 @@ def tables(result):
         lines.append(f"| {first} | constant speed | {pair(case['constant_speed']['ahead_mrad'])} | | | | | |")
         for method in METHODS[:3]:
             of = case[method]
-            innovation = "–" if of["innovation_mrad"] is None and method == "sysidentpy" else pair(of["innovation_mrad"])
+            innovation = "–" if method == "sysidentpy" else pair(of["innovation_mrad"])
+            if method == "farreach":
+                innovation += f" (declared {pair(of['innovation_before_mrad'])})"
             lines.append(
                 f"| | | {method} | {pair(of['ahead_mrad'])} | {pair(of['free_mrad'], 0)} | {innovation} | {of['terms']} "
                 f"| {of['seconds']:.0f} | {of['processor_seconds']:.0f} |"
@@ -241,8 +243,9 @@ def tables(result):
         for method in [m for m in METHODS if m in case]:
             of = case[method]
             digits = 2 if case["case"] == "emps" else 3
+            before = f" (declared {of['error_before']:.{digits}f})" if method == "farreach" else ""
             lines.append(
-                f"| {case['case']} | {method} | {of['error']:.{digits}f} {case['unit']} | {of['terms']} | {of['seconds']:.0f} "
+                f"| {case['case']} | {method} | {of['error']:.{digits}f}{before} {case['unit']} | {of['terms']} | {of['seconds']:.0f} "
                 f"| {of['processor_seconds']:.0f} |"
             )
     lines += ["", "What each reports:", ""]

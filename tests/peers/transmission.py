@@ -230,9 +230,14 @@ def sindy_choice(fit_records, select_records, tell):
 def run_sindy(roles, tell):
     """Chooses, fits and judges."""
     began = time.perf_counter()
+    step_s = roles["fit"][0].step_s
     equations, settings, single = sindy_choice(roles["fit"], roles["select"], tell)
     with np.errstate(all="ignore"):
-        chosen = [(score(judged(equations, roles["select"], w)[0]), w) for w in OBSERVERS_RAD_S]
+        q, u, start, starts = sections(roles["select"])
+        chosen = []
+        for observer in OBSERVERS_RAD_S:
+            _, states = observed(equations, q[:, :-AHEAD], u[:, :-AHEAD], start, step_s, observer)
+            chosen.append((score(errors(foretold(equations, states, q, u, starts, step_s))), observer))
         settings["observer_rad_s"] = min(chosen)[1]
         seconds = time.perf_counter() - began
         ahead, _ = judged(equations, roles["report"], settings["observer_rad_s"])
