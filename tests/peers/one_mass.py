@@ -1,0 +1,258 @@
+"""Peers on the two measured records: EMPS by its force, Silverbox by simulation of its output. The rows are those of farreach."""
+
+import itertools
+import time
+
+import numpy as np
+
+import data
+import narmax
+import sindy
+
+# --- EMPS: motion in, force out, all below 40 Hz, as farreach reads it and as published.
+
+CUT_OFF_HZ = 40.0
+# Every fifth sample is a row, from the hundredth on: as in farreach.
+STRIDE = 5
+TURN_M = 0.0025
+WIDTHS_M_S = (0.0005, 0.002, 0.01)
+THRESHOLDS = (0.001, 0.003, 0.01, 0.03, 0.1)
+
+
+class Emps:
+    """The record, filtered, and its rows by role."""
+
+    def __init__(self, path, identified):
+        table = data.columns(path)
+        time_s = table["t_s"]
+        self.step_s = float((time_s[-1] - time_s[0]) / (len(time_s) - 1))
+        self.position = data.low_pass(table["position_m"], CUT_OFF_HZ, self.step_s)
+        self.velocity = data.derivative(self.position, self.step_s)
+        self.acceleration = data.derivative(self.velocity, self.step_s)
+        self.force = self.low_passed(table["force_n"])
+        self.blocks = data.blocks(identified, time_s)
+
+    def low_passed(self, signal):
+        return data.low_pass(signal, CUT_OFF_HZ, self.step_s)
+
+    def pieces(self, role, *signals):
+        """Signals of a role, one array a block."""
+        table = np.column_stack(signals)
+        return [table[first:end] for first, end in self.blocks[role]]
+
+    def percent(self, model_force, role):
+        """Residual in percent of the force's root mean square, both over the rows of a role."""
+        rows = np.concatenate([np.arange(first, end) for first, end in self.blocks[role]])
+        rows = rows[rows % STRIDE == 0]
+        residual = data.rms(self.force[rows] - model_force[rows])
+        return float(100.0 * residual / data.rms(self.force[rows]))
+
+
+def emps_force(emps, equations):
+    """The force that the equation of the speed demands; what is not linear in the motion passes the low-pass once more."""
+    values = {"x": emps.position, "v": emps.velocity, "sin": np.sin, "cos": np.cos}
+    values |= {"tanh": np.tanh, "sign": np.sign, "abs": np.abs}
+    linear, bent, of_force = emps.acceleration.copy(), np.zeros_like(emps.force), 0.0
+    for coefficient, term in zip(equations.coefficients[0], equations.terms, strict=True):
+        if term == "force":
+            of_force = coefficient
+        elif term in ("1", "x", "v"):
+            linear -= coefficient * eval(term, values)  # a term of the library, as named above
+        elif coefficient:
+            bent -= coefficient * eval(term, values)
+    if of_force == 0.0:
+        return np.full_like(emps.force, np.nan)
+    return (linear + emps.low_passed(bent)) / of_force
+
+
+def emps_sindy(emps, tell):
+    """PySINDy: acceleration from position, speed and force; read for the force."""
+    began, tried, single = time.perf_counter(), [], []
+    states = emps.pieces("fit", emps.position, emps.velocity)
+    inputs = emps.pieces("fit", emps.force)
+    rates = emps.pieces("fit", emps.velocity, emps.acceleration)
+    for degree, width, threshold in itertools.product((1, 2, 3), WIDTHS_M_S, THRESHOLDS):
+        from_here = time.perf_counter()
+        make = sindy.library(1, 1, 1, degree, width, control_products=False, per_turn=2.0 * np.pi / TURN_M)
+        equations = sindy.fit(states, inputs, rates, emps.step_s, make, threshold, (["x", "v"], ["force"]))
+        single.append(time.perf_counter() - from_here)
+        error = emps.percent(emps_force(emps, equations), "select")
+        settings = {"degree": degree, "width_m_s": width, "threshold": threshold}
+        tell(f"sindy {settings}: {equations.count} terms, {error:.2f} %")
+        tried.append((np.nan_to_num(error, nan=np.inf), len(tried), settings, equations))
+    _, _, settings, equations = min(tried, key=lambda t: t[:2])
+    return {
+        "settings": settings | {"models_tried": len(tried)},
+        "terms": equations.count,
+        "model": equations.text(),
+        "error": emps.percent(emps_force(emps, equations), "report"),
+        "seconds": time.perf_counter() - began,
+        "seconds_one_fit": float(np.median(single)),
+    }
+
+
+def emps_narmax(emps, tell, told=False):
+    """SysIdentPy: the force as a polynomial of position, speed and acceleration at the same row; `told` of dry friction, as an input."""
+    began, tried, single = time.perf_counter(), [], []
+    for degree, width in itertools.product((1, 2, 3) if told else (1, 3, 5), WIDTHS_M_S if told else (None,)):
+        signals, names = [emps.position, emps.velocity, emps.acceleration], ["force", "x", "v", "a"]
+        if told:
+            signals.append(emps.low_passed(np.tanh(emps.velocity / width)))
+            names.append(f"tanh(v / {width:g})")
+        from_here = time.perf_counter()
+        rows = [(f[::STRIDE, 0], x[::STRIDE]) for f, x in zip(
+            emps.pieces("fit", emps.force), emps.pieces("fit", *signals), strict=True)]
+        # Lag 1 of a signal that runs one row ahead is the same row.
+        ahead = [np.concatenate([x[1:], x[-1:]]) for _, x in rows]
+        model = narmax.fit([f for f, _ in rows], ahead, names, lags=(1, 1), degree=degree, most_terms=30, static=True)
+        single.append(time.perf_counter() - from_here)
+        force = model.next([None, *[signal[:, None] for signal in signals]])
+        error = emps.percent(force, "select")
+        settings = {"degree": degree} | ({"width_m_s": width} if told else {})
+        tell(f"narmax {settings}: {model.count} terms, {error:.2f} %")
+        tried.append((error, len(tried), settings, model, force))
+    _, _, settings, model, force = min(tried, key=lambda t: t[:2])
+    return {
+        "settings": settings | {"rate_hz": 200, "models_tried": len(tried)},
+        "terms": model.count,
+        "model": [model.text().replace("[k-1]", "[k]")],
+        "error": emps.percent(force, "report"),
+        "seconds": time.perf_counter() - began,
+        "seconds_one_fit": float(np.median(single)),
+    }
+
+
+# --- Silverbox: input in, output out, simulated.
+
+CUT_OFFS_HZ = (150.0, 200.0, 250.0)
+# The simulation follows the input between the samples this many times finer.
+FINER = 8
+# Samples simulated before a block of rows, from the measured state: ten times the time in which the machine forgets.
+BEFORE = 300
+NARX = ((0, (2, 2), 3), (1, (2, 2), 3), (0, (3, 3), 3), (1, (3, 3), 3), (1, (8, 8), 1))
+
+
+class Silverbox:
+    """The record and its rows by role."""
+
+    def __init__(self, path, identified):
+        table = data.columns(path)
+        self.input, self.output = table["input"], table["output"]
+        time_s = table["t_s"]
+        self.step_s = float((time_s[-1] - time_s[0]) / (len(time_s) - 1))
+        self.blocks = data.blocks(identified, time_s)
+
+    def layout(self, role):
+        """Where simulations of a role's blocks begin, and how many samples they last."""
+        first = np.array([max(first - BEFORE, 16) for first, _ in self.blocks[role]])
+        steps = max(end - start for (_, end), start in zip(self.blocks[role], first, strict=True))
+        return first, steps
+
+    def millivolts(self, simulated, role):
+        """Error of simulated outputs (blocks, steps) on the rows of a role (mV)."""
+        first, _ = self.layout(role)
+        off = [
+            self.output[a:b] - own[a - start : b - start]
+            for (a, b), start, own in zip(self.blocks[role], first, simulated, strict=True)
+        ]
+        off = np.concatenate(off)
+        return float(1e3 * data.rms(off)) if np.all(np.abs(off) < 10.0) else float("inf")
+
+
+def silverbox_sindy(box, tell):
+    """PySINDy: acceleration from output, its speed and input, spectral derivatives; simulated."""
+    began, tried, single = time.perf_counter(), [], []
+    output, wave = data.Spectrum(box.output, box.step_s), data.Spectrum(box.input, box.step_s)
+    fine = wave.wave(0, finer=FINER)
+
+    def simulate(equations, role, y, v):
+        first, steps = box.layout(role)
+        state, shown = np.stack([y[first], v[first]]), np.empty((steps, len(first)))
+        for k in range(steps):
+            shown[k] = state[0]
+            at = np.minimum((first + k) * FINER, len(fine) - FINER - 1)
+            for j in range(FINER):
+                state = equations.step(state, fine[None, at + j], fine[None, at + j + 1], box.step_s / FINER, 1)
+        return shown.T
+
+    def attempt(cut_off, degree, threshold):
+        y, v, a = (output.wave(order, cut_off) for order in (0, 1, 2))
+        u = wave.wave(0, cut_off)
+        cut = [slice(first, end) for first, end in box.blocks["fit"]]
+        from_here = time.perf_counter()
+        equations = sindy.fit(
+            [np.column_stack([y[c], v[c]]) for c in cut],
+            [u[c, None] for c in cut],
+            [np.column_stack([v[c], a[c]]) for c in cut],
+            box.step_s,
+            sindy.library(1, 1, 1, degree, float(0.1 * data.rms(v)), control_products=False),
+            threshold,
+            (["y", "v"], ["input"]),
+        )
+        single.append(time.perf_counter() - from_here)
+        with np.errstate(all="ignore"):
+            error = box.millivolts(simulate(equations, "select", y, v), "select")
+        settings = {"cut_off_hz": cut_off, "degree": degree, "threshold": threshold}
+        tell(f"sindy {settings}: {equations.count} terms, {error:.3f} mV")
+        tried.append((error, len(tried), settings, equations, (y, v)))
+
+    for threshold in (0.001, 0.003, 0.01, 0.03):
+        attempt(CUT_OFFS_HZ[1], 3, threshold)
+    best = min(tried, key=lambda t: t[:2])[2]
+    for cut_off, degree in ((CUT_OFFS_HZ[0], 3), (CUT_OFFS_HZ[2], 3), (CUT_OFFS_HZ[1], 2), (CUT_OFFS_HZ[1], 5)):
+        attempt(cut_off, degree, best["threshold"])
+    _, _, settings, equations, motion = min(tried, key=lambda t: t[:2])
+    with np.errstate(all="ignore"):
+        error = box.millivolts(simulate(equations, "report", *motion), "report")
+    return {
+        "settings": settings | {"models_tried": len(tried)},
+        "terms": equations.count,
+        "model": equations.text(),
+        "error": error,
+        "seconds": time.perf_counter() - began,
+        "seconds_one_fit": float(np.median(single)),
+    }
+
+
+def silverbox_narmax(box, tell):
+    """SysIdentPy: output from its past and the input's; simulated, no measured output after the start."""
+    began, tried, single = time.perf_counter(), [], []
+
+    def simulate(model, role, ahead):
+        first, steps = box.layout(role)
+        back = np.arange(-model.lag, 0)
+        y, shown = box.output[first[:, None] + back], np.empty((steps, len(first)))
+        for k in range(steps):
+            u = box.input[np.minimum(first[:, None] + back + k + ahead, len(box.input) - 1)]
+            shown[k] = model.next([y, u])
+            y = np.concatenate([y[:, 1:], shown[k][:, None]], axis=1)
+        return shown.T
+
+    for ahead, lags, degree in NARX:
+        from_here = time.perf_counter()
+        cut = box.blocks["fit"]
+        model = narmax.fit(
+            [box.output[a:b] for a, b in cut],
+            [box.input[a + ahead : b + ahead, None] for a, b in cut],
+            ["output", "input"],
+            lags=lags,
+            degree=degree,
+            most_terms=40,
+        )
+        single.append(time.perf_counter() - from_here)
+        with np.errstate(all="ignore"):
+            error = box.millivolts(simulate(model, "select", ahead), "select")
+        settings = {"input_ahead": ahead, "lags": lags, "degree": degree}
+        tell(f"narmax {settings}: {model.count} terms, {error:.3f} mV")
+        tried.append((error, len(tried), settings, model))
+    _, _, settings, model = min(tried, key=lambda t: t[:2])
+    with np.errstate(all="ignore"):
+        error = box.millivolts(simulate(model, "report", settings["input_ahead"]), "report")
+    return {
+        "settings": settings | {"models_tried": len(tried)},
+        "terms": model.count,
+        "model": [model.text()],
+        "error": error,
+        "seconds": time.perf_counter() - began,
+        "seconds_one_fit": float(np.median(single)),
+    }
