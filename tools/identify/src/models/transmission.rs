@@ -66,14 +66,13 @@ impl Model for Transmission {
             .num_threads(options.jobs)
             .build()
             .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
-        let files = || machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ");
-        let found = pool.install(|| search(&machine)).ok_or_else(|| IdentifyError::Lost { file: files() })?;
+        let found = pool.install(|| search(&machine)).ok_or_else(|| lost(&machine))?;
         let study = Study { machine, found, notes };
-        pool.install(|| transmission_outcome::conclude(&study))
-            .ok_or_else(|| IdentifyError::Lost { file: files_of(&study) })
+        pool.install(|| transmission_outcome::conclude(&study)).ok_or_else(|| lost(&study.machine))
     }
 }
 
-fn files_of(study: &Study) -> String {
-    study.machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
+fn lost(machine: &Machine) -> IdentifyError {
+    let files: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
+    IdentifyError::Lost { file: files.join(", ") }
 }

@@ -37,12 +37,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
     let remains = found.nameless.is_some();
-    let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
-        (true, _, true) => Verdict::Unlisted,
-        (true, _, false) => Verdict::None,
-        (false, false, _) => Verdict::Ambiguous,
-        (false, true, _) => Verdict::Effect,
-    };
+    let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit =
         View { machine: &study.machine, records: of_role(&study.machine, Role::Fit), observer_rad_s: SEEING_RAD_S };
     let mut knobs = found.knobs.clone();
@@ -197,7 +192,8 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
     for (index, step) in found.steps.iter().enumerate() {
         rows.extend(step.ranking.iter().map(|judged| row(index + 1, false, judged)));
     }
-    if found.steps.len() < last {
+    // With the most effects that are added, the last round is the one of the last effect.
+    if found.last_ranking.iter().all(|judged| !judged.accepted) {
         rows.extend(found.last_ranking.iter().map(|judged| row(last, false, judged)));
     }
     rows.extend(found.generic.iter().map(|judged| row(last, true, judged)));
