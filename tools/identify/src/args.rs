@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n\n\
+    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n  \
+    farreach identify --rig launch/rigs/hydrostatic.toml run-*.csv --write-rig fitted.toml\n\n\
     Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
 )]
 pub struct Args {
@@ -28,6 +29,9 @@ pub struct Args {
     /// Writes the result for programs
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Writes the rig file with the fitted parameters and the effects found; FILE must not exist
+    #[arg(long, value_name = "FILE")]
+    pub write_rig: Option<PathBuf>,
     /// Candidates fitted at a time [default: one a processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,

@@ -84,6 +84,7 @@ fn rig(mass_tolerance: f64) -> rig::Model {
             parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
             parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
         ],
+        effects: Vec::new(),
         handle_coupling: Vec::new(),
     }
 }

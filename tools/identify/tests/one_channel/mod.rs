@@ -32,7 +32,7 @@ pub(crate) fn parameter(name: &str, value: f64, tolerance: f64, absolute: Option
 }
 
 pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig::Model {
-    rig::Model { kind, parameters, handle_coupling: Vec::new() }
+    rig::Model { kind, parameters, effects: Vec::new(), handle_coupling: Vec::new() }
 }
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
