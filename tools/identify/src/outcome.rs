@@ -186,6 +186,9 @@ pub struct NextExperiment {
     pub why: String,
     /// What would settle it.
     pub what: String,
+    /// A protocol that does it, where the rig can play one and it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<String>,
 }
 
 /// Error after a step, in percent of the force's root mean square on the same rows.

@@ -13,7 +13,7 @@ use crate::input::Series;
 use crate::inverse::split::Role;
 use crate::outcome::Outcome;
 use crate::page::{short, what_is_left};
-use crate::study::{Studied, read, study};
+use crate::study::{How, Studied, read, study};
 use crate::write_rig::fitted;
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
@@ -22,12 +22,12 @@ use crate::write_rig::fitted;
 /// # Errors
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<i32> {
-    if let Some(path) = args.write_rig.as_ref().filter(|path| path.exists()) {
+    let asked = [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
+    for (option, path) in
+        asked.iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).filter(|(_, path)| path.exists())
+    {
         // Said before the work, not after it.
-        eprintln!(
-            "error: --write-rig: {}: exists already; rig files are never overwritten: name another",
-            path.display()
-        );
+        eprintln!("error: {option}: {}: exists already and is not overwritten: name another file", path.display());
         return Ok(1);
     }
     let (rig, studied) = match whole(&args) {
@@ -54,6 +54,9 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         page.write(&path)?;
         println!("page: {}", path.display());
     }
+    if let Some(path) = &args.propose_experiment {
+        propose(path, &rig, &outcome)?;
+    }
     match &args.write_rig {
         Some(path) => write_rig(path, &rig, &outcome),
         None => Ok(0),
@@ -63,9 +66,27 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
     let rig = RigFile::load(&args.rig)?;
     let records = records(args, &rig)?;
-    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let studied = study(&rig, &records, args.jobs.unwrap_or(processors), args.seed)?;
+    let own = How::default();
+    let how = How { jobs: args.jobs.unwrap_or(own.jobs), seed: args.seed, propose: args.propose_experiment.is_some() };
+    let studied = study(&rig, &records, how)?;
     Ok((rig, studied))
+}
+
+/// Writes the protocol of the next experiment, or says why there is none.
+fn propose(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<()> {
+    let Some(text) = &outcome.next_experiment.protocol else {
+        let why = match rig.model.kind.is_transmission() {
+            true => "no movement that the rig can play by itself tells more; see next",
+            false => "a rig of this kind plays no protocols here; see next",
+        };
+        println!("not written: no protocol: {why}");
+        return Ok(());
+    };
+    let protocol = rig::protocol::Protocol::parse(text, &path.display().to_string())?;
+    protocol.check_against(rig)?;
+    write_new(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+    println!("protocol: {} ({:.0} s; farreach run {})", path.display(), protocol.duration_s(), path.display());
+    Ok(())
 }
 
 /// Writes the rig file whole or not at all, never over another.

@@ -8,7 +8,7 @@ use rig::RigFile;
 
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::models::{ALL, Options};
+use crate::models::{ALL, Options, Stage};
 use crate::outcome::Outcome;
 
 /// What an identification says.
@@ -24,13 +24,31 @@ pub struct Studied {
     pub detail: String,
 }
 
-/// Holds the model that a rig file declares against records, `jobs` candidates at a time.
+/// How the work is done.
+#[derive(Clone, Copy, Debug)]
+pub struct How {
+    /// Candidates fitted at a time.
+    pub jobs: usize,
+    /// Seed of the split into blocks.
+    pub seed: u64,
+    /// Whether the next experiment is to be found by simulating what the rig can play.
+    pub propose: bool,
+}
+
+impl Default for How {
+    /// On all processors, without a proposal.
+    fn default() -> Self {
+        Self { jobs: std::thread::available_parallelism().map_or(1, std::num::NonZero::get), seed: 1, propose: false }
+    }
+}
+
+/// Holds the model that a rig file declares against records.
 ///
 /// Effects that the file declares take no part: which there are is asked anew of these records.
 ///
 /// # Errors
 /// Where the rig file has several axes or a model of no such kind, or the data cannot be used.
-pub fn study(rig: &RigFile, records: &[Series], jobs: usize, seed: u64) -> Result<Studied> {
+pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     let started = std::time::Instant::now();
     let file = rig.file_name().to_owned();
     let [axis] = rig.axes.as_slice() else {
@@ -43,7 +61,8 @@ pub fn study(rig: &RigFile, records: &[Series], jobs: usize, seed: u64) -> Resul
     })?;
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
-    let options = Options { jobs, seed, gear, slave_count_rad };
+    let stage = how.propose.then(|| Stage::of(rig)).flatten();
+    let options = Options { jobs: how.jobs, seed: how.seed, gear, slave_count_rad, stage };
     let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
     let (sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {

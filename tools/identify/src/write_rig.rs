@@ -1,8 +1,9 @@
 //! A rig file with what was found: the fitted parameters in place of the declared, and the effects beside them.
 //!
 //! The text of the original is kept, comments and all; only values, tolerances and the list `[[model.effects]]` change. A tolerance becomes
-//! three standard deviations, no less than 0.2 % and no more than was declared; where the records do not show a parameter, or something
-//! is left that has no name, it stays as declared.
+//! five standard deviations, no less than a third of what was declared and no more than that: a standard deviation is of one set of records,
+//! and values fitted to another set differ by more. Where the records do not show a parameter, or something is left that has no name, its
+//! tolerance stays as declared.
 
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
@@ -10,9 +11,9 @@ use crate::forward::machine::SMOOTHING;
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
 
 /// Standard deviations that a tolerance is.
-const DEVIATIONS: f64 = 3.0;
-/// Least tolerance, as a fraction of the value or of the absolute tolerance that was declared.
-const LEAST: f64 = 2e-3;
+const DEVIATIONS: f64 = 5.0;
+/// Least share of the declared tolerance.
+const LEAST: f64 = 1.0 / 3.0;
 /// Tolerance where the file says none.
 const UNSAID: f64 = 0.25;
 
@@ -139,26 +140,33 @@ fn put_parameter(
         *value.decor_mut() = decor;
     }
     let entry = item.as_table_like_mut().ok_or_else(|| wrong("something else"))?;
-    replace(entry, "value", number(parameter.fitted));
+    let same = |value: f64| (value - parameter.fitted).abs() <= 1e-9 * value.abs();
+    if !said(entry, "value").is_some_and(same) {
+        replace(entry, "value", number(parameter.fitted));
+    }
     let std = parameter.std.filter(|_| narrow && parameter.identifiable);
     if let Some(std) = std {
-        let declared =
-            |key: &str| entry.get(key).and_then(|item| item.as_float().or(item.as_integer().map(|i| i as f64)));
-        let (key, tolerance) = match declared("tolerance_absolute") {
-            Some(absolute) => ("tolerance_absolute", (DEVIATIONS * std).clamp(LEAST * absolute, absolute)),
+        let (key, most, std) = match said(entry, "tolerance_absolute") {
+            Some(absolute) => ("tolerance_absolute", absolute, std),
             None => {
-                let most = declared("tolerance").unwrap_or(UNSAID);
-                let share = DEVIATIONS * std / parameter.fitted.abs().max(f64::MIN_POSITIVE);
-                ("tolerance", share.clamp(LEAST.min(most), most))
+                let share = std / parameter.fitted.abs().max(f64::MIN_POSITIVE);
+                ("tolerance", said(entry, "tolerance").unwrap_or(UNSAID), share)
             }
         };
-        replace(entry, key, Value::from(rounded_up(tolerance)));
+        let tolerance = rounded_up((DEVIATIONS * std).clamp(LEAST * most, most)).min(most);
+        replace(entry, key, Value::from(tolerance));
         replace(entry, "source", Value::from("traced"));
     }
     if let Item::Value(Value::InlineTable(entry)) = item {
         entry.fmt();
     }
     Ok(())
+}
+
+/// A number of an entry.
+fn said(entry: &dyn TableLike, key: &str) -> Option<f64> {
+    let item = entry.get(key)?;
+    item.as_float().or(item.as_integer().map(|whole| whole as f64))
 }
 
 /// Sets a key, with what stands around its value as it was.

@@ -45,7 +45,7 @@ fn outcome(verdict: Verdict, parameters: Vec<FittedParameter>, effects: Vec<Foun
         error: Default::default(),
         parameters,
         records: Roles::default(),
-        next_experiment: NextExperiment { why: String::new(), what: String::new() },
+        next_experiment: NextExperiment { why: String::new(), what: String::new(), protocol: None },
         steps: Vec::new(),
         candidates: Vec::new(),
         notes: Vec::new(),
@@ -54,7 +54,7 @@ fn outcome(verdict: Verdict, parameters: Vec<FittedParameter>, effects: Vec<Foun
 }
 
 const FITTED: [(&str, f64, f64); 4] = [
-    ("motor_torque_per_volt_nm", 1.621_234_567, 0.004),
+    ("motor_torque_per_volt_nm", 1.621_234_567, 0.04),
     ("line_stiffness_factor", 0.062_857_1, 1e-4),
     ("slave_static_friction_nm", 2.531, 0.5),
     ("friction_smoothing_rad_s", 0.071_3, 0.002),
@@ -66,6 +66,7 @@ fn found(effects: Vec<FoundEffect>) -> Outcome {
     let parameters = FITTED.iter().map(|(name, value, std)| parameter(name, declared(name), *value, Some(*std)));
     let mut parameters: Vec<_> = parameters.collect();
     parameters.push(parameter("slave_encoder_zero_rad", None, 4e-4, Some(1e-5)));
+    parameters.push(parameter("bulk_modulus_pa", declared("bulk_modulus_pa"), 1.86e9, None));
     let verdict = if effects.is_empty() { Verdict::None } else { Verdict::Effect };
     outcome(verdict, parameters, effects)
 }
@@ -91,7 +92,7 @@ fn the_plant_made_from_the_file_is_the_fitted_one() {
         effect("torque_ripple", "drive", &[("amplitude", 0.13), ("order", 12.0), ("phase", -0.4)]),
     ];
     let written = fitted(RIG, "rig.toml", &found(effects)).unwrap();
-    assert_eq!((written.told.as_str(), written.left_out.len()), ("4 parameters as fitted, 2 effects", 0));
+    assert_eq!((written.told.as_str(), written.left_out.len()), ("5 parameters as fitted, 2 effects", 0));
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();
     let of_file = moved(rig.axis_parameters(&rig.axes[0]).unwrap(), rig.model_effects().unwrap());
 
@@ -132,7 +133,8 @@ fn comments_stay_and_tolerances_are_what_the_records_say() {
     let of = |name: &str| rig.model.parameter(name).unwrap().clone();
     let torque = of("motor_torque_per_volt_nm");
     assert!((torque.value - 1.621_234_567).abs() < 1e-7);
-    assert_eq!((torque.tolerance, torque.source), (7.5e-3, ParameterSource::Traced), "3 · 0.004 / 1.62, rounded up");
+    assert_eq!((torque.tolerance, torque.source), (0.13, ParameterSource::Traced), "5 · 0.04 / 1.62, rounded up");
+    assert_eq!(of("line_stiffness_factor").tolerance, 0.084, "a third of the declared, however sure the fit is");
     assert_eq!(of("slave_static_friction_nm").tolerance, 0.25, "no wider than declared");
     let unseen = of("bulk_modulus_pa");
     assert_eq!((unseen.value, unseen.tolerance, unseen.source), (1.86e9, 0.05, ParameterSource::Printed));
@@ -192,13 +194,13 @@ fn an_axis_that_has_a_parameter_of_its_own_keeps_it() {
 fn of_a_drive_absolute_tolerances_stay_absolute() {
     let parameters = vec![
         parameter("mass_kg", Some(100.0), 95.1, Some(0.1)),
-        parameter("force_offset_n", Some(0.0), -3.2, Some(0.2)),
+        parameter("force_offset_n", Some(0.0), -3.2, Some(0.9)),
     ];
     let found = outcome(Verdict::Effect, parameters, vec![effect("coulomb_friction", "master", &[("level", 20.4)])]);
     let written = fitted(DRIVE, "emps.toml", &found).unwrap();
     let rig = RigFile::parse(text(&written), "emps.toml").unwrap();
     let offset = rig.model.parameter("force_offset_n").unwrap();
-    assert_eq!((offset.value, offset.tolerance_absolute), (-3.2, Some(0.6)));
+    assert_eq!((offset.value, offset.tolerance_absolute), (-3.2, Some(4.5)));
     assert_eq!(rig.model.effects[0].id, "coulomb_friction");
 }
 

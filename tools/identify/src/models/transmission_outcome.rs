@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use plant::effects::LIST;
 use report::Page;
 
+use super::propose::propose;
 use super::transmission::Study;
 use super::transmission_page;
+use super::trials::Stage;
 use crate::forward::fit::{AT_EDGE, Knob, View};
 use crate::forward::generic::NODES;
 use crate::forward::machine::Channel;
@@ -19,11 +21,15 @@ use crate::outcome::{
 };
 
 /// Rows of a block by which standard deviations are taken.
-const BLOCK: usize = 125;
+pub(super) const BLOCK: usize = 125;
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
-pub(super) fn conclude(study: &Study) -> Option<(Outcome, Page)> {
-    let outcome = outcome(study)?;
+/// With a `stage`, the next experiment is found by simulating what the rig can play.
+pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome, Page)> {
+    let mut outcome = outcome(study)?;
+    if let Some(next) = stage.and_then(|stage| propose(study, stage, outcome.verdict, &outcome.parameters)) {
+        outcome.next_experiment = next;
+    }
     let page = transmission_page::page(study, &outcome)?;
     Some((outcome, page))
 }
@@ -201,7 +207,7 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
 }
 
 fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
-    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned() };
+    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
     let found = &study.found;
     match verdict {
         Verdict::Ambiguous => {

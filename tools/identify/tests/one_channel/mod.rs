@@ -37,8 +37,12 @@ pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig:
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
     let kind = ALL.iter().find(|m| m.kind() == model.kind).unwrap();
-    let (outcome, page) =
-        kind.identify("rig.toml", model, records, Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None })?;
+    let (outcome, page) = kind.identify(
+        "rig.toml",
+        model,
+        records,
+        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None },
+    )?;
     // Every outcome must make a page.
     page.render().unwrap();
     Ok(outcome)
