@@ -23,9 +23,9 @@ use crate::write_rig::fitted;
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<i32> {
     let asked = [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
-    for (option, path) in
-        asked.iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).filter(|(_, path)| path.exists())
-    {
+    let taken =
+        asked.iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).find(|(_, path)| path.exists());
+    if let Some((option, path)) = taken {
         // Said before the work, not after it.
         eprintln!("error: {option}: {}: exists already and is not overwritten: name another file", path.display());
         return Ok(1);

@@ -272,8 +272,14 @@ fn slopes(machine: &Machine, setting: &Setting, knobs: &[Knob], floors: &[(Chann
 
 /// What is left of a column when all that others can do is taken out.
 fn without(column: &DVector<f64>, others: &DMatrix<f64>) -> DVector<f64> {
-    let columns: Vec<DVector<f64>> =
-        others.column_iter().filter(|other| other.norm() > 0.0).map(|other| &other / other.norm()).collect();
+    let columns: Vec<DVector<f64>> = others
+        .column_iter()
+        .filter(|other| other.norm() > 0.0)
+        .map(|other| {
+            let norm = other.norm();
+            other / norm
+        })
+        .collect();
     if columns.is_empty() {
         return column.clone();
     }

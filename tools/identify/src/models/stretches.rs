@@ -51,7 +51,7 @@ pub(super) fn enough(records: &[Series], notes: &mut Vec<String>) -> Result<Opti
     }
     // Of stretches of like quickness, the next does the next thing.
     let mut order: Vec<usize> = (0..stretches.len()).collect();
-    let quick: Vec<f64> = stretches.iter().map(|stretch| quickness(stretch)).collect();
+    let quick: Vec<f64> = stretches.iter().map(quickness).collect();
     order.sort_by(|a, b| bucket(quick[*a]).cmp(&bucket(quick[*b])).then(a.cmp(b)));
     for (turn, at) in order.into_iter().enumerate() {
         stretches[at].role = Some(TURN[turn % TURN.len()]);
