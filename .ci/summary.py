@@ -63,18 +63,20 @@ def problems(summary, profile):
             yield f"command_hz: expected {CONTROL_HZ} within {RATE_SHARE[found]:.1%}, found {rate}"
     if not summary["recording_bytes"] > 0:
         yield "recording_bytes: expected a recording"
-    if summary["identify"] is not None and "verdict" not in summary["identify"]:
-        yield "identify: expected a verdict"
+    if not summary["identify"] or "verdict" not in summary["identify"]:
+        yield f"identify: expected a verdict on the demo's own recording, found {summary['identify']!r}"
 
 
 def notes(summary):
     found = summary["profile"]
     for trip in numbers(summary["trip_ms"]):
         if trip > PROMISED_TRIP_MS[found]:
-            yield f"trip_ms: {trip:.1f} is above the promised {PROMISED_TRIP_MS[found]:.0f}"
+            yield f"trip_ms: {trip:.1f} is above the promised {PROMISED_TRIP_MS[found]:.0f}: this machine was not quiet"
     for rate in numbers(summary["command_hz"]):
         if abs(rate / CONTROL_HZ - 1.0) > PROMISED_RATE_SHARE[found]:
-            yield f"command_hz: {rate:.2f} is not within {PROMISED_RATE_SHARE[found]:.1%} of {CONTROL_HZ:.0f}"
+            yield f"command_hz: {rate:.2f} is not within {PROMISED_RATE_SHARE[found]:.1%} of {CONTROL_HZ:.0f}: this machine was not quiet"
+    if summary["injected"] is None and summary["identify"]["verdict"] != "none":
+        yield f"identify: {summary['identify']['verdict']!r}, though nothing was put in"
 
 
 def main():
@@ -90,12 +92,12 @@ def main():
     if found:
         return 1
     for note in notes(summary):
-        print(f"note, this machine was not quiet: {note}")
+        print(f"note: {note}")
     print(
         f"{summary['profile']}: {summary['samples']} samples, {summary['samples_lost']} lost, "
         f"{summary['samples_missed']} missed; trips {summary['trip_ms']} ms, restarts {summary['restart_ms']} ms, "
         f"command {summary['command_hz']} Hz; identify "
-        + (f"says {summary['identify']['verdict']!r}" if summary["identify"] else "DID NOT RUN")
+        f"says {summary['identify']['verdict']!r}"
     )
     return 0
 

@@ -202,12 +202,13 @@ impl RigFile {
     /// What the declared model says of an axis; `None` where it is no transmission, or there is no such axis.
     ///
     /// The friction of a hydrostatic transmission is that of § 3.2.1 with the loss in both hoses; that of a cable is at
-    /// pretension, mean of both directions and all positions. `line_v` is the stiffness of both lines at rest.
+    /// pretension, mean of both directions and all positions. `line_v` is the stiffness of both lines at rest. What declared effects change of
+    /// them is in ([`RigFile::control_parameters`]).
     pub fn identified(&self, axis: usize) -> Option<IdentifiedAxis> {
         let axis = self.axes.get(axis)?;
         let gear = axis.master.turns_per_handle_turn;
         let speed_max = axis.limits.speed_max;
-        match self.axis_parameters(axis).ok()? {
+        match self.control_parameters(axis).ok()? {
             any::Parameters::Hydrostatic(model) => Some(hydrostatic_axis(&model, gear, speed_max)),
             any::Parameters::Cable(model) => Some(cable_axis(&model, gear, speed_max)),
         }

@@ -18,6 +18,7 @@
 mod axis;
 mod channel;
 mod compensation;
+mod effect;
 mod error;
 mod force;
 mod identity;
@@ -36,6 +37,7 @@ pub use channel::{Channel, ChannelKind};
 pub use compensation::{
     CURVE_POINTS, Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer, SlaveLoop,
 };
+pub use effect::{ModelEffect, ModelEffectError};
 pub use error::{FileError, Problem, ProtocolError, RigError};
 pub use force::{ACCELERATION_HZ, ForceControl};
 pub use identity::{identity, identity_of_bytes};

@@ -4,6 +4,7 @@ use plant::axes::{CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
 
 use crate::axis::Axis;
+use crate::effect::ModelEffect;
 use crate::error::{Problem, RigError};
 use crate::one_channel;
 use crate::read::{NumberOrSection, Section, Source, bounds, nearest};
@@ -15,6 +16,8 @@ pub struct Model {
     pub kind: ModelKind,
     /// Declared parameters, in the order of the file: those of every axis's transmission.
     pub parameters: Vec<Parameter>,
+    /// What every axis's transmission has beyond its equations, as measured records showed it.
+    pub effects: Vec<ModelEffect>,
     /// What the axes' handle has of inertia beside each axis's own, a number a pair: first and second axis, first and third,
     /// second and third (kg·m²). Empty where the axes move as if alone.
     pub handle_coupling: Vec<f64>,
@@ -114,7 +117,7 @@ const MOTOR_TURN: ParameterInfo = ParameterInfo {
 };
 
 /// The file's model is not the one that was asked for.
-fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
+pub(crate) fn unfit(file: &str, key: String, expected: String, found: String) -> RigError {
     let (file, advice) = (file.to_owned(), "take a rig file with that model".to_owned());
     RigError::Invalid { problems: vec![Problem { file, line: 1, key, expected, found, advice }] }
 }
@@ -133,7 +136,7 @@ impl Model {
     }
 
     /// The same model with what one axis has otherwise.
-    fn with(&self, own: &[Parameter]) -> Self {
+    pub(crate) fn with(&self, own: &[Parameter]) -> Self {
         let mut model = self.clone();
         for parameter in own {
             match model.parameters.iter_mut().find(|declared| declared.name == parameter.name) {
@@ -212,8 +215,30 @@ impl Model {
             let advice = format!("add {} = {{ value = … }}, in {}", motor.name, motor.unit);
             source.problem("model.parameters", format!("`{}`", motor.name), "nothing", advice);
         }
+        if source.is_clean() {
+            self.check_effects(axes, source);
+        }
         if source.is_clean() && !self.handle_coupling.is_empty() {
             self.check_coupling(axes, source);
+        }
+    }
+
+    /// Whether the effects can act in each axis's transmission.
+    fn check_effects(&self, axes: &[Axis], source: &Source<'_>) {
+        for (at, effect) in self.effects.iter().enumerate() {
+            if let Some(before) =
+                self.effects[..at].iter().position(|other| (other.id, other.site) == (effect.id, effect.site))
+            {
+                let expected = format!("an effect of its own (model.effects.{before} has it already)");
+                let found = format!("{} at {}", effect.id, effect.site);
+                source.problem(&format!("model.effects.{at}.id"), expected, found, "take one of the two out");
+            }
+            for axis in axes {
+                effect.check(at, self.of_axis(&axis.model, "").ok().as_ref(), source);
+                if !source.is_clean() {
+                    break;
+                }
+            }
         }
     }
 
@@ -277,6 +302,7 @@ impl Model {
     pub(crate) fn read(section: Section<'_>) -> Self {
         let kind = section.word("kind", ModelKind::WORDS).unwrap_or(ModelKind::Hydrostatic);
         let parameters = Parameter::read_all(&section.section("parameters"));
+        let effects = ModelEffect::read_all(&section);
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m makes 0.01");
         let handle_coupling = match section.has("handle_coupling_kg_m2") {
             true => section.numbers("handle_coupling_kg_m2", products),
@@ -286,7 +312,7 @@ impl Model {
             }
         };
         section.finish();
-        Self { kind, parameters, handle_coupling }
+        Self { kind, parameters, effects, handle_coupling }
     }
 }
 

@@ -168,6 +168,11 @@ impl RigFile {
         self.model.of_axis(&axis.model, &self.file_name)
     }
 
+    /// The declared model of one axis: that of the file, but for what `axes.model` says of its transmission.
+    pub fn axis_model(&self, axis: &Axis) -> Model {
+        self.model.with(&axis.model)
+    }
+
     /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.
     ///
     /// # Errors

@@ -17,7 +17,7 @@ const HALVINGS: usize = 14;
 
 /// An axis under a law; `None` where the model is no transmission.
 fn closed(rig: &RigFile, axis: &Axis, law: Law) -> Option<Loop> {
-    let parameters = rig.axis_parameters(axis).ok()?;
+    let parameters = rig.control_parameters(axis).ok()?;
     Some(Loop {
         machine: Machine::new(&parameters, axis.limits.speed_max),
         sampling: Sampling {

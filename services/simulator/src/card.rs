@@ -72,7 +72,8 @@ pub struct Card {
 }
 
 impl Card {
-    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis: no model is told of them.
+    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis, beside those that the rig file
+    /// declares: no model is told of them.
     /// `line_ns` is how long after the enable line's last toggle the motors keep their power.
     pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
         let kind = rig.model.kind;
@@ -87,7 +88,9 @@ impl Card {
             if hand.kind != HandKind::Absent {
                 parameters.load_handle(hand.inertia)?;
             }
-            let mut effects = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+            let asked = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+            let mut effects = rig.model_effects()?;
+            effects.extend(asked);
             if let Some((lower, upper)) = simulation.end_stops {
                 effects.push(Box::new(EndStop::between(lower, upper)));
             }

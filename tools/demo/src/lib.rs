@@ -39,8 +39,11 @@
 //!    verbs bring power back while the protocol goes on.
 //! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by pure functions
 //!    ([`analysis`]); only the instants of the kills come from the program that killed.
-//! 4. The declared plant, without any effect, is run on the volts that reached the motor. Nothing pulls it back to the
+//! 4. The declared plant, without any effect but those of the rig file, is run on the volts that reached the motor. Nothing pulls it back to the
 //!    measurement. Without `--effect` what remains is the resolution of encoders and torque cell; with one, the error shows it.
+//!
+//! 5. `farreach identify`, as a call, cuts the recording into stretches and says which effect the declared model lacks, or that nothing is
+//!    missing. It takes a minute or more; `--no-identify` leaves it out.
 //!
 //! Exit codes: 0 all went as promised; 1 a promise failed (the motor was not at 0 V, a process did not come back), or the run
 //! could not be made or was interrupted; 2 usage; 3 data was lost. Whatever happens, Ctrl-C included, the rig is brought
@@ -49,12 +52,14 @@
 pub mod analysis;
 mod console;
 mod folder;
+mod identified;
 mod page;
 mod run;
 mod session;
 mod summary;
 
 pub use folder::{Folder, FolderError};
+pub use identified::Identified;
 pub use page::page;
 pub use run::{Args, run};
 pub use summary::{Outcome, Summary};

@@ -5,7 +5,7 @@ use report::{Colour, Figure, Page, Table, Tone};
 use rig::{AxisUnit, RigFile};
 
 use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace, dark};
-use crate::{Outcome, Summary};
+use crate::{Identified, Outcome, Summary};
 
 /// Wide figures, CSS pixels.
 const WIDTH: u32 = 860;
@@ -38,7 +38,13 @@ impl Shown {
 ///
 /// # Errors
 /// Where a figure cannot be drawn.
-pub fn page(analysis: &Analysis, summary: &Summary, outcome: &Outcome, rig: &RigFile) -> report::Result<String> {
+pub fn page(
+    analysis: &Analysis,
+    summary: &Summary,
+    outcome: &Outcome,
+    identified: &Identified,
+    rig: &RigFile,
+) -> report::Result<String> {
     let shown = Shown::of(rig);
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))
@@ -52,7 +58,7 @@ pub fn page(analysis: &Analysis, summary: &Summary, outcome: &Outcome, rig: &Rig
     if let Some(model) = &analysis.model {
         page = self::model(page, model, summary, &shown);
     }
-    tables(page, analysis, summary)
+    tables(identified.section(page), analysis, summary)
         .details("Events, in order", &events(&analysis.trace))
         .details("summary.json", &json)
         .footer(&format!("farreach demo {}, revision {}", env!("CARGO_PKG_VERSION"), summary.revision))

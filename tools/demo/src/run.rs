@@ -16,13 +16,15 @@ use crate::analysis::{Analysis, Kill, Trace, analyse};
 use crate::console::Console;
 use crate::folder::Folder;
 use crate::session::{Interrupted, Session};
-use crate::{Outcome, Summary, page};
+use crate::{Identified, Outcome, Summary, page};
 
 /// Shortest guided movement with room for two kills and what follows them (s).
 const SHORTEST_S: f64 = 14.0;
 const LONGEST_S: f64 = 600.0;
 /// The guided movement among the protocol's segments.
 const GUIDED: usize = 1;
+/// What asks for an end.
+const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
 /// When within the guided movement the kills come, as a part of it.
 const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.55)];
 
@@ -30,8 +32,8 @@ const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisit
 ///
 /// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement control is killed with
 /// SIGKILL, later acquisition; each time the motor loses power, the launcher starts the process again, and the
-/// operator's verbs (reset, arm, enable) bring power back. Then the declared model is held against the recording. Needs no
-/// root, no systemd and no hardware; nothing is left running.
+/// operator's verbs (reset, arm, enable) bring power back. Then the declared model is held against the recording, and `farreach identify` says
+/// which effect it lacks, or that nothing is missing. Needs no root, no systemd and no hardware; nothing is left running.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect backlash@slave=0.05\n\n\
     Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise failed or the run could \
@@ -49,6 +51,9 @@ pub struct Args {
     /// Rig file, or the name of one that comes with farreach; its model must be one that can be simulated
     #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
     pub rig: PathBuf,
+    /// Leaves out the identification at the end, which takes a minute or more
+    #[arg(long)]
+    pub no_identify: bool,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -76,7 +81,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     }
     let folder = Folder::prepare(&args.out)?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+    for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let console = Console::new();
@@ -96,15 +101,31 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     console.doing(|| "reading the recording, running the declared model".to_owned());
     let trace = Trace::read(&folder.recording())?;
     let analysis = analyse(trace, &kills, &rig)?;
-    let summary = Summary::new(&analysis, effect);
     let mut outcome = Outcome::of(&analysis);
     if folder.further_parts() {
         outcome = outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
-    let html = page(&analysis, &summary, &outcome, &rig)?;
-    write(&folder.page(), &html)?;
-    write(&folder.summary(), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
-    tell(&console, &analysis, &summary, &outcome);
+    let results = |identified: &Identified| -> anyhow::Result<Summary> {
+        let summary = Summary::new(&analysis, effect).with_identify(identified.value());
+        let html = page(&analysis, &summary, &outcome, identified, &rig)?;
+        write(&folder.page(), &html)?;
+        write(&folder.summary(), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
+        Ok(summary)
+    };
+    // Without the identification first: whoever does not want to wait for it has the rest.
+    let mut identified = Identified::LeftOut;
+    let mut summary = results(&identified)?;
+    if !args.no_identify {
+        console.doing(|| "identify: what does the declared model lack? A minute or more; Ctrl-C ends it".to_owned());
+        // The rig is down: nothing needs to be put in order any more.
+        for signal in SIGNALS {
+            let at_once = Arc::new(AtomicBool::new(true));
+            signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
+        }
+        identified = Identified::of(&folder.recording(), &rig);
+        summary = results(&identified)?;
+    }
+    tell(&console, &analysis, &summary, &outcome, &identified);
     console.done(&format!(
         "{}\n{}\n{}\n{:.0} s in all",
         folder.recording().display(),
@@ -219,7 +240,7 @@ fn on_the_rig(
 }
 
 /// What a person wants to know in the end.
-fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Outcome) {
+fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Outcome, identified: &Identified) {
     let mut lines = vec![String::new()];
     let rates: Vec<String> = summary.command_hz.iter().map(|hz| format!("{hz:.2}")).collect();
     lines.push(format!(
@@ -259,6 +280,7 @@ fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Out
             model.channels.iter().map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit)).collect();
         lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
     }
+    lines.extend(identified.line().map(|line| format!("identify    {line}")));
     lines.push(String::new());
     match outcome {
         Outcome::Kept if analysis.unprovoked.is_empty() => lines.push("all went as promised".to_owned()),

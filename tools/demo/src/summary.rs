@@ -40,7 +40,7 @@ pub struct Summary {
     pub recording_bytes: u64,
     /// Root mean square of measured against declared model, by channel (rad, N·m).
     pub model_error: BTreeMap<&'static str, f64>,
-    /// As `farreach identify --json`; null as long as the demo does not run it.
+    /// As `farreach identify --json`, of this recording; null where it was left out or could not be run.
     pub identify: Option<serde_json::Value>,
 }
 
@@ -67,6 +67,12 @@ impl Summary {
             model_error: analysis.model.as_ref().map(|model| model.errors()).unwrap_or_default(),
             identify: None,
         }
+    }
+
+    /// With what identify says of the recording.
+    #[must_use]
+    pub fn with_identify(self, identify: Option<serde_json::Value>) -> Self {
+        Self { identify, ..self }
     }
 }
 

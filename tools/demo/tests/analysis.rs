@@ -5,7 +5,7 @@ mod common;
 
 use common::{KILL_ACQUISITION_NS, KILL_CONTROL_NS, Script, write};
 use demo::analysis::{Analysis, Kill, Percentiles, Trace, TraceError, analyse};
-use demo::{Outcome, Summary, page};
+use demo::{Identified, Outcome, Summary, page};
 use ipc_types::{Process, Profile};
 use rig::RigFile;
 
@@ -238,7 +238,8 @@ fn summary_and_page_are_complete() {
     assert!(json["identify"].is_null());
     assert!(json["model_error"]["slave_rad"].as_f64().unwrap() > 0.0);
 
-    let html = page(&analysis, &summary, &Outcome::of(&analysis), &rig()).unwrap();
+    let html = page(&analysis, &summary, &Outcome::of(&analysis), &Identified::LeftOut, &rig()).unwrap();
+    assert!(!html.contains("What the declared model lacks"));
     // overview, three a kill, three channels
     assert_eq!(html.matches("<svg").count(), 1 + 2 * 3 + 3);
     assert!(html.contains("The control process was killed") && html.contains("The acquisition process was killed"));
@@ -253,4 +254,15 @@ fn a_recording_without_samples_says_so() {
     writer.finish(&[]).unwrap();
     let error = Trace::read(&path).unwrap_err();
     assert!(matches!(error, TraceError::Empty { .. }), "{error}");
+}
+
+#[test]
+fn a_recording_that_identify_cannot_use_is_no_reason_to_have_no_page() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("run.mcap");
+    let writer = recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1).unwrap();
+    writer.finish(&[]).unwrap();
+    let identified = Identified::of(&path, &rig());
+    assert!(matches!(&identified, Identified::Refused(reason) if reason.contains("run.mcap")), "{identified:?}");
+    assert_eq!(identified.value(), None);
 }

@@ -8,11 +8,13 @@ use std::path::PathBuf;
 /// motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured; of a drive: t_s, force_n, position_m (or torque_nm,
 /// position_rad); of an element: t_s, position_m, force_n; of an oscillator: t_s, input, output.
 ///
-/// A transmission needs three records or more; whole records fit, select and report, unless --fit, --select and --report-on say
-/// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
+/// A transmission needs three records or more, or one that moves for 9 s or more and is cut into stretches; whole records fit,
+/// select and report, unless --fit, --select and --report-on say otherwise. Of the other kinds one record does: blocks of it fit,
+/// select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n\n\
+    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n  \
+    farreach identify --rig launch/rigs/hydrostatic.toml run-*.csv --write-rig fitted.toml\n\n\
     Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
 )]
 pub struct Args {
@@ -28,6 +30,13 @@ pub struct Args {
     /// Writes the result for programs
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Writes the rig file with the fitted parameters and the effects found; FILE must not exist
+    #[arg(long, value_name = "FILE")]
+    pub write_rig: Option<PathBuf>,
+    /// Writes a protocol that the rig can play: it tells apart what the records cannot, or shows parameters that they do not; FILE must not
+    /// exist
+    #[arg(long, value_name = "FILE")]
+    pub propose_experiment: Option<PathBuf>,
     /// Candidates fitted at a time [default: one a processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,

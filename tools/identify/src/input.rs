@@ -16,6 +16,12 @@ pub struct Series {
     pub notes: Vec<String>,
 }
 
+/// Mean time from row to row (s); `None` of fewer than two rows.
+pub fn step_of(time: &[f64]) -> Option<f64> {
+    let steps = time.len().checked_sub(1).filter(|steps| *steps > 0)?;
+    Some((time[steps] - time[0]) / steps as f64)
+}
+
 /// Time steps may differ from their median by this share.
 const JITTER: f64 = 0.05;
 

@@ -23,6 +23,8 @@ pub mod page;
 pub mod regression;
 mod run;
 pub mod spectral;
+pub mod study;
+pub mod write_rig;
 
 pub use args::Args;
 pub use run::run;

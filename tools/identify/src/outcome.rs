@@ -18,6 +18,19 @@ pub enum Verdict {
     Unlisted,
 }
 
+impl Verdict {
+    /// The word for so many effects added, so many rivals that the records cannot tell from them, and whether something
+    /// is left that no listed effect explains.
+    pub fn of(effects: usize, rivals: usize, remains: bool) -> Self {
+        match (effects, rivals) {
+            (0, _) if remains => Self::Unlisted,
+            (0, _) => Self::None,
+            (_, 0) => Self::Effect,
+            _ => Self::Ambiguous,
+        }
+    }
+}
+
 /// Everything that identify found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
@@ -173,6 +186,9 @@ pub struct NextExperiment {
     pub why: String,
     /// What would settle it.
     pub what: String,
+    /// A protocol that does it, where the rig can play one and it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<String>,
 }
 
 /// Error after a step, in percent of the force's root mean square on the same rows.
@@ -211,4 +227,19 @@ pub struct CandidateGain {
     pub blocks_worse: usize,
     /// Whether it passes.
     pub accepted: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Verdict;
+
+    #[test]
+    fn the_verdict_is_of_effects_first_then_of_what_is_left() {
+        assert_eq!(Verdict::of(0, 0, false), Verdict::None);
+        assert_eq!(Verdict::of(0, 0, true), Verdict::Unlisted);
+        for remains in [false, true] {
+            assert_eq!(Verdict::of(2, 0, remains), Verdict::Effect);
+            assert_eq!(Verdict::of(1, 2, remains), Verdict::Ambiguous);
+        }
+    }
 }

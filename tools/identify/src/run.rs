@@ -1,18 +1,20 @@
 //! The thin edge: reads files, asks the model, writes files.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
-use recording::record::{ColumnNames, SampleColumns};
+use rig::RigFile;
 
 use crate::Args;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::inverse::split::Role;
-use crate::models::{ALL, Options};
 use crate::outcome::Outcome;
 use crate::page::{short, what_is_left};
+use crate::study::{How, Studied, read, study};
+use crate::write_rig::fitted;
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
 /// rig file cannot be used (the reason goes to stderr).
@@ -20,17 +22,24 @@ use crate::page::{short, what_is_left};
 /// # Errors
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<i32> {
-    let started = std::time::Instant::now();
-    let (mut outcome, page, told) = match study(&args) {
+    let asked = [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
+    let taken =
+        asked.iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).find(|(_, path)| path.exists());
+    if let Some((option, path)) = taken {
+        // Said before the work, not after it.
+        eprintln!("error: {option}: {}: exists already and is not overwritten: name another file", path.display());
+        return Ok(1);
+    }
+    let (rig, studied) = match whole(&args) {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: {error:#}");
             return Ok(1);
         }
     };
-    outcome.seconds = started.elapsed().as_secs_f64();
+    let Studied { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    print_outcome(&outcome, told);
+    print_outcome(&outcome, &sentence, &detail);
     if let Some(path) = &args.json {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
@@ -45,34 +54,75 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         page.write(&path)?;
         println!("page: {}", path.display());
     }
+    if let Some(path) = &args.propose_experiment {
+        propose(path, &rig, &outcome)?;
+    }
+    match &args.write_rig {
+        Some(path) => write_rig(path, &rig, &outcome),
+        None => Ok(0),
+    }
+}
+
+fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
+    let rig = RigFile::load(&args.rig)?;
+    let records = records(args, &rig)?;
+    let own = How::default();
+    let how = How { jobs: args.jobs.unwrap_or(own.jobs), seed: args.seed, propose: args.propose_experiment.is_some() };
+    let studied = study(&rig, &records, how)?;
+    Ok((rig, studied))
+}
+
+/// Writes the protocol of the next experiment, or says why there is none.
+fn propose(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<()> {
+    let Some(text) = &outcome.next_experiment.protocol else {
+        let why = match rig.model.kind.is_transmission() {
+            true => "no movement that the rig can play by itself tells more; see next",
+            false => "a rig of this kind plays no protocols here; see next",
+        };
+        println!("not written: no protocol: {why}");
+        return Ok(());
+    };
+    let protocol = rig::protocol::Protocol::parse(text, &path.display().to_string())?;
+    protocol.check_against(rig)?;
+    write_new(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+    println!("protocol: {} ({:.0} s; farreach run {})", path.display(), protocol.duration_s(), path.display());
+    Ok(())
+}
+
+/// Writes the rig file whole or not at all, never over another.
+fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<i32> {
+    let written = match fitted(rig.text(), rig.file_name(), outcome) {
+        Ok(written) => written,
+        Err(error) => {
+            eprintln!("error: --write-rig: {error}");
+            return Ok(1);
+        }
+    };
+    if let Some(text) = &written.text {
+        write_new(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        println!("rig file: {} ({})", path.display(), written.told);
+    }
+    for what in &written.left_out {
+        println!("not written: {what}");
+    }
     Ok(0)
 }
 
-/// The outcome, its page, and the verdict in two sentences.
-fn study(args: &Args) -> anyhow::Result<(Outcome, report::Page, (String, String))> {
-    let rig = rig::RigFile::load(&args.rig)?;
-    if rig.axes.len() != 1 {
-        let file = args.rig.display().to_string();
-        return Err(IdentifyError::Axes { file, axes: rig.axes.len() }.into());
-    }
-    let model = ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
-        file: args.rig.display().to_string(),
-        kind: rig.model.kind.name().to_owned(),
-        known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
-    })?;
-    let names = if rig.model.kind.is_transmission() { ColumnNames::rotary() } else { ColumnNames::one_mass_linear() };
-    let records = records(args, &names)?;
-    let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let gear = rig.axes[0].master.turns_per_handle_turn;
-    let slave_count_rad = rig.axes[0].slave.map(|encoder| 1.0 / encoder.counts_per_unit);
-    let options = Options { jobs: args.jobs.unwrap_or(processors), seed: args.seed, gear, slave_count_rad };
-    let (outcome, page) = model.identify(&args.rig.display().to_string(), &rig.model, &records, options)?;
-    let told = model.sentences(&outcome);
-    Ok((outcome, page, told))
+/// A file that is there whole or not at all, and was not there before.
+fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)?;
+    let mut file = tempfile::Builder::new();
+    #[cfg(unix)]
+    file.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = file.tempfile_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    file.persist_noclobber(path).map(drop).map_err(|error| error.error)
 }
 
 /// All records with the roles that the command line fixes.
-fn records(args: &Args, names: &ColumnNames) -> Result<Vec<Series>> {
+fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
     for (paths, role) in [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)] {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
@@ -94,7 +144,7 @@ fn records(args: &Args, names: &ColumnNames) -> Result<Vec<Series>> {
     if fixed {
         share_out(&mut asked)?;
     }
-    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path, names)? })).collect()
+    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path, rig)? })).collect()
 }
 
 /// Gives the records without a part the parts that nobody plays: fit first, then report, then select.
@@ -120,26 +170,7 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     Ok(())
 }
 
-/// Reads a recording of farreach's (`.mcap`) or a CSV file. The reader refuses holes, gaps and time that runs
-/// backwards; what it merely finds odd goes into the notes.
-fn read(path: &Path, names: &ColumnNames) -> Result<Series> {
-    let file = path.display().to_string();
-    let options = recording::record::Options::default();
-    let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-    let record = if mcap {
-        let columns = SampleColumns::new(names.clone());
-        recording::record::from_mcap(path, &columns, &options)
-    } else {
-        recording::record::from_csv(path, &options)
-    };
-    let record = record.map_err(|e| IdentifyError::Read(e.to_string()))?;
-    let notes = record.findings.iter().map(|f| format!("{file}: {}", f.text)).collect();
-    let mut columns = vec![(recording::record::TIME.to_owned(), record.time_s)];
-    columns.extend(record.columns);
-    Ok(Series { file, columns, role: None, notes })
-}
-
-fn print_outcome(outcome: &Outcome, (sentence, detail): (String, String)) {
+fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
     println!("{sentence}\n{detail}");
     for s in &outcome.steps {
         println!("  {:32} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);

@@ -84,14 +84,19 @@ fn rig(mass_tolerance: f64) -> rig::Model {
             parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
             parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
         ],
+        effects: Vec::new(),
         handle_coupling: Vec::new(),
     }
 }
 
 fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
     let model = ALL.iter().find(|m| m.kind() == rig::ModelKind::Drive).unwrap();
-    let (outcome, page) =
-        model.identify("rig.toml", rig, records, Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None })?;
+    let (outcome, page) = model.identify(
+        "rig.toml",
+        rig,
+        records,
+        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None },
+    )?;
     // Every outcome must make a page.
     page.render().unwrap();
     Ok(outcome)

@@ -4,7 +4,7 @@
 mod one_channel;
 
 use identify::outcome::{Outcome, Verdict};
-use one_channel::{Noise, effect, ids, parameter, rig, run, series};
+use one_channel::{Noise, close, ids, parameter, rig, run, series};
 use rig::ModelKind::Element;
 
 const STIFFNESS: f64 = 2.1e4;
@@ -91,24 +91,9 @@ fn identify(seed: u64, extra: Extra<'_>) -> Outcome {
     run(&declared(0.25, 0.5), &[record(seed, STIFFNESS, DAMPING, extra)]).unwrap()
 }
 
-fn close(outcome: &Outcome, name: &str, truth: f64, share: f64) {
-    let (value, std) = effect(outcome, name);
-    assert!((value - truth).abs() < share * truth.abs(), "{name}: {value} ± {std}, true {truth}");
-}
-
-/// The effect is the only one, and the error that is left is about the noise.
+/// The effect is the only one, and the error that is left is about the noise of 0.08 N.
 fn only(outcome: &Outcome, id: &str) {
-    assert_eq!(
-        outcome.verdict,
-        Verdict::Effect,
-        "{:?} {:?} {:#?}",
-        ids(outcome),
-        outcome.ambiguous_with,
-        outcome.candidates
-    );
-    assert_eq!(ids(outcome), [id], "{:#?}", outcome.candidates);
-    let error = &outcome.error["force_n"];
-    assert!(error.after < 0.085, "{error:?}");
+    one_channel::only(outcome, id, ("force_n", 0.085));
 }
 
 #[test]

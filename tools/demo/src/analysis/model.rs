@@ -56,7 +56,7 @@ impl Model {
 const INITIAL: usize = 20;
 
 /// Simulates the declared plant, and the hand that the rig file declares, on the recorded motor volts from the first sample on. No
-/// effect is put in. Nothing pulls it back to the measurement, so that an error once made stays.
+/// effect is put in but those that the rig file declares. Nothing pulls it back to the measurement, so that an error once made stays.
 ///
 /// Volts are held from a scan to the next; where ticks are missing, the last are held over the hole. `None` where the
 /// rig file's model is none that `plant` simulates with volts as its input, or no position was recorded.
@@ -83,7 +83,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
     if held {
         parameters.load_handle(hand.inertia)?;
     }
-    let mut plant = parameters.plant(Vec::new())?;
+    let mut plant = parameters.plant(rig.model_effects()?)?;
     // Measured positions are the handle's; the plant's master turns as often as the motor.
     let gear = rig.axes[0].master.turns_per_handle_turn;
     plant.rest_at(gear * master_0, Some(slave_0).filter(|slave| slave.is_finite()));

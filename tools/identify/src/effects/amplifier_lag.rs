@@ -8,8 +8,10 @@
 //! In a residual: error in proportion to the rate of the force, largest at quick reversals. Confused with: dead time (the same in
 //! first order; below one and a half sampling periods neither gets a name), a mass or damping outside of its tolerance.
 
+use super::transport_delay::LAG_OR_DEAD_TIME;
 use super::{Axis, Effect, InverseEffect, Term, View};
 use crate::filter::derivatives;
+use crate::input::step_of;
 
 pub(super) struct AmplifierLag;
 
@@ -24,8 +26,7 @@ impl Effect for AmplifierLag {
         "an amplifier that follows late (lag)"
     }
     fn experiment(&self) -> &'static str {
-        "steps of the command with the current measured: a lag begins at once, dead time does not; or sines up to the bandwidth: a lag \
-         loses amplitude, dead time only phase"
+        LAG_OR_DEAD_TIME
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)
@@ -49,9 +50,7 @@ impl InverseEffect for AmplifierLag {
         vec![Term::positive("time_constant", "s")]
     }
     fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
-        let time = &view.signals.time;
-        let step = if time.len() > 1 { (time[time.len() - 1] - time[0]) / (time.len() - 1) as f64 } else { 1.0 };
-        vec![derivatives(view.model, step).0]
+        vec![derivatives(view.model, step_of(&view.signals.time).unwrap_or(1.0)).0]
     }
     fn deliver(&self, command: &[f64], step: f64, amplitudes: &[f64], _: &[f64]) -> Option<Vec<f64>> {
         let share = step / amplitudes[0].max(1e-9 * step);

@@ -11,6 +11,11 @@
 //! loop computes in between.
 
 use super::{Axis, Effect, InverseEffect, Shape, Term, View, waves};
+use crate::input::step_of;
+
+/// The experiment that tells a lag from dead time.
+pub(super) const LAG_OR_DEAD_TIME: &str = "steps of the command with the current measured: a lag begins at once, dead time does not; or sines up to \
+     the bandwidth: a lag loses amplitude, dead time only phase";
 
 pub(super) struct TransportDelay;
 
@@ -25,8 +30,7 @@ impl Effect for TransportDelay {
         "dead time between force and motion"
     }
     fn experiment(&self) -> &'static str {
-        "steps of the command with the current measured: a lag begins at once, dead time does not; or sines up to the bandwidth: a lag \
-         loses amplitude, dead time only phase"
+        LAG_OR_DEAD_TIME
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)
@@ -51,9 +55,8 @@ impl InverseEffect for TransportDelay {
         vec![Shape::by_steps("delay", "s", (-longest, longest), 20)]
     }
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
-        let time = &view.signals.time;
-        let rate = if time.len() > 1 { (time.len() - 1) as f64 / (time[time.len() - 1] - time[0]) } else { 1.0 };
-        let late = waves::shifted(view.model, shapes[0] * rate);
+        let step = step_of(&view.signals.time).unwrap_or(1.0);
+        let late = waves::shifted(view.model, shapes[0] / step);
         vec![late.iter().zip(view.model).map(|(late, now)| late - now).collect()]
     }
     fn deliver(&self, command: &[f64], step: f64, _: &[f64], shapes: &[f64]) -> Option<Vec<f64>> {

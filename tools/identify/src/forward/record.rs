@@ -136,7 +136,8 @@ impl Record {
 
     /// The same at the pace of the simulation. Volts and torques are held from row to row, so that they become means; positions are taken
     /// where a new row begins, averaged to both sides.
-    fn thinned(self) -> Self {
+    #[must_use]
+    pub fn thinned(self) -> Self {
         let every = (PACE_S / self.step_s * (1.0 + 1e-6)) as usize;
         if every < 2 {
             return self;
@@ -148,7 +149,7 @@ impl Record {
             let at = |row: isize| column[row.clamp(0, column.len() as isize - 1) as usize];
             let reach = every as isize / 2;
             // With an even number the two ends count half.
-            let outer = if every % 2 == 0 { 0.5 } else { 1.0 };
+            let outer = if every.is_multiple_of(2) { 0.5 } else { 1.0 };
             (0..column.len() / every)
                 .map(|row| (row * every) as isize)
                 .map(|row| {

@@ -29,12 +29,7 @@ fn outcome(study: &Study) -> Outcome {
         found.steps.iter().rev().find(|s| !s.rivals.is_empty()).map_or(Vec::new(), |s| s.rivals.clone());
     // With three effects in the model a fourth that passes is something left, too.
     let remains = found.unlisted.is_some() || found.last_round.iter().any(|t| t.verdict.accepted);
-    let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
-        (true, _, true) => Verdict::Unlisted,
-        (true, _, false) => Verdict::None,
-        (false, false, _) => Verdict::Ambiguous,
-        (false, true, _) => Verdict::Effect,
-    };
+    let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let report = of(&study.blocks, Role::Report);
     let (before, force) = error(&study.machine, &found.base, &report);
     let (after, _) = error(&study.machine, found.last(), &report);

@@ -9,9 +9,14 @@ mod next_experiment;
 mod oscillator;
 mod oscillator_outcome;
 mod oscillator_search;
+mod propose;
+mod stretches;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
+mod trials;
+
+pub use trials::Stage;
 
 use crate::error::Result;
 use crate::input::Series;
@@ -39,6 +44,8 @@ pub struct Options {
     pub gear: f64,
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
+    /// What the rig can play, where the next experiment is to be found by simulation.
+    pub stage: Option<Stage>,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.

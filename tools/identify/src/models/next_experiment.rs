@@ -23,7 +23,7 @@ pub(super) struct Open {
 impl Open {
     /// The experiment that would settle it.
     pub(super) fn next_experiment(&self) -> NextExperiment {
-        let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned() };
+        let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
         if let Some((added, rival)) = &self.contested {
             let (added, rival) = (added.effect, rival.effect);
             let why = format!("These records cannot tell {} from {}.", added.words(), rival.words());

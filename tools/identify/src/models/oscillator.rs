@@ -16,7 +16,7 @@ use super::inverse_study::{Declaration, axis, blocks, check_channels, check_scal
 use super::{Model, Options, oscillator_outcome, oscillator_search};
 use crate::effects::Units;
 use crate::error::{IdentifyError, Result};
-use crate::input::Series;
+use crate::input::{Series, step_of};
 use crate::inverse::model::{Column, Machine};
 use crate::inverse::signals::Balance;
 use crate::outcome::Outcome;
@@ -83,7 +83,7 @@ fn prepare(series: &Series, natural: f64, notes: &mut Vec<String>) -> Result<(Ba
     let short = || series.short(time.len());
     let balance = Balance::band_limited(&series.file, time, output, input).ok_or_else(short)?;
     let signals = &balance.signals;
-    let sampling = (time.len() - 1) as f64 / (time[time.len() - 1] - time[0]);
+    let sampling = 1.0 / step_of(time).ok_or_else(short)?;
     if natural > std::f64::consts::PI * sampling {
         return Err(IdentifyError::Channel {
             file: series.file.clone(),

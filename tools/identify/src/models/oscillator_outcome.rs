@@ -46,12 +46,7 @@ impl Study<'_> {
         let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
         let rivals: &[Sited] = contested.map_or(&[], |s| &s.rivals);
         let remains = found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
-        let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
-            (true, _, true) => Verdict::Unlisted,
-            (true, _, false) => Verdict::None,
-            (false, false, _) => Verdict::Ambiguous,
-            (false, true, _) => Verdict::Effect,
-        };
+        let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
         let report = of(self.blocks, Role::Report);
         let (before, output) = self.error(&found.base, &report);
         let (after, _) = self.error(found.last(), &report);

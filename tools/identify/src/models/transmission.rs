@@ -1,11 +1,12 @@
 //! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and slave out.
 //!
-//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records fit, select and report.
+//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records fit, select and report; where there
+//! are too few of them, stretches of them do ([`super::stretches`]).
 
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::{Model, Options, transmission_outcome, transmission_page};
+use super::{Model, Options, stretches, transmission_outcome, transmission_page};
 use crate::error::{IdentifyError, Result};
 use crate::forward::machine::Machine;
 use crate::forward::record::{Record, share_out};
@@ -45,6 +46,8 @@ impl Model for Transmission {
         options: Options,
     ) -> Result<(Outcome, Page)> {
         let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
+        let cut = stretches::enough(records, &mut notes)?;
+        let records = cut.as_deref().unwrap_or(records);
         let mut laid_out =
             records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
@@ -66,14 +69,14 @@ impl Model for Transmission {
             .num_threads(options.jobs)
             .build()
             .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
-        let files = || machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ");
-        let found = pool.install(|| search(&machine)).ok_or_else(|| IdentifyError::Lost { file: files() })?;
+        let found = pool.install(|| search(&machine)).ok_or_else(|| lost(&machine))?;
         let study = Study { machine, found, notes };
-        pool.install(|| transmission_outcome::conclude(&study))
-            .ok_or_else(|| IdentifyError::Lost { file: files_of(&study) })
+        pool.install(|| transmission_outcome::conclude(&study, options.stage.as_ref()))
+            .ok_or_else(|| lost(&study.machine))
     }
 }
 
-fn files_of(study: &Study) -> String {
-    study.machine.records.iter().map(|record| record.name.as_str()).collect::<Vec<_>>().join(", ")
+fn lost(machine: &Machine) -> IdentifyError {
+    let files: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
+    IdentifyError::Lost { file: files.join(", ") }
 }

@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use plant::effects::LIST;
 use report::Page;
 
+use super::propose::propose;
 use super::transmission::Study;
 use super::transmission_page;
+use super::trials::Stage;
 use crate::forward::fit::{AT_EDGE, Knob, View};
 use crate::forward::generic::NODES;
 use crate::forward::judge::{BLOCK, Judged, errors};
@@ -20,8 +22,12 @@ use crate::outcome::{
 };
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
-pub(super) fn conclude(study: &Study) -> Option<(Outcome, Page)> {
-    let outcome = outcome(study)?;
+/// With a `stage`, the next experiment is found by simulating what the rig can play.
+pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome, Page)> {
+    let mut outcome = outcome(study)?;
+    if let Some(next) = stage.and_then(|stage| propose(study, stage, outcome.verdict, &outcome.parameters)) {
+        outcome.next_experiment = next;
+    }
     let page = transmission_page::page(study, &outcome)?;
     Some((outcome, page))
 }
@@ -35,12 +41,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
     let remains = found.nameless.is_some() || found.inadequate;
-    let verdict = match (found.steps.is_empty(), rivals.is_empty(), remains) {
-        (true, _, true) => Verdict::Unlisted,
-        (true, _, false) => Verdict::None,
-        (false, false, _) => Verdict::Ambiguous,
-        (false, true, _) => Verdict::Effect,
-    };
+    let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit =
         View { machine: &study.machine, records: of_role(&study.machine, Role::Fit), observer_rad_s: SEEING_RAD_S };
     let mut knobs = found.knobs.clone();
@@ -207,7 +208,7 @@ fn notes(study: &Study) -> Vec<String> {
 }
 
 fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
-    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned() };
+    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
     let found = &study.found;
     match verdict {
         Verdict::Ambiguous => {

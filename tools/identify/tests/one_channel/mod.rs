@@ -4,7 +4,7 @@
 use identify::error::IdentifyError;
 use identify::input::Series;
 use identify::models::{ALL, Options};
-use identify::outcome::Outcome;
+use identify::outcome::{Outcome, Verdict};
 
 /// A generator good enough for noise (xorshift64*), summed to be nearly normal.
 pub(crate) struct Noise(pub(crate) u64);
@@ -32,13 +32,17 @@ pub(crate) fn parameter(name: &str, value: f64, tolerance: f64, absolute: Option
 }
 
 pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig::Model {
-    rig::Model { kind, parameters, handle_coupling: Vec::new() }
+    rig::Model { kind, parameters, effects: Vec::new(), handle_coupling: Vec::new() }
 }
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
     let kind = ALL.iter().find(|m| m.kind() == model.kind).unwrap();
-    let (outcome, page) =
-        kind.identify("rig.toml", model, records, Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None })?;
+    let (outcome, page) = kind.identify(
+        "rig.toml",
+        model,
+        records,
+        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None },
+    )?;
     // Every outcome must make a page.
     page.render().unwrap();
     Ok(outcome)
@@ -52,6 +56,21 @@ pub(crate) fn ids(outcome: &Outcome) -> Vec<&str> {
 pub(crate) fn effect(outcome: &Outcome, name: &str) -> (f64, f64) {
     let all = outcome.effects.iter().flat_map(|e| &e.parameters);
     all.filter(|p| p.name == name).map(|p| (p.value, p.std.unwrap_or(f64::NAN))).next().unwrap()
+}
+
+/// A parameter of an effect is within this share of the truth.
+pub(crate) fn close(outcome: &Outcome, name: &str, truth: f64, share: f64) {
+    let (value, std) = effect(outcome, name);
+    assert!((value - truth).abs() < share * truth.abs(), "{name}: {value} ± {std}, true {truth}");
+}
+
+/// The effect is the only one, and the error that is left in the channel is less than so much.
+pub(crate) fn only(outcome: &Outcome, id: &str, (channel, most): (&str, f64)) {
+    let (found, rivals) = (ids(outcome), &outcome.ambiguous_with);
+    assert_eq!(outcome.verdict, Verdict::Effect, "{found:?} {rivals:?} {:#?}", outcome.candidates);
+    assert_eq!(found, [id], "{:#?}", outcome.candidates);
+    let error = &outcome.error[channel];
+    assert!(error.after < most, "{error:?}");
 }
 
 /// A record measured by others, from beside the project; `None`, said loudly, where it is absent.

@@ -1,0 +1,99 @@
+//! From a rig file and records to the verdict: what the command line and other programs call.
+
+use std::path::Path;
+
+use recording::record::{ColumnNames, SampleColumns};
+use report::Page;
+use rig::RigFile;
+
+use crate::error::{IdentifyError, Result};
+use crate::input::Series;
+use crate::models::{ALL, Options, Stage};
+use crate::outcome::Outcome;
+
+/// What an identification says.
+#[derive(Debug)]
+pub struct Studied {
+    /// The result.
+    pub outcome: Outcome,
+    /// Its page.
+    pub page: Page,
+    /// The verdict as a sentence.
+    pub sentence: String,
+    /// How far it holds.
+    pub detail: String,
+}
+
+/// How the work is done.
+#[derive(Clone, Copy, Debug)]
+pub struct How {
+    /// Candidates fitted at a time.
+    pub jobs: usize,
+    /// Seed of the split into blocks.
+    pub seed: u64,
+    /// Whether the next experiment is to be found by simulating what the rig can play.
+    pub propose: bool,
+}
+
+impl Default for How {
+    /// On all processors, without a proposal.
+    fn default() -> Self {
+        Self { jobs: std::thread::available_parallelism().map_or(1, std::num::NonZero::get), seed: 1, propose: false }
+    }
+}
+
+/// Holds the model that a rig file declares against records.
+///
+/// Effects that the file declares take no part: which there are is asked anew of these records.
+///
+/// # Errors
+/// Where the rig file has several axes or a model of no such kind, or the data cannot be used.
+pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
+    let started = std::time::Instant::now();
+    let file = rig.file_name().to_owned();
+    let [axis] = rig.axes.as_slice() else {
+        return Err(IdentifyError::Axes { file, axes: rig.axes.len() });
+    };
+    let model = ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
+        file: file.clone(),
+        kind: rig.model.kind.name().to_owned(),
+        known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
+    })?;
+    let gear = axis.master.turns_per_handle_turn;
+    let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
+    let stage = how.propose.then(|| Stage::of(rig)).flatten();
+    let options = Options { jobs: how.jobs, seed: how.seed, gear, slave_count_rad, stage };
+    let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
+    let (sentence, detail) = model.sentences(&outcome);
+    if !rig.model.effects.is_empty() {
+        let names: Vec<String> = rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
+        outcome.notes.push(format!(
+            "{file} declares {} already: it took no part, since which effects there are is asked anew of these records",
+            names.join(", ")
+        ));
+    }
+    outcome.seconds = started.elapsed().as_secs_f64();
+    Ok(Studied { outcome, page, sentence, detail })
+}
+
+/// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses holes, gaps and time that runs
+/// backwards; what it merely finds odd goes into the notes.
+///
+/// # Errors
+/// [`IdentifyError::Read`], with file, row and column.
+pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
+    let names = if rig.model.kind.is_transmission() { ColumnNames::rotary() } else { ColumnNames::one_mass_linear() };
+    let file = path.display().to_string();
+    let options = recording::record::Options::default();
+    let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let record = if mcap {
+        recording::record::from_mcap(path, &SampleColumns::new(names), &options)
+    } else {
+        recording::record::from_csv(path, &options)
+    };
+    let record = record.map_err(|e| IdentifyError::Read(e.to_string()))?;
+    let notes = record.findings.iter().map(|f| format!("{file}: {}", f.text)).collect();
+    let mut columns = vec![(recording::record::TIME.to_owned(), record.time_s)];
+    columns.extend(record.columns);
+    Ok(Series { file, columns, role: None, notes })
+}

@@ -1,0 +1,219 @@
+//! A rig file with what was found: the fitted parameters in place of the declared, and the effects beside them.
+//!
+//! The text of the original is kept, comments and all; only values, tolerances and the list `[[model.effects]]` change. A tolerance becomes
+//! five standard deviations, no less than a third of what was declared and no more than that: a standard deviation is of one set of records,
+//! and values fitted to another set differ by more. Where the records do not show a parameter, or something is left that has no name, its
+//! tolerance stays as declared.
+
+use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
+
+use crate::forward::machine::SMOOTHING;
+use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
+
+/// Standard deviations that a tolerance is.
+const DEVIATIONS: f64 = 5.0;
+/// Least share of the declared tolerance.
+const LEAST: f64 = 1.0 / 3.0;
+/// Tolerance where the file says none.
+const UNSAID: f64 = 0.25;
+
+/// What is to be written, and what is not.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// The text of the rig file; `None` where nothing is to be written.
+    pub text: Option<String>,
+    /// What it has: parameters, effects.
+    pub told: String,
+    /// What is not in it, and why; empty where all is.
+    pub left_out: Vec<String>,
+}
+
+/// The rig file cannot be changed.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteRigError {
+    /// The text is no TOML.
+    #[error("{file}: expected a rig file, found {found}")]
+    Text {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        found: String,
+    },
+    /// A fitted parameter is not where it was read from.
+    #[error("{file}: {key}: expected a number or a table with `value`, found {found}")]
+    Key {
+        /// The file.
+        file: String,
+        /// The key.
+        key: String,
+        /// What stands there.
+        found: &'static str,
+    },
+    /// With the fitted values it would be refused.
+    #[error(
+        "the rig file is not written, because it could not be used:\n{problems}\nmend these keys in {file} and run identify again"
+    )]
+    Refused {
+        /// The original.
+        file: String,
+        /// All that is wrong, with lines of the new text.
+        problems: String,
+    },
+}
+
+/// The text of the rig file `file` with what an identification found.
+///
+/// # Errors
+/// [`WriteRigError`]; the text that is returned can be read as a rig file.
+pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, WriteRigError> {
+    if outcome.verdict == Verdict::Ambiguous {
+        let names = |list: &mut dyn Iterator<Item = String>| list.collect::<Vec<_>>().join(" or ");
+        let found = names(&mut outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)));
+        let rivals = names(&mut outcome.ambiguous_with.iter().map(|named| format!("{}@{}", named.id, named.site)));
+        let what = format!(
+            "no rig file: these records cannot tell {found} from {rivals}, and each would come with parameters of its own"
+        );
+        return Ok(Written { text: None, told: String::new(), left_out: vec![what] });
+    }
+    let mut document: DocumentMut = text
+        .parse()
+        .map_err(|error: toml_edit::TomlError| WriteRigError::Text { file: file.into(), found: error.to_string() })?;
+    let mut count = 0;
+    for parameter in outcome.parameters.iter().filter(|p| p.declared.is_some() || p.name == SMOOTHING) {
+        put_parameter(&mut document, file, parameter, !outcome.remains)?;
+        count += 1;
+    }
+    put_effects(&mut document, &outcome.effects);
+    let text = document.to_string();
+    rig::RigFile::parse(&text, file)
+        .map_err(|problems| WriteRigError::Refused { file: file.into(), problems: problems.to_string() })?;
+    let effects = match outcome.effects.len() {
+        0 => "no effect".to_owned(),
+        1 => "1 effect".to_owned(),
+        many => format!("{many} effects"),
+    };
+    let left_out = outcome.remains.then(|| {
+        let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
+            format!(" (at the {}, over {})", unlisted.site, unlisted.depends_on.replace('_', " "))
+        });
+        format!("what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters")
+    });
+    let told = format!("{count} parameters as fitted, {effects}");
+    Ok(Written { text: Some(text), told, left_out: left_out.into_iter().collect() })
+}
+
+/// The table that holds a parameter: the axis's own where it has it, else the model's.
+fn table_of<'d>(document: &'d mut DocumentMut, name: &str) -> Option<&'d mut dyn TableLike> {
+    let of_axis = |document: &DocumentMut| {
+        document.get("axes")?.as_array_of_tables()?.get(0)?.get("model")?.as_table_like()?.get(name).map(|_| ())
+    };
+    if of_axis(document).is_some() {
+        return document.get_mut("axes")?.as_array_of_tables_mut()?.get_mut(0)?.get_mut("model")?.as_table_like_mut();
+    }
+    let model = document.entry("model").or_insert(Item::Table(Table::new())).as_table_like_mut()?;
+    model.entry("parameters").or_insert(Item::Table(Table::new())).as_table_like_mut()
+}
+
+fn put_parameter(
+    document: &mut DocumentMut,
+    file: &str,
+    parameter: &FittedParameter,
+    narrow: bool,
+) -> Result<(), WriteRigError> {
+    let name = parameter.name.as_str();
+    let wrong = |found| WriteRigError::Key { file: file.into(), key: format!("model.parameters.{name}"), found };
+    let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
+    if table.get(name).is_none() {
+        let comment = number(parameter.fitted).decorated(" ", "     # the fit's own: rounds dry friction at rest");
+        table.insert(name, Item::Value(comment));
+        return Ok(());
+    }
+    let item = table.get_mut(name).ok_or_else(|| wrong("nothing"))?;
+    if let Item::Value(value) = item
+        && (value.is_float() || value.is_integer())
+    {
+        // A bare number has the tolerance of those of which nothing is said.
+        let decor = value.decor().clone();
+        let mut entry = InlineTable::new();
+        entry.insert("value", value.clone());
+        *value = Value::InlineTable(entry);
+        *value.decor_mut() = decor;
+    }
+    let entry = item.as_table_like_mut().ok_or_else(|| wrong("something else"))?;
+    let same = |value: f64| (value - parameter.fitted).abs() <= 1e-9 * value.abs();
+    if !said(entry, "value").is_some_and(same) {
+        replace(entry, "value", number(parameter.fitted));
+    }
+    let std = parameter.std.filter(|_| narrow && parameter.identifiable);
+    if let Some(std) = std {
+        let (key, most, std) = match said(entry, "tolerance_absolute") {
+            Some(absolute) => ("tolerance_absolute", absolute, std),
+            None => {
+                let share = std / parameter.fitted.abs().max(f64::MIN_POSITIVE);
+                ("tolerance", said(entry, "tolerance").unwrap_or(UNSAID), share)
+            }
+        };
+        let tolerance = rounded_up((DEVIATIONS * std).clamp(LEAST * most, most)).min(most);
+        replace(entry, key, Value::from(tolerance));
+        replace(entry, "source", Value::from("traced"));
+    }
+    if let Item::Value(Value::InlineTable(entry)) = item {
+        entry.fmt();
+    }
+    Ok(())
+}
+
+/// A number of an entry.
+fn said(entry: &dyn TableLike, key: &str) -> Option<f64> {
+    let item = entry.get(key)?;
+    item.as_float().or(item.as_integer().map(|whole| whole as f64))
+}
+
+/// Sets a key, with what stands around its value as it was.
+fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
+    if let Some(Item::Value(old)) = table.get(key) {
+        *value.decor_mut() = old.decor().clone();
+    }
+    table.insert(key, Item::Value(value));
+}
+
+/// The list of effects, in place of the one that was there.
+fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
+    let Some(model) = document.get_mut("model").and_then(Item::as_table_like_mut) else { return };
+    model.remove("effects");
+    if effects.is_empty() {
+        return;
+    }
+    let mut list = ArrayOfTables::new();
+    for (at, effect) in effects.iter().enumerate() {
+        let mut entry = Table::new();
+        let before = if at == 0 { "\n# Found in measured records by `farreach identify`.\n" } else { "\n" };
+        entry.decor_mut().set_prefix(before);
+        entry.insert("id", toml_edit::value(effect.id.as_str()));
+        entry.insert("site", toml_edit::value(effect.site.as_str()));
+        let mut parameters = InlineTable::new();
+        for parameter in &effect.parameters {
+            parameters.insert(&parameter.name, number(parameter.value));
+        }
+        entry.insert("parameters", toml_edit::value(parameters));
+        list.push(entry);
+    }
+    model.insert("effects", Item::ArrayOfTables(list));
+}
+
+/// Eight digits: far more than any record shows, and short enough to be read.
+fn number(value: f64) -> Value {
+    let value: f64 = format!("{value:.7e}").parse().unwrap_or(value);
+    let plain = value == 0.0 || (1e-3..1e6).contains(&value.abs());
+    // The text is kept as it is, where a number would be written without an exponent.
+    if plain { Value::from(value) } else { format!("{value:e}").parse().unwrap_or(Value::from(value)) }
+}
+
+/// Two digits, not below the value.
+fn rounded_up(value: f64) -> f64 {
+    if value <= 0.0 {
+        return 0.0;
+    }
+    let unit = 10f64.powf(value.log10().floor() - 1.0);
+    format!("{:.1e}", (value / unit - 1e-6).ceil() * unit).parse().unwrap_or(value)
+}
