@@ -14,13 +14,15 @@ pub const LEAST_T: f64 = 3.0;
 /// Rows of a block (half a second).
 pub const BLOCK: usize = 125;
 /// An error within this factor of what repeats differ by leaves nothing to be explained.
-pub const AT_FLOOR: f64 = 1.2;
-/// Records of other movements may stand so much further off: their floor is not known.
-const OTHERS_DIFFER: f64 = 1.35;
+const AT_FLOOR: f64 = 1.2;
+/// The same for records of other movements.
+const OTHERS_AT_FLOOR: f64 = 1.6;
+/// Beyond this factor no name is right.
+const INADEQUATE: f64 = 1.9;
+/// The same for records of other movements.
+const OTHERS_INADEQUATE: f64 = 5.0;
 /// Share of a movement below which no difference counts.
 const LEAST_SHARE: f64 = 5e-4;
-/// Beyond this factor the model is not one of this machine, whatever it gained: right names end nearer.
-pub const INADEQUATE: f64 = 1.9;
 
 /// How a candidate did on the selecting records.
 #[derive(Clone, Debug)]
@@ -99,8 +101,15 @@ pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Res
 /// Root mean square of a setting's residual over records, by channel; and that of the difference of records that repeat one another,
 /// over √2: what no model can explain.
 pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Vec<(Channel, f64, Option<f64>)>> {
-    let view = View { machine, records: (0..machine.records.len()).collect(), observer_rad_s: SEEING_RAD_S };
-    let residuals = view.residuals(setting)?;
+    Some(errors_of(machine, records, &all_residuals(machine, setting)?))
+}
+
+fn all_residuals(machine: &Machine, setting: &Setting) -> Option<Vec<Residual>> {
+    View { machine, records: (0..machine.records.len()).collect(), observer_rad_s: SEEING_RAD_S }.residuals(setting)
+}
+
+/// The same of residuals of all records.
+fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Vec<(Channel, f64, Option<f64>)> {
     let pairs = repeats(&machine.records);
     let mut out = Vec::new();
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
@@ -123,7 +132,7 @@ pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option
         let floor = floors.get(floors.len() / 2).copied();
         out.push((channel, rms(rows.into_iter()), floor));
     }
-    Some(out)
+    out
 }
 
 /// Repeats that differ by less do not say that a model should leave as little: half of what the rounding to counts leaves, a share of the
@@ -144,26 +153,58 @@ fn least(machine: &Machine, channel: Channel) -> f64 {
     }
 }
 
-/// How far a setting stands above what repeats of a movement differ by, the worst channel of either the repeated records or the
-/// others (over what those may differ by more): 1 is at the floor. `None` inside where nothing is repeated.
-pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Option<f64>> {
+/// How far a setting stands above what repeats of a movement differ by (1 is at the floor), in its worst channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Above {
+    /// The repeated records themselves.
+    pub repeated: f64,
+    /// The records that were asked for, whose movements differ: their own floor is not known, and something may have happened in them.
+    pub others: f64,
+}
+
+impl Above {
+    /// Nothing is left to be explained.
+    pub fn at_floor(&self) -> bool {
+        self.repeated <= AT_FLOOR && self.others <= OTHERS_AT_FLOOR
+    }
+
+    /// The model is not one of this machine, whatever it gained: right names end nearer.
+    pub fn inadequate(&self) -> bool {
+        self.repeated > INADEQUATE || self.others > OTHERS_INADEQUATE
+    }
+}
+
+/// How far a setting stands above what repeats differ by: of several records it is the geometric mean. `None` inside where nothing is
+/// repeated.
+pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Option<Above>> {
     let mut repeated: Vec<usize> = repeats(&machine.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
     repeated.sort_unstable();
     repeated.dedup();
     if repeated.is_empty() {
         return Some(None);
     }
-    let worst = |records: &[usize], beyond: f64| -> Option<f64> {
-        let errors = errors(machine, records, setting)?;
-        let ratios = errors.iter().filter_map(|(channel, error, floor)| {
-            Some(error / (beyond * floor.as_ref()?.max(least(machine, *channel))))
-        });
-        Some(ratios.fold(0.0, f64::max))
+    let residuals = all_residuals(machine, setting)?;
+    let floors = errors_of(machine, records, &residuals);
+    let typical = |records: &[usize]| -> Vec<(Channel, f64)> {
+        let by_record: Vec<_> = records.iter().map(|record| errors_of(machine, &[*record], &residuals)).collect();
+        let of = |channel: Channel| {
+            let logs = by_record.iter().flatten().filter(|(own, ..)| *own == channel).map(|(_, error, _)| error.ln());
+            let (sum, count) = logs.fold((0.0, 0usize), |(sum, count), log| (sum + log, count + 1));
+            (channel, (sum / count.max(1) as f64).exp())
+        };
+        floors.iter().map(|(channel, ..)| of(*channel)).collect()
     };
-    Some(Some(worst(&repeated, 1.0)?.max(worst(records, OTHERS_DIFFER)?)))
+    let worst = |records: &[usize]| -> f64 {
+        let typical = typical(records);
+        let ratios = typical.iter().zip(&floors).filter_map(|((channel, error), (_, _, floor))| {
+            Some(error / floor.as_ref()?.max(least(machine, *channel)))
+        });
+        ratios.fold(0.0, f64::max)
+    };
+    Some(Some(Above { repeated: worst(&repeated), others: worst(records) }))
 }
 
 /// Whether records are explained as closely as repeats of a movement repeat; false where none is repeated.
 pub fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<bool> {
-    Some(above_floor(machine, records, setting)?.is_some_and(|above| above <= AT_FLOOR))
+    Some(above_floor(machine, records, setting)?.is_some_and(|above| above.at_floor()))
 }

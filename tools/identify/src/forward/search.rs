@@ -5,7 +5,7 @@ use plant::effects::Site;
 
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, Knob, View, knobs_of};
-use super::judge::{AT_FLOOR, INADEQUATE, Judged, LEAST_GAIN, above_floor, at_floor, judge};
+use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::machine::{Machine, Residual, SMOOTHING, SMOOTHING_STARTS, Setting};
 use super::prune::{Other, alone, needless, rivals};
 use super::screen::{Projection, Scored, scale};
@@ -311,9 +311,9 @@ pub fn search(machine: &Machine) -> Option<Found> {
         }
     }
     let above = above_floor(machine, &select.records, &now.setting)?;
-    let inadequate = above.is_some_and(|above| above > INADEQUATE);
+    let inadequate = above.is_some_and(|above| above.inadequate());
     let (generic, nameless) = match above {
-        Some(above) if above <= AT_FLOOR => (Vec::new(), None),
+        Some(above) if above.at_floor() => (Vec::new(), None),
         // Names that leave so much are wrong, and would bend the function.
         _ if inadequate => functions((&fit, &select), (&base, &base_knobs), true)?,
         _ => functions((&fit, &select), (&now, &knobs), false)?,

@@ -15,6 +15,9 @@ use super::sensor::beside;
 /// Least gain on the selecting records of a function that bends wherever it likes.
 const LEAST_UNNAMED: f64 = 0.25;
 
+/// The same where something is known to be missing, and this says where.
+const LEAST_HINT: f64 = 0.15;
+
 /// Something without a name.
 #[derive(Clone, Debug)]
 pub struct Nameless {
@@ -153,9 +156,9 @@ pub fn functions(
         .collect();
     tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
     let judged = tried.iter().map(|tried| tried.judged.clone()).collect();
-    // Where nothing else is left to say, what explains most of it is said though it does not pass.
+    // Where nothing else is left to say, what explains a part of it is said though it does not pass.
     let enough = |tried: &Nameless| match must_be {
-        true => tried.judged.gain > 0.0,
+        true => tried.judged.gain >= LEAST_HINT,
         false => tried.judged.accepted && tried.judged.gain >= LEAST_UNNAMED,
     };
     Some((judged, tried.into_iter().find(enough)))
