@@ -1,5 +1,7 @@
 //! The command line.
 
+use std::sync::OnceLock;
+
 use clap::{Parser, Subcommand};
 use runtime::RigName;
 
@@ -12,6 +14,7 @@ use crate::service::{self, Service};
 #[command(
     name = "farreach",
     version,
+    long_version = long_version(),
     arg_required_else_help = true,
     after_help = "Example, a whole session with the simulated rig:\n  farreach up --simulate --record run.mcap\n  \
     farreach reset && farreach arm\n  farreach run guided-1hz\n  farreach down\n\n\
@@ -30,6 +33,12 @@ pub(crate) struct Cli {
     rig_name: RigName,
     #[command(subcommand)]
     command: Command,
+}
+
+/// Version and revision: what a figure was measured with.
+fn long_version() -> &'static str {
+    static TEXT: OnceLock<String> = OnceLock::new();
+    TEXT.get_or_init(|| format!("{}, revision {}", env!("CARGO_PKG_VERSION"), logger::revision()))
 }
 
 #[derive(Debug, Subcommand)]

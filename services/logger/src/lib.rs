@@ -10,5 +10,5 @@ pub mod sink;
 pub mod state;
 mod writer_thread;
 
-pub use process::{Logger, LoggerError, Options, run};
+pub use process::{Logger, LoggerError, Options, revision, run};
 pub use writer_thread::Opener;

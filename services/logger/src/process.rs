@@ -465,8 +465,8 @@ fn ending_of(path: &str) -> &str {
     &path[start..]
 }
 
-/// Git revision of the build.
-fn revision() -> String {
+/// Git revision of the build, as every recording carries it; `unknown` where the build had none.
+pub fn revision() -> String {
     std::env::var("FARREACH_REVISION")
         .ok()
         .or_else(|| option_env!("FARREACH_REVISION").map(str::to_owned))

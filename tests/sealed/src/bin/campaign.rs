@@ -5,10 +5,10 @@
 //! $ campaign --results campaign.jsonl --only-print
 //! ```
 //!
-//! Every case is a line in the results file as soon as it is scored. Started again with the same file, the campaign goes on after
-//! what is there; interrupted, it prints what it has.
+//! Every case is a line in the results file as soon as it is scored. Started again with the same file, seed and program, the campaign goes
+//! on after what is there; interrupted, it prints what it has.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -72,21 +72,30 @@ struct Args {
 #[derive(Serialize, Deserialize)]
 struct Line {
     seed: u64,
+    /// What the program says of itself: one table is of one program.
+    #[serde(default)]
+    program: String,
     #[serde(flatten)]
     score: Score,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let mut scores = known(&args.results, args.seed)?;
-    if !args.only_print {
+    let program = if args.only_print { None } else { Some(version(&args.farreach)?) };
+    let mut known = known(&args.results, args.seed, program.as_deref())?;
+    if let Some(program) = &program {
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             signal_hook::flag::register(signal, stop.clone())?;
         }
-        run_all(&args, &mut scores, &stop)?;
+        run_all(&args, program, &mut known.scores, &stop)?;
+        known.programs.insert(program.clone());
     }
+    let Known { scores, programs } = known;
     let table = table(&scores);
+    for program in &programs {
+        println!("{program}");
+    }
     println!(
         "seed {}, {} cases, one row = one kind of count; shares with Wilson's 95 % bounds",
         args.seed,
@@ -94,8 +103,9 @@ fn main() -> anyhow::Result<()> {
     );
     println!("{table}");
     if let Some(path) = &args.json {
-        let text =
-            serde_json::to_string_pretty(&serde_json::json!({ "seed": args.seed, "table": table, "cases": scores }))?;
+        let text = serde_json::to_string_pretty(
+            &serde_json::json!({ "seed": args.seed, "programs": programs, "table": table, "cases": scores }),
+        )?;
         fs::write(path, text).with_context(|| path.display().to_string())?;
     }
     Ok(())
@@ -117,7 +127,7 @@ fn plan(args: &Args) -> Vec<(Set, usize)> {
     cases.into_iter().map(|(_, set, index)| (set, index)).collect()
 }
 
-fn run_all(args: &Args, scores: &mut Vec<Score>, stop: &AtomicBool) -> anyhow::Result<()> {
+fn run_all(args: &Args, program: &str, scores: &mut Vec<Score>, stop: &AtomicBool) -> anyhow::Result<()> {
     let done: HashSet<(Set, usize)> = scores.iter().map(|score| (score.set, score.index)).collect();
     let cases: Vec<(Set, usize)> = plan(args).into_iter().filter(|case| !done.contains(case)).collect();
     if cases.is_empty() {
@@ -147,7 +157,11 @@ fn run_all(args: &Args, scores: &mut Vec<Score>, stop: &AtomicBool) -> anyhow::R
             break;
         }
         let Some(score) = one(args, set, index, stop)? else { break };
-        writeln!(results, "{}", serde_json::to_string(&Line { seed: args.seed, score: score.clone() })?)?;
+        writeln!(
+            results,
+            "{}",
+            serde_json::to_string(&Line { seed: args.seed, program: program.to_owned(), score: score.clone() })?
+        )?;
         eprintln!(
             "{}/{count} {}-{:03} [{}] {:?} {} {:?} {:.1} s {}",
             number + 1,
@@ -249,22 +263,40 @@ fn identify(
     }))
 }
 
-/// Scores of this seed that are already there. A last line that was cut off is left out.
-fn known(path: &Path, seed: u64) -> anyhow::Result<Vec<Score>> {
+/// What a program says of itself.
+fn version(program: &Path) -> anyhow::Result<String> {
+    let said = Command::new(program).arg("--version").output().with_context(|| {
+        format!("{}: build with `cargo build --release` and start in the repository's root", program.display())
+    })?;
+    Ok(String::from_utf8_lossy(&said.stdout).trim().to_owned())
+}
+
+/// What is already there.
+#[derive(Default)]
+struct Known {
+    scores: Vec<Score>,
+    programs: BTreeSet<String>,
+}
+
+/// Scores of this seed, of one program or of any. A last line that was cut off is left out.
+fn known(path: &Path, seed: u64, program: Option<&str>) -> anyhow::Result<Known> {
+    let mut known = Known::default();
     if !path.exists() {
-        return Ok(Vec::new());
+        return Ok(known);
     }
-    let mut scores = Vec::new();
     for (number, line) in BufReader::new(File::open(path)?).lines().enumerate() {
         let line = line?;
         if line.trim().is_empty() {
             continue;
         }
         match serde_json::from_str::<Line>(&line) {
-            Ok(line) if line.seed == seed => scores.push(line.score),
+            Ok(line) if line.seed == seed && program.is_none_or(|program| program == line.program) => {
+                known.scores.push(line.score);
+                known.programs.insert(line.program);
+            }
             Ok(_) => {}
             Err(error) => eprintln!("{}, line {}: {error}; left out", path.display(), number + 1),
         }
     }
-    Ok(scores)
+    Ok(known)
 }
