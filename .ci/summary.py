@@ -16,6 +16,7 @@ import sys
 KEYS = (
     "revision", "profile", "injected", "samples", "samples_lost", "samples_missed", "command_hz", "missed_periods",
     "wake_late_us", "sample_to_command_us", "trip_ms", "restart_ms", "recording_bytes", "model_error", "identify",
+    "identify_refused",
 )  # fmt: skip
 CONTROL_HZ = 500.0  # of the embedded rig
 PROMISED_TRIP_MS = {"realtime": 10.0, "best-effort": 60.0}
@@ -64,7 +65,7 @@ def problems(summary, profile):
     if not summary["recording_bytes"] > 0:
         yield "recording_bytes: expected a recording"
     if not summary["identify"] or "verdict" not in summary["identify"]:
-        yield f"identify: expected a verdict on the demo's own recording, found {summary['identify']!r}"
+        yield f"identify: expected a verdict on the demo's own recording, found {summary['identify_refused'] or summary['identify']!r}"
 
 
 def notes(summary):

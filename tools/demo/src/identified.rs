@@ -44,6 +44,14 @@ impl Identified {
         }
     }
 
+    /// For `summary.json`: why it could not be run.
+    pub fn refused(&self) -> Option<String> {
+        match self {
+            Self::Refused(reason) => Some(reason.clone()),
+            Self::Said { .. } | Self::LeftOut => None,
+        }
+    }
+
     /// A line for the console.
     pub(crate) fn line(&self) -> Option<String> {
         match self {

@@ -106,7 +106,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         outcome = outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
     let results = |identified: &Identified| -> anyhow::Result<Summary> {
-        let summary = Summary::new(&analysis, effect).with_identify(identified.value());
+        let summary = Summary::new(&analysis, effect).with_identify(identified);
         let html = page(&analysis, &summary, &outcome, identified, &rig)?;
         write(&folder.page(), &html)?;
         write(&folder.summary(), &(serde_json::to_string_pretty(&summary)? + "\n"))?;

@@ -6,6 +6,7 @@ use ipc_types::Process;
 use serde::Serialize;
 
 use crate::analysis::{Analysis, OfLoops, Percentiles};
+use crate::identified::Identified;
 
 /// The numbers of one run. Names and meaning are an interface: other programs read them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,6 +43,8 @@ pub struct Summary {
     pub model_error: BTreeMap<&'static str, f64>,
     /// As `farreach identify --json`, of this recording; null where it was left out or could not be run.
     pub identify: Option<serde_json::Value>,
+    /// Why it could not be run; null where it was, or was left out.
+    pub identify_refused: Option<String>,
 }
 
 impl Summary {
@@ -66,13 +69,14 @@ impl Summary {
             recording_bytes: analysis.trace.bytes,
             model_error: analysis.model.as_ref().map(|model| model.errors()).unwrap_or_default(),
             identify: None,
+            identify_refused: None,
         }
     }
 
     /// With what identify says of the recording.
     #[must_use]
-    pub fn with_identify(self, identify: Option<serde_json::Value>) -> Self {
-        Self { identify, ..self }
+    pub fn with_identify(self, identified: &Identified) -> Self {
+        Self { identify: identified.value(), identify_refused: identified.refused(), ..self }
     }
 }
 

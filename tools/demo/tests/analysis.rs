@@ -223,6 +223,7 @@ fn summary_and_page_are_complete() {
         "recording_bytes",
         "model_error",
         "identify",
+        "identify_refused",
     ];
     let found: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
     let mut expected = keys.to_vec();
@@ -235,7 +236,7 @@ fn summary_and_page_are_complete() {
     assert_eq!(json["trip_ms"].as_array().unwrap().len(), 2);
     assert_eq!(json["wake_late_us"]["by_process"]["acquisition"]["max"], 90.0);
     assert_eq!(json["wake_late_us"]["p99_9"], 30.0);
-    assert!(json["identify"].is_null());
+    assert!(json["identify"].is_null() && json["identify_refused"].is_null());
     assert!(json["model_error"]["slave_rad"].as_f64().unwrap() > 0.0);
 
     let html = page(&analysis, &summary, &Outcome::of(&analysis), &Identified::LeftOut, &rig()).unwrap();
