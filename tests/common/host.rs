@@ -4,11 +4,19 @@
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use ipc_types::Profile;
+use runtime::Grid;
+use runtime::clock::now_ns;
+use runtime::realtime::request_fifo;
+use rustix::thread::{CpuSet, sched_setaffinity};
+
 /// What the watchdog of a real-time rig bears of its peers before the enable line pauses (SR-24), with a little to spare.
 const BORNE: Duration = Duration::from_micros(2500);
 /// How long is looked.
 const LOOKED_AT: Duration = Duration::from_secs(3);
-const PERIOD_NS: i64 = 1_000_000;
+const LOOPS_HZ: u32 = 1000;
+/// Above every loop of a rig.
+const PRIORITY: i32 = 90;
 
 /// The longest delay of a bare loop in the real-time class, once for each test program; `None` where that class is not granted.
 pub fn longest_delay() -> Option<Duration> {
@@ -30,31 +38,19 @@ pub fn stalls() -> bool {
 
 /// Wakes every millisecond on one core, above everything that has no real-time class; how late at most.
 fn bare_loop(core: usize) -> Option<Duration> {
-    // SAFETY: plain calls on this thread, with structures that live through them.
-    unsafe {
-        let mut cores: libc::cpu_set_t = std::mem::zeroed();
-        libc::CPU_SET(core, &mut cores);
-        // A core that may not be chosen is left to the scheduler.
-        let _pinned = libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const cores);
-        let priority = libc::sched_param { sched_priority: 80 };
-        if libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) != 0 {
-            return None;
-        }
-        let now = || {
-            let mut now: libc::timespec = std::mem::zeroed();
-            libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now);
-            now.tv_sec * 1_000_000_000 + now.tv_nsec
-        };
-        let (begin, mut most) = (now(), 0);
-        let mut next = begin;
-        while next - begin < LOOKED_AT.as_nanos() as i64 {
-            next += PERIOD_NS;
-            let at = libc::timespec { tv_sec: next / 1_000_000_000, tv_nsec: next % 1_000_000_000 };
-            libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &raw const at, std::ptr::null_mut());
-            let late = now() - next;
-            most = most.max(late);
-            next += late / PERIOD_NS * PERIOD_NS;
-        }
-        Some(Duration::from_nanos(most as u64))
+    let mut cores = CpuSet::new();
+    cores.set(core);
+    // A core that may not be chosen is left to the scheduler.
+    let _pinned = sched_setaffinity(None, &cores);
+    if request_fifo(PRIORITY) != Profile::Realtime {
+        return None;
     }
+    let mut grid = Grid::of_rate(LOOPS_HZ, 0);
+    let (end, mut most) = (now_ns() + LOOKED_AT.as_nanos() as u64, 0);
+    while now_ns() < end {
+        if let Some(wake) = grid.wait() {
+            most = most.max(wake.late_ns());
+        }
+    }
+    Some(Duration::from_nanos(most))
 }
