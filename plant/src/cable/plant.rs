@@ -14,6 +14,8 @@ use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
 const PHASE_PER_STEP: f64 = 0.1;
+/// What an estimator may do with: twice the phase and the decay, where the highest mode is 0.2 % slow.
+const COARSE: f64 = 2.0;
 /// Decay of the fastest damping per internal step.
 const DECAY_PER_STEP: f64 = 0.2;
 /// Longest internal step, s.
@@ -123,7 +125,7 @@ impl Plant {
     /// and effects follow the speed. Without it they are of 0.25 ms at most.
     #[must_use]
     pub fn with_longest_step(mut self, longest_s: f64) -> Self {
-        self.longest_step_s = longest_s.min(self.stable_step_s);
+        self.longest_step_s = longest_s.min(COARSE * self.stable_step_s);
         self
     }
 

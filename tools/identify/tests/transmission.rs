@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use identify::forward::judge::errors;
 use identify::forward::machine::Machine;
 use identify::forward::record::{Record, rms, share_out};
-use identify::forward::search::{Found, of_role, search};
+use identify::forward::search::{Found, search};
 use identify::input::Series;
 use identify::inverse::split::Role;
 use plant::any;
@@ -80,7 +80,7 @@ fn found(effect: Option<&str>) -> (Machine, Found) {
 }
 
 fn slave_error(machine: &Machine, found: &Found) -> [f64; 2] {
-    let report = of_role(machine, Role::Report);
+    let report = machine.of_role(Role::Report);
     [&found.base.setting, &found.last().setting].map(|setting| errors(machine, &report, setting).unwrap()[1].1)
 }
 

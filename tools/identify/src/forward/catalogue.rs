@@ -8,6 +8,10 @@ use std::f64::consts::FRAC_PI_2;
 use plant::effects::{LIST, Place, Site};
 
 use super::machine::Placed;
+use super::record::PACE_S;
+
+/// Least dead time of a line (s): a step of the simulation, and a little.
+const LEAST_WAVE_S: f64 = 1.05 * PACE_S;
 
 /// A parameter of an effect that a fit moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,6 +133,10 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             (vec![by_logarithm("conductance", 0.01 * size, 100.0 * size)], sizes("conductance", &[0.3, 1.0, 4.0]))
         }
         "backlash" => (vec![up_to("gap", 20.0)], sizes("gap", &[0.25, 1.0, 3.0])),
+        // A wave along the line takes longer than a step of the simulation, or the model does not see it.
+        "transport_delay" if site == Site::Line => {
+            (vec![free("delay_s", LEAST_WAVE_S, 0.05)], sizes("delay_s", &[0.6, 1.2, 2.0]))
+        }
         "transport_delay" => (vec![free("delay_s", 0.0, 0.05)], sizes("delay_s", &[0.2, 0.6, 2.0])),
         "line_damping" => (vec![up_to("damping", 20.0)], sizes("damping", &[0.3, 1.0, 3.0])),
         "coulomb_friction" => (vec![up_to("level", 10.0)], sizes("level", &[0.3, 1.0])),

@@ -4,162 +4,26 @@
 //! are taken from the last residual and held while the fit moves. Tolerances are held by a transformation that no step leaves; what the
 //! data do not see, each by itself or several together, is kept near its declared value by one row each.
 
-use std::cell::Cell;
+use std::cell::RefCell;
+use std::f64::consts::FRAC_PI_2;
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::catalogue::Candidate;
+use super::knob::Knob;
 use super::machine::{Machine, Residual, Setting};
-
-/// Nearest to an end of its range that a fit begins, as a share of half of it: there the free number hardly moves the value.
-const EDGE: f64 = 0.98;
-/// A value this far out, as a share of half its range, stands at its end.
-pub const AT_EDGE: f64 = 0.97;
+use crate::inverse::split::Role;
 
 /// Weight of a declared value at the end of its tolerance (1). Neighbouring rows of a residual are not independent: some tens of them
 /// weigh as much as one that is.
 const DECLARED: f64 = 5.0;
 
-/// One number of a setting that a fit moves.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Knob {
-    /// A declared parameter.
-    Base(usize),
-    /// A parameter of an effect.
-    Effect {
-        /// Index of the effect.
-        placed: usize,
-        /// Name of the parameter.
-        name: &'static str,
-        /// Least value.
-        low: f64,
-        /// Greatest value.
-        high: f64,
-        /// Whether it is searched by its logarithm.
-        logarithmic: bool,
-    },
-    /// Cosine (0) or sine (1) part of an effect with amplitude and phase.
-    Wave {
-        /// Index of the effect.
-        placed: usize,
-        /// Name of the amplitude.
-        name: &'static str,
-        /// Its greatest value.
-        most: f64,
-        /// Which part.
-        part: usize,
-    },
-}
-
-/// The knobs of an effect that stands at `placed`.
-pub fn knobs_of(candidate: &Candidate, placed: usize) -> Vec<Knob> {
-    let free = candidate.free.iter().map(|free| Knob::Effect {
-        placed,
-        name: free.name,
-        low: free.low,
-        high: free.high,
-        logarithmic: free.logarithmic,
-    });
-    let waves = candidate
-        .wave
-        .iter()
-        .flat_map(|(name, most)| [0, 1].map(|part| Knob::Wave { placed, name, most: *most, part }));
-    free.chain(waves).collect()
-}
-
-impl Knob {
-    fn range(&self, machine: &Machine) -> (f64, f64, bool) {
-        match self {
-            Self::Base(index) => {
-                let parameter = &machine.base[*index];
-                (parameter.low, parameter.high, parameter.logarithmic)
-            }
-            Self::Effect { low, high, logarithmic, .. } => (*low, *high, *logarithmic),
-            Self::Wave { most, .. } => (-most, *most, false),
-        }
-    }
-
-    /// Its value in a setting.
-    pub fn value(&self, setting: &Setting) -> f64 {
-        match self {
-            Self::Base(index) => setting.base[*index],
-            Self::Effect { placed, name, .. } => setting.placed[*placed].value(name).unwrap_or_default(),
-            Self::Wave { placed, name, part, .. } => {
-                let placed = &setting.placed[*placed];
-                let phase = placed.value("phase").unwrap_or_default();
-                placed.value(name).unwrap_or_default() * if *part == 0 { phase.cos() } else { phase.sin() }
-            }
-        }
-    }
-
-    /// Puts a value into a setting.
-    pub fn put(&self, setting: &mut Setting, value: f64) {
-        let into = |setting: &mut Setting, placed: usize, name: &'static str, value: f64| {
-            let values = &mut setting.placed[placed].values;
-            match values.iter_mut().find(|(own, _)| *own == name) {
-                Some((_, old)) => *old = value,
-                None => values.push((name, value)),
-            }
-        };
-        match self {
-            Self::Base(index) => setting.base[*index] = value,
-            Self::Effect { placed, name, .. } => into(setting, *placed, name, value),
-            Self::Wave { placed, name, most, part } => {
-                let other = Self::Wave { placed: *placed, name, most: *most, part: 1 - part }.value(setting);
-                let (cosine, sine) = if *part == 0 { (value, other) } else { (other, value) };
-                into(setting, *placed, name, cosine.hypot(sine).min(*most));
-                into(setting, *placed, "phase", sine.atan2(cosine));
-            }
-        }
-    }
-
-    /// The same knob once an effect is taken away; `None` for its own.
-    pub fn without(&self, gone: usize) -> Option<Self> {
-        let mut knob = self.clone();
-        if let Self::Effect { placed, .. } | Self::Wave { placed, .. } = &mut knob {
-            if *placed == gone {
-                return None;
-            }
-            *placed -= usize::from(*placed > gone);
-        }
-        Some(knob)
-    }
-
-    /// Where the value stands in its range, -1 to 1.
-    pub fn place(&self, machine: &Machine, setting: &Setting) -> f64 {
-        let (low, high, logarithmic) = self.range(machine);
-        let scale = |value: f64| if logarithmic { value.max(f64::MIN_POSITIVE).ln() } else { value };
-        let (low, high) = (scale(low), scale(high));
-        (2.0 * scale(self.value(setting)) - low - high) / (high - low)
-    }
-
-    /// The value at a place.
-    fn at_place(&self, machine: &Machine, place: f64) -> f64 {
-        let (low, high, logarithmic) = self.range(machine);
-        let within = |low: f64, high: f64| 0.5 * (low + high + place * (high - low));
-        if logarithmic { within(low.ln(), high.ln()).exp() } else { within(low, high) }
-    }
-
-    /// The number that the fit moves freely.
-    fn open(&self, machine: &Machine, setting: &Setting) -> f64 {
-        self.place(machine, setting).clamp(-EDGE, EDGE).asin()
-    }
-
-    fn close(&self, machine: &Machine, setting: &mut Setting, open: f64) {
-        self.put(setting, self.at_place(machine, open.sin()));
-    }
-
-    /// The free number a little off, for a slope.
-    fn aside(&self, machine: &Machine, setting: &Setting) -> f64 {
-        let place = self.place(machine, setting).clamp(-EDGE, EDGE);
-        let step = if matches!(self, Self::Wave { .. }) { 4e-3 } else { 0.02 };
-        let moved = if place > 0.0 { place - step } else { place + step };
-        moved.asin()
-    }
-}
+/// Steps after which slopes are worth taking afresh.
+const STEPS_KEPT: usize = 8;
+/// The same: gain of a step, for every row.
+const LEAST_KEPT: f64 = 1e-3;
 
 /// Records and how they are looked at.
 #[derive(Clone, Debug)]
@@ -168,8 +32,6 @@ pub struct View<'a> {
     pub machine: &'a Machine,
     /// Those that take part.
     pub records: Vec<usize>,
-    /// Bandwidth of the observer (rad/s).
-    pub observer_rad_s: f64,
 }
 
 /// A setting with what it leaves.
@@ -183,10 +45,38 @@ pub struct Fitted {
     pub objective: f64,
 }
 
+impl Fitted {
+    /// Rows of its residuals, all channels together.
+    pub fn rows(&self) -> usize {
+        self.residuals.iter().flat_map(|residual| &residual.channels).map(Vec::len).sum()
+    }
+}
+
+impl<'a> View<'a> {
+    /// Of the records of a role.
+    pub fn of(machine: &'a Machine, role: Role) -> Self {
+        Self { machine, records: machine.of_role(role) }
+    }
+
+    /// Of all records.
+    pub fn whole(machine: &'a Machine) -> Self {
+        Self { machine, records: (0..machine.records.len()).collect() }
+    }
+}
+
 impl View<'_> {
     /// Residuals of all its records; `None` where one cannot be simulated.
     pub fn residuals(&self, setting: &Setting) -> Option<Vec<Residual>> {
-        self.records.par_iter().map(|record| self.machine.residual(setting, *record, self.observer_rad_s)).collect()
+        self.records.par_iter().map(|record| self.machine.residual(setting, *record)).collect()
+    }
+
+    /// A setting with knobs that stand at an end of their range as near to it as fits come: they would leap there with the first step.
+    pub fn inside(&self, mut setting: Setting, knobs: &[Knob]) -> Setting {
+        for knob in knobs {
+            let open = knob.open(self.machine, &setting);
+            knob.close(self.machine, &mut setting, open);
+        }
+        setting
     }
 
     /// A setting as it stands.
@@ -253,7 +143,7 @@ impl View<'_> {
             (0..knobs.len()).flat_map(|knob| self.records.iter().map(move |record| (knob, *record))).collect();
         let residuals: Vec<Residual> = jobs
             .par_iter()
-            .map(|(knob, record)| self.machine.residual(&moved[*knob].0, *record, self.observer_rad_s))
+            .map(|(knob, record)| self.machine.residual(&moved[*knob].0, *record))
             .collect::<Option<_>>()?;
         let mut slopes = DMatrix::zeros(here.len(), knobs.len());
         for (knob, residuals) in residuals.chunks(self.records.len()).enumerate() {
@@ -280,30 +170,16 @@ impl View<'_> {
             for (knob, change) in knobs.iter().zip(whole.iter()) {
                 let open = knob.open(self.machine, &setting);
                 // No further than an end of the range.
-                let open = (open + (part * change).clamp(-0.7, 0.7)).clamp(-1.4, 1.4);
+                let open = (open + (part * change).clamp(-0.7, 0.7)).clamp(-FRAC_PI_2, FRAC_PI_2);
                 knob.close(self.machine, &mut setting, open);
             }
             self.evaluate(setting).filter(|fitted| fitted.objective < from.objective)
         })
     }
 
-    /// Steps along slopes taken once, until one does not lead down.
-    pub fn follow(&self, from: &Fitted, knobs: &[Knob], steps: usize) -> Option<Fitted> {
-        let weights = Self::weights(&from.residuals);
-        let slopes = self.slopes(from, knobs, &weights)?;
-        let mut now = from.clone();
-        for _ in 0..steps {
-            match self.step(&now, knobs, &slopes, &weights) {
-                Some(better) => now = better,
-                None => break,
-            }
-        }
-        Some(now)
-    }
-
-    /// Fits from a setting: so many rounds of weights, in each at most so many slopes. `None` where the start cannot be simulated.
-    pub fn fit(&self, start: &Setting, knobs: &[Knob], rounds: usize, slopes: usize) -> Option<Fitted> {
-        let mut best = self.evaluate(start.clone())?;
+    /// Fits from a setting: so many rounds, each with weights and slopes taken where it begins. `None` where the start cannot be simulated.
+    pub fn fit(&self, start: &Setting, knobs: &[Knob], rounds: usize) -> Option<Fitted> {
+        let mut best = self.evaluate(self.inside(start.clone(), knobs))?;
         for _ in 0..rounds {
             let before = best.objective;
             let problem = Problem {
@@ -317,10 +193,10 @@ impl View<'_> {
                 now: Some(best.clone()),
                 before: None,
                 template: best.setting.clone(),
-                left: Cell::new(slopes),
+                known: RefCell::new(None),
             };
             let (mut problem, _) =
-                LevenbergMarquardt::new().with_ftol(1e-4).with_xtol(1e-4).with_stepbound(3.0).minimize(problem);
+                LevenbergMarquardt::new().with_ftol(1e-4).with_xtol(1e-9).with_stepbound(3.0).minimize(problem);
             // It may end on a step that was none.
             let kept = problem.before.take().and_then(|(_, fitted)| fitted);
             let now =
@@ -330,8 +206,7 @@ impl View<'_> {
                 _ => break,
             }
             // Less than one row's worth in a thousand is none.
-            let rows: usize = best.residuals.iter().flat_map(|residual| &residual.channels).map(Vec::len).sum();
-            if before - best.objective < 2e-4 * rows as f64 {
+            if before - best.objective < 2e-4 * best.rows() as f64 {
                 break;
             }
         }
@@ -355,8 +230,39 @@ struct Problem<'a, 'b> {
     /// What stood before the last step: it comes back where the step was none.
     before: Option<(DVector<f64>, Option<Fitted>)>,
     template: Setting,
-    /// Slopes that may still be taken.
-    left: Cell<usize>,
+    /// The slopes in use.
+    known: RefCell<Option<Known>>,
+}
+
+/// Slopes that were taken once and are kept up to date by what every step since has shown (Broyden): a step costs one simulation of every
+/// record, slopes one for every knob.
+struct Known {
+    /// Where they hold.
+    open: DVector<f64>,
+    /// The rows there.
+    rows: DVector<f64>,
+    /// The objective there.
+    objective: f64,
+    slopes: DMatrix<f64>,
+    /// Steps since they were taken.
+    steps: usize,
+}
+
+impl Known {
+    /// Brings them up to date, or says that they lead no further: too many steps ago, or the last one gained too little.
+    fn update(&mut self, open: &DVector<f64>, rows: DVector<f64>, objective: f64) -> bool {
+        let step = open - &self.open;
+        let length = step.norm_squared();
+        let gained = (self.objective - objective) / rows.len() as f64;
+        if self.steps >= STEPS_KEPT || gained < LEAST_KEPT || length <= f64::MIN_POSITIVE {
+            return false;
+        }
+        let beyond = &rows - &self.rows - &self.slopes * &step;
+        self.slopes.ger(1.0 / length, &beyond, &step, 1.0);
+        (self.open, self.rows, self.objective) = (open.clone(), rows, objective);
+        self.steps += 1;
+        true
+    }
 }
 
 impl Problem<'_, '_> {
@@ -416,18 +322,20 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        if self.left.get() == 0 {
-            return None;
-        }
-        self.left.set(self.left.get() - 1);
         let now = self.now.as_ref()?;
+        let rows = self.residuals()?;
+        let mut known = self.known.borrow_mut();
+        if let Some(known) = known.as_mut() {
+            return known.update(&self.open, rows, now.objective).then(|| known.slopes.clone());
+        }
         let slopes = self.view.slopes(now, self.knobs, &self.weights)?;
         let data = slopes.nrows();
         let mut all = slopes.resize_vertically(data + self.declared().count(), 0.0);
-        let of_declared = self.knobs.iter().enumerate().filter(|(_, knob)| matches!(knob, Knob::Base(_)));
+        let of_declared = self.knobs.iter().enumerate().filter(|(_, knob)| knob.is_base());
         for (row, (column, knob)) in of_declared.enumerate() {
             all[(data + row, column)] = self.view.off_slope(knob, &now.setting);
         }
+        *known = Some(Known { open: self.open.clone(), rows, objective: now.objective, slopes: all.clone(), steps: 0 });
         Some(all)
     }
 }

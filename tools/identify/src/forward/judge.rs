@@ -5,7 +5,6 @@ use plant::effects::Site;
 use super::fit::View;
 use super::machine::{Channel, Machine, Residual, Setting};
 use super::record::{Record, repeats, rms};
-use super::search::SEEING_RAD_S;
 
 /// Least gain on the selecting records: fall of the logarithm of the error, summed over channels.
 pub const LEAST_GAIN: f64 = 0.10;
@@ -105,7 +104,7 @@ pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option
 }
 
 fn all_residuals(machine: &Machine, setting: &Setting) -> Option<Vec<Residual>> {
-    View { machine, records: (0..machine.records.len()).collect(), observer_rad_s: SEEING_RAD_S }.residuals(setting)
+    View::whole(machine).residuals(setting)
 }
 
 /// The same of residuals of all records.

@@ -10,6 +10,7 @@ use super::generic::Table;
 use super::record::Record;
 use super::sensor::{advanced, hand_torque};
 use crate::error::{IdentifyError, Result};
+use crate::inverse::split::Role;
 
 /// Name of the parameter that rounds dry friction at rest: the model's own, declared nowhere.
 pub const SMOOTHING: &str = "friction_smoothing_rad_s";
@@ -23,6 +24,9 @@ const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
 pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
 /// A model beyond this has lost the record (rad).
 const LOST_RAD: f64 = 1e3;
+/// Bandwidth of the observer (rad/s). Less would show slow effects with more contrast, and gives a model with stick-slip two ways to go from
+/// the same place: fits then end where they began.
+const OBSERVER_RAD_S: f64 = 150.0;
 /// Damping of the observer, as a factor on its bandwidth.
 const OBSERVER_DAMPING: f64 = 1.4;
 
@@ -183,6 +187,11 @@ impl Machine {
         Setting { base: self.base.iter().map(|parameter| parameter.start).collect(), ..Setting::default() }
     }
 
+    /// Records of a role.
+    pub fn of_role(&self, role: Role) -> Vec<usize> {
+        (0..self.records.len()).filter(|index| self.records[*index].role == role).collect()
+    }
+
     /// What a record's residual consists of.
     pub fn channels(&self, record: usize) -> Vec<Channel> {
         let record = &self.records[record];
@@ -196,8 +205,13 @@ impl Machine {
         channels
     }
 
+    /// Where the slave stands when its encoder counts 0 (rad).
+    pub fn slave_zero_rad(&self, setting: &Setting) -> f64 {
+        self.base.iter().position(|parameter| parameter.name == SLAVE_ZERO).map_or(0.0, |index| setting.base[index])
+    }
+
     /// Constants with a setting's values.
-    fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
+    pub fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
         let mut constants = self.declared.clone();
         for (parameter, value) in
             self.base.iter().zip(&setting.base).filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
@@ -211,9 +225,8 @@ impl Machine {
         Some(constants)
     }
 
-    /// What a setting leaves of a record with an observer of this bandwidth (rad/s); `None` where the plant cannot be so, or has no such
-    /// effect.
-    pub fn residual(&self, setting: &Setting, record: usize, observer_rad_s: f64) -> Option<Residual> {
+    /// What a setting leaves of a record; `None` where the plant cannot be so, or has no such effect.
+    pub fn residual(&self, setting: &Setting, record: usize) -> Option<Residual> {
         let record = &self.records[record];
         let mut in_plant: Vec<Box<dyn Effect>> = Vec::new();
         let mut on_torque: Vec<Box<dyn Effect>> = Vec::new();
@@ -235,18 +248,14 @@ impl Machine {
         let master = advanced(&record.master, late);
         let slave = record.slave.as_deref().map(|slave| advanced(slave, late));
         let slave = slave.as_deref();
-        let zero = self
-            .base
-            .iter()
-            .position(|parameter| parameter.name == SLAVE_ZERO)
-            .map_or(0.0, |index| setting.base[index]);
+        let zero = self.slave_zero_rad(setting);
         plant.rest_at(master[0], slave.map(|slave| slave[0] - zero));
         plant.set_time(record.start_s);
 
         let (hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
         let hand = advanced(&hand, late);
         let dt = record.step_s;
-        let (on_position, on_speed) = (OBSERVER_DAMPING * observer_rad_s * dt, observer_rad_s * observer_rad_s * dt);
+        let (on_position, on_speed) = (OBSERVER_DAMPING * OBSERVER_RAD_S * dt, OBSERVER_RAD_S * OBSERVER_RAD_S * dt);
         let (width, settling, rows) = (record.decimation(), record.settling_rows(), record.residual_rows());
         let mut master_rows = Vec::with_capacity(rows);
         let mut slave_rows = Vec::with_capacity(if slave.is_some() { rows } else { 0 });

@@ -2,11 +2,13 @@
 //!
 //! Free simulation would bury effects under noise and the drift of stick-slip. An observer pulls master and slave toward what was
 //! measured; what it has to pull by, the innovation, is the residual. With a bandwidth `ω` a torque `Δτ` that the model lacks at a side
-//! of inertia `I` shows as an innovation of about `Δτ/(I ω²)`, so that a low bandwidth gives contrast and a high one holds the model to
-//! the record: fits begin with a high one and end with a lower.
+//! of inertia `I` shows as an innovation of about `Δτ/(I ω²)`: a low bandwidth gives contrast, and a high one holds the model to the record.
+//! Where friction falls with speed, a model that is held too loosely has two ways to go from the same place, and no fit finds across; the
+//! bandwidth is chosen so high that this does not happen.
 //!
 //! - [`record`]: measured records, checked and laid out;
 //! - [`machine`]: the declared model with its tolerances, and its residual on a record for any setting of parameters and effects;
+//! - [`knob`]: the numbers that a fit moves, each within its range;
 //! - [`fit`]: Levenberg-Marquardt with a variance of its own for every record and channel;
 //! - [`catalogue`]: the listed effects, what of them is free, and from which sizes and shapes a search begins;
 //! - [`screen`]: which of them point along the residual, by score, the declared parameters projected out;
@@ -21,6 +23,7 @@ pub mod catalogue;
 pub mod fit;
 pub mod generic;
 pub mod judge;
+pub mod knob;
 pub mod machine;
 pub mod prune;
 pub mod record;

@@ -2,10 +2,11 @@
 
 use plant::effects::Site;
 
-use super::fit::{Fitted, Knob, View};
+use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_GAIN, judge};
+use super::knob::Knob;
 use super::machine::{Residual, Setting};
-use super::search::{FOLLOWED, Tried};
+use super::search::Tried;
 
 /// How many of the first round's others are tried alone once an effect was added.
 const OTHERS: usize = 6;
@@ -28,7 +29,7 @@ pub fn needless(
         let mut setting = now.setting.clone();
         let placed = setting.placed.remove(at);
         let left: Vec<Knob> = knobs.iter().filter_map(|knob| knob.without(at)).collect();
-        let fitted = fit.fit(&setting, &left, 2, 3)?;
+        let fitted = fit.fit(&setting, &left, 2)?;
         let without = select.residuals(&fitted.setting)?;
         let judged = judge((placed.id, placed.site), &without, &with);
         (judged.gain < LEAST_GAIN).then_some((at, fitted, left))
@@ -45,7 +46,7 @@ pub struct Other {
 impl Other {
     /// `None` where it did too little.
     pub fn of(tried: &Tried) -> Option<Self> {
-        let knobs = tried.knobs.iter().filter(|knob| !matches!(knob, Knob::Base(_))).cloned().collect();
+        let knobs = tried.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
         (tried.judged.gain >= LEAST_GAIN).then(|| Self { setting: tried.fitted.setting.clone(), knobs })
     }
 }
@@ -73,8 +74,8 @@ pub fn alone(
     let with = select.residuals(&now.setting)?;
     let one = |other: &Other| -> Option<Alone> {
         let placed = other.setting.placed.first()?;
-        let mut own: Vec<Knob> = knobs.iter().filter(|knob| matches!(knob, Knob::Base(_))).cloned().collect();
-        own.extend(other.knobs.iter().cloned());
+        let mut free: Vec<Knob> = knobs.iter().filter(|knob| knob.is_base()).cloned().collect();
+        free.extend(other.knobs.iter().cloned());
         let there = Setting { placed: vec![placed.clone()], ..now.setting.clone() };
         let starts = [there, other.setting.clone()].map(|start| fit.evaluate(start));
         let first = starts.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
@@ -82,22 +83,33 @@ pub fn alone(
             let selected = select.residuals(&fitted.setting)?;
             Some((judge((placed.id, placed.site), &selected, &with), selected))
         };
-        let near = fit.follow(&first, &own, FOLLOWED)?;
+        let near = fit.fit(&first.setting, &free, 1)?;
         if beside(&near)?.0.gain > FAR_BEHIND {
             return None;
         }
-        let fitted = fit.fit(&near.setting, &own, 2, 3)?;
+        let fitted = fit.fit(&near.setting, &free, 2)?;
         let (beside, selected) = beside(&fitted)?;
-        Some(Alone { beside, fitted, knobs: own, selected })
+        Some(Alone { beside, fitted, knobs: free, selected })
     };
     let mut found: Vec<Alone> = others.iter().take(OTHERS).filter_map(one).collect();
     found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
     Some(found)
 }
 
-/// Those of some models, at most two, that the selecting records cannot tell from one that leaves `selected`.
-pub fn rivals<'a>(selected: &[Residual], models: impl Iterator<Item = &'a Alone>) -> Vec<(&'static str, Site)> {
+/// How many of some knobs are an effect's.
+pub fn effect_count(knobs: &[Knob]) -> usize {
+    knobs.iter().filter(|knob| !knob.is_base()).count()
+}
+
+/// Those of some models, at most two, that the selecting records cannot tell from one with `count` parameters that leaves `selected`: of models
+/// that do the same the one with the fewest is meant.
+pub fn rivals<'a>(
+    selected: &[Residual],
+    count: usize,
+    models: impl Iterator<Item = &'a Alone>,
+) -> Vec<(&'static str, Site)> {
     models
+        .filter(|model| effect_count(&model.knobs) <= count)
         .filter(|model| {
             let beside = judge((model.beside.id, model.beside.site), &model.selected, selected);
             beside.gain < AS_GOOD && beside.t.abs() < TOLD_APART_T

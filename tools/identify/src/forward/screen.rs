@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use realfft::RealFftPlanner;
 
 use super::catalogue::{Candidate, Scale, Start};
-use super::fit::{Fitted, Knob, View};
+use super::fit::{Fitted, View};
+use super::knob::{AT_EDGE, Knob};
 use super::machine::{Channel, Placed, Setting};
 use super::record::Record;
 
@@ -21,6 +22,17 @@ pub struct Projection {
     here: DVector<f64>,
     basis: DMatrix<f64>,
     left: DVector<f64>,
+}
+
+/// An orthonormal basis of what some columns of so many rows span; those that are nothing are left out.
+pub fn basis(columns: impl Iterator<Item = DVector<f64>>, rows: usize) -> DMatrix<f64> {
+    let columns: Vec<DVector<f64>> = columns
+        .filter_map(|column| {
+            let norm = column.norm();
+            (norm > 0.0).then(|| column / norm)
+        })
+        .collect();
+    if columns.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&columns).qr().q() }
 }
 
 /// A candidate with the start that scored best.
@@ -41,17 +53,9 @@ impl Projection {
         let here = View::stack(&fitted.residuals, &weights);
         let slopes = view.slopes(fitted, knobs, &weights)?;
         // What stands at the end of its tolerance explains nothing more.
-        let inside = |knob: &Knob| knob.place(view.machine, &fitted.setting).abs() < super::fit::AT_EDGE;
-        let columns: Vec<DVector<f64>> = knobs
-            .iter()
-            .zip(slopes.column_iter())
-            .filter(|(knob, column)| inside(knob) && column.norm() > 0.0)
-            .map(|(_, column)| column / column.norm())
-            .collect();
-        let basis = match columns.is_empty() {
-            true => DMatrix::zeros(here.len(), 0),
-            false => DMatrix::from_columns(&columns).qr().q(),
-        };
+        let inside = |knob: &Knob| knob.place(view.machine, &fitted.setting).abs() < AT_EDGE;
+        let columns = knobs.iter().zip(slopes.column_iter()).filter(|(knob, _)| inside(knob));
+        let basis = basis(columns.map(|(_, column)| column.into_owned()), here.len());
         let left = &here - &basis * (basis.transpose() * &here);
         Some(Self { weights, slopes, here, basis, left })
     }

@@ -4,10 +4,11 @@ use nalgebra::DMatrix;
 use plant::effects::Site;
 
 use super::catalogue::{Candidate, candidates};
-use super::fit::{Fitted, Knob, View, knobs_of};
+use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
+use super::knob::{Knob, knobs_of};
 use super::machine::{Machine, Residual, SMOOTHING, SMOOTHING_STARTS, Setting};
-use super::prune::{Other, alone, needless, rivals};
+use super::prune::{Other, alone, effect_count, needless, rivals};
 use super::screen::{Projection, Scored, scale};
 use super::unnamed::{Nameless, functions};
 use crate::inverse::split::Role;
@@ -26,23 +27,24 @@ const MOST_ROUNDS: usize = 5;
 const REFITTED: usize = 12;
 const FINISHED: usize = 3;
 /// Those of them that are fitted afresh as well, in the first round.
-const AFRESH: usize = 2;
+const AFRESH: usize = 3;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
+/// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
+const A_RIVAL: f64 = 0.25;
 /// A gain so small does not pass whatever a closer fit gives.
 const HOPELESS: f64 = 0.5 * LEAST_GAIN;
-/// Steps along fresh slopes before new ones are worth their time.
-pub const FOLLOWED: usize = 3;
+/// Times that a model with an effect is fitted afresh as long as it ends above what repeats differ by, and what of its objective, for every
+/// row, it must gain to be worth another.
+const REFITS: usize = 3;
+/// See there.
+const LEAST_REFIT: f64 = 0.01;
 /// Steps of a candidate before it is finished or dropped.
 const QUICK_STEPS: usize = 2;
-/// Bandwidths of the observer: to find the base, and to see effects (rad/s).
-const HOLDING_RAD_S: f64 = 150.0;
-/// See there.
-pub const SEEING_RAD_S: f64 = 80.0;
 /// A declared parameter that changes the residual by less than this share over its whole tolerance is not seen.
-const SEEN: f64 = 0.02;
+const SEEN: f64 = 0.002;
 /// Most declared parameters that a fit moves.
-const MOST_PARAMETERS: usize = 22;
+const MOST_PARAMETERS: usize = 30;
 /// Effects that go by the clock: repeats differ by them too, and a floor does not speak against them.
 const BY_TIME: [&str; 4] = ["periodic_disturbance", "mains_hum", "thermal_drift", "sensor_drift"];
 
@@ -88,15 +90,6 @@ impl Found {
     }
 }
 
-/// Records of a role.
-pub fn of_role(machine: &Machine, role: Role) -> Vec<usize> {
-    (0..machine.records.len()).filter(|index| machine.records[*index].role == role).collect()
-}
-
-fn view(machine: &Machine, role: Role, observer_rad_s: f64) -> View<'_> {
-    View { machine, records: of_role(machine, role), observer_rad_s }
-}
-
 /// The declared parameters that records show, the clearest first: each by what it changes beside those before it.
 fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
     let all: Vec<Knob> = (0..view.machine.base.len()).map(Knob::Base).collect();
@@ -121,25 +114,21 @@ fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
 
 /// The declared model, fitted within its tolerances on the fitting records; and what of it they show.
 fn fit_base(machine: &Machine) -> Option<(Fitted, Vec<Knob>)> {
-    let holding = view(machine, Role::Fit, HOLDING_RAD_S);
+    let fit = View::of(machine, Role::Fit);
     let smoothing = machine.base.iter().position(|parameter| parameter.name == SMOOTHING);
     let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
         let mut start = machine.start();
         if let Some(index) = smoothing {
             start.base[index] = *speed;
         }
-        let fitted = holding.evaluate(start)?;
-        let knobs = seen(&holding, &fitted)?;
-        holding.fit(&fitted.setting, &knobs, 2, 3)
+        let fitted = fit.evaluate(start)?;
+        let knobs = seen(&fit, &fitted)?;
+        fit.fit(&fitted.setting, &knobs, 3)
     });
-    let held = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    let seeing = view(machine, Role::Fit, SEEING_RAD_S);
-    let first = seeing.evaluate(held.setting)?;
-    let knobs = seen(&seeing, &first)?;
-    let fitted = seeing.fit(&first.setting, &knobs, 2, 4)?;
+    let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // What is left is smaller now, and shows more.
-    let knobs = seen(&seeing, &fitted)?;
-    let fitted = seeing.fit(&fitted.setting, &knobs, 3, 4)?;
+    let knobs = seen(&fit, &best)?;
+    let fitted = fit.fit(&best.setting, &knobs, 6)?;
     Some((fitted, knobs))
 }
 
@@ -164,7 +153,6 @@ fn round(
     let projection = Projection::new(fit, now, knobs)?;
     let scored = projection.rank(fit, now, candidates);
     let machine = fit.machine;
-    let holding = View { observer_rad_s: HOLDING_RAD_S, ..fit.clone() };
     let finish = |candidate: usize, own: Vec<Knob>, fitted: Fitted| -> Option<Tried> {
         let selected = select.residuals(&fitted.setting)?;
         let of = &candidates[candidate];
@@ -178,7 +166,7 @@ fn round(
         let of_effect = knobs_of(&candidates[scored.candidate], start.placed.len() - 1);
         let mut own = knobs.to_vec();
         own.extend(of_effect.iter().cloned());
-        let mut fitted = fit.evaluate(start)?;
+        let mut fitted = fit.evaluate(fit.inside(start, &own))?;
         for _ in 0..QUICK_STEPS {
             let of_effect = fit.slopes(&fitted, &of_effect, &projection.weights)?;
             let mut slopes = projection.slopes.clone().resize_horizontally(own.len(), 0.0);
@@ -202,11 +190,9 @@ fn round(
     for (place, index) in chosen.iter().copied().enumerate() {
         let first = &tried[index];
         let fresh = Setting { base: machine.start().base, ..first.fitted.setting.clone() };
-        let afresh =
-            || holding.fit(&fresh, &first.knobs, 1, 3).and_then(|held| fit.fit(&held.setting, &first.knobs, 1, 2));
         let starts = [
-            fit.follow(&first.fitted, &first.knobs, FOLLOWED),
-            if now.setting.placed.is_empty() && place < AFRESH { afresh() } else { None },
+            fit.fit(&first.fitted.setting, &first.knobs, 1),
+            if now.setting.placed.is_empty() && place < AFRESH { fit.fit(&fresh, &first.knobs, 3) } else { None },
         ];
         let better = starts.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective));
         if let Some(better) = better.and_then(|better| finish(first.candidate, first.knobs.clone(), better)) {
@@ -218,7 +204,7 @@ fn round(
     chosen.retain(|index| tried[*index].judged.gain >= WITHIN_REACH * most);
     for index in chosen {
         let first = &tried[index];
-        let better = fit.fit(&first.fitted.setting, &first.knobs, 2, 3);
+        let better = fit.fit(&first.fitted.setting, &first.knobs, 3);
         if let Some(better) = better.and_then(|better| finish(first.candidate, first.knobs.clone(), better)) {
             tried[index] = better;
         }
@@ -235,27 +221,33 @@ fn winner(tried: &[Tried]) -> Option<&Tried> {
 }
 
 /// All of a model fitted again once an effect is in it, by what the records show now that less is left; and the knobs of that.
-fn refit(fit: &View<'_>, select: &View<'_>, winner: &Tried) -> Option<(Fitted, Vec<Knob>)> {
-    let mut knobs = seen(fit, &winner.fitted)?;
-    knobs.extend(winner.knobs.iter().filter(|knob| !matches!(knob, Knob::Base(_))).cloned());
-    let now = fit.fit(&winner.fitted.setting, &knobs, 3, 4)?;
-    if at_floor(fit.machine, &select.records, &now.setting)? {
-        return Some((now, knobs));
+fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried) -> Option<(Fitted, Vec<Knob>)> {
+    let machine = fit.machine;
+    let own: Vec<Knob> = winner.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
+    let shown = |fitted: &Fitted| Some([seen(fit, fitted)?, own.clone()].concat());
+    let mut knobs = shown(&winner.fitted)?;
+    let mut now = fit.fit(&winner.fitted.setting, &knobs, 6)?;
+    for _ in 0..REFITS {
+        if at_floor(machine, &select.records, &now.setting)? {
+            break;
+        }
+        // What is left is smaller now, and shows more.
+        knobs = shown(&now)?;
+        // A fit that has gone astray looks exactly like a missing effect: from the declared values it may find its way back.
+        let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
+        let before = now.objective;
+        let again = [fit.fit(&now.setting, &knobs, 4), fit.fit(&fresh, &knobs, 4)];
+        now = again.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+        if before - now.objective < LEAST_REFIT * now.rows() as f64 {
+            break;
+        }
     }
-    // A fit that has gone astray looks exactly like a missing effect: held closer to the records it finds its way back.
-    let holding = View { observer_rad_s: HOLDING_RAD_S, ..fit.clone() };
-    let fresh = Setting { base: fit.machine.start().base, ..now.setting.clone() };
-    let again = [now.setting.clone(), fresh].into_iter().filter_map(|start| {
-        let held = holding.fit(&start, &knobs, 2, 3)?;
-        fit.fit(&held.setting, &knobs, 2, 3)
-    });
-    let best = again.chain([now.clone()]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    Some((best, knobs))
+    Some((now, knobs))
 }
 
 /// The whole search. `None` where not even the declared model can be simulated along the records.
 pub fn search(machine: &Machine) -> Option<Found> {
-    let (fit, select) = (view(machine, Role::Fit, SEEING_RAD_S), view(machine, Role::Select, SEEING_RAD_S));
+    let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
     let (base, base_knobs) = fit_base(machine)?;
     let (mut now, mut knobs) = (base.clone(), base_knobs.clone());
     let (mut steps, mut rounds, mut given_up) = (Vec::<Step>::new(), Vec::new(), Vec::new());
@@ -277,9 +269,15 @@ pub fn search(machine: &Machine) -> Option<Found> {
         let Some(winner) = winner(&tried).filter(|winner| winner.judged.gain >= least) else { break };
         steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
         if rounds.len() == 1 {
-            others = tried.iter().filter(|other| other.candidate != winner.candidate).filter_map(Other::of).collect();
+            others = tried
+                .iter()
+                .filter(|other| {
+                    other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain
+                })
+                .filter_map(Other::of)
+                .collect();
         }
-        (now, knobs) = refit(&fit, &select, winner)?;
+        (now, knobs) = refit((&fit, &select), winner)?;
         let several = steps.len() > 1;
         while let Some((at, fitted, left)) = needless((&fit, &select), &now, &knobs) {
             let step = steps.remove(at);
@@ -294,12 +292,12 @@ pub fn search(machine: &Machine) -> Option<Found> {
                 given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
                 (now, knobs) = (best.fitted.clone(), best.knobs.clone());
                 let added = judge_against(&select, &base, &now)?;
-                let rivals = rivals(&best.selected, rest.iter());
+                let rivals = rivals(&best.selected, effect_count(&best.knobs), rest.iter());
                 steps.push(Step { added, rivals, fitted: now.clone() });
             }
             all => {
                 if let [only] = &mut steps[..] {
-                    only.rivals = rivals(&select.residuals(&now.setting)?, all.iter());
+                    only.rivals = rivals(&select.residuals(&now.setting)?, effect_count(&knobs), all.iter());
                 }
             }
         }
@@ -322,7 +320,7 @@ pub fn search(machine: &Machine) -> Option<Found> {
         given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
         knobs = base_knobs;
     }
-    let (knobs, effect_knobs) = knobs.into_iter().partition(|knob| matches!(knob, Knob::Base(_)));
+    let (knobs, effect_knobs) = knobs.into_iter().partition(Knob::is_base);
     Some(Found { base, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate })
 }
 

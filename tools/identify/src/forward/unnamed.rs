@@ -4,10 +4,10 @@ use plant::any;
 use plant::effects::Site;
 use rayon::prelude::*;
 
-use super::fit::{Fitted, Knob, View};
+use super::fit::{Fitted, View};
 use super::generic::{NODES, PLACES, Table, Variable};
 use super::judge::{Judged, judge};
-
+use super::knob::Knob;
 use super::machine::{Machine, Setting};
 use super::screen::Projection;
 use super::sensor::beside;
@@ -17,6 +17,9 @@ const LEAST_UNNAMED: f64 = 0.25;
 
 /// The same where something is known to be missing, and this says where.
 const LEAST_HINT: f64 = 0.15;
+
+/// Steps along known slopes before new ones are worth their time.
+const FOLLOWED: usize = 3;
 
 /// Something without a name.
 #[derive(Clone, Debug)]
@@ -29,6 +32,13 @@ pub struct Nameless {
     pub fitted: Fitted,
 }
 
+/// Between which all but a hundredth of some values lie.
+fn ends(mut values: Vec<f64>) -> (f64, f64) {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
+    (at(0.005), at(0.995))
+}
+
 /// Values between which a variable runs in the fitting records.
 fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable)) -> (f64, f64) {
     let mut values: Vec<f64> = Vec::new();
@@ -36,9 +46,7 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
         for record in records.iter().map(|index| &machine.records[*index]) {
             values.extend((0..record.volts.len()).step_by(4).map(|row| beside(record, variable, row)));
         }
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
-        return (at(0.005), at(0.995));
+        return ends(values);
     }
     for record in records.iter().map(|index| &machine.records[*index]) {
         let position = match (site, &record.slave) {
@@ -57,9 +65,7 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
             Variable::Torque | Variable::Deflection => values.extend(record.averaged(&record.volts)),
         }
     }
-    values.sort_by(f64::total_cmp);
-    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
-    let (low, high) = (at(0.005), at(0.995));
+    let (low, high) = ends(values);
     let constants = match &machine.declared {
         any::Parameters::Hydrostatic(own) => {
             (own.motor_torque_per_volt_nm, own.master_displacement_m_per_rad(), own.line_stiffness_n_per_m())
@@ -82,7 +88,6 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
 /// Size of a node's value for a first try.
 fn unit((site, variable): (Site, Variable)) -> f64 {
     match (site, variable) {
-        (Site::Drive, Variable::Velocity | Variable::Position) => 0.05,
         (Site::Line, _) => 1.0,
         _ => 0.05,
     }
@@ -94,6 +99,23 @@ fn by(mut setting: Setting, node: usize, units: f64) -> Setting {
         table.values[node] += units * unit((table.site, table.variable));
     }
     setting
+}
+
+/// The same of a node and half of its neighbours: a function with half as many nodes.
+fn wide(setting: Setting, node: usize, units: f64) -> Setting {
+    let sides = [node.checked_sub(1), Some(node + 1).filter(|next| *next < NODES)];
+    sides.into_iter().flatten().fold(by(setting, node, units), |setting, side| by(setting, side, 0.5 * units))
+}
+
+/// Steps along slopes that are known, as far as they lead down.
+fn led(fit: &View<'_>, mut now: Fitted, knobs: &[Knob], along: &Projection) -> Fitted {
+    for _ in 0..FOLLOWED {
+        match fit.step(&now, knobs, &along.slopes, &along.weights) {
+            Some(better) => now = better,
+            None => break,
+        }
+    }
+    now
 }
 
 /// Functions of one variable beside what there is: how each does on the selecting records, and the best that passes. With
@@ -108,46 +130,38 @@ pub fn functions(
     let before = select.residuals(&now.setting)?;
     let has_slave = machine.records.iter().all(|record| record.slave.is_some());
     let has_torque = machine.records.iter().any(|record| record.torque.is_some() && !record.idle);
-    let mut scored: Vec<(f64, Table)> = PLACES
+    let mut scored: Vec<(f64, Setting)> = PLACES
         .iter()
         .filter(|(site, _)| has_slave || *site != Site::Slave)
         .filter(|(site, _)| has_torque || *site != Site::Sensor)
         .filter_map(|place| {
             let (low, high) = range(machine, &fit.records, *place);
             let table = Table::new(*place, low, high);
-            let settings: Vec<Setting> = (0..NODES)
-                .map(|node| {
-                    let mut setting = now.setting.clone();
-                    let mut table = table.clone();
-                    table.values[node] = unit(*place);
-                    setting.tables.push(table);
-                    setting
-                })
-                .collect();
-            let (factors, share) = projection.explain(fit, &settings)?;
-            let mut table = table;
-            for (value, factor) in table.values.iter_mut().zip(factors) {
-                *value = unit(*place) * factor;
+            let mut start = now.setting.clone();
+            start.tables.push(table);
+            let coarse: Vec<Setting> = (0..NODES).step_by(2).map(|node| wide(start.clone(), node, 1.0)).collect();
+            let (factors, share) = projection.explain(fit, &coarse)?;
+            for (node, factor) in (0..NODES).step_by(2).zip(factors) {
+                start = wide(start, node, factor);
             }
-            Some((share, table))
+            Some((share, start))
         })
         .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut tried: Vec<Nameless> = scored
         .into_par_iter()
         .take(5)
-        .filter_map(|(_, table)| {
-            let mut start = now.setting.clone();
-            start.tables.push(table);
-            let first = fit.fit(&start, knobs, 1, 2)?;
+        .filter_map(|(_, start)| {
+            let first = led(fit, fit.evaluate(fit.inside(start, knobs))?, knobs, &projection);
             // What the function changes was taken where it was nothing, and the parameters have moved.
             let settings: Vec<Setting> = (0..NODES).map(|node| by(first.setting.clone(), node, 1.0)).collect();
-            let (factors, _) = Projection::new(fit, &first, knobs)?.explain(fit, &settings)?;
+            let here = Projection::new(fit, &first, knobs)?;
+            let (factors, _) = here.explain(fit, &settings)?;
             let mut again = first.setting.clone();
             for (node, factor) in factors.into_iter().enumerate() {
                 again = by(again, node, factor);
             }
-            let again = fit.fit(&again, knobs, 1, 2);
+            let again = fit.evaluate(again).map(|again| led(fit, again, knobs, &here));
             let fitted = again.into_iter().chain([first]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
             let table = fitted.setting.tables.last()?.clone();
             let judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);

@@ -6,8 +6,7 @@
 //! instead. Both are counted in units of the floor: what repeats of a movement leave, or else what the fitted model leaves.
 
 use nalgebra::{DMatrix, DVector};
-use plant::ParameterSet as _;
-use plant::any::{Parameters, Plant};
+use plant::any::Plant;
 use plant::effects::Site;
 use rayon::prelude::*;
 
@@ -15,12 +14,12 @@ use super::transmission::Study;
 use super::transmission_outcome::words;
 use super::trials::{PLAYED_S, PREDICTED_S, Stage, Trial};
 use crate::forward::catalogue::{Candidate, candidates};
-use crate::forward::fit::{Fitted, Knob, View, knobs_of};
+use crate::forward::fit::{Fitted, View};
 use crate::forward::judge::{BLOCK, errors};
-use crate::forward::machine::{Channel, Machine, Placed, Residual, SLAVE_ZERO, Setting};
+use crate::forward::knob::{Knob, knobs_of};
+use crate::forward::machine::{Channel, Machine, Placed, Residual, Setting};
 use crate::forward::record::Record;
-use crate::forward::screen::scale;
-use crate::forward::search::{SEEING_RAD_S, of_role};
+use crate::forward::screen::{basis, scale};
 use crate::inverse::split::Role;
 use crate::outcome::{FittedParameter, NextExperiment, Verdict};
 
@@ -212,7 +211,7 @@ fn listed(trials: &[Trial]) -> String {
 
 /// What repeats leave of each channel, or what the fitted model leaves where nothing was repeated.
 fn floors(study: &Study) -> Option<Vec<(Channel, f64)>> {
-    let report = of_role(&study.machine, Role::Report);
+    let report = study.machine.of_role(Role::Report);
     let errors = errors(&study.machine, &report, &study.found.last().setting)?;
     Some(errors.into_iter().map(|(channel, error, floor)| (channel, floor.unwrap_or(error).max(1e-7))).collect())
 }
@@ -221,8 +220,7 @@ fn floors(study: &Study) -> Option<Vec<(Channel, f64)>> {
 fn recorded(study: &Study, stage: &Stage, trial: Trial, setting: &Setting) -> Option<Record> {
     let machine = &study.machine;
     let mut record = stage.record(trial, plant(machine, setting)?);
-    let zero =
-        machine.base.iter().position(|parameter| parameter.name == SLAVE_ZERO).map_or(0.0, |at| setting.base[at]);
+    let zero = machine.slave_zero_rad(setting);
     let measured = |of: fn(&Record) -> bool| machine.records.iter().all(of);
     record.slave = record
         .slave
@@ -234,20 +232,8 @@ fn recorded(study: &Study, stage: &Stage, trial: Trial, setting: &Setting) -> Op
 
 /// The plant that a setting describes; what only the instruments have is in its readings.
 fn plant(machine: &Machine, setting: &Setting) -> Option<Plant> {
-    let mut constants = machine.declared.clone();
-    for (parameter, value) in machine.base.iter().zip(&setting.base).filter(|(p, _)| p.name != SLAVE_ZERO) {
-        match &mut constants {
-            Parameters::Hydrostatic(own) => own.set(&parameter.name, *value),
-            Parameters::Cable(own) => own.set(&parameter.name, *value),
-        }
-        .ok()?;
-    }
     let effects = setting.placed.iter().map(Placed::effect).collect::<Option<Vec<_>>>()?;
-    constants.plant(effects).ok()
-}
-
-fn view(machine: &Machine) -> View<'_> {
-    View { machine, records: (0..machine.records.len()).collect(), observer_rad_s: SEEING_RAD_S }
+    machine.constants(setting)?.plant(effects).ok()
 }
 
 /// One over the floor, by record and channel.
@@ -259,32 +245,21 @@ fn weights(machine: &Machine, floors: &[(Channel, f64)]) -> Vec<Vec<f64>> {
 
 /// What one setting has to be pulled by along the records more than another, in floors.
 fn difference(machine: &Machine, own: &Setting, other: &Setting, floors: &[(Channel, f64)]) -> Option<DVector<f64>> {
-    let view = view(machine);
+    let view = View::whole(machine);
     let weights = weights(machine, floors);
     let stacked = |residuals: Vec<Residual>| View::stack(&residuals, &weights);
     Some(stacked(view.residuals(other)?) - stacked(view.residuals(own)?))
 }
 
 fn slopes(machine: &Machine, setting: &Setting, knobs: &[Knob], floors: &[(Channel, f64)]) -> Option<DMatrix<f64>> {
-    let view = view(machine);
+    let view = View::whole(machine);
     let fitted = view.evaluate(setting.clone())?;
     view.slopes(&fitted, knobs, &weights(machine, floors))
 }
 
 /// What is left of a column when all that others can do is taken out.
 fn without(column: &DVector<f64>, others: &DMatrix<f64>) -> DVector<f64> {
-    let columns: Vec<DVector<f64>> = others
-        .column_iter()
-        .filter(|other| other.norm() > 0.0)
-        .map(|other| {
-            let norm = other.norm();
-            other / norm
-        })
-        .collect();
-    if columns.is_empty() {
-        return column.clone();
-    }
-    let basis = DMatrix::from_columns(&columns).qr().q();
+    let basis = basis(others.column_iter().map(|other| other.into_owned()), others.nrows());
     column - &basis * (basis.transpose() * column)
 }
 
@@ -292,7 +267,7 @@ fn without(column: &DVector<f64>, others: &DMatrix<f64>) -> DVector<f64> {
 fn rival_of(study: &Study, at: usize, rival: (&'static str, Site)) -> Option<(Setting, Vec<Knob>)> {
     let machine = &study.machine;
     let found = &study.found;
-    let fit = View { machine, records: of_role(machine, Role::Fit), observer_rad_s: SEEING_RAD_S };
+    let fit = View::of(machine, Role::Fit);
     let now = fit.evaluate(found.last().setting.clone())?;
     let listed: Vec<Candidate> = candidates(&scale(&fit, &now));
     let candidate = listed.iter().find(|candidate| (candidate.id, candidate.site) == rival)?;
@@ -320,7 +295,7 @@ fn rival_of(study: &Study, at: usize, rival: (&'static str, Site)) -> Option<(Se
     let mut knobs: Vec<Knob> = found.knobs.clone();
     knobs.extend(of_others.cloned());
     knobs.extend(knobs_of(candidate, at));
-    let fitted = fit.fit(&best.setting, &knobs, 3, 4)?;
+    let fitted = fit.fit(&best.setting, &knobs, 4)?;
     Some((fitted.setting, knobs))
 }
 
@@ -358,7 +333,7 @@ mod tests {
             record
         });
         let machine = Machine { records: records.to_vec(), ..empty };
-        let fit = View { machine: &machine, records: vec![0], observer_rad_s: SEEING_RAD_S };
+        let fit = View { machine: &machine, records: vec![0] };
         let base = fit.evaluate(machine.start()).unwrap();
         let fitted = fit.evaluate(setting).unwrap();
         let index = |name: &str| Knob::Base(machine.base.iter().position(|parameter| parameter.name == name).unwrap());
@@ -432,17 +407,29 @@ mod tests {
             identifiable: false,
             at_tolerance: false,
         };
-        let next = propose(&study, &stage, Verdict::None, &[unseen("slave_rising_slope_nm_s")]).unwrap();
+        let next = propose(&study, &stage, Verdict::None, &[unseen("slave_static_friction_nm")]).unwrap();
         println!("{} {}", next.why, next.what);
         assert!(
             next.why.contains("The records say no more than the declaration of")
-                && next.why.contains("slave_rising_slope_nm_s")
+                && next.why.contains("slave_static_friction_nm")
         );
-        assert!(next.what.contains("should tell slave_rising_slope_nm_s to"), "{}", next.what);
-        // Above the corner of 6 rad/s, where it acts, or nowhere.
+        assert!(next.what.contains("should tell slave_static_friction_nm to"), "{}", next.what);
+        // It keeps its word: it shows the parameter, and the movement that there was shows less of it.
         let label = played(&next, &rig).segments[1].label.clone();
         let best = Trial::all(&stage).into_iter().find(|trial| trial.words() == label).unwrap();
-        assert!(best.peaks().1 > 5.0, "{label} is too slow to show it");
+        let index =
+            study.machine.base.iter().position(|parameter| parameter.name == "slave_static_friction_nm").unwrap();
+        let floors = floors(&study).unwrap();
+        let closeness = |trial| shown(&study, &stage, trial, &[index], &floors).unwrap().closeness[0].1;
+        let (best, before) = (closeness(best), closeness(Trial::Sine(20.0, 1.0)));
+        assert!(best >= SHOWN && best > before, "{label}: {best:.2}, a sine of 20° and 1 Hz {before:.2}");
+        // Of one that no movement shows it says so.
+        let next = propose(&study, &stage, Verdict::None, &[unseen("hose_length_m")]).unwrap();
+        assert!(
+            next.why.contains("hose_length_m, which no movement of this rig tells from the others"),
+            "{}",
+            next.why
+        );
         assert!(propose(&study, &stage, Verdict::Unlisted, &[]).is_none());
     }
 }

@@ -10,7 +10,7 @@ use super::{Model, Options, stretches, transmission_outcome, transmission_page};
 use crate::error::{IdentifyError, Result};
 use crate::forward::machine::Machine;
 use crate::forward::record::{Record, share_out};
-use crate::forward::search::{Found, of_role, search};
+use crate::forward::search::{Found, search};
 use crate::input::Series;
 use crate::inverse::split::Role;
 use crate::outcome::Outcome;
@@ -53,7 +53,7 @@ impl Model for Transmission {
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
         let machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
-            if of_role(&machine, role).is_empty() {
+            if machine.of_role(role).is_empty() {
                 return Err(IdentifyError::Roles {
                     what: format!("expected at least three records of a transmission, found {}", machine.records.len()),
                     advice: "whole records fit, select and report: give more of them, with movements that differ",

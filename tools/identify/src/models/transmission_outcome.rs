@@ -9,12 +9,12 @@ use super::propose::propose;
 use super::transmission::Study;
 use super::transmission_page;
 use super::trials::Stage;
-use crate::forward::fit::{AT_EDGE, Knob, View};
+use crate::forward::fit::View;
 use crate::forward::generic::NODES;
 use crate::forward::judge::{BLOCK, Judged, errors};
+use crate::forward::knob::{AT_EDGE, Knob};
 use crate::forward::machine::Channel;
 use crate::forward::record::rms;
-use crate::forward::search::{SEEING_RAD_S, of_role};
 use crate::inverse::split::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
@@ -42,8 +42,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
     let remains = found.nameless.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
-    let fit =
-        View { machine: &study.machine, records: of_role(&study.machine, Role::Fit), observer_rad_s: SEEING_RAD_S };
+    let fit = View::of(&study.machine, Role::Fit);
     let mut knobs = found.knobs.clone();
     knobs.extend(found.effect_knobs.iter().cloned());
     let deviations = fit.deviations(found.last(), &knobs, BLOCK)?;
@@ -119,7 +118,7 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
 }
 
 fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
-    let report = of_role(&study.machine, Role::Report);
+    let report = study.machine.of_role(Role::Report);
     let before = errors(&study.machine, &report, &study.found.base.setting)?;
     let after = errors(&study.machine, &report, &study.found.last().setting)?;
     let size = |channel: Channel| {
@@ -173,9 +172,8 @@ fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
 }
 
 fn roles(study: &Study) -> Roles {
-    let names = |role| {
-        of_role(&study.machine, role).into_iter().map(|index| study.machine.records[index].name.clone()).collect()
-    };
+    let names =
+        |role| study.machine.of_role(role).into_iter().map(|index| study.machine.records[index].name.clone()).collect();
     Roles { fit: names(Role::Fit), select: names(Role::Select), report: names(Role::Report) }
 }
 

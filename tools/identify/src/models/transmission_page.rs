@@ -7,7 +7,6 @@ use super::transmission_outcome::words;
 use crate::forward::fit::View;
 use crate::forward::judge::{LEAST_GAIN, LEAST_T};
 use crate::forward::machine::{Channel, Residual};
-use crate::forward::search::{SEEING_RAD_S, of_role};
 use crate::inverse::split::Role;
 use crate::outcome::{Outcome, Verdict};
 use crate::page::{banded, parameters, ranking, short};
@@ -63,8 +62,8 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
 /// The whole page; `None` where a model cannot be simulated.
 pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     let machine = &study.machine;
-    let report = of_role(machine, Role::Report);
-    let view = View { machine, records: report.clone(), observer_rad_s: SEEING_RAD_S };
+    let report = machine.of_role(Role::Report);
+    let view = View { machine, records: report.clone() };
     let before = view.residuals(&study.found.base.setting)?;
     let after = view.residuals(&study.found.last().setting)?;
     let (tone, sentence, detail) = sentences(outcome);
