@@ -156,7 +156,8 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         "position_dependent_friction" => {
             waves("amplitude", 1.0);
             let starts = [1.0, 2.0, 3.0, 5.0].iter().map(|order| wave(&[("amplitude", 0.2), ("order", *order)]));
-            (vec![by_logarithm("order", 0.3, 12.0)], starts.collect())
+            // A wave longer than a turn is no wave.
+            (vec![by_logarithm("order", 0.9, 12.0)], starts.collect())
         }
         "load_dependent_friction" => (vec![free("coefficient", 0.0, 0.9)], sizes("coefficient", &[0.3, 1.0, 2.0])),
         "presliding_hysteresis" => (

@@ -3,7 +3,7 @@
 //! Where one of them explains on held-out records what no listed effect does, something unlisted is missing, and the function is what it
 //! looks like.
 
-use plant::effects::{Effect, Link, Moment, SideLoad, Site};
+use plant::effects::{Effect, End, Link, Moment, SideLoad, Site};
 use plant::{ParameterError, ParameterInfo, ParameterSet};
 
 /// What a function depends on.
@@ -21,8 +21,14 @@ pub enum Variable {
     Time,
     /// Volts at the amplifier (V).
     Voltage,
+    /// Volts, turned over when they turn: what follows them with a play (V).
+    VoltageTurning,
+    /// Mean of the volts' magnitude over the last moments (V).
+    VoltageMean,
     /// How far a line's fluid stands off the piston (m).
     Deflection,
+    /// Force that a line carries, positive where it is pressed (N).
+    Force,
 }
 
 impl Variable {
@@ -35,7 +41,10 @@ impl Variable {
             Self::Torque => "torque",
             Self::Time => "time",
             Self::Voltage => "voltage",
+            Self::VoltageTurning => "voltage_turning",
+            Self::VoltageMean => "voltage_mean",
             Self::Deflection => "deflection",
+            Self::Force => "force",
         }
     }
 
@@ -47,33 +56,45 @@ impl Variable {
             Self::Acceleration => "rad/s²",
             Self::Torque => "N·m",
             Self::Time => "s",
-            Self::Voltage => "V",
+            Self::Voltage | Self::VoltageTurning | Self::VoltageMean => "V",
             Self::Deflection => "m",
+            Self::Force => "N",
         }
     }
 }
 
 /// Where functions are tried, and of what. At the drive, those of speed and position are a share of the motor's torque: beside it, a torque
-/// that depends on them is the master's. At the line it is a force (N), at the sensor what the torque cell shows too much (N·m).
-pub const PLACES: [(Site, Variable); 17] = [
+/// that depends on them is the master's. At the line it is a force (N). What goes by a line's force is the speed (m/s) at which it gives way: at
+/// both ends of the line, or where it meets master or slave. At the sensor it is what the torque cell shows too much (N·m).
+pub const PLACES: [(Site, Variable); 22] = [
     (Site::Drive, Variable::Voltage),
+    (Site::Drive, Variable::VoltageTurning),
+    (Site::Drive, Variable::VoltageMean),
     (Site::Drive, Variable::Velocity),
     (Site::Drive, Variable::Position),
     (Site::Master, Variable::Position),
     (Site::Master, Variable::Velocity),
     (Site::Master, Variable::Torque),
+    (Site::Master, Variable::Force),
     (Site::Master, Variable::Time),
     (Site::Line, Variable::Deflection),
     (Site::Line, Variable::Velocity),
+    (Site::Line, Variable::Force),
     (Site::Slave, Variable::Position),
     (Site::Slave, Variable::Velocity),
     (Site::Slave, Variable::Torque),
+    (Site::Slave, Variable::Force),
     (Site::Slave, Variable::Time),
     (Site::Sensor, Variable::Torque),
     (Site::Sensor, Variable::Position),
     (Site::Sensor, Variable::Velocity),
     (Site::Sensor, Variable::Acceleration),
 ];
+
+/// Volts by which they must turn before what follows them with a play has turned (V).
+const TURN_V: f64 = 0.4;
+/// How far back the mean of their magnitude reaches (s).
+const MEAN_S: f64 = 0.2;
 
 /// Nodes of a function.
 pub const NODES: usize = 21;
@@ -89,16 +110,32 @@ pub struct Table {
     pub low: f64,
     /// The variable at the last node.
     pub high: f64,
-    /// Values at the nodes: N·m; N at the line, a share at the drive where it goes by speed or position.
+    /// Values at the nodes: N·m; N or m/s at the line, a share at the drive where it goes by speed, position or the volts' mean.
     pub values: [f64; NODES],
     /// Volts of the present step.
     volts: f64,
+    /// Which way the volts went last, -1 to 1.
+    turned: f64,
+    /// Mean of their magnitude over the last moments.
+    mean: f64,
+    /// How far deflections have crept, by line and end (m).
+    crept_m: [[f64; 2]; 2],
 }
 
 impl Table {
     /// A function that is 0 everywhere between `low` and `high`.
     pub fn new((site, variable): (Site, Variable), low: f64, high: f64) -> Self {
-        Self { site, variable, low, high, values: [0.0; NODES], volts: 0.0 }
+        Self {
+            site,
+            variable,
+            low,
+            high,
+            values: [0.0; NODES],
+            volts: 0.0,
+            turned: 0.0,
+            mean: 0.0,
+            crept_m: [[0.0; 2]; 2],
+        }
     }
 
     /// The variable at a node.
@@ -127,7 +164,9 @@ impl Effect for Table {
         self.site
     }
 
-    fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
+    fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {
+        self.turned = (self.turned + (volts - self.volts) / TURN_V).clamp(-1.0, 1.0);
+        self.mean += (volts.abs() - self.mean) * (moment.step_s / MEAN_S).min(1.0);
         self.volts = volts;
         volts
     }
@@ -135,6 +174,8 @@ impl Effect for Table {
     fn motor(&mut self, torque_nm: f64, moment: &Moment) -> f64 {
         match self.variable {
             Variable::Voltage => torque_nm + self.value(self.volts),
+            Variable::VoltageTurning => torque_nm + self.turned * self.value(self.volts),
+            Variable::VoltageMean => torque_nm * (1.0 + self.value(self.mean)),
             Variable::Velocity => torque_nm * (1.0 + self.value(moment.master_velocity_rad_s)),
             Variable::Position => torque_nm * (1.0 + self.value(moment.master_position_rad)),
             _ => torque_nm,
@@ -147,12 +188,30 @@ impl Effect for Table {
             Variable::Velocity => load.velocity_rad_s,
             Variable::Torque => load.transmitted_nm,
             Variable::Time => moment.time_s,
-            Variable::Voltage | Variable::Deflection | Variable::Acceleration => return,
+            _ => return,
         };
         load.load.force += self.value(x);
     }
 
-    fn link(&mut self, link: &mut Link, _moment: &Moment) {
+    fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
+        link.deflection_m -= self.crept_m[link.line][link.end as usize];
+    }
+
+    fn link(&mut self, link: &mut Link, moment: &Moment) {
+        if self.variable == Variable::Force {
+            let elsewhere = match self.site {
+                Site::Master => End::Slave,
+                Site::Slave => End::Master,
+                _ => link.end,
+            };
+            if self.site != Site::Line && elsewhere == link.end {
+                return;
+            }
+            let pressed = pressed(link);
+            let rate = pressed * self.value(pressed * link.force_n);
+            self.crept_m[link.line][link.end as usize] += moment.step_s * rate;
+            return;
+        }
         let x = match (self.site, self.variable) {
             (Site::Line, Variable::Deflection) => link.deflection_m,
             (Site::Line, Variable::Velocity) => link.fluid_velocity_m_s,
@@ -164,6 +223,12 @@ impl Effect for Table {
         }
         link.fluid_force_n += force;
     }
+}
+
+/// Sign of a link's force while its line is pressed: the first is while the slave is driven forward, the second the other way about.
+fn pressed(link: &Link) -> f64 {
+    let of_end = if link.end == End::Slave { 1.0 } else { -1.0 };
+    if link.line == 0 { of_end } else { -of_end }
 }
 
 /// Its values are moved one by one by whoever fits it.
@@ -195,5 +260,90 @@ mod tests {
         assert!((table.value(-0.95) - 1.5).abs() < 1e-12);
         assert_eq!(table.value(f64::NAN), 0.0);
         assert_eq!(table.value(3.0), 0.0);
+    }
+
+    fn level(place: (Site, Variable), value: f64) -> Table {
+        let mut table = Table::new(place, 0.0, 10.0);
+        table.values = [value; NODES];
+        table
+    }
+
+    fn moment(step_s: f64) -> Moment {
+        Moment { step_s, ..Moment::default() }
+    }
+
+    #[test]
+    fn what_follows_the_volts_with_a_play_turns_with_them() {
+        let mut table = level((Site::Drive, Variable::VoltageTurning), 0.3);
+        let mut after = |volts: &[f64]| {
+            for volts in volts {
+                table.amplifier(*volts, &moment(1e-3));
+            }
+            table.motor(1.0, &moment(1e-3))
+        };
+        assert!((after(&[0.5, 2.0]) - 1.3).abs() < 1e-12);
+        // Half way through the play, and past it.
+        assert!((after(&[2.0 - TURN_V]) - 1.0).abs() < 1e-12);
+        assert!((after(&[1.0]) - 0.7).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_mean_of_the_volts_forgets() {
+        let mut table = level((Site::Drive, Variable::VoltageMean), 0.0);
+        for (node, value) in table.values.iter_mut().enumerate() {
+            *value = -0.5 * node as f64 / (NODES - 1) as f64;
+        }
+        for _ in 0..5000 {
+            table.amplifier(-4.0, &moment(1e-3));
+        }
+        assert!((table.motor(2.0, &moment(1e-3)) - 2.0 * (1.0 - 0.2)).abs() < 1e-6);
+        for _ in 0..5000 {
+            table.amplifier(0.0, &moment(1e-3));
+        }
+        assert!((table.motor(2.0, &moment(1e-3)) - 2.0).abs() < 1e-6);
+    }
+
+    fn link(line: usize, end: End, force_n: f64) -> Link {
+        Link {
+            end,
+            line,
+            stiffness_n_per_m: 1e4,
+            damping_n_s_per_m: 0.0,
+            displacement_m_per_rad: 0.05,
+            deflection_m: 0.0,
+            rate_m_s: 0.0,
+            fluid_position_m: 0.0,
+            fluid_velocity_m_s: 0.0,
+            force_n,
+            fluid_force_n: force_n,
+            fluid_damping_n_s_per_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_line_gives_way_where_it_is_pressed_and_at_the_ends_that_are_meant() {
+        for (site, master_gives) in [(Site::Line, true), (Site::Slave, false)] {
+            // Gives way while it is pressed, 0.01 m/s, and holds while it is not.
+            let mut table = Table::new((site, Variable::Force), -10.0, 10.0);
+            for node in NODES / 2 + 1..NODES {
+                table.values[node] = 0.01;
+            }
+            let crept = |table: &mut Table, line: usize, end: End, force_n: f64| {
+                let mut now = link(line, end, force_n);
+                table.deflect(&mut now, &moment(1e-3));
+                let before = now.deflection_m;
+                table.link(&mut now, &moment(1e-3));
+                assert_eq!(now.force_n, force_n);
+                let mut after = link(line, end, force_n);
+                table.deflect(&mut after, &moment(1e-3));
+                after.deflection_m - before
+            };
+            // The slave driven forward presses the first line, and the master's end of it the other way.
+            assert!((crept(&mut table, 0, End::Slave, 5.0) + 1e-5).abs() < 1e-12);
+            assert_eq!(crept(&mut table, 0, End::Slave, -5.0), 0.0);
+            assert!((crept(&mut table, 1, End::Slave, -5.0) - 1e-5).abs() < 1e-12);
+            let master = crept(&mut table, 0, End::Master, -5.0);
+            assert!((master - if master_gives { 1e-5 } else { 0.0 }).abs() < 1e-12, "{site:?}: {master}");
+        }
     }
 }

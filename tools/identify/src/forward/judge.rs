@@ -7,7 +7,7 @@ use super::machine::{Channel, Machine, Residual, Setting};
 use super::record::{Record, repeats, rms};
 
 /// Least gain on the selecting records: fall of the logarithm of the error, summed over channels.
-pub const LEAST_GAIN: f64 = 0.10;
+pub const LEAST_GAIN: f64 = 0.20;
 /// Least gain over its standard error, by blocks.
 pub const LEAST_T: f64 = 3.0;
 /// Rows of a block (half a second).

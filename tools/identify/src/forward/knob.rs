@@ -11,6 +11,8 @@ pub const AT_EDGE: f64 = 0.97;
 const ASIDE: f64 = 0.02;
 /// The same of an effect, as a share of its value, where that is less.
 const ASIDE_OF_VALUE: f64 = 0.04;
+/// Greatest value of a function's node, in units of a first try: far beyond what any has.
+pub const MOST_UNITS: f64 = 40.0;
 
 /// One number of a setting that a fit moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +42,13 @@ pub enum Knob {
         most: f64,
         /// Which part.
         part: usize,
+    },
+    /// A node of the last function without a name.
+    Node {
+        /// Which.
+        node: usize,
+        /// Its greatest value, either way.
+        most: f64,
     },
 }
 
@@ -72,7 +81,7 @@ impl Knob {
                 (parameter.low, parameter.high, parameter.logarithmic)
             }
             Self::Effect { low, high, logarithmic, .. } => (*low, *high, *logarithmic),
-            Self::Wave { most, .. } => (-most, *most, false),
+            Self::Wave { most, .. } | Self::Node { most, .. } => (-most, *most, false),
         }
     }
 
@@ -86,6 +95,7 @@ impl Knob {
                 let phase = placed.value("phase").unwrap_or_default();
                 placed.value(name).unwrap_or_default() * if *part == 0 { phase.cos() } else { phase.sin() }
             }
+            Self::Node { node, .. } => setting.tables.last().map_or(0.0, |table| table.values[*node]),
         }
     }
 
@@ -106,6 +116,11 @@ impl Knob {
                 let (cosine, sine) = if *part == 0 { (value, other) } else { (other, value) };
                 into(setting, *placed, name, cosine.hypot(sine).min(*most));
                 into(setting, *placed, "phase", sine.atan2(cosine));
+            }
+            Self::Node { node, .. } => {
+                if let Some(table) = setting.tables.last_mut() {
+                    table.values[*node] = value;
+                }
             }
         }
     }
@@ -152,6 +167,7 @@ impl Knob {
         let place = self.place(machine, setting).clamp(-EDGE, EDGE);
         let step = match self {
             Self::Wave { .. } => 4e-3,
+            Self::Node { .. } => 0.5 / MOST_UNITS,
             // An effect's range is wide beside what its size may be.
             Self::Effect { low, high, logarithmic: false, .. } => {
                 (ASIDE_OF_VALUE * self.value(setting).abs() / (0.5 * (high - low))).clamp(1e-4, ASIDE)

@@ -15,8 +15,6 @@ use crate::inverse::split::Role;
 
 /// Gains so near to the best are as good: the fewest parameters win.
 const AS_GOOD: f64 = 0.97;
-/// Least gain of an effect that goes by the clock where repeats explain all that is left.
-const BY_CLOCK_GAIN: f64 = 0.2;
 /// A gain beyond that of the one that was added, by which another takes its place.
 const BETTER: f64 = 0.03;
 /// Most effects that are added.
@@ -28,6 +26,8 @@ const REFITTED: usize = 12;
 const FINISHED: usize = 3;
 /// Those of them that are fitted afresh as well, in the first round.
 const AFRESH: usize = 3;
+/// Candidates that are fitted because of how they look from the declared values, in the first round.
+const FROM_DECLARED: usize = 5;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
 /// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
@@ -148,7 +148,7 @@ fn round(
     (fit, select): (&View<'_>, &View<'_>),
     now: &Fitted,
     (knobs, before): (&[Knob], &[Residual]),
-    candidates: &[Candidate],
+    (candidates, afar): (&[Candidate], bool),
 ) -> Option<Vec<Tried>> {
     let projection = Projection::new(fit, now, knobs)?;
     let scored = projection.rank(fit, now, candidates);
@@ -179,6 +179,20 @@ fn round(
         finish(scored.candidate, own, fitted)
     };
     let mut tried: Vec<Tried> = scored.iter().take(REFITTED).filter_map(quick).collect();
+    if afar {
+        // A fit without the effect bends declared parameters until little of it is left to be seen: they are looked at from where they
+        // were declared as well.
+        let start = fit.evaluate(fit.inside(declared(machine, &now.setting), knobs))?;
+        let ranked = Projection::new(fit, &start, knobs)?.rank(fit, &start, candidates);
+        for scored in ranked.iter().take(FROM_DECLARED) {
+            let mut with = start.setting.clone();
+            with.placed.push(scored.placed.clone());
+            let mut own = knobs.to_vec();
+            own.extend(knobs_of(&candidates[scored.candidate], with.placed.len() - 1));
+            let found = fit.fit(&with, &own, QUICK_STEPS).and_then(|found| finish(scored.candidate, own, found));
+            better_of(&mut tried, found);
+        }
+    }
     // Those that fit best and those that hold best go on to the end: from where they are, and afresh from the declared values, since a fit
     // without the effect may have gone astray.
     let mut order: Vec<usize> = (0..tried.len()).collect();
@@ -209,8 +223,42 @@ fn round(
             tried[index] = better;
         }
     }
+    // What the best has found may act at another site.
+    let best = tried.iter().max_by(|a, b| a.judged.gain.total_cmp(&b.judged.gain));
+    if let Some(best) = best.filter(|best| best.judged.accepted) {
+        let (id, from) = (candidates[best.candidate].id, best.candidate);
+        let elsewhere = |candidate: usize| -> Option<Tried> {
+            let of = &candidates[candidate];
+            let mut setting = best.fitted.setting.clone();
+            setting.placed.last_mut()?.site = of.site;
+            let mut own = knobs.to_vec();
+            own.extend(knobs_of(of, setting.placed.len() - 1));
+            finish(candidate, own.clone(), fit.fit(&setting, &own, 3)?)
+        };
+        let others = (0..candidates.len()).filter(|other| candidates[*other].id == id && *other != from);
+        let moved: Vec<Tried> = others.filter_map(elsewhere).collect();
+        for moved in moved {
+            better_of(&mut tried, Some(moved));
+        }
+    }
     tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
     Some(tried)
+}
+
+/// Takes in a candidate, or keeps the better fit of the two where it is there already.
+fn better_of(tried: &mut Vec<Tried>, found: Option<Tried>) {
+    let Some(found) = found else { return };
+    match tried.iter_mut().find(|known| known.candidate == found.candidate) {
+        Some(known) if known.fitted.objective <= found.fitted.objective => {}
+        Some(known) => *known = found,
+        None => tried.push(found),
+    }
+}
+
+/// A setting with all that is declared at its declared value; what is not stays as it was fitted.
+fn declared(machine: &Machine, now: &Setting) -> Setting {
+    let base = machine.base.iter().zip(&now.base).map(|(parameter, fitted)| parameter.declared.unwrap_or(*fitted));
+    Setting { base: base.collect(), ..now.clone() }
 }
 
 /// The one that is added, of those that passed: of the best, the one with the fewest parameters.
@@ -221,13 +269,13 @@ fn winner(tried: &[Tried]) -> Option<&Tried> {
 }
 
 /// All of a model fitted again once an effect is in it, by what the records show now that less is left; and the knobs of that.
-fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried) -> Option<(Fitted, Vec<Knob>)> {
+fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) -> Option<(Fitted, Vec<Knob>)> {
     let machine = fit.machine;
     let own: Vec<Knob> = winner.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
     let shown = |fitted: &Fitted| Some([seen(fit, fitted)?, own.clone()].concat());
     let mut knobs = shown(&winner.fitted)?;
     let mut now = fit.fit(&winner.fitted.setting, &knobs, 6)?;
-    for _ in 0..REFITS {
+    for pass in 0..REFITS {
         if at_floor(machine, &select.records, &now.setting)? {
             break;
         }
@@ -236,8 +284,19 @@ fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried) -> Option<(Fitte
         // A fit that has gone astray looks exactly like a missing effect: from the declared values it may find its way back.
         let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
         let before = now.objective;
-        let again = [fit.fit(&now.setting, &knobs, 4), fit.fit(&fresh, &knobs, 4)];
-        now = again.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+        let mut starts = vec![now.setting.clone(), fresh.clone()];
+        if of.sizes > 1 && pass == 0 {
+            // Several numbers that grow together have many ways to go wrong.
+            starts.extend([&fresh, &now.setting].into_iter().flat_map(|from| {
+                of.starts.iter().filter_map(|start| {
+                    let mut setting = from.clone();
+                    setting.placed.last_mut()?.values.clone_from(&start.placed.values);
+                    Some(setting)
+                })
+            }));
+        }
+        let again = starts.iter().map(|start| fit.fit(start, &knobs, 4));
+        now = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
         if before - now.objective < LEAST_REFIT * now.rows() as f64 {
             break;
         }
@@ -257,16 +316,15 @@ pub fn search(machine: &Machine) -> Option<Found> {
         let before = select.residuals(&now.setting)?;
         let listed: Vec<Candidate> = candidates(&scale(&fit, &now))
             .into_iter()
-            .filter(|candidate| !explained || BY_TIME.contains(&candidate.id))
+            // Beside what explains all that repeats share, only what goes by the clock can be left.
+            .filter(|candidate| !explained || now.setting.placed.is_empty() || BY_TIME.contains(&candidate.id))
             .filter(|candidate| {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let tried = round((&fit, &select), &now, (&knobs, &before), &listed)?;
+        let tried = round((&fit, &select), &now, (&knobs, &before), (&listed, !explained))?;
         rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
-        // At the floor only what goes by the clock can be left, and must show itself clearly.
-        let least = if explained { BY_CLOCK_GAIN } else { LEAST_GAIN };
-        let Some(winner) = winner(&tried).filter(|winner| winner.judged.gain >= least) else { break };
+        let Some(winner) = winner(&tried) else { break };
         steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
         if rounds.len() == 1 {
             others = tried
@@ -277,7 +335,7 @@ pub fn search(machine: &Machine) -> Option<Found> {
                 .filter_map(Other::of)
                 .collect();
         }
-        (now, knobs) = refit((&fit, &select), winner)?;
+        (now, knobs) = refit((&fit, &select), winner, &listed[winner.candidate])?;
         let several = steps.len() > 1;
         while let Some((at, fitted, left)) = needless((&fit, &select), &now, &knobs) {
             let step = steps.remove(at);

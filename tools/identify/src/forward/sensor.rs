@@ -36,7 +36,7 @@ pub fn beside(record: &Record, variable: Variable, row: usize) -> f64 {
         Variable::Torque => record.torque.as_ref().map_or(0.0, |torque| torque[row]),
         Variable::Time => record.start_s + row as f64 * record.step_s,
         Variable::Voltage => record.volts[row],
-        Variable::Deflection => 0.0,
+        Variable::VoltageTurning | Variable::VoltageMean | Variable::Deflection | Variable::Force => 0.0,
     }
 }
 

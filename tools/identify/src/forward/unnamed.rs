@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::fit::{Fitted, View};
 use super::generic::{NODES, PLACES, Table, Variable};
 use super::judge::{Judged, judge};
-use super::knob::Knob;
+use super::knob::{Knob, MOST_UNITS};
 use super::machine::{Machine, Setting};
 use super::screen::Projection;
 use super::sensor::beside;
@@ -18,8 +18,8 @@ const LEAST_UNNAMED: f64 = 0.25;
 /// The same where something is known to be missing, and this says where.
 const LEAST_HINT: f64 = 0.15;
 
-/// Steps along known slopes before new ones are worth their time.
-const FOLLOWED: usize = 3;
+/// Rounds in which a function is fitted beside the declared parameters.
+const ROUNDS: usize = 3;
 
 /// Something without a name.
 #[derive(Clone, Debug)]
@@ -60,9 +60,10 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
             Variable::Position => values.extend(&positions),
             Variable::Velocity => values.extend(positions.windows(5).map(|rows| (rows[4] - rows[0]) / (4.0 * pace))),
             Variable::Time => values.extend(record.residual_times()),
-            Variable::Voltage => values.extend(record.averaged(&record.volts)),
+            Variable::VoltageMean => values.extend(record.averaged(&record.volts).into_iter().map(f64::abs)),
             Variable::Acceleration => return (0.0, 0.0),
-            Variable::Torque | Variable::Deflection => values.extend(record.averaged(&record.volts)),
+            // The line carries what the volts give.
+            _ => values.extend(record.averaged(&record.volts)),
         }
     }
     let (low, high) = ends(values);
@@ -79,6 +80,7 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
     let factor = match (site, variable) {
         (Site::Line, Variable::Velocity) => displacement,
         (_, Variable::Torque) => 0.7 * per_volt,
+        (_, Variable::Force) => 0.7 * per_volt / (2.0 * displacement),
         (_, Variable::Deflection) => 0.7 * per_volt / (2.0 * displacement * 2.0 * stiffness),
         _ => 1.0,
     };
@@ -88,6 +90,7 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
 /// Size of a node's value for a first try.
 fn unit((site, variable): (Site, Variable)) -> f64 {
     match (site, variable) {
+        (_, Variable::Force) => 2e-3,
         (Site::Line, _) => 1.0,
         _ => 0.05,
     }
@@ -105,17 +108,6 @@ fn by(mut setting: Setting, node: usize, units: f64) -> Setting {
 fn wide(setting: Setting, node: usize, units: f64) -> Setting {
     let sides = [node.checked_sub(1), Some(node + 1).filter(|next| *next < NODES)];
     sides.into_iter().flatten().fold(by(setting, node, units), |setting, side| by(setting, side, 0.5 * units))
-}
-
-/// Steps along slopes that are known, as far as they lead down.
-fn led(fit: &View<'_>, mut now: Fitted, knobs: &[Knob], along: &Projection) -> Fitted {
-    for _ in 0..FOLLOWED {
-        match fit.step(&now, knobs, &along.slopes, &along.weights) {
-            Some(better) => now = better,
-            None => break,
-        }
-    }
-    now
 }
 
 /// Functions of one variable beside what there is: how each does on the selecting records, and the best that passes. With
@@ -152,17 +144,11 @@ pub fn functions(
         .into_par_iter()
         .take(5)
         .filter_map(|(_, start)| {
-            let first = led(fit, fit.evaluate(fit.inside(start, knobs))?, knobs, &projection);
-            // What the function changes was taken where it was nothing, and the parameters have moved.
-            let settings: Vec<Setting> = (0..NODES).map(|node| by(first.setting.clone(), node, 1.0)).collect();
-            let here = Projection::new(fit, &first, knobs)?;
-            let (factors, _) = here.explain(fit, &settings)?;
-            let mut again = first.setting.clone();
-            for (node, factor) in factors.into_iter().enumerate() {
-                again = by(again, node, factor);
-            }
-            let again = fit.evaluate(again).map(|again| led(fit, again, knobs, &here));
-            let fitted = again.into_iter().chain([first]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+            let table = start.tables.last()?;
+            let most = MOST_UNITS * unit((table.site, table.variable));
+            let nodes = (0..NODES).map(|node| Knob::Node { node, most });
+            let free: Vec<Knob> = knobs.iter().cloned().chain(nodes).collect();
+            let fitted = fit.fit(&start, &free, ROUNDS)?;
             let table = fitted.setting.tables.last()?.clone();
             let judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);
             Some(Nameless { judged, table, fitted })
