@@ -148,7 +148,7 @@ fn round(
     (fit, select): (&View<'_>, &View<'_>),
     now: &Fitted,
     (knobs, before): (&[Knob], &[Residual]),
-    (candidates, afar): (&[Candidate], bool),
+    candidates: &[Candidate],
 ) -> Option<Vec<Tried>> {
     let projection = Projection::new(fit, now, knobs)?;
     let scored = projection.rank(fit, now, candidates);
@@ -179,9 +179,28 @@ fn round(
         finish(scored.candidate, own, fitted)
     };
     let mut tried: Vec<Tried> = scored.iter().take(REFITTED).filter_map(quick).collect();
-    if afar {
-        // A fit without the effect bends declared parameters until little of it is left to be seen: they are looked at from where they
-        // were declared as well.
+    // Those that fit best and those that hold best go on.
+    let improve = |tried: &mut Vec<Tried>, index: usize, start: &Setting, rounds: usize| {
+        let (candidate, knobs) = (tried[index].candidate, tried[index].knobs.clone());
+        let found = fit.fit(start, &knobs, rounds).and_then(|found| finish(candidate, knobs, found));
+        better_of(tried, found);
+    };
+    let mut chosen = foremost(&tried);
+    for index in chosen.clone() {
+        let start = tried[index].fitted.setting.clone();
+        improve(&mut tried, index, &start, 1);
+    }
+    let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
+    let Some(nearest) = nearest else { return Some(tried) };
+    if !at_floor(machine, &select.records, &nearest.fitted.setting)? {
+        // A fit without the effect may have gone astray, and bends declared parameters until little of it is left to be seen: from the
+        // declared values candidates are fitted and looked at as well.
+        if now.setting.placed.is_empty() {
+            for index in chosen.iter().copied().take(AFRESH) {
+                let fresh = Setting { base: machine.start().base, ..tried[index].fitted.setting.clone() };
+                improve(&mut tried, index, &fresh, 3);
+            }
+        }
         let start = fit.evaluate(fit.inside(declared(machine, &now.setting), knobs))?;
         let ranked = Projection::new(fit, &start, knobs)?.rank(fit, &start, candidates);
         for scored in ranked.iter().take(FROM_DECLARED) {
@@ -192,26 +211,7 @@ fn round(
             let found = fit.fit(&with, &own, QUICK_STEPS).and_then(|found| finish(scored.candidate, own, found));
             better_of(&mut tried, found);
         }
-    }
-    // Those that fit best and those that hold best go on to the end: from where they are, and afresh from the declared values, since a fit
-    // without the effect may have gone astray.
-    let mut order: Vec<usize> = (0..tried.len()).collect();
-    order.sort_by(|a, b| tried[*a].fitted.objective.total_cmp(&tried[*b].fitted.objective));
-    let mut chosen: Vec<usize> = order.iter().copied().take(FINISHED).collect();
-    order.sort_by(|a, b| tried[*b].judged.gain.total_cmp(&tried[*a].judged.gain));
-    let holders: Vec<usize> = order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
-    chosen.extend(holders);
-    for (place, index) in chosen.iter().copied().enumerate() {
-        let first = &tried[index];
-        let fresh = Setting { base: machine.start().base, ..first.fitted.setting.clone() };
-        let starts = [
-            fit.fit(&first.fitted.setting, &first.knobs, 1),
-            if now.setting.placed.is_empty() && place < AFRESH { fit.fit(&fresh, &first.knobs, 3) } else { None },
-        ];
-        let better = starts.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective));
-        if let Some(better) = better.and_then(|better| finish(first.candidate, first.knobs.clone(), better)) {
-            tried[index] = better;
-        }
+        chosen = foremost(&tried);
     }
     // Those that are far behind by now do not come first whatever a closer fit gives.
     let most = chosen.iter().map(|index| tried[*index].judged.gain).fold(HOPELESS, f64::max);
@@ -243,6 +243,17 @@ fn round(
     }
     tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
     Some(tried)
+}
+
+/// Those that fit best and those that hold best.
+fn foremost(tried: &[Tried]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    order.sort_by(|a, b| tried[*a].fitted.objective.total_cmp(&tried[*b].fitted.objective));
+    let mut chosen: Vec<usize> = order.iter().copied().take(FINISHED).collect();
+    order.sort_by(|a, b| tried[*b].judged.gain.total_cmp(&tried[*a].judged.gain));
+    let holders: Vec<usize> = order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
+    chosen.extend(holders);
+    chosen
 }
 
 /// Takes in a candidate, or keeps the better fit of the two where it is there already.
@@ -322,7 +333,7 @@ pub fn search(machine: &Machine) -> Option<Found> {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let tried = round((&fit, &select), &now, (&knobs, &before), (&listed, !explained))?;
+        let tried = round((&fit, &select), &now, (&knobs, &before), &listed)?;
         rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { break };
         steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
