@@ -17,6 +17,7 @@
 //! - [`unnamed`]: where functions without a name are tried, and how each does;
 //! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
 //! - [`prune`]: effects that later ones, or a single other one, made needless;
+//! - [`round`]: one round of it: candidates fitted, first briefly, then as far as it is worth it;
 //! - [`search`]: all of it, round by round, to a verdict.
 
 pub mod catalogue;
@@ -27,6 +28,7 @@ pub mod knob;
 pub mod machine;
 pub mod prune;
 pub mod record;
+pub mod round;
 pub mod screen;
 pub mod search;
 pub mod sensor;

@@ -6,7 +6,7 @@ use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_GAIN, judge};
 use super::knob::Knob;
 use super::machine::{Residual, Setting};
-use super::search::Tried;
+use super::round::Tried;
 
 /// How many of the first round's others are tried alone once an effect was added.
 const OTHERS: usize = 6;

@@ -6,41 +6,27 @@ use plant::effects::Site;
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
-use super::knob::{Knob, knobs_of};
-use super::machine::{Machine, Residual, SMOOTHING, SMOOTHING_STARTS, Setting};
+use super::knob::Knob;
+use super::machine::{Machine, SMOOTHING, SMOOTHING_STARTS, Setting};
 use super::prune::{Other, alone, effect_count, needless, rivals};
-use super::screen::{Projection, Scored, scale};
+use super::round::{Round, Tried, winner};
+use super::screen::scale;
 use super::unnamed::{Nameless, functions};
 use crate::inverse::split::Role;
 
-/// Gains so near to the best are as good: the fewest parameters win.
-const AS_GOOD: f64 = 0.97;
 /// A gain beyond that of the one that was added, by which another takes its place.
 const BETTER: f64 = 0.03;
 /// Most effects that are added.
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, with those whose effect was given up again.
 const MOST_ROUNDS: usize = 5;
-/// Candidates that are fitted after the screening, and those of them that are fitted to the end.
-const REFITTED: usize = 12;
-const FINISHED: usize = 3;
-/// Those of them that are fitted afresh as well, in the first round.
-const AFRESH: usize = 3;
-/// Candidates that are fitted because of how they look from the declared values, in the first round.
-const FROM_DECLARED: usize = 5;
-/// A candidate whose gain is less than this share of the best one's is not fitted any closer.
-const WITHIN_REACH: f64 = 0.6;
 /// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
 const A_RIVAL: f64 = 0.25;
-/// A gain so small does not pass whatever a closer fit gives.
-const HOPELESS: f64 = 0.5 * LEAST_GAIN;
 /// Times that a model with an effect is fitted afresh as long as it ends above what repeats differ by, and what of its objective, for every
 /// row, it must gain to be worth another.
 const REFITS: usize = 3;
 /// See there.
 const LEAST_REFIT: f64 = 0.01;
-/// Steps of a candidate before it is finished or dropped.
-const QUICK_STEPS: usize = 2;
 /// A declared parameter that changes the residual by less than this share over its whole tolerance is not seen.
 const SEEN: f64 = 0.002;
 /// Most declared parameters that a fit moves.
@@ -132,153 +118,6 @@ fn fit_base(machine: &Machine) -> Option<(Fitted, Vec<Knob>)> {
     Some((fitted, knobs))
 }
 
-/// One candidate, fitted.
-pub struct Tried {
-    candidate: usize,
-    /// What the fit moved, the candidate's own knobs last.
-    pub knobs: Vec<Knob>,
-    /// The model with it.
-    pub fitted: Fitted,
-    /// How it did.
-    pub judged: Judged,
-}
-
-/// One round: the best candidates of the screening, fitted beside what there is, best first.
-fn round(
-    (fit, select): (&View<'_>, &View<'_>),
-    now: &Fitted,
-    (knobs, before): (&[Knob], &[Residual]),
-    candidates: &[Candidate],
-) -> Option<Vec<Tried>> {
-    let projection = Projection::new(fit, now, knobs)?;
-    let scored = projection.rank(fit, now, candidates);
-    let machine = fit.machine;
-    let finish = |candidate: usize, own: Vec<Knob>, fitted: Fitted| -> Option<Tried> {
-        let selected = select.residuals(&fitted.setting)?;
-        let of = &candidates[candidate];
-        let judged = judge((of.id, of.site), before, &selected);
-        Some(Tried { candidate, knobs: own, fitted, judged })
-    };
-    // First a step or two with the slopes that are known already.
-    let quick = |scored: &Scored| -> Option<Tried> {
-        let mut start = now.setting.clone();
-        start.placed.push(scored.placed.clone());
-        let of_effect = knobs_of(&candidates[scored.candidate], start.placed.len() - 1);
-        let mut own = knobs.to_vec();
-        own.extend(of_effect.iter().cloned());
-        let mut fitted = fit.evaluate(fit.inside(start, &own))?;
-        for _ in 0..QUICK_STEPS {
-            let of_effect = fit.slopes(&fitted, &of_effect, &projection.weights)?;
-            let mut slopes = projection.slopes.clone().resize_horizontally(own.len(), 0.0);
-            slopes.columns_mut(knobs.len(), of_effect.ncols()).copy_from(&of_effect);
-            match fit.step(&fitted, &own, &slopes, &projection.weights) {
-                Some(better) => fitted = better,
-                None => break,
-            }
-        }
-        finish(scored.candidate, own, fitted)
-    };
-    let mut tried: Vec<Tried> = scored.iter().take(REFITTED).filter_map(quick).collect();
-    // Those that fit best and those that hold best go on.
-    let improve = |tried: &mut Vec<Tried>, index: usize, start: &Setting, rounds: usize| {
-        let (candidate, knobs) = (tried[index].candidate, tried[index].knobs.clone());
-        let found = fit.fit(start, &knobs, rounds).and_then(|found| finish(candidate, knobs, found));
-        better_of(tried, found);
-    };
-    let mut chosen = foremost(&tried);
-    for index in chosen.clone() {
-        let start = tried[index].fitted.setting.clone();
-        improve(&mut tried, index, &start, 1);
-    }
-    let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
-    let Some(nearest) = nearest else { return Some(tried) };
-    if !at_floor(machine, &select.records, &nearest.fitted.setting)? {
-        // A fit without the effect may have gone astray, and bends declared parameters until little of it is left to be seen: from the
-        // declared values candidates are fitted and looked at as well.
-        if now.setting.placed.is_empty() {
-            for index in chosen.iter().copied().take(AFRESH) {
-                let fresh = Setting { base: machine.start().base, ..tried[index].fitted.setting.clone() };
-                improve(&mut tried, index, &fresh, 3);
-            }
-        }
-        let start = fit.evaluate(fit.inside(declared(machine, &now.setting), knobs))?;
-        let ranked = Projection::new(fit, &start, knobs)?.rank(fit, &start, candidates);
-        for scored in ranked.iter().take(FROM_DECLARED) {
-            let mut with = start.setting.clone();
-            with.placed.push(scored.placed.clone());
-            let mut own = knobs.to_vec();
-            own.extend(knobs_of(&candidates[scored.candidate], with.placed.len() - 1));
-            let found = fit.fit(&with, &own, QUICK_STEPS).and_then(|found| finish(scored.candidate, own, found));
-            better_of(&mut tried, found);
-        }
-        chosen = foremost(&tried);
-    }
-    // Those that are far behind by now do not come first whatever a closer fit gives.
-    let most = chosen.iter().map(|index| tried[*index].judged.gain).fold(HOPELESS, f64::max);
-    chosen.retain(|index| tried[*index].judged.gain >= WITHIN_REACH * most);
-    for index in chosen {
-        let first = &tried[index];
-        let better = fit.fit(&first.fitted.setting, &first.knobs, 3);
-        if let Some(better) = better.and_then(|better| finish(first.candidate, first.knobs.clone(), better)) {
-            tried[index] = better;
-        }
-    }
-    // What the best has found may act at another site.
-    let best = tried.iter().max_by(|a, b| a.judged.gain.total_cmp(&b.judged.gain));
-    if let Some(best) = best.filter(|best| best.judged.accepted) {
-        let (id, from) = (candidates[best.candidate].id, best.candidate);
-        let elsewhere = |candidate: usize| -> Option<Tried> {
-            let of = &candidates[candidate];
-            let mut setting = best.fitted.setting.clone();
-            setting.placed.last_mut()?.site = of.site;
-            let mut own = knobs.to_vec();
-            own.extend(knobs_of(of, setting.placed.len() - 1));
-            finish(candidate, own.clone(), fit.fit(&setting, &own, 3)?)
-        };
-        let others = (0..candidates.len()).filter(|other| candidates[*other].id == id && *other != from);
-        let moved: Vec<Tried> = others.filter_map(elsewhere).collect();
-        for moved in moved {
-            better_of(&mut tried, Some(moved));
-        }
-    }
-    tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
-    Some(tried)
-}
-
-/// Those that fit best and those that hold best.
-fn foremost(tried: &[Tried]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..tried.len()).collect();
-    order.sort_by(|a, b| tried[*a].fitted.objective.total_cmp(&tried[*b].fitted.objective));
-    let mut chosen: Vec<usize> = order.iter().copied().take(FINISHED).collect();
-    order.sort_by(|a, b| tried[*b].judged.gain.total_cmp(&tried[*a].judged.gain));
-    let holders: Vec<usize> = order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
-    chosen.extend(holders);
-    chosen
-}
-
-/// Takes in a candidate, or keeps the better fit of the two where it is there already.
-fn better_of(tried: &mut Vec<Tried>, found: Option<Tried>) {
-    let Some(found) = found else { return };
-    match tried.iter_mut().find(|known| known.candidate == found.candidate) {
-        Some(known) if known.fitted.objective <= found.fitted.objective => {}
-        Some(known) => *known = found,
-        None => tried.push(found),
-    }
-}
-
-/// A setting with all that is declared at its declared value; what is not stays as it was fitted.
-fn declared(machine: &Machine, now: &Setting) -> Setting {
-    let base = machine.base.iter().zip(&now.base).map(|(parameter, fitted)| parameter.declared.unwrap_or(*fitted));
-    Setting { base: base.collect(), ..now.clone() }
-}
-
-/// The one that is added, of those that passed: of the best, the one with the fewest parameters.
-fn winner(tried: &[Tried]) -> Option<&Tried> {
-    let passed = || tried.iter().filter(|tried| tried.judged.accepted);
-    let most = passed().map(|tried| tried.judged.gain).max_by(f64::total_cmp)?;
-    passed().filter(|tried| tried.judged.gain >= AS_GOOD * most).min_by_key(|tried| tried.knobs.len())
-}
-
 /// All of a model fitted again once an effect is in it, by what the records show now that less is left; and the knobs of that.
 fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) -> Option<(Fitted, Vec<Knob>)> {
     let machine = fit.machine;
@@ -333,7 +172,9 @@ pub fn search(machine: &Machine) -> Option<Found> {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let tried = round((&fit, &select), &now, (&knobs, &before), &listed)?;
+        let round =
+            Round { fit: &fit, select: &select, now: &now, knobs: &knobs, before: &before, candidates: &listed };
+        let tried = round.run()?;
         rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { break };
         steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
