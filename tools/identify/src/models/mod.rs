@@ -12,6 +12,7 @@ mod oscillator_search;
 mod propose;
 mod stretches;
 mod transmission;
+mod transmission_maps;
 mod transmission_outcome;
 mod transmission_page;
 mod trials;

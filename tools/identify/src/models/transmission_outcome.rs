@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use plant::effects::LIST;
+use plant::effects::{LIST, Site};
 use report::Page;
 
 use super::propose::propose;
@@ -199,7 +199,9 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
 }
 
 fn notes(study: &Study) -> Vec<String> {
-    let given_up = study.found.given_up.iter().map(|(id, site)| {
+    let steps = &study.found.steps;
+    let came_back = |id: &str, site: Site| steps.iter().any(|step| (step.added.id, step.added.site) == (id, site));
+    let given_up = study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
         format!("{id} at the {site} was added, and given up: what came later explained all that it had, or it left far more than repeats differ by")
     });
     study.notes.iter().cloned().chain(given_up).collect()

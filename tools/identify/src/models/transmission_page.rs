@@ -3,13 +3,14 @@
 use report::{Colour, Figure, Page, Table, Tone};
 
 use super::transmission::Study;
+use super::transmission_maps::maps;
 use super::transmission_outcome::words;
 use crate::forward::fit::View;
 use crate::forward::judge::{LEAST_GAIN, LEAST_T};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
 use crate::outcome::{Outcome, Verdict};
-use crate::page::{banded, parameters, ranking, short};
+use crate::page::{parameters, ranking, short};
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
@@ -81,11 +82,11 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         page = record(page, study, *index, (&before[at], &after[at]));
     }
     page = page.heading("What the residual depends on").paragraph(
-        "Mean of the innovation in bins (line) and one standard deviation to either side (band), reporting records. A mean that \
-         leaves zero is something that the model lacks.",
+        "Mean of the innovation in bins (line) and one standard deviation to either side (band), and its spectrum; reporting records. A \
+         mean that leaves zero is something that the model lacks.",
     );
-    for channel in [Channel::Master, Channel::Slave] {
-        page = against(page, study, &report, channel, (&before, &after));
+    for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
+        page = maps(page, study, &report, channel, (&before, &after));
     }
     if let Some(unlisted) = &outcome.unlisted {
         let column = |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
@@ -99,7 +100,7 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
             "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
              added when the error falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of its standard errors above zero, and when no \
              channel gets worse.",
-            100.0 * LEAST_GAIN
+            -100.0 * (-LEAST_GAIN).exp_m1()
         ))
         .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
         .heading("Parameters")
@@ -148,42 +149,4 @@ fn record(page: Page, study: &Study, index: usize, (before, after): (&Residual, 
             .figure(&figure, &format!("{}: what the observer pulls the model by, {}.", record.name, channel.column()));
     }
     page
-}
-
-fn against(
-    page: Page,
-    study: &Study,
-    report: &[usize],
-    channel: Channel,
-    (before, after): (&[Residual], &[Residual]),
-) -> Page {
-    let (mut positions, mut speeds, mut times) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut of_before, mut of_after) = (Vec::new(), Vec::new());
-    for (at, index) in report.iter().enumerate() {
-        let record = &study.machine.records[*index];
-        let Some(place) = study.machine.channels(*index).iter().position(|own| *own == channel) else { continue };
-        let column = match (channel, &record.slave) {
-            (Channel::Slave, Some(slave)) => slave,
-            _ => &record.master,
-        };
-        let averaged = record.averaged(column);
-        let pace = record.step_s * record.decimation() as f64;
-        for row in 2..record.residual_rows().saturating_sub(2) {
-            positions.push(averaged[row]);
-            speeds.push((averaged[row + 2] - averaged[row - 2]) / (4.0 * pace));
-            of_before.push(before[at].channels[place][row]);
-            of_after.push(after[at].channels[place][row]);
-        }
-        times.extend(record.residual_times().get(2..record.residual_rows().saturating_sub(2)).unwrap_or_default());
-    }
-    if positions.is_empty() {
-        return page;
-    }
-    [("position", "rad", positions), ("velocity", "rad/s", speeds), ("time", "s", times)].into_iter().fold(
-        page,
-        |page, (what, unit, values)| {
-            let figure = banded(what, unit, "rad", &values, &of_before, &of_after);
-            page.figure(&figure, &format!("Innovation of {} against {what}.", channel.column()))
-        },
-    )
 }
