@@ -70,7 +70,7 @@ impl Round<'_> {
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return Some(tried) };
         if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting)? {
-            self.from_declared(&mut tried, &chosen)?;
+            self.look_from_declared(&mut tried, &chosen)?;
             chosen = foremost(&tried);
         }
         // Those that are far behind by now do not come first whatever a closer fit gives.
@@ -130,7 +130,7 @@ impl Round<'_> {
 
     /// A fit without the effect may have gone astray, and bends declared parameters until little of it is left to be seen: from the
     /// declared values candidates are fitted and looked at as well.
-    fn from_declared(&self, tried: &mut Vec<Tried>, chosen: &[usize]) -> Option<()> {
+    fn look_from_declared(&self, tried: &mut Vec<Tried>, chosen: &[usize]) -> Option<()> {
         let machine = self.fit.machine;
         if self.now.setting.placed.is_empty() {
             for index in chosen.iter().take(AFRESH) {
