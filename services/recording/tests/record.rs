@@ -233,3 +233,31 @@ proptest! {
         prop_assert_eq!(back.time_s, record.time_s);
     }
 }
+
+#[test]
+fn columns_are_taken_from_where_the_mapping_says() {
+    let text = table(100, good).replace("t_s,motor_v,master_rad", "time ms,u,angle");
+    let mapping = |list: &[&str]| list.iter().map(|one| one.parse().unwrap()).collect();
+    let with = |list: &[&str]| csv(&text, &Options { mapping: mapping(list), ..Options::default() });
+    let record = with(&["t_s=time ms*1000", "motor_v=u*-2", "master_rad=angle"]).unwrap();
+    let plain = csv(&table(100, good), &Options::default()).unwrap();
+    assert_eq!(record.columns["master_rad"], plain.columns["master_rad"]);
+    assert!((record.sampling_s - 1000.0 * plain.sampling_s).abs() < 1e-9);
+    assert!(record.columns["motor_v"].iter().zip(&plain.columns["motor_v"]).all(|(a, b)| *a == -2.0 * b));
+    let said = with(&["t_s=time"]).unwrap_err().to_string();
+    assert!(said.contains("column `time` is missing; found time ms, u, angle"), "{said}");
+    let said = with(&["t_s=time ms", "angle=u"]).unwrap_err().to_string();
+    assert!(said.contains("mapped by angle=u: column 3 has that name already"), "{said}");
+}
+
+#[test]
+fn rows_that_are_not_even_can_be_brought_to_a_rate() {
+    let uneven = table(200, |i| format!("{:.6},{},{i}", i as f64 * 1e-3 + 1e-4 * (i % 2) as f64, i as f64 * 1e-3));
+    assert!(csv(&uneven, &Options::default()).unwrap_err().to_string().contains("resample"));
+    let record = csv(&uneven, &Options { resample_hz: Some(1000.0), ..Options::default() }).unwrap();
+    assert!((record.sampling_s - 1e-3).abs() < 1e-9);
+    assert_eq!(record.findings[0].kind, FindingKind::Resampled);
+    for (row, time) in record.time_s.iter().enumerate() {
+        assert!((record.columns["motor_v"][row] - time).abs() < 1.1e-4);
+    }
+}

@@ -2,11 +2,17 @@
 
 use std::path::PathBuf;
 
+use recording::record::Mapping;
+
 /// Holds the declared model against measured records and names what it lacks.
 ///
 /// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a transmission: t_s,
 /// motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured; of a drive: t_s, force_n, position_m (or torque_nm,
 /// position_rad); of an element: t_s, position_m, force_n; of an oscillator: t_s, input, output.
+///
+/// A CSV file that names its columns otherwise, and a recording (MCAP) of another program, are read with --map: SOURCE is a name
+/// in the header, or TOPIC:FIELD with dots into messages and brackets into arrays; FACTOR brings it to SI units. Without a mapping of
+/// t_s the time of a recording is that at which messages were written.
 ///
 /// A transmission needs three records or more, or one that moves for 9 s or more and is cut into stretches; whole records fit,
 /// select and report, unless --fit, --select and --report-on say otherwise. Of the other kinds one record does: blocks of it fit,
@@ -24,6 +30,12 @@ pub struct Args {
     /// Measured records
     #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]
     pub records: Vec<PathBuf>,
+    /// Where a column comes from, for all records (repeatable): slave_torque_nm=/handle:wrench.torque.z
+    #[arg(long, value_name = "COLUMN=SOURCE[*FACTOR]")]
+    pub map: Vec<Mapping>,
+    /// Brings the rows to this rate by straight lines, for records that are not uniform in time
+    #[arg(long, value_name = "HZ")]
+    pub resample: Option<f64>,
     /// Writes a page with figures and tables into this folder (index.html)
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,

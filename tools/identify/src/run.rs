@@ -13,7 +13,7 @@ use crate::input::Series;
 use crate::inverse::split::Role;
 use crate::outcome::Outcome;
 use crate::page::{short, what_is_left};
-use crate::study::{How, Studied, read, study};
+use crate::study::{How, Studied, read_mapped, study};
 use crate::write_rig::fitted;
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
@@ -144,7 +144,9 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     if fixed {
         share_out(&mut asked)?;
     }
-    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read(path, rig)? })).collect()
+    let options =
+        recording::record::Options { mapping: args.map.clone(), resample_hz: args.resample, ..Default::default() };
+    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, &options)? })).collect()
 }
 
 /// Gives the records without a part the parts that nobody plays: fit first, then report, then select.

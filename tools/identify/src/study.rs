@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use recording::record::{ColumnNames, SampleColumns};
+use recording::record::{self, ColumnNames, SampleColumns};
 use report::Page;
 use rig::RigFile;
 
@@ -82,18 +82,25 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
 /// # Errors
 /// [`IdentifyError::Read`], with file, row and column.
 pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
+    read_mapped(path, rig, &record::Options::default())
+}
+
+/// The same of a file that names its columns otherwise, or of another program's recording; its rows may be brought to another rate.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Result<Series> {
     let names = if rig.model.kind.is_transmission() { ColumnNames::rotary() } else { ColumnNames::one_mass_linear() };
     let file = path.display().to_string();
-    let options = recording::record::Options::default();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-    let record = if mcap {
-        recording::record::from_mcap(path, &SampleColumns::new(names), &options)
-    } else {
-        recording::record::from_csv(path, &options)
+    let read = match (mcap, options.mapping.is_empty()) {
+        (false, _) => record::from_csv(path, options),
+        (true, true) => record::from_mcap(path, &SampleColumns::new(names), options),
+        (true, false) => record::from_topics(path, options),
     };
-    let record = record.map_err(|e| IdentifyError::Read(e.to_string()))?;
+    let record = read.map_err(|e| IdentifyError::Read(e.to_string()))?;
     let notes = record.findings.iter().map(|f| format!("{file}: {}", f.text)).collect();
-    let mut columns = vec![(recording::record::TIME.to_owned(), record.time_s)];
+    let mut columns = vec![(record::TIME.to_owned(), record.time_s)];
     columns.extend(record.columns);
     Ok(Series { file, columns, role: None, notes })
 }

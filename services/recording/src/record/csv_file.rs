@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
-use super::{Draft, Options, Record, RecordError, TIME};
+use super::{Draft, Mapping, Options, Record, RecordError, TIME};
 
 /// Reads a CSV file with a header; units by the columns' names, time in `t_s`.
 ///
@@ -27,7 +27,7 @@ pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<
     if !reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
         return Err(no_header("an empty file".to_owned()));
     }
-    let names: Vec<String> = row.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    let mut names: Vec<String> = row.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
     if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
         return Err(no_header(format!("the number {number}")));
     }
@@ -44,6 +44,7 @@ pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<
             });
         }
     }
+    let factors = mapped(path, &mut names, &options.mapping)?;
     let Some(time) = names.iter().position(|name| name == TIME) else {
         return Err(RecordError::MissingColumn {
             file: path.to_owned(),
@@ -65,7 +66,7 @@ pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<
                     found: if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{cell}`") },
                 });
             };
-            values[index].push(value);
+            values[index].push(factors[index] * value);
         }
         rows.push(line);
     }
@@ -78,6 +79,32 @@ pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<
         .map(|(_, column)| column)
         .collect();
     Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }.finish(options)
+}
+
+/// Gives mapped columns their names; by what each column is multiplied.
+fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<f64>, RecordError> {
+    let mut factors = vec![1.0; names.len()];
+    let found = names.join(", ");
+    let mut places = Vec::new();
+    for one in mapping {
+        let Some(at) = names.iter().position(|name| *name == one.source) else {
+            return Err(RecordError::MissingColumn { file: path.to_owned(), column: one.source.clone(), found });
+        };
+        places.push((at, one));
+    }
+    for (at, one) in places {
+        let wrong = |what: String| RecordError::Mapping {
+            file: path.to_owned(),
+            mapping: format!("{}={}", one.column, one.source),
+            what,
+        };
+        if let Some(other) = names.iter().enumerate().position(|(index, name)| index != at && *name == one.column) {
+            return Err(wrong(format!("column {} has that name already", other + 1)));
+        }
+        names[at].clone_from(&one.column);
+        factors[at] = one.factor;
+    }
+    Ok(factors)
 }
 
 fn table_error(path: &Path, error: csv::Error) -> RecordError {

@@ -33,6 +33,8 @@ pub enum FindingKind {
     Partial,
     /// The recording was cut off (its logger was killed, the disk was full): what came after is missing.
     Torn,
+    /// Rows were brought to another grid.
+    Resampled,
 }
 
 /// Shortest stay at the extreme that counts (samples).

@@ -8,7 +8,10 @@
 mod csv_file;
 mod findings;
 mod grid;
+mod mapping;
+mod resample;
 mod samples;
+mod topics;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -16,7 +19,11 @@ use std::path::{Path, PathBuf};
 
 pub use csv_file::{from_csv, from_csv_text, write_csv};
 pub use findings::{Finding, FindingKind};
+pub use mapping::{Mapping, MappingError};
 pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording};
+pub use topics::from_topics;
+
+use resample::{Track, on_one_grid};
 
 use crate::mcap_read::ReadError;
 
@@ -85,11 +92,22 @@ pub struct Options {
     pub time_tolerance: f64,
     /// Fewest rows.
     pub rows_min: usize,
+    /// Where columns come from that the file names otherwise (CSV files and [`from_topics`]).
+    pub mapping: Vec<Mapping>,
+    /// Rate to which the rows are brought by straight lines (Hz); `None`: they stay where they are.
+    pub resample_hz: Option<f64>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { required: Vec::new(), gaps: Gaps::Refuse, time_tolerance: 0.02, rows_min: 10 }
+        Self {
+            required: Vec::new(),
+            gaps: Gaps::Refuse,
+            time_tolerance: 0.02,
+            rows_min: 10,
+            mapping: Vec::new(),
+            resample_hz: None,
+        }
     }
 }
 
@@ -218,6 +236,30 @@ pub enum RecordError {
         /// Tolerance (%).
         tolerance_percent: f64,
     },
+    /// A column cannot be had from where it is said to come from.
+    #[error("{}: column mapped by {mapping}: {what}", file.display())]
+    Mapping {
+        /// The file.
+        file: PathBuf,
+        /// The mapping as it was given.
+        mapping: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// Rows are asked for at a rate that would make them up, or throw most of them away.
+    #[error("{}: expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), found {found} Hz", file.display())]
+    Rate {
+        /// The file.
+        file: PathBuf,
+        /// What was asked for (Hz).
+        found: f64,
+        /// Least (Hz).
+        least: f64,
+        /// Greatest (Hz).
+        most: f64,
+        /// Rate of the rows themselves (Hz).
+        own: f64,
+    },
     /// Not enough rows.
     #[error("{}: expected at least {expected} rows, found {found}", file.display())]
     TooFewRows {
@@ -251,7 +293,19 @@ struct Draft {
 }
 
 impl Draft {
-    fn finish(mut self, options: &Options) -> Result<Record, RecordError> {
+    /// The record, at another rate where one is asked for.
+    fn finish(self, options: &Options) -> Result<Record, RecordError> {
+        if options.resample_hz.is_none() {
+            return self.checked(options);
+        }
+        let Self { file, time_s, rows, columns, findings } = self;
+        let track = Track { rows, time_s, columns: columns.into_iter().collect() };
+        let mut draft = on_one_grid(&file, &[track], options.resample_hz)?;
+        draft.findings.splice(0..0, findings);
+        draft.checked(options)
+    }
+
+    fn checked(mut self, options: &Options) -> Result<Record, RecordError> {
         for name in &options.required {
             if !self.columns.contains_key(name) {
                 return Err(RecordError::MissingColumn {

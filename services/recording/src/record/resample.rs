@@ -1,0 +1,158 @@
+//! Columns that were sampled at times of their own, brought to one uniform grid.
+
+use std::path::Path;
+
+use super::{Draft, Finding, FindingKind, RecordError, TIME};
+
+/// A step beyond this multiple of the median one is a hole: nothing is made up for it.
+const HOLE: f64 = 3.0;
+/// How far from the rate at which they were sampled rows may be asked for.
+const RATES: (f64, f64) = (0.5, 2.0);
+
+/// Columns that share their times.
+#[derive(Debug, Default)]
+pub(super) struct Track {
+    /// Row or message of each, for messages.
+    pub rows: Vec<u64>,
+    /// Times (s).
+    pub time_s: Vec<f64>,
+    /// Columns with their names.
+    pub columns: Vec<(String, Vec<f64>)>,
+}
+
+impl Track {
+    /// Median step (s); where time does not go on, or jumps, an error.
+    fn median_step(&self, file: &Path) -> Result<f64, RecordError> {
+        if self.time_s.len() < 3 {
+            return Err(RecordError::TooFewRows { file: file.to_owned(), expected: 3, found: self.time_s.len() });
+        }
+        let mut steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let row = |at: usize| self.rows.get(at).copied().unwrap_or(at as u64 + 1);
+        if let Some(at) = steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
+            let (before, after) = (self.time_s[at], self.time_s[at + 1]);
+            return Err(RecordError::TimeBackwards { file: file.to_owned(), row: row(at + 1), before, after });
+        }
+        let middle = steps.len() / 2;
+        let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
+        if let Some(at) = steps.iter().position(|step| *step > HOLE * median) {
+            return Err(RecordError::Gap {
+                file: file.to_owned(),
+                row: row(at + 1),
+                before: self.time_s[at],
+                after: self.time_s[at + 1],
+                missing: (steps[at] / median).round() as u64 - 1,
+                sampling_s: median,
+                gaps: steps.drain(..).filter(|step| *step > HOLE * median).count(),
+            });
+        }
+        Ok(median)
+    }
+
+    /// Mean rate (Hz).
+    fn rate_hz(&self) -> f64 {
+        match (self.time_s.first(), self.time_s.last()) {
+            (Some(first), Some(last)) => (self.time_s.len() - 1) as f64 / (last - first),
+            _ => f64::NAN,
+        }
+    }
+
+    /// A column at rising times within the track's own, by straight lines.
+    fn at(&self, values: &[f64], times: &[f64]) -> Vec<f64> {
+        let mut row = 0;
+        let one = |time: &f64| {
+            while row + 2 < self.time_s.len() && self.time_s[row + 1] < *time {
+                row += 1;
+            }
+            let part = (time - self.time_s[row]) / (self.time_s[row + 1] - self.time_s[row]);
+            values[row] + part.clamp(0.0, 1.0) * (values[row + 1] - values[row])
+        };
+        times.iter().map(one).collect()
+    }
+}
+
+/// All tracks on one grid, as long as all of them last: at `hz`, or at the mean rate of the quickest.
+///
+/// # Errors
+/// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`], [`RecordError::Rate`].
+pub(super) fn on_one_grid(file: &Path, tracks: &[Track], hz: Option<f64>) -> Result<Draft, RecordError> {
+    for track in tracks {
+        track.median_step(file)?;
+    }
+    let own_hz = tracks.iter().map(Track::rate_hz).fold(0.0, f64::max);
+    let hz = hz.unwrap_or(own_hz);
+    if !(RATES.0 * own_hz..=RATES.1 * own_hz).contains(&hz) {
+        let (least, most) = (RATES.0 * own_hz, RATES.1 * own_hz);
+        return Err(RecordError::Rate { file: file.to_owned(), found: hz, least, most, own: own_hz });
+    }
+    let start = tracks.iter().filter_map(|track| track.time_s.first()).fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+    let end = tracks.iter().filter_map(|track| track.time_s.last()).fold(f64::INFINITY, |a, b| a.min(*b));
+    // A rounding short of the last row is the last row.
+    let count = ((end - start) * hz + 1e-6).floor() + 1.0;
+    if count.is_nan() || count < 3.0 {
+        return Err(RecordError::TooFewRows { file: file.to_owned(), expected: 3, found: count.max(0.0) as usize });
+    }
+    let time_s: Vec<f64> = (0..count as usize).map(|row| start + row as f64 / hz).collect();
+    let columns = tracks
+        .iter()
+        .flat_map(|track| track.columns.iter().map(|(name, values)| (name.clone(), track.at(values, &time_s))))
+        .collect();
+    let most = tracks.iter().map(|track| track.time_s.len()).max().unwrap_or(0);
+    let finding = Finding {
+        column: TIME.to_owned(),
+        kind: FindingKind::Resampled,
+        first_row: 1,
+        rows: time_s.len() as u64,
+        text: format!("resampled by straight lines to {hz:.6} Hz: {} rows of {most}", time_s.len()),
+    };
+    let rows = (1..=time_s.len() as u64).collect();
+    Ok(Draft { file: file.to_owned(), time_s, rows, columns, findings: vec![finding] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn track(time_s: Vec<f64>, name: &str, of: impl Fn(f64) -> f64) -> Track {
+        let values = time_s.iter().map(|time| of(*time)).collect();
+        Track { rows: (1..=time_s.len() as u64).collect(), time_s, columns: vec![(name.to_owned(), values)] }
+    }
+
+    #[test]
+    fn straight_lines_come_through_whatever_the_times() {
+        let jittered = (0..500).map(|row| f64::from(row) * 2e-3 + 4e-4 * f64::from(row * 7 % 5)).collect();
+        let slow = (0..110).map(|row| 0.01 * f64::from(row) - 0.013).collect();
+        let tracks = [track(jittered, "a", |t| 3.0 * t), track(slow, "b", |t| 1.0 - t)];
+        let draft = on_one_grid(Path::new("x.mcap"), &tracks, Some(400.0)).unwrap();
+        assert!((draft.time_s[1] - draft.time_s[0] - 2.5e-3).abs() < 1e-12);
+        assert!(draft.time_s[0] >= 0.0 && *draft.time_s.last().unwrap() <= 1.0);
+        for (row, time) in draft.time_s.iter().enumerate() {
+            assert!((draft.columns["a"][row] - 3.0 * time).abs() < 1e-9);
+            assert!((draft.columns["b"][row] - (1.0 - time)).abs() < 1e-9);
+        }
+        assert!(draft.findings[0].text.contains("400"));
+    }
+
+    #[test]
+    fn a_uniform_track_stays_what_it_is() {
+        let times: Vec<f64> = (0..100).map(|row| 5.0 + f64::from(row) * 1e-3).collect();
+        let draft = on_one_grid(Path::new("x"), &[track(times.clone(), "a", f64::sin)], None).unwrap();
+        assert_eq!(draft.time_s.len(), 100);
+        assert!(draft.columns["a"].iter().zip(&times).all(|(value, time)| (value - time.sin()).abs() < 1e-9));
+    }
+
+    #[test]
+    fn holes_and_rates_that_make_things_up_are_refused() {
+        let refuse = |time_s: Vec<f64>, hz| {
+            on_one_grid(Path::new("x.csv"), &[track(time_s, "a", f64::sin)], hz).err().unwrap().to_string()
+        };
+        let even = |row: i32| f64::from(row) * 1e-3;
+        let hole = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();
+        let said = refuse(hole, None);
+        assert!(said.contains("row 31") && said.contains("4 samples"), "{said}");
+        let back = (0..50).map(|row| even(if row == 20 { 5 } else { row })).collect();
+        assert!(refuse(back, None).contains("row 21"));
+        let said = refuse((0..50).map(even).collect(), Some(5000.0));
+        assert!(said.contains("5000") && said.contains("2000"), "{said}");
+        assert!(refuse(vec![0.0, 1.0], None).contains("found 2"));
+    }
+}
