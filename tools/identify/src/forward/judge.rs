@@ -17,7 +17,7 @@ const AT_FLOOR: f64 = 1.2;
 /// The same for records of other movements.
 const OTHERS_AT_FLOOR: f64 = 1.6;
 /// Beyond this factor no name is right.
-const INADEQUATE: f64 = 1.9;
+const INADEQUATE: f64 = 1.6;
 /// The same for records of other movements.
 const OTHERS_INADEQUATE: f64 = 5.0;
 /// Share of a movement below which no difference counts.

@@ -1,7 +1,10 @@
 //! The numbers of a setting that a fit moves, each held within its range by a transformation that no step leaves.
 
+use std::f64::consts::TAU;
+
 use super::catalogue::Candidate;
 use super::machine::{Machine, Setting};
+use super::record::Record;
 
 /// Nearest to an end of its range that a fit comes, as a share of half of it: there the free number hardly moves the value.
 const EDGE: f64 = 0.995;
@@ -13,6 +16,13 @@ const ASIDE: f64 = 0.02;
 const ASIDE_OF_VALUE: f64 = 0.04;
 /// Greatest value of a function's node, in units of a first try: far beyond what any has.
 pub const MOST_UNITS: f64 = 40.0;
+
+/// A number that counts over all records: a wave that is a little off is out of step at their end.
+const FREQUENCY: &str = "frequency_hz";
+/// Waves to a turn.
+const ORDER: &str = "order";
+/// Part of a turn by which its slope is taken.
+const OUT_OF_STEP: f64 = 0.03;
 
 /// One number of a setting that a fit moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -168,6 +178,15 @@ impl Knob {
         let step = match self {
             Self::Wave { .. } => 4e-3,
             Self::Node { .. } => 0.5 / MOST_UNITS,
+            // So far that the wave comes out of step by a small part of a turn between the first record and the last.
+            Self::Effect { name: FREQUENCY, low, high, .. } => {
+                let turn_hz = 1.0 / machine.records.iter().map(Record::end_s).fold(1.0, f64::max);
+                2.0 * (OUT_OF_STEP * turn_hz / self.value(setting).max(*low)) / (high / low).ln()
+            }
+            // The same over a movement of a radian.
+            Self::Effect { name: ORDER, low, high, logarithmic: true, .. } => {
+                (2.0 * (OUT_OF_STEP * TAU / self.value(setting).max(*low)) / (high / low).ln()).min(ASIDE)
+            }
             // An effect's range is wide beside what its size may be.
             Self::Effect { low, high, logarithmic: false, .. } => {
                 (ASIDE_OF_VALUE * self.value(setting).abs() / (0.5 * (high - low))).clamp(1e-4, ASIDE)

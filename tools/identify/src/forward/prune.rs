@@ -101,9 +101,17 @@ pub fn effect_count(knobs: &[Knob]) -> usize {
     knobs.iter().filter(|knob| !knob.is_base()).count()
 }
 
-/// Those of some models, at most two, that the selecting records cannot tell from one with `count` parameters that leaves `selected`: of models
+/// Whether two effects do the same to every record: whether the volts reach the motor late or all sensors show late is a matter of which
+/// clock is called right. What the records tell of them is how each is computed.
+fn the_same(one: (&str, Site), other: (&str, Site)) -> bool {
+    let late = |(id, site): (&str, Site)| id == "transport_delay" && matches!(site, Site::Drive | Site::Sensor);
+    late(one) && late(other)
+}
+
+/// Those of some models, at most two, that the selecting records cannot tell from one with `count` parameters that leaves `selected`, `meant` by name: of models
 /// that do the same the one with the fewest is meant.
 pub fn rivals<'a>(
+    meant: (&str, Site),
     selected: &[Residual],
     count: usize,
     models: impl Iterator<Item = &'a Alone>,
@@ -112,7 +120,8 @@ pub fn rivals<'a>(
         .filter(|model| effect_count(&model.knobs) <= count)
         .filter(|model| {
             let beside = judge((model.beside.id, model.beside.site), &model.selected, selected);
-            beside.gain < AS_GOOD && beside.t.abs() < TOLD_APART_T
+            let same = the_same(meant, (model.beside.id, model.beside.site));
+            beside.gain < AS_GOOD && beside.t.abs() < TOLD_APART_T || same && beside.gain < LEAST_GAIN
         })
         .map(|model| (model.beside.id, model.beside.site))
         .take(2)

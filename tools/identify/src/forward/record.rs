@@ -134,6 +134,11 @@ impl Record {
         Ok(whole.thinned())
     }
 
+    /// Time of the row after the last (s).
+    pub fn end_s(&self) -> f64 {
+        self.start_s + self.volts.len() as f64 * self.step_s
+    }
+
     /// The same at the pace of the simulation. Volts and torques are held from row to row, so that they become means; positions are taken
     /// where a new row begins, averaged to both sides.
     #[must_use]

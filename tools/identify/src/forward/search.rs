@@ -202,12 +202,14 @@ pub fn search(machine: &Machine) -> Option<Found> {
                 given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
                 (now, knobs) = (best.fitted.clone(), best.knobs.clone());
                 let added = judge_against(&select, &base, &now)?;
-                let rivals = rivals(&best.selected, effect_count(&best.knobs), rest.iter());
+                let meant = (added.id, added.site);
+                let rivals = rivals(meant, &best.selected, effect_count(&best.knobs), rest.iter());
                 steps.push(Step { added, rivals, fitted: now.clone() });
             }
             all => {
                 if let [only] = &mut steps[..] {
-                    only.rivals = rivals(&select.residuals(&now.setting)?, effect_count(&knobs), all.iter());
+                    let meant = (only.added.id, only.added.site);
+                    only.rivals = rivals(meant, &select.residuals(&now.setting)?, effect_count(&knobs), all.iter());
                 }
             }
         }
@@ -219,13 +221,25 @@ pub fn search(machine: &Machine) -> Option<Found> {
         }
     }
     let above = above_floor(machine, &select.records, &now.setting)?;
-    let inadequate = above.is_some_and(|above| above.inadequate());
-    let (generic, nameless) = match above {
+    let mut inadequate = above.is_some_and(|above| above.inadequate());
+    let views = (&fit, &select);
+    let (mut generic, mut nameless) = match above {
         Some(above) if above.at_floor() => (Vec::new(), None),
         // Names that leave so much are wrong, and would bend the function.
-        _ if inadequate => functions((&fit, &select), (&base, &base_knobs), true)?,
-        _ => functions((&fit, &select), (&now, &knobs), false)?,
+        _ if inadequate => functions(views, (&base, &base_knobs), true)?,
+        _ => functions(views, (&now, &knobs), false)?,
     };
+    // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
+    if !inadequate && !steps.is_empty() && above.is_none_or(|above| !above.at_floor()) {
+        let (alone, best) = functions(views, (&base, &base_knobs), false)?;
+        if let Some(best) = best.filter(|best| best.judged.accepted) {
+            let with_names = select.residuals(&now.setting)?;
+            let of = (best.judged.id, best.judged.site);
+            if judge(of, &with_names, &select.residuals(&best.fitted.setting)?).gain >= LEAST_GAIN {
+                (inadequate, generic, nameless) = (true, alone, Some(best));
+            }
+        }
+    }
     if inadequate {
         given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
         knobs = base_knobs;

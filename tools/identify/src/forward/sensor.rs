@@ -86,3 +86,103 @@ pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[T
     });
     (back.collect(), None)
 }
+
+#[cfg(test)]
+mod tests {
+    use plant::effects;
+
+    use super::*;
+    use crate::forward::generic::NODES;
+    use crate::inverse::split::Role;
+
+    const STEP_S: f64 = 2e-3;
+
+    /// A slave that swings with 2 rad/s², shown every 2 ms, and a torque channel.
+    fn record(torque: Option<Vec<f64>>, idle: bool) -> Record {
+        let rows = torque.as_ref().map_or(100, Vec::len);
+        let slave = (0..rows).map(|row| (row as f64 * STEP_S).powi(2)).collect();
+        Record {
+            name: "record".to_owned(),
+            start_s: 10.0,
+            step_s: STEP_S,
+            volts: vec![1.5; rows],
+            master: vec![0.25; rows],
+            slave: Some(slave),
+            torque,
+            role: Role::Fit,
+            count_rad: [1e-3; 2],
+            idle,
+        }
+    }
+
+    fn close(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        let near = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9);
+        assert!(near, "{found:?}, expected {expected:?}");
+    }
+
+    #[test]
+    fn a_late_column_is_read_earlier_and_level_at_its_end() {
+        let column = [0.0, 1.0, 3.0, 7.0];
+        close(&advanced(&column, 1.0), &[1.0, 3.0, 7.0, 7.0]);
+        close(&advanced(&column, 0.25), &[0.25, 1.5, 4.0, 7.0]);
+        assert!(matches!(advanced(&column, 0.0), Cow::Borrowed(_)));
+        close(&advanced(&column, 9.5), &[7.0; 4]);
+    }
+
+    #[test]
+    fn what_stands_beside_a_torque() {
+        let record = record(Some(vec![0.5; 100]), false);
+        let at = |variable, row| beside(&record, variable, row);
+        assert!((at(Variable::Velocity, 50) - 2.0 * 50.0 * STEP_S).abs() < 1e-9);
+        assert!((at(Variable::Acceleration, 50) - 2.0).abs() < 1e-9);
+        // At an end as near to it as a difference reaches.
+        assert!((at(Variable::Acceleration, 0) - 2.0).abs() < 1e-9);
+        assert!((at(Variable::Time, 5) - 10.01).abs() < 1e-9);
+        assert_eq!((at(Variable::Voltage, 3), at(Variable::Torque, 3)), (1.5, 0.5));
+        let idle = Record { idle: true, ..record };
+        assert_eq!(beside(&idle, Variable::Torque, 3), 0.0);
+    }
+
+    #[test]
+    fn an_effect_of_the_cell_is_taken_back() {
+        let truth = [1.0, -0.5, 0.0, 2.0];
+        for (id, value) in [("sensor_gain", 0.2), ("sensor_offset", 0.3), ("rectified_sensor", 0.4)] {
+            let effect = || effects::make(id, Site::Sensor, value).unwrap();
+            let mut shown = truth.to_vec();
+            for torque in &mut shown {
+                let mut reading = Reading { motor_v: 1.5, master_rad: 0.25, slave_rad: 0.0, slave_torque_nm: *torque };
+                effect().sense(&mut reading, &Moment::default());
+                *torque = reading.slave_torque_nm;
+            }
+            assert_ne!(shown, truth, "{id}");
+            let (hand, left) = hand_torque(&record(Some(shown), false), &mut [effect()], &[]);
+            close(&hand, &truth);
+            assert!(left.is_none());
+        }
+    }
+
+    #[test]
+    fn nobody_pulls_at_an_idle_handle_whatever_the_cell_shows() {
+        let idle = record(Some(vec![0.3; 4]), true);
+        let (hand, left) = hand_torque(&idle, &mut [], &[]);
+        assert_eq!((hand, left), (vec![0.0; 4], Some(vec![0.3; 4])));
+        let offset = effects::make("sensor_offset", Site::Sensor, 0.3).unwrap();
+        let (_, left) = hand_torque(&idle, &mut [offset], &[]);
+        close(&left.unwrap(), &[0.0; 4]);
+        assert_eq!(hand_torque(&record(None, false), &mut [], &[]), (vec![0.0; 100], None));
+    }
+
+    #[test]
+    fn a_function_of_the_cell_is_what_it_shows_too_much() {
+        let mut table = Table::new((Site::Sensor, Variable::Torque), -1.0, 1.0);
+        for node in 0..NODES {
+            table.values[node] = 0.1 * table.at(node);
+        }
+        let mut elsewhere = table.clone();
+        (elsewhere.site, elsewhere.values) = (Site::Slave, [5.0; NODES]);
+        let shown = [[0.5, -1.0, 3.0]; 10].concat();
+        let (hand, _) = hand_torque(&record(Some(shown), false), &mut [], &[table, elsewhere]);
+        close(&hand, &[[0.45, -0.9, 2.9]; 10].concat());
+    }
+}
