@@ -6,7 +6,7 @@ Two errors that every model has, against measured positions:
   but the first 0.2 s. Models in state space know where they are by an observer, models with lags by the measured past.
 - *free*: from rest at the first row to the end, 10 s.
 
-And one that only models in state space have: the *innovation* under an observer of 80 rad/s, which is what farreach states.
+And one that only models in state space have: the *innovation* under an observer of 150 rad/s, which is what farreach states.
 """
 
 import itertools
@@ -20,7 +20,7 @@ import sindy
 
 AHEAD = 25
 SETTLING = 400
-SEEING_RAD_S = 80.0
+SEEING_RAD_S = 150.0
 OBSERVERS_RAD_S = (80.0, 150.0, 300.0)
 # With which models are chosen.
 CHOOSING_RAD_S = 150.0

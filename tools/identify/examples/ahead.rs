@@ -49,7 +49,7 @@ struct Args {
     #[arg(long, default_value_t = 400)]
     settling: usize,
     /// Bandwidths of the observer (rad/s)
-    #[arg(long, value_delimiter = ',', default_value = "80")]
+    #[arg(long, value_delimiter = ',', default_value = "150")]
     observer: Vec<f64>,
     /// Records (CSV with t_s, motor_v, master_rad, slave_rad, slave_torque_nm)
     records: Vec<PathBuf>,
