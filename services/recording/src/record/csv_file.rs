@@ -93,13 +93,8 @@ fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<
         places.push((at, one));
     }
     for (at, one) in places {
-        let wrong = |what: String| RecordError::Mapping {
-            file: path.to_owned(),
-            mapping: format!("{}={}", one.column, one.source),
-            what,
-        };
         if let Some(other) = names.iter().enumerate().position(|(index, name)| index != at && *name == one.column) {
-            return Err(wrong(format!("column {} has that name already", other + 1)));
+            return Err(one.wrong(path, format!("column {} has that name already", other + 1)));
         }
         names[at].clone_from(&one.column);
         factors[at] = one.factor;

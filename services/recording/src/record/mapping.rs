@@ -1,6 +1,9 @@
 //! Where a record's columns come from, in files that name them otherwise.
 
+use std::path::Path;
 use std::str::FromStr;
+
+use super::RecordError;
 
 /// A column and where it comes from, written `COLUMN=SOURCE` or `COLUMN=SOURCE*FACTOR`.
 ///
@@ -44,6 +47,13 @@ impl FromStr for Mapping {
             return Err(wrong());
         }
         Ok(Self { column: column.to_owned(), source: source.to_owned(), factor })
+    }
+}
+
+impl Mapping {
+    /// The error of a file from which it cannot be had.
+    pub(super) fn wrong(&self, file: &Path, what: String) -> RecordError {
+        RecordError::Mapping { file: file.to_owned(), mapping: format!("{}={}", self.column, self.source), what }
     }
 }
 

@@ -21,12 +21,12 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// Median step (s); where time does not go on, or jumps, an error.
-    fn median_step(&self, file: &Path) -> Result<f64, RecordError> {
+    /// That time goes on from row to row and does not jump.
+    fn check(&self, file: &Path) -> Result<(), RecordError> {
         if self.time_s.len() < 3 {
             return Err(RecordError::TooFewRows { file: file.to_owned(), expected: 3, found: self.time_s.len() });
         }
-        let mut steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let row = |at: usize| self.rows.get(at).copied().unwrap_or(at as u64 + 1);
         if let Some(at) = steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
             let (before, after) = (self.time_s[at], self.time_s[at + 1]);
@@ -42,10 +42,10 @@ impl Track {
                 after: self.time_s[at + 1],
                 missing: (steps[at] / median).round() as u64 - 1,
                 sampling_s: median,
-                gaps: steps.drain(..).filter(|step| *step > HOLE * median).count(),
+                gaps: steps.iter().filter(|step| **step > HOLE * median).count(),
             });
         }
-        Ok(median)
+        Ok(())
     }
 
     /// Mean rate (Hz).
@@ -76,7 +76,7 @@ impl Track {
 /// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`], [`RecordError::Rate`].
 pub(super) fn on_one_grid(file: &Path, tracks: &[Track], hz: Option<f64>) -> Result<Draft, RecordError> {
     for track in tracks {
-        track.median_step(file)?;
+        track.check(file)?;
     }
     let own_hz = tracks.iter().map(Track::rate_hz).fold(0.0, f64::max);
     let hz = hz.unwrap_or(own_hz);

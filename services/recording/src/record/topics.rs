@@ -23,19 +23,14 @@ use crate::mcap_read::{Channel, Recording, Selection};
 /// [`RecordError`]: the first problem, with topic and message.
 pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError> {
     let recording = Recording::open(path)?;
-    let wrong = |mapping: &Mapping, what: String| RecordError::Mapping {
-        file: path.to_owned(),
-        mapping: format!("{}={}", mapping.column, mapping.source),
-        what,
-    };
     let mut topics: BTreeMap<&str, Vec<(&Mapping, Vec<Step>)>> = BTreeMap::new();
     for mapping in &options.mapping {
         let Some((topic, steps)) = place(&mapping.source) else {
-            return Err(wrong(mapping, "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned()));
+            return Err(mapping.wrong(path, "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned()));
         };
         let of_topic = topics.entry(topic).or_default();
         if of_topic.iter().any(|(other, _)| other.column == mapping.column) {
-            return Err(wrong(mapping, "the column is mapped twice".to_owned()));
+            return Err(mapping.wrong(path, "the column is mapped twice".to_owned()));
         }
         of_topic.push((mapping, steps));
     }
@@ -43,10 +38,9 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     if let Some(time) = timed
         && topics.len() > 1
     {
-        return Err(wrong(
-            time,
-            format!("a time of one topic says nothing of the others: found {} topics", topics.len()),
-        ));
+        return Err(
+            time.wrong(path, format!("a time of one topic says nothing of the others: found {} topics", topics.len()))
+        );
     }
     let mut logged: Vec<(Vec<u64>, Track)> = Vec::new();
     for (topic, wanted) in topics {
@@ -82,17 +76,13 @@ fn read_topic(
     topic: &str,
     wanted: &[(&Mapping, Vec<Step>)],
 ) -> Result<(Vec<u64>, Track), RecordError> {
-    let wrong = |mapping: &Mapping, what: String| RecordError::Mapping {
-        file: recording.path().to_owned(),
-        mapping: format!("{}={}", mapping.column, mapping.source),
-        what,
-    };
+    let file = recording.path();
     let Some((first, _)) = wanted.first() else { return Ok((Vec::new(), Track::default())) };
     let ids = recording.channels_of(topic)?;
     let mut decoders = BTreeMap::new();
     for id in &ids {
         let Some(channel) = recording.channels().get(id) else { continue };
-        decoders.insert(*id, Decoder::of(channel).map_err(|what| wrong(first, what))?);
+        decoders.insert(*id, Decoder::of(channel).map_err(|what| first.wrong(file, what))?);
     }
     let mut times = Vec::new();
     let mut columns: Vec<(String, Vec<f64>)> =
@@ -101,9 +91,9 @@ fn read_topic(
         let raw = raw?;
         let Some(decoder) = decoders.get(&raw.channel_id()) else { continue };
         let at = |what: String| format!("message {}: {what}", index + 1);
-        let message = decoder.decode(raw.data()).map_err(|what| wrong(first, at(what)))?;
+        let message = decoder.decode(raw.data()).map_err(|what| first.wrong(file, at(what)))?;
         for ((mapping, steps), (_, values)) in wanted.iter().zip(&mut columns) {
-            let value = message.number(steps).map_err(|what| wrong(mapping, at(what)))?;
+            let value = message.number(steps).map_err(|what| mapping.wrong(file, at(what)))?;
             values.push(mapping.factor * value);
         }
         times.push(raw.log_time_ns());

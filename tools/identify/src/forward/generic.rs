@@ -199,12 +199,12 @@ impl Effect for Table {
 
     fn link(&mut self, link: &mut Link, moment: &Moment) {
         if self.variable == Variable::Force {
-            let elsewhere = match self.site {
-                Site::Master => End::Slave,
-                Site::Slave => End::Master,
-                _ => link.end,
+            let here = match self.site {
+                Site::Master => link.end == End::Master,
+                Site::Slave => link.end == End::Slave,
+                _ => true,
             };
-            if self.site != Site::Line && elsewhere == link.end {
+            if !here {
                 return;
             }
             let pressed = pressed(link);

@@ -221,25 +221,27 @@ pub fn search(machine: &Machine) -> Option<Found> {
         }
     }
     let above = above_floor(machine, &select.records, &now.setting)?;
-    let mut inadequate = above.is_some_and(|above| above.inadequate());
     let views = (&fit, &select);
-    let (mut generic, mut nameless) = match above {
-        Some(above) if above.at_floor() => (Vec::new(), None),
-        // Names that leave so much are wrong, and would bend the function.
-        _ if inadequate => functions(views, (&base, &base_knobs), true)?,
-        _ => functions(views, (&now, &knobs), false)?,
-    };
+    let at_floor = above.is_some_and(|above| above.at_floor());
+    let mut inadequate = above.is_some_and(|above| above.inadequate());
+    // Names that leave so much are wrong, and would bend a function.
+    let mut unnamed = if inadequate { Some(functions(views, (&base, &base_knobs), true)?) } else { None };
     // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
-    if !inadequate && !steps.is_empty() && above.is_none_or(|above| !above.at_floor()) {
-        let (alone, best) = functions(views, (&base, &base_knobs), false)?;
+    if !inadequate && !at_floor && !steps.is_empty() {
+        let (generic, best) = functions(views, (&base, &base_knobs), false)?;
         if let Some(best) = best.filter(|best| best.judged.accepted) {
             let with_names = select.residuals(&now.setting)?;
             let of = (best.judged.id, best.judged.site);
             if judge(of, &with_names, &select.residuals(&best.fitted.setting)?).gain >= LEAST_GAIN {
-                (inadequate, generic, nameless) = (true, alone, Some(best));
+                (inadequate, unnamed) = (true, Some((generic, Some(best))));
             }
         }
     }
+    let (generic, nameless) = match unnamed {
+        Some(unnamed) => unnamed,
+        None if at_floor => (Vec::new(), None),
+        None => functions(views, (&now, &knobs), false)?,
+    };
     if inadequate {
         given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
         knobs = base_knobs;
