@@ -74,8 +74,8 @@ fn record(turn: usize, effect: Option<&str>, hand: bool) -> Record {
 fn found(effect: Option<&str>) -> (Machine, Found) {
     let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4)).collect();
     share_out(&mut records, false);
-    let machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-    let found = search(&machine).unwrap();
+    let mut machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let found = search(&mut machine).unwrap();
     (machine, found)
 }
 

@@ -69,6 +69,8 @@ pub struct Scale {
     pub torque: bool,
     /// Whether a hand moved the handle in any record.
     pub hand: bool,
+    /// Whether the torque channel shows both signs as one.
+    pub folded: bool,
     /// Whether the slave's position is measured.
     pub slave: bool,
 }
@@ -182,7 +184,9 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         ),
         "torque_ripple" => {
             waves("amplitude", 10.0 * size);
-            let starts = scale.orders.iter().map(|order| wave(&[("amplitude", 0.5 * size), ("order", *order)]));
+            // A low order is a hill beside what position does otherwise, and stands out of nothing.
+            let orders = scale.orders.iter().copied().chain([4.0, 5.0, 6.0, 7.0, 8.0]);
+            let starts = orders.map(|order| wave(&[("amplitude", 0.5 * size), ("order", order)]));
             (vec![by_logarithm("order", 3.5, 200.0)], starts.collect())
         }
         "amplifier_saturation" => (
@@ -219,13 +223,15 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             (vec![by_logarithm("frequency_hz", 15.0, 124.0)], starts.collect())
         }
         "rectified_sensor" if scale.hand => {
-            (vec![free("part", 0.0, 1.0)], vec![start(&[("part", 0.1)]), start(&[("part", 0.4)])])
+            let parts: &[f64] = if scale.folded { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };
+            (vec![free("part", 0.0, 1.0)], parts.iter().map(|part| start(&[("part", *part)])).collect())
         }
         _ => return None,
     };
     let sizes = match id {
-        // A limit does not grow with the effect.
+        // A limit does not grow with the effect, and a reading that has lost its sign does not shrink with the part that is folded.
         "amplifier_saturation" => 0,
+        "rectified_sensor" if scale.folded => 0,
         // An odd and an even part.
         "nonlinear_stiffness" => 2,
         _ => 1,

@@ -65,6 +65,13 @@ impl<'a> View<'a> {
 }
 
 impl View<'_> {
+    /// The same without some of them.
+    #[must_use]
+    pub fn without(mut self, records: &[usize]) -> Self {
+        self.records.retain(|record| !records.contains(record));
+        self
+    }
+
     /// Residuals of all its records; `None` where one cannot be simulated.
     pub fn residuals(&self, setting: &Setting) -> Option<Vec<Residual>> {
         self.records.par_iter().map(|record| self.machine.residual(setting, *record)).collect()

@@ -34,7 +34,7 @@ pub struct Judged {
     pub gain: f64,
     /// The same over its standard error.
     pub t: f64,
-    /// Records that get better and worse by more than 1 %.
+    /// Records that get better and worse by more than a hundredth, and by more than a tenth of what all gain by mean.
     pub better: usize,
     /// See `better`.
     pub worse: usize,
@@ -63,6 +63,9 @@ fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
         .collect()
 }
 
+/// A record that gains or loses less than this share of what all gain by mean stays as it was.
+const UNCHANGED: f64 = 0.1;
+
 /// Judges what a fit does on records that it has not seen, beside what was there before.
 pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
     let falls = falls(before, after);
@@ -85,14 +88,16 @@ pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Res
         .map(|(before, after)| before.channels.iter().zip(&after.channels).map(|(b, a)| whole(b, a)).collect())
         .collect();
     let sums: Vec<f64> = by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
-    let better = sums.iter().filter(|sum| **sum > 0.01).count();
-    let worse = sums.iter().filter(|sum| **sum < -0.01).count();
+    let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
+    // What is in few records (a hand's torque) leaves the others as they were, a little better or worse as parameters move with it.
+    let unchanged = f64::max(0.01, UNCHANGED * total);
+    let better = sums.iter().filter(|sum| **sum > unchanged).count();
+    let worse = sums.iter().filter(|sum| **sum < -unchanged).count();
     let channels = by_record.iter().map(Vec::len).max().unwrap_or(0);
     let harmed = (0..channels).any(|channel| {
         let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
         of.iter().sum::<f64>() / (of.len().max(1) as f64) < -0.03
     });
-    let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
     let accepted = gain.min(total) >= LEAST_GAIN && t >= LEAST_T && better > worse && !harmed;
     Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
 }

@@ -15,6 +15,7 @@
 //! - [`generic`]: torques as functions of one variable that have no name: what shows that something unlisted is missing;
 //! - [`judge`]: how a model does on records that its fit has not seen, beside what repeats of a movement differ by;
 //! - [`unnamed`]: where functions without a name are tried, and how each does;
+//! - [`folded`]: which sign a torque had whose sensor shows both as one;
 //! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
 //! - [`prune`]: effects that later ones, or a single other one, made needless;
 //! - [`round`]: one round of it: candidates fitted, first briefly, then as far as it is worth it;
@@ -22,6 +23,7 @@
 
 pub mod catalogue;
 pub mod fit;
+pub mod folded;
 pub mod generic;
 pub mod judge;
 pub mod knob;

@@ -21,6 +21,8 @@ pub struct Record {
     pub slave: Option<Vec<f64>>,
     /// Torque of the hand on the slave, as measured (N·m), where it was.
     pub torque: Option<Vec<f64>>,
+    /// Rows whose torque had the other sign, if the sensor shows both as one; empty where it does not.
+    pub turned: Vec<bool>,
     /// What it is for.
     pub role: Role,
     /// Least change of master and slave from a row to the next, as recorded: a count, where an encoder measured them (rad).
@@ -127,6 +129,7 @@ impl Record {
             master: master.iter().map(|position| gear * position).collect(),
             slave: slave.map(<[f64]>::to_vec),
             torque,
+            turned: Vec::new(),
             role: series.role.unwrap_or(Role::Fit),
             count_rad: [gear * least_change(master), slave.map_or(0.0, least_change)],
             idle,

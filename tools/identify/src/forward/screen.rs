@@ -185,6 +185,7 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
         orders: orders(&master),
         torque: records.iter().any(|record| record.torque.is_some()),
         hand: machine.records.iter().any(|record| !record.idle),
+        folded: machine.records.iter().any(|record| record.turned.contains(&true)),
         slave: records.iter().all(|record| record.slave.is_some()),
     }
 }

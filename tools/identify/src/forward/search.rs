@@ -5,6 +5,7 @@ use plant::effects::Site;
 
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, View};
+use super::folded::{folded, unfold};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::knob::Knob;
 use super::machine::{Machine, SMOOTHING, SMOOTHING_STARTS, Setting};
@@ -31,8 +32,6 @@ const LEAST_REFIT: f64 = 0.01;
 const SEEN: f64 = 0.002;
 /// Most declared parameters that a fit moves.
 const MOST_PARAMETERS: usize = 30;
-/// Effects that go by the clock: repeats differ by them too, and a floor does not speak against them.
-const BY_TIME: [&str; 4] = ["periodic_disturbance", "mains_hum", "thermal_drift", "sensor_drift"];
 
 /// An effect that was added.
 #[derive(Clone, Debug)]
@@ -98,9 +97,9 @@ fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
     Some(chosen)
 }
 
-/// The declared model, fitted within its tolerances on the fitting records; and what of it they show.
-fn fit_base(machine: &Machine) -> Option<(Fitted, Vec<Knob>)> {
-    let fit = View::of(machine, Role::Fit);
+/// The declared model, fitted within its tolerances; and what of it they show.
+fn fit_base(fit: &View<'_>) -> Option<(Fitted, Vec<Knob>)> {
+    let machine = fit.machine;
     let smoothing = machine.base.iter().position(|parameter| parameter.name == SMOOTHING);
     let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
         let mut start = machine.start();
@@ -108,12 +107,12 @@ fn fit_base(machine: &Machine) -> Option<(Fitted, Vec<Knob>)> {
             start.base[index] = *speed;
         }
         let fitted = fit.evaluate(start)?;
-        let knobs = seen(&fit, &fitted)?;
+        let knobs = seen(fit, &fitted)?;
         fit.fit(&fitted.setting, &knobs, 3)
     });
     let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // What is left is smaller now, and shows more.
-    let knobs = seen(&fit, &best)?;
+    let knobs = seen(fit, &best)?;
     let fitted = fit.fit(&best.setting, &knobs, 6)?;
     Some((fitted, knobs))
 }
@@ -154,20 +153,26 @@ fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) 
     Some((now, knobs))
 }
 
-/// The whole search. `None` where not even the declared model can be simulated along the records.
-pub fn search(machine: &Machine) -> Option<Found> {
+/// The whole search; which sign a torque had, where the sensor does not tell, is left in the records. `None` where not even the declared model can be simulated along the records.
+pub fn search(machine: &mut Machine) -> Option<Found> {
+    let hands = folded(machine);
+    if !hands.is_empty() {
+        let idle = View::of(machine, Role::Fit).without(&hands);
+        if !idle.records.is_empty() {
+            let (base, _) = fit_base(&idle)?;
+            unfold(machine, hands, &base.setting)?;
+        }
+    }
+    let machine = &*machine;
     let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
-    let (base, base_knobs) = fit_base(machine)?;
+    let (base, base_knobs) = fit_base(&fit)?;
     let (mut now, mut knobs) = (base.clone(), base_knobs.clone());
     let (mut steps, mut rounds, mut given_up) = (Vec::<Step>::new(), Vec::new(), Vec::new());
     let mut others = Vec::new();
     while steps.len() < MOST_EFFECTS && rounds.len() < MOST_ROUNDS {
-        let explained = at_floor(machine, &select.records, &now.setting)?;
         let before = select.residuals(&now.setting)?;
         let listed: Vec<Candidate> = candidates(&scale(&fit, &now))
             .into_iter()
-            // Beside what explains all that repeats share, only what goes by the clock can be left.
-            .filter(|candidate| !explained || now.setting.placed.is_empty() || BY_TIME.contains(&candidate.id))
             .filter(|candidate| {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })

@@ -80,7 +80,9 @@ pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[T
         let at_rest = shown(row, 0.0);
         let beyond = torque[row] - at_rest;
         let slopes = [shown(row, 1.0) - at_rest, at_rest - shown(row, -1.0)];
-        let slope = if beyond >= 0.0 { slopes[0] } else { slopes[1] };
+        // Where both signs are shown as one, the reading does not tell which it was.
+        let negative = if slopes[1] < 0.0 { record.turned.get(row) == Some(&true) } else { beyond < 0.0 };
+        let slope = slopes[usize::from(negative)];
         // A sensor that shows no torque of one sign says nothing of it.
         if slope.abs() < 0.05 { 0.0 } else { beyond / slope }
     });
@@ -109,6 +111,7 @@ mod tests {
             master: vec![0.25; rows],
             slave: Some(slave),
             torque,
+            turned: Vec::new(),
             role: Role::Fit,
             count_rad: [1e-3; 2],
             idle,

@@ -51,7 +51,7 @@ impl Model for Transmission {
         let mut laid_out =
             records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
-        let machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
+        let mut machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
             if machine.of_role(role).is_empty() {
                 return Err(IdentifyError::Roles {
@@ -69,7 +69,7 @@ impl Model for Transmission {
             .num_threads(options.jobs)
             .build()
             .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
-        let found = pool.install(|| search(&machine)).ok_or_else(|| lost(&machine))?;
+        let found = pool.install(|| search(&mut machine)).ok_or_else(|| lost(&machine))?;
         let study = Study { machine, found, notes };
         pool.install(|| transmission_outcome::conclude(&study, options.stage.as_ref()))
             .ok_or_else(|| lost(&study.machine))

@@ -112,6 +112,7 @@ impl Stage {
             master,
             slave: Some(slave),
             torque: Some(torque),
+            turned: Vec::new(),
             role: Role::Fit,
             count_rad: [0.0; 2],
             idle: true,
