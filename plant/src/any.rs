@@ -65,6 +65,30 @@ impl Parameters {
         }
     }
 
+    /// Torque of the motor for each volt at its amplifier (N·m/V).
+    pub const fn motor_torque_per_volt_nm(&self) -> f64 {
+        match self {
+            Self::Hydrostatic(own) => own.motor_torque_per_volt_nm,
+            Self::Cable(own) => own.motor_torque_per_volt_nm,
+        }
+    }
+
+    /// What the line moves for each radian of the master (m/rad).
+    pub fn master_displacement_m_per_rad(&self) -> f64 {
+        match self {
+            Self::Hydrostatic(own) => own.master_displacement_m_per_rad(),
+            Self::Cable(own) => own.master_pulley_radius_m,
+        }
+    }
+
+    /// Stiffness of one line (N/m).
+    pub fn line_stiffness_n_per_m(&self) -> f64 {
+        match self {
+            Self::Hydrostatic(own) => own.line_stiffness_n_per_m(),
+            Self::Cable(own) => own.line_stiffness_n_per_m(),
+        }
+    }
+
     /// A plant with these constants, at rest at zero.
     ///
     /// # Errors

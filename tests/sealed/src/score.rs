@@ -75,7 +75,9 @@ pub struct Unlisted {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Errors {
-    /// Of the declared model.
+    /// Of the rig file as it is.
+    pub declared: Option<f64>,
+    /// Of the declared model, fitted.
     pub before: Option<f64>,
     /// With the effects.
     pub after: Option<f64>,
@@ -160,6 +162,9 @@ pub struct Score {
     pub over_floor: Option<f64>,
     /// Error before over after: root mean square over the channels, each in its floor (or in what is left, without one).
     pub drop: Option<f64>,
+    /// The same of the error that the rig file leaves as it is, where identify says it.
+    #[serde(default)]
+    pub drop_from_file: Option<f64>,
     /// Relative error of the effective size of each effect named rightly.
     pub size_errors: Vec<f64>,
     /// Relative error of the raw first parameter of each effect named rightly.
@@ -224,7 +229,8 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         both: two.then_some(hits == 2),
         false_third: two.then(|| names.iter().any(|name| !true_names.contains(name))),
         over_floor: over_floor(said),
-        drop: drop(said),
+        drop: drop(said, |errors| errors.before),
+        drop_from_file: drop(said, |errors| errors.declared),
         size_errors: sizes.iter().map(|size| size.0).collect(),
         raw_size_errors: sizes.iter().map(|size| size.1).collect(),
         seconds: run.seconds,
@@ -280,10 +286,10 @@ fn over_floor(answer: &Answer) -> Option<f64> {
     ratios.reduce(f64::max)
 }
 
-fn drop(answer: &Answer) -> Option<f64> {
+fn drop(answer: &Answer, from: impl Fn(&Errors) -> Option<f64>) -> Option<f64> {
     let (mut before, mut after) = (0.0, 0.0);
     for errors in answer.error.values() {
-        let (Some(was), Some(is)) = (errors.before, errors.after) else { continue };
+        let (Some(was), Some(is)) = (from(errors), errors.after) else { continue };
         let unit = errors.floor.filter(|floor| *floor > 0.0).unwrap_or(is.max(1e-12));
         before += (was / unit).powi(2);
         after += (is / unit).powi(2);

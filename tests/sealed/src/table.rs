@@ -195,6 +195,10 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
     let drops: Vec<f64> = listed.iter().filter_map(|score| score.drop).collect();
     let median = quantile(&drops, 0.5);
     number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain));
+    let from_file: Vec<f64> = listed.iter().filter_map(|score| score.drop_from_file).collect();
+    if let Some(median) = quantile(&from_file, 0.5) {
+        number("listed", "drop from what the rig file leaves as it is, median", "", Some(median), plain(median));
+    }
     let sizes: Vec<f64> = listed.iter().flat_map(|score| score.size_errors.iter().copied()).collect();
     let raw: Vec<f64> = listed.iter().flat_map(|score| score.raw_size_errors.iter().copied()).collect();
     for (what, bar, values, at) in [

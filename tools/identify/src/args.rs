@@ -49,10 +49,14 @@ pub struct Args {
     /// exist
     #[arg(long, value_name = "FILE")]
     pub propose_experiment: Option<PathBuf>,
+    /// Searches N simulated machines that lack nothing, or all but the last effect found, which is taken back where chance may have given
+    /// as much (p above 0.05; N = 19 can show that). Each takes as long as the search itself
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub calibrate: usize,
     /// Candidates fitted at a time [default: one a processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
-    /// Seed of the split into blocks
+    /// Seed of the split into blocks, and of simulated machines
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// A record that fits parameters (repeatable)

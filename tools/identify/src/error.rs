@@ -23,6 +23,19 @@ pub enum IdentifyError {
         /// What there is.
         known: String,
     },
+    /// Machines that lack nothing can be simulated of transmissions that turn only.
+    #[error(
+        "{file}: --calibrate: expected a transmission with an axis in rad, found a model of kind \"{kind}\" with an axis in {unit}; \
+         records of others are not simulated: leave --calibrate out"
+    )]
+    NotSimulated {
+        /// The rig file.
+        file: String,
+        /// What it declares.
+        kind: String,
+        /// Unit of its axis.
+        unit: &'static str,
+    },
     /// A declared parameter is missing.
     #[error(
         "{file}: [model.parameters]: expected `{name}` for a model of kind `{kind}`, found {found}; add it with its value and tolerance"

@@ -45,6 +45,9 @@ pub struct Outcome {
     /// What that depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
+    /// How often chance gives as much, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
     /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first.
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
@@ -102,6 +105,25 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
+/// What searches of simulated machines say that lack nothing, or all but the last effect that was found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibration {
+    /// How many were searched.
+    pub machines: usize,
+    /// In how many something was found that is not there.
+    pub alarms: usize,
+    /// Fall of the error by the last effect that was found in each though it is not there; 0 where none was (%).
+    pub gains_percent: Vec<f64>,
+    /// The effect that they do not have; `null` where none was found in the records.
+    pub of: Option<Named>,
+    /// How many gave as much as that one.
+    pub as_much: Option<usize>,
+    /// Probability of as much without it: those and the machine at hand, of all.
+    pub probability: Option<f64>,
+    /// Whether that was too often, and the effect was taken back.
+    pub withdrawn: bool,
+}
+
 /// What is left, as a function of one variable.
 #[derive(Clone, Debug, Serialize)]
 pub struct UnlistedTable {
@@ -109,7 +131,7 @@ pub struct UnlistedTable {
     pub site: String,
     /// Of which variable.
     pub depends_on: String,
-    /// Abscissa, value, standard deviation.
+    /// Abscissa, value, standard deviation (`null` where the records do not reach).
     pub table: Vec<[f64; 3]>,
 }
 
@@ -135,6 +157,10 @@ pub struct Left {
 /// Root-mean-square error of one channel on the reporting rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelError {
+    /// Of the declared model with the values of the rig file as they are, without effects that it declares; left out where that loses the
+    /// record, and for drives, oscillators and elements.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub declared: Option<f64>,
     /// Of the declared model, fitted within its tolerances.
     pub before: f64,
     /// With the effects.
@@ -166,6 +192,41 @@ pub struct FittedParameter {
     pub identifiable: bool,
     /// Whether it stands at the edge of its tolerance.
     pub at_tolerance: bool,
+    /// What the records show of it.
+    pub sight: Sight,
+    /// What does the same, where one parameter by itself does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trades_with: Option<String>,
+}
+
+/// What records show of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sight {
+    /// They say more about it than its declaration.
+    Seen,
+    /// It stands at the edge of its tolerance.
+    AtBound,
+    /// Others do the same.
+    TradeOff,
+    /// It changes too little.
+    Flat,
+    /// It changes nothing.
+    Dead,
+}
+
+impl FittedParameter {
+    /// That in words; nothing where it is seen.
+    pub fn remark(&self) -> String {
+        match (self.sight, &self.trades_with) {
+            (Sight::Seen, _) => String::new(),
+            (Sight::AtBound, _) => "at the edge of its tolerance".to_owned(),
+            (Sight::TradeOff, Some(other)) => format!("trades off with {other}"),
+            (Sight::TradeOff, None) => "trades off with several others".to_owned(),
+            (Sight::Flat, _) => "changes too little to be seen".to_owned(),
+            (Sight::Dead, _) => "changes nothing in these records".to_owned(),
+        }
+    }
 }
 
 /// What was used for what; rows of one record as `file[from..to s]`.

@@ -376,13 +376,7 @@ pub(crate) fn parameters(outcome: &Outcome) -> Table {
     let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
     let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
     for p in &outcome.parameters {
-        let remark = match (p.at_tolerance, p.identifiable) {
-            (true, _) => "at the edge of its tolerance",
-            (false, false) => "not seen by these records",
-            (false, true) => "",
-        };
-        let cells =
-            [p.name.clone(), number(p.declared), short(p.fitted), number(p.std), p.unit.clone(), remark.to_owned()];
+        let cells = [p.name.clone(), number(p.declared), short(p.fitted), number(p.std), p.unit.clone(), p.remark()];
         table = table.row(cells);
     }
     for effect in &outcome.effects {

@@ -11,7 +11,7 @@ use crate::Args;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::inverse::split::Role;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, Sight};
 use crate::page::{short, what_is_left};
 use crate::study::{How, Studied, read_mapped, study};
 use crate::write_rig::fitted;
@@ -67,7 +67,12 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
     let rig = RigFile::load(&args.rig)?;
     let records = records(args, &rig)?;
     let own = How::default();
-    let how = How { jobs: args.jobs.unwrap_or(own.jobs), seed: args.seed, propose: args.propose_experiment.is_some() };
+    let how = How {
+        jobs: args.jobs.unwrap_or(own.jobs),
+        seed: args.seed,
+        propose: args.propose_experiment.is_some(),
+        calibrate: args.calibrate,
+    };
     let studied = study(&rig, &records, how)?;
     Ok((rig, studied))
 }
@@ -179,7 +184,8 @@ fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
     }
     for p in &outcome.parameters {
         let std = p.std.map_or("–".to_owned(), short);
-        println!("  {:32} {:>10} ± {std} {}", p.name, short(p.fitted), p.unit);
+        let remark = if p.sight == Sight::Seen { String::new() } else { format!(" ({})", p.remark()) };
+        println!("  {:32} {:>10} ± {std} {}{remark}", p.name, short(p.fitted), p.unit);
     }
     for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
         let name = format!("{}: {}", effect.id, p.name);

@@ -29,16 +29,19 @@ pub struct Studied {
 pub struct How {
     /// Candidates fitted at a time.
     pub jobs: usize,
-    /// Seed of the split into blocks.
+    /// Seed of the split into blocks, and of simulated machines.
     pub seed: u64,
     /// Whether the next experiment is to be found by simulating what the rig can play.
     pub propose: bool,
+    /// Simulated machines that are searched to tell what is found from chance.
+    pub calibrate: usize,
 }
 
 impl Default for How {
-    /// On all processors, without a proposal.
+    /// On all processors, without a proposal or simulated machines.
     fn default() -> Self {
-        Self { jobs: std::thread::available_parallelism().map_or(1, std::num::NonZero::get), seed: 1, propose: false }
+        let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        Self { jobs, seed: 1, propose: false, calibrate: 0 }
     }
 }
 
@@ -61,8 +64,20 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     })?;
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
-    let stage = how.propose.then(|| Stage::of(rig)).flatten();
-    let options = Options { jobs: how.jobs, seed: how.seed, gear, slave_count_rad, stage };
+    let stage = Stage::of(rig);
+    if how.calibrate > 0 && stage.is_none() {
+        let (kind, unit) = (rig.model.kind.name().to_owned(), axis.unit.symbol());
+        return Err(IdentifyError::NotSimulated { file, kind, unit });
+    }
+    let options = Options {
+        jobs: how.jobs,
+        seed: how.seed,
+        gear,
+        slave_count_rad,
+        stage: stage.filter(|_| how.propose || how.calibrate > 0),
+        propose: how.propose,
+        calibrate: how.calibrate,
+    };
     let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
     let (sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {
@@ -103,4 +118,21 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
     let mut columns = vec![(record::TIME.to_owned(), record.time_s)];
     columns.extend(record.columns);
     Ok(Series { file, columns, role: None, notes })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn machines_are_simulated_of_transmissions_that_turn() {
+        for kind in ["emps", "silverbox", "element"] {
+            let path = format!("{}/../../launch/rigs/{kind}.toml", env!("CARGO_MANIFEST_DIR"));
+            let rig = RigFile::load(path).unwrap();
+            let error = study(&rig, &[], How { calibrate: 19, ..How::default() }).unwrap_err().to_string();
+            assert!(error.contains("--calibrate") && error.contains("leave --calibrate out"), "{error}");
+            assert!(error.contains(rig.file_name()) && error.contains(rig.model.kind.name()), "{error}");
+        }
+    }
 }

@@ -95,7 +95,7 @@ fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyErr
         "rig.toml",
         rig,
         records,
-        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None },
+        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None, propose: false, calibrate: 0 },
     )?;
     // Every outcome must make a page.
     page.render().unwrap();

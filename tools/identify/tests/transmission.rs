@@ -3,9 +3,10 @@
 
 use std::f64::consts::TAU;
 
+use identify::forward::chance::{Drive, chance, redrawn};
 use identify::forward::judge::errors;
 use identify::forward::machine::Machine;
-use identify::forward::record::{Record, rms, share_out};
+use identify::forward::record::{PACE_S, Record, rms, share_out};
 use identify::forward::search::{Found, search};
 use identify::input::Series;
 use identify::inverse::split::Role;
@@ -21,8 +22,9 @@ fn rig() -> RigFile {
     RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
 }
 
-/// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says.
-fn record(turn: usize, effect: Option<&str>, hand: bool) -> Record {
+/// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says, and
+/// something at the motor, slowly and at random, with so many volts.
+fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record {
     let declared = rig().transmission_parameters().unwrap();
     let any::Parameters::Hydrostatic(mut own) = declared else { panic!("a hydrostatic rig") };
     own.motor_torque_per_volt_nm *= 0.9;
@@ -41,6 +43,7 @@ fn record(turn: usize, effect: Option<&str>, hand: bool) -> Record {
         noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
+    let mut push = 0.0;
     let rows = 4000;
     let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::with_capacity(rows));
     for row in 0..rows {
@@ -63,16 +66,17 @@ fn record(turn: usize, effect: Option<&str>, hand: bool) -> Record {
             torque + 4e-3 * random(),
         ];
         columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-        plant.step(Input { motor_v: volts, hand_torque_nm: torque }, STEP_S);
+        push = 0.99 * push + push_v * random();
+        plant.step(Input { motor_v: volts + push, hand_torque_nm: torque }, STEP_S);
     }
     let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
     let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
     let series = Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
-    Record::new(&series, 1.0, &mut Vec::new()).unwrap()
+    Record::new(&series, 1.0, PACE_S, &mut Vec::new()).unwrap()
 }
 
-fn found(effect: Option<&str>) -> (Machine, Found) {
-    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4)).collect();
+fn found(effect: Option<&str>, push_v: f64) -> (Machine, Found) {
+    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect();
     share_out(&mut records, false);
     let mut machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
     let found = search(&mut machine).unwrap();
@@ -86,7 +90,7 @@ fn slave_error(machine: &Machine, found: &Found) -> [f64; 2] {
 
 #[test]
 fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
-    let (machine, found) = found(Some("backlash@slave=0.06"));
+    let (machine, found) = found(Some("backlash@slave=0.06"), 0.0);
     let names: Vec<_> = found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
     assert_eq!(names, [("backlash", "slave")]);
     let gap = found.last().setting.placed[0].value("gap").unwrap();
@@ -98,7 +102,7 @@ fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
 
 #[test]
 fn where_nothing_is_missing_nothing_gets_a_name() {
-    let (machine, found) = found(None);
+    let (machine, found) = found(None, 0.0);
     assert!(
         found.steps.is_empty() && found.nameless.is_none(),
         "{:?}",
@@ -112,9 +116,48 @@ fn where_nothing_is_missing_nothing_gets_a_name() {
     assert!((fitted / 1.62 - 1.0).abs() < 0.03, "{fitted} N·m/V");
 }
 
+const DRIVE: Drive = Drive { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };
+
+#[test]
+fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ_by() {
+    let (machine, found) = found(Some("backlash@slave=0.06"), 0.05);
+    let (redrawn, setting) = redrawn(&machine, &found, DRIVE, 1).unwrap();
+    assert!(setting.placed.is_empty(), "{:?}", setting.placed);
+    for (old, new) in machine.records.iter().zip(&redrawn.records) {
+        let off = rms(old.master.iter().zip(&new.master).map(|(old, new)| old - new));
+        assert!(off > 0.0 && off < 0.2 * rms(old.master.iter().copied()), "{}: {off} rad", old.name);
+        assert_eq!((old.idle, old.role, old.volts.len()), (new.idle, new.role, new.volts.len()));
+    }
+    let all: Vec<usize> = (0..machine.records.len()).collect();
+    let measured = errors(&machine, &all, &found.last().setting).unwrap();
+    let simulated = errors(&redrawn, &all, &setting).unwrap();
+    for ((channel, _, floor), (_, left, _)) in measured.iter().zip(&simulated).take(2) {
+        let ratio = left / floor.unwrap();
+        println!("{channel:?}: {left:.2e} rad, {ratio:.2} of what repeats differ by");
+        assert!((0.6..1.7).contains(&ratio), "{channel:?}: {ratio}");
+    }
+}
+
+#[test]
+fn machines_that_lack_nothing_give_nothing() {
+    let (machine, found) = found(Some("backlash@slave=0.06"), 0.0);
+    let chance = chance(&machine, &found, DRIVE, 2, 1).unwrap();
+    let gain = found.steps[0].added.gain;
+    assert_eq!((chance.machines(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
+    assert!((chance.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
+}
+
+#[test]
+fn an_effect_that_is_taken_back_leaves_the_declared_model() {
+    let (machine, mut found) = found(Some("backlash@slave=0.06"), 0.0);
+    found.without_last(&machine).unwrap();
+    assert!(found.steps.is_empty() && found.effect_knobs.is_empty() && found.last().setting.placed.is_empty());
+    assert!(found.without_last(&machine).is_some(), "nothing to take back is no failure");
+}
+
 #[test]
 fn roles_are_shared_out_among_records_with_a_hand_and_without() {
-    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4)).collect();
+    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
     share_out(&mut records, false);
     assert!(records[..4].iter().all(|record| record.idle) && !records[4].idle);
     let count = |role| records.iter().filter(|record| record.role == role).count();

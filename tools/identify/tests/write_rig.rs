@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::outcome::{
-    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, UnlistedTable, Verdict,
+    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight, UnlistedTable, Verdict,
 };
 use identify::write_rig::{Written, fitted};
 use plant::ParameterSet as _;
@@ -23,6 +23,8 @@ fn parameter(name: &str, declared: Option<f64>, fitted: f64, std: Option<f64>) -
         unit: String::new(),
         identifiable: std.is_some(),
         at_tolerance: false,
+        sight: if std.is_some() { Sight::Seen } else { Sight::Flat },
+        trades_with: None,
     }
 }
 
@@ -41,6 +43,7 @@ fn outcome(verdict: Verdict, parameters: Vec<FittedParameter>, effects: Vec<Foun
         ambiguous_with: Vec::new(),
         remains: false,
         unlisted: None,
+        calibration: None,
         left: Vec::new(),
         error: Default::default(),
         parameters,

@@ -22,8 +22,21 @@ pub struct Free {
     pub low: f64,
     /// Greatest value.
     pub high: f64,
-    /// Whether it is searched by its logarithm.
-    pub logarithmic: bool,
+    /// How it is searched.
+    pub way: Way,
+}
+
+/// How a parameter is searched, and how far aside its slope is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// As it is: the effect's range is wide beside what its size may be.
+    Straight,
+    /// By its logarithm.
+    Logarithmic,
+    /// By its logarithm, as waves in a second: a wave that is a little off is out of step at the end of all records.
+    WavesInTime,
+    /// By its logarithm, as waves in a turn: the same over a movement.
+    WavesInAngle,
 }
 
 /// From where a search begins.
@@ -76,11 +89,19 @@ pub struct Scale {
 }
 
 const fn free(name: &'static str, low: f64, high: f64) -> Free {
-    Free { name, low, high, logarithmic: false }
+    Free { name, low, high, way: Way::Straight }
 }
 
 const fn by_logarithm(name: &'static str, low: f64, high: f64) -> Free {
-    Free { name, low, high, logarithmic: true }
+    Free { name, low, high, way: Way::Logarithmic }
+}
+
+const fn waves_in_time(name: &'static str, low: f64, high: f64) -> Free {
+    Free { name, low, high, way: Way::WavesInTime }
+}
+
+const fn waves_in_angle(name: &'static str, low: f64, high: f64) -> Free {
+    Free { name, low, high, way: Way::WavesInAngle }
 }
 
 /// All effects at all their sites, as far as records of this kind can show them.
@@ -159,7 +180,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             waves("amplitude", 1.0);
             let starts = [1.0, 2.0, 3.0, 5.0].iter().map(|order| wave(&[("amplitude", 0.2), ("order", *order)]));
             // A wave longer than a turn is no wave.
-            (vec![by_logarithm("order", 0.9, 12.0)], starts.collect())
+            (vec![waves_in_angle("order", 0.9, 12.0)], starts.collect())
         }
         "load_dependent_friction" => (vec![free("coefficient", 0.0, 0.9)], sizes("coefficient", &[0.3, 1.0, 2.0])),
         "presliding_hysteresis" => (
@@ -187,7 +208,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             // A low order is a hill beside what position does otherwise, and stands out of nothing.
             let orders = scale.orders.iter().copied().chain([4.0, 5.0, 6.0, 7.0, 8.0]);
             let starts = orders.map(|order| wave(&[("amplitude", 0.5 * size), ("order", order)]));
-            (vec![by_logarithm("order", 3.5, 200.0)], starts.collect())
+            (vec![waves_in_angle("order", 3.5, 200.0)], starts.collect())
         }
         "amplifier_saturation" => (
             vec![free("limit", 0.2 * scale.volts, scale.volts)],
@@ -203,7 +224,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             let lines = &scale.lines_hz[usize::from(site == Site::Slave)];
             waves("amplitude", 10.0 * size);
             let starts = lines.iter().map(|hz| wave(&[("amplitude", 0.3 * size), ("frequency_hz", *hz)]));
-            (vec![by_logarithm("frequency_hz", 0.3, 120.0)], starts.collect())
+            (vec![waves_in_time("frequency_hz", 0.3, 120.0)], starts.collect())
         }
         "encoder_eccentricity" => {
             let starts = [0.0, 1.0].iter().flat_map(|master| {
@@ -220,7 +241,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         "mains_hum" => {
             waves("amplitude", 20.0 * size);
             let starts = scale.hum_hz.iter().map(|hz| wave(&[("amplitude", size), ("frequency_hz", *hz)]));
-            (vec![by_logarithm("frequency_hz", 15.0, 124.0)], starts.collect())
+            (vec![waves_in_time("frequency_hz", 15.0, 124.0)], starts.collect())
         }
         "rectified_sensor" if scale.hand => {
             let parts: &[f64] = if scale.folded { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };

@@ -16,6 +16,8 @@ use super::knob::Knob;
 use super::machine::{Machine, Residual, Setting};
 use crate::inverse::split::Role;
 
+/// A slope below this, as a mean over all weighted rows, is none.
+const UNSEEN: f64 = 1e-6;
 /// Weight of a declared value at the end of its tolerance (1). Neighbouring rows of a residual are not independent: some tens of them
 /// weigh as much as one that is.
 const DECLARED: f64 = 5.0;
@@ -355,6 +357,8 @@ impl View<'_> {
         let slopes = self.slopes(fitted, knobs, &weights)?;
         let rows = Self::stack(&fitted.residuals, &weights);
         let normal = slopes.transpose() * &slopes;
+        let unseen = UNSEEN * UNSEEN * slopes.nrows() as f64;
+        let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
         let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
         let inverse = (normal + ridge).cholesky()?.inverse();
         let mut spread = DMatrix::zeros(knobs.len(), knobs.len());
@@ -375,7 +379,9 @@ impl View<'_> {
             let before = knob.value(&moved);
             knob.close(self.machine, &mut moved, aside);
             let slope = (knob.value(&moved) - before) / (aside - open);
-            covariance[(index, index)].max(0.0).sqrt() * slope.abs()
+            // A number that few blocks see has no spread among them: then it is known no better than if rows were independent.
+            let variance = covariance[(index, index)].max(inverse[(index, index)]);
+            if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY }
         };
         Some(knobs.iter().enumerate().map(by_value).collect())
     }

@@ -8,6 +8,8 @@ use super::record::{Record, repeats, rms};
 
 /// Least gain on the selecting records: fall of the logarithm of the error, summed over channels.
 pub const LEAST_GAIN: f64 = 0.20;
+/// The same of a first effect: beside none there are fewer ways to be wrong.
+pub const LEAST_FIRST: f64 = 0.15;
 /// Least gain over its standard error, by blocks.
 pub const LEAST_T: f64 = 3.0;
 /// Rows of a block (half a second).
@@ -66,7 +68,7 @@ fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
 /// A record that gains or loses less than this share of what all gain by mean stays as it was.
 const UNCHANGED: f64 = 0.1;
 
-/// Judges what a fit does on records that it has not seen, beside what was there before.
+/// Judges what a fit does on records that it has not seen, beside what was there before: as a first effect is judged.
 pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
     let falls = falls(before, after);
     let mut blocks = Vec::new();
@@ -98,7 +100,7 @@ pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Res
         let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
         of.iter().sum::<f64>() / (of.len().max(1) as f64) < -0.03
     });
-    let accepted = gain.min(total) >= LEAST_GAIN && t >= LEAST_T && better > worse && !harmed;
+    let accepted = gain.min(total) >= LEAST_FIRST && t >= LEAST_T && better > worse && !harmed;
     Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
 }
 
@@ -114,7 +116,6 @@ fn all_residuals(machine: &Machine, setting: &Setting) -> Option<Vec<Residual>> 
 
 /// The same of residuals of all records.
 fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Vec<(Channel, f64, Option<f64>)> {
-    let pairs = repeats(&machine.records);
     let mut out = Vec::new();
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         let of = |record: usize| {
@@ -125,18 +126,29 @@ fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Ve
         if rows.is_empty() {
             continue;
         }
-        let mut floors: Vec<f64> = pairs
-            .iter()
-            .filter_map(|(a, b)| {
-                let (a, b) = (of(*a)?, of(*b)?);
-                Some(rms(a.iter().zip(b).map(|(a, b)| a - b)) / std::f64::consts::SQRT_2)
-            })
+        let mut floors: Vec<f64> = repeat_differences(machine, residuals, channel)
+            .into_iter()
+            .map(|difference| rms(difference.into_iter()))
             .collect();
         floors.sort_by(f64::total_cmp);
         let floor = floors.get(floors.len() / 2).copied();
         out.push((channel, rms(rows.into_iter()), floor));
     }
     out
+}
+
+/// By what records that repeat one another differ in a channel, over √2, row by row, for each two of them: what no model can explain. The
+/// residuals are those of all records.
+pub fn repeat_differences(machine: &Machine, residuals: &[Residual], channel: Channel) -> Vec<Vec<f64>> {
+    let of = |record: usize| {
+        let at = machine.channels(record).iter().position(|own| *own == channel)?;
+        Some(&residuals[record].channels[at])
+    };
+    let difference = |(a, b): (usize, usize)| {
+        let (a, b) = (of(a)?, of(b)?);
+        Some(a.iter().zip(b).map(|(a, b)| (a - b) / std::f64::consts::SQRT_2).collect())
+    };
+    repeats(&machine.records).into_iter().filter_map(difference).collect()
 }
 
 /// Repeats that differ by less do not say that a model should leave as little: half of what the rounding to counts leaves, a share of the

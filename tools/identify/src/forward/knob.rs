@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::catalogue::Candidate;
+use super::catalogue::{Candidate, Way};
 use super::machine::{Machine, Setting};
 use super::record::Record;
 
@@ -17,11 +17,7 @@ const ASIDE_OF_VALUE: f64 = 0.04;
 /// Greatest value of a function's node, in units of a first try: far beyond what any has.
 pub const MOST_UNITS: f64 = 40.0;
 
-/// A number that counts over all records: a wave that is a little off is out of step at their end.
-const FREQUENCY: &str = "frequency_hz";
-/// Waves to a turn.
-const ORDER: &str = "order";
-/// Part of a turn by which its slope is taken.
+/// Part of a turn by which the slope of a wave's length is taken.
 const OUT_OF_STEP: f64 = 0.03;
 
 /// One number of a setting that a fit moves.
@@ -39,8 +35,8 @@ pub enum Knob {
         low: f64,
         /// Greatest value.
         high: f64,
-        /// Whether it is searched by its logarithm.
-        logarithmic: bool,
+        /// How it is searched.
+        way: Way,
     },
     /// Cosine (0) or sine (1) part of an effect with amplitude and phase.
     Wave {
@@ -69,7 +65,7 @@ pub fn knobs_of(candidate: &Candidate, placed: usize) -> Vec<Knob> {
         name: free.name,
         low: free.low,
         high: free.high,
-        logarithmic: free.logarithmic,
+        way: free.way,
     });
     let waves = candidate
         .wave
@@ -90,7 +86,7 @@ impl Knob {
                 let parameter = &machine.base[*index];
                 (parameter.low, parameter.high, parameter.logarithmic)
             }
-            Self::Effect { low, high, logarithmic, .. } => (*low, *high, *logarithmic),
+            Self::Effect { low, high, way, .. } => (*low, *high, *way != Way::Straight),
             Self::Wave { most, .. } | Self::Node { most, .. } => (-most, *most, false),
         }
     }
@@ -179,16 +175,16 @@ impl Knob {
             Self::Wave { .. } => 4e-3,
             Self::Node { .. } => 0.5 / MOST_UNITS,
             // So far that the wave comes out of step by a small part of a turn between the first record and the last.
-            Self::Effect { name: FREQUENCY, low, high, .. } => {
+            Self::Effect { way: Way::WavesInTime, low, high, .. } => {
                 let turn_hz = 1.0 / machine.records.iter().map(Record::end_s).fold(1.0, f64::max);
                 2.0 * (OUT_OF_STEP * turn_hz / self.value(setting).max(*low)) / (high / low).ln()
             }
             // The same over a movement of a radian.
-            Self::Effect { name: ORDER, low, high, logarithmic: true, .. } => {
+            Self::Effect { way: Way::WavesInAngle, low, high, .. } => {
                 (2.0 * (OUT_OF_STEP * TAU / self.value(setting).max(*low)) / (high / low).ln()).min(ASIDE)
             }
             // An effect's range is wide beside what its size may be.
-            Self::Effect { low, high, logarithmic: false, .. } => {
+            Self::Effect { way: Way::Straight, low, high, .. } => {
                 (ASIDE_OF_VALUE * self.value(setting).abs() / (0.5 * (high - low))).clamp(1e-4, ASIDE)
             }
             _ => ASIDE,

@@ -26,7 +26,7 @@ pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
 const LOST_RAD: f64 = 1e3;
 /// Bandwidth of the observer (rad/s). Less would show slow effects with more contrast, and gives a model with stick-slip two ways to go from
 /// the same place: fits then end where they began.
-const OBSERVER_RAD_S: f64 = 150.0;
+pub const OBSERVER_RAD_S: f64 = 150.0;
 /// Damping of the observer, as a factor on its bandwidth.
 const OBSERVER_DAMPING: f64 = 1.4;
 
@@ -185,6 +185,17 @@ impl Machine {
     /// The setting from which fits begin.
     pub fn start(&self) -> Setting {
         Setting { base: self.base.iter().map(|parameter| parameter.start).collect(), ..Setting::default() }
+    }
+
+    /// The model as it is declared, without effects; what no file declares as the model has it by itself.
+    pub fn as_declared(&self) -> Setting {
+        let of = |parameter: &BaseParameter| match &self.declared {
+            any::Parameters::Hydrostatic(own) => own.get(&parameter.name),
+            any::Parameters::Cable(own) => own.get(&parameter.name),
+        };
+        let base =
+            self.base.iter().map(|parameter| parameter.declared.or_else(|| of(parameter)).unwrap_or(parameter.start));
+        Setting { base: base.collect(), ..Setting::default() }
     }
 
     /// Records of a role.

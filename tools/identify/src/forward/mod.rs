@@ -14,14 +14,18 @@
 //! - [`screen`]: which of them point along the residual, by score, the declared parameters projected out;
 //! - [`generic`]: torques as functions of one variable that have no name: what shows that something unlisted is missing;
 //! - [`judge`]: how a model does on records that its fit has not seen, beside what repeats of a movement differ by;
+//! - [`sight`]: what the records show of each declared parameter;
 //! - [`unnamed`]: where functions without a name are tried, and how each does;
 //! - [`folded`]: which sign a torque had whose sensor shows both as one;
 //! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
+//! - [`refit`]: the whole model fitted, and again once an effect is in it;
 //! - [`prune`]: effects that later ones, or a single other one, made needless;
 //! - [`round`]: one round of it: candidates fitted, first briefly, then as far as it is worth it;
-//! - [`search`]: all of it, round by round, to a verdict.
+//! - [`search`]: all of it, round by round, to a verdict;
+//! - [`chance`]: how often machines that lack nothing give as much.
 
 pub mod catalogue;
+pub mod chance;
 pub mod fit;
 pub mod folded;
 pub mod generic;
@@ -30,8 +34,10 @@ pub mod knob;
 pub mod machine;
 pub mod prune;
 pub mod record;
+pub mod refit;
 pub mod round;
 pub mod screen;
 pub mod search;
 pub mod sensor;
+pub mod sight;
 pub mod unnamed;

@@ -3,7 +3,7 @@
 use plant::effects::Site;
 
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_GAIN, judge};
+use super::judge::{Judged, LEAST_FIRST, LEAST_GAIN, judge};
 use super::knob::Knob;
 use super::machine::{Residual, Setting};
 use super::round::Tried;
@@ -47,7 +47,7 @@ impl Other {
     /// `None` where it did too little.
     pub fn of(tried: &Tried) -> Option<Self> {
         let knobs = tried.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
-        (tried.judged.gain >= LEAST_GAIN).then(|| Self { setting: tried.fitted.setting.clone(), knobs })
+        (tried.judged.gain >= LEAST_FIRST).then(|| Self { setting: tried.fitted.setting.clone(), knobs })
     }
 }
 
@@ -106,6 +106,11 @@ pub fn effect_count(knobs: &[Knob]) -> usize {
 fn the_same(one: (&str, Site), other: (&str, Site)) -> bool {
     let late = |(id, site): (&str, Site)| id == "transport_delay" && matches!(site, Site::Drive | Site::Sensor);
     late(one) && late(other)
+}
+
+/// Where an effect does the same to every record.
+pub fn twin((id, site): (&str, Site)) -> Option<Site> {
+    [Site::Drive, Site::Sensor].into_iter().find(|other| *other != site && the_same((id, site), (id, *other)))
 }
 
 /// Those of some models, at most two, that the selecting records cannot tell from one with `count` parameters that leaves `selected`, `meant` by name: of models

@@ -3,7 +3,7 @@
 
 use super::catalogue::Candidate;
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_GAIN, at_floor, judge};
+use super::judge::{Judged, LEAST_FIRST, LEAST_GAIN, at_floor, judge};
 use super::knob::{Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
 use super::screen::{Projection, Scored};
@@ -17,10 +17,15 @@ const FINISHED: usize = 3;
 const AFRESH: usize = 3;
 /// Candidates that are fitted because of how they look from the declared values.
 const FROM_DECLARED: usize = 5;
+/// Effects that a fit reaches from some of their starts only, whatever the slopes say, and the rounds that show which: friction that falls
+/// with speed, beside a declared law that falls too.
+const FROM_ALL_STARTS: [&str; 1] = ["stribeck_friction"];
+/// See there.
+const TO_SHOW: usize = 4;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
 /// A gain so small does not pass whatever a closer fit gives.
-const HOPELESS: f64 = 0.5 * LEAST_GAIN;
+const HOPELESS: f64 = 0.5 * LEAST_FIRST;
 /// Steps of a candidate before it is finished or dropped.
 const QUICK_STEPS: usize = 2;
 /// Rounds of a fit that is to end where it ends.
@@ -71,6 +76,7 @@ impl Round<'_> {
         let Some(nearest) = nearest else { return Some(tried) };
         if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting)? {
             self.look_from_declared(&mut tried, &chosen)?;
+            self.look_from_all_starts(&mut tried);
             chosen = foremost(&tried);
         }
         // Those that are far behind by now do not come first whatever a closer fit gives.
@@ -94,7 +100,8 @@ impl Round<'_> {
     fn judged(&self, candidate: usize, knobs: Vec<Knob>, fitted: Fitted) -> Option<Tried> {
         let selected = self.select.residuals(&fitted.setting)?;
         let of = &self.candidates[candidate];
-        let judged = judge((of.id, of.site), self.before, &selected);
+        let mut judged = judge((of.id, of.site), self.before, &selected);
+        judged.accepted &= self.now.setting.placed.is_empty() || judged.gain >= LEAST_GAIN;
         Some(Tried { candidate, knobs, fitted, judged })
     }
 
@@ -146,6 +153,17 @@ impl Round<'_> {
             better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
         }
         Some(())
+    }
+
+    /// Fits that do not follow from how a candidate looks at its start.
+    fn look_from_all_starts(&self, tried: &mut Vec<Tried>) {
+        for (candidate, of) in self.candidates.iter().enumerate().filter(|(_, of)| FROM_ALL_STARTS.contains(&of.id)) {
+            for start in &of.starts {
+                let mut with = self.now.setting.clone();
+                with.placed.push(start.placed.clone());
+                better_of(tried, self.fitted(candidate, &with, TO_SHOW));
+            }
+        }
     }
 
     /// What the best has found may act at another site.

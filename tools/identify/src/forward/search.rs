@@ -1,15 +1,15 @@
 //! From records to what the model lacks, round by round: fit, screen, refit the best, judge them on records that took no part.
 
-use nalgebra::DMatrix;
 use plant::effects::Site;
 
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, View};
 use super::folded::{folded, unfold};
-use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
+use super::judge::{Judged, LEAST_GAIN, above_floor, judge};
 use super::knob::Knob;
-use super::machine::{Machine, SMOOTHING, SMOOTHING_STARTS, Setting};
-use super::prune::{Other, alone, effect_count, needless, rivals};
+use super::machine::Machine;
+use super::prune::{Other, alone, effect_count, needless, rivals, twin};
+use super::refit::{fit_base, refit};
 use super::round::{Round, Tried, winner};
 use super::screen::scale;
 use super::unnamed::{Nameless, functions};
@@ -23,15 +23,10 @@ const MOST_EFFECTS: usize = 3;
 const MOST_ROUNDS: usize = 5;
 /// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
 const A_RIVAL: f64 = 0.25;
-/// Times that a model with an effect is fitted afresh as long as it ends above what repeats differ by, and what of its objective, for every
-/// row, it must gain to be worth another.
-const REFITS: usize = 3;
-/// See there.
-const LEAST_REFIT: f64 = 0.01;
-/// A declared parameter that changes the residual by less than this share over its whole tolerance is not seen.
-const SEEN: f64 = 0.002;
-/// Most declared parameters that a fit moves.
-const MOST_PARAMETERS: usize = 30;
+/// Rounds of the fit of an effect in another's place.
+const AS_A_TWIN: usize = 3;
+/// Rounds of the fit that follows when an effect is taken back.
+const AFTER_TAKING_BACK: usize = 4;
 
 /// An effect that was added.
 #[derive(Clone, Debug)]
@@ -49,7 +44,9 @@ pub struct Step {
 pub struct Found {
     /// The declared model, fitted within its tolerances.
     pub base: Fitted,
-    /// What of it the fits moved.
+    /// What of it its own fit moved.
+    pub base_knobs: Vec<Knob>,
+    /// What of it the last fit moved.
     pub knobs: Vec<Knob>,
     /// Effects in the order in which they were added.
     pub steps: Vec<Step>,
@@ -70,90 +67,36 @@ pub struct Found {
 impl Found {
     /// The model with all effects; with a function without a name where there is no name to be had.
     pub fn last(&self) -> &Fitted {
-        let unnamed = self.nameless.as_ref().filter(|_| self.inadequate).map(|nameless| &nameless.fitted);
+        let unnamed = self.unnamed().map(|nameless| &nameless.fitted);
         self.steps.last().map(|step| &step.fitted).or(unnamed).unwrap_or(&self.base)
     }
-}
 
-/// The declared parameters that records show, the clearest first: each by what it changes beside those before it.
-fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
-    let all: Vec<Knob> = (0..view.machine.base.len()).map(Knob::Base).collect();
-    let weights = View::weights(&fitted.residuals);
-    let mut slopes: DMatrix<f64> = view.slopes(fitted, &all, &weights)?;
-    let least = SEEN * (slopes.nrows() as f64).sqrt();
-    let mut chosen = Vec::new();
-    while chosen.len() < MOST_PARAMETERS {
-        let norms: Vec<f64> = slopes.column_iter().map(|column| column.norm()).collect();
-        let Some((index, norm)) = norms.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-        if norm < least || norm.is_nan() {
-            break;
-        }
-        let direction = slopes.column(index) / norm;
-        let along = slopes.transpose() * &direction;
-        slopes -= direction * along.transpose();
-        slopes.column_mut(index).fill(0.0);
-        chosen.push(all[index].clone());
+    /// The function without a name, where there is no name to be had.
+    pub fn unnamed(&self) -> Option<&Nameless> {
+        self.nameless.as_ref().filter(|_| self.inadequate)
     }
-    Some(chosen)
-}
 
-/// The declared model, fitted within its tolerances; and what of it they show.
-fn fit_base(fit: &View<'_>) -> Option<(Fitted, Vec<Knob>)> {
-    let machine = fit.machine;
-    let smoothing = machine.base.iter().position(|parameter| parameter.name == SMOOTHING);
-    let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
-        let mut start = machine.start();
-        if let Some(index) = smoothing {
-            start.base[index] = *speed;
+    /// Takes the last effect back, and fits what is left; what was said beside it goes too. `None` where that cannot be simulated.
+    pub fn without_last(&mut self, machine: &Machine) -> Option<()> {
+        let Some(step) = self.steps.pop() else { return Some(()) };
+        let at = step.fitted.setting.placed.len().saturating_sub(1);
+        self.effect_knobs = self.effect_knobs.iter().filter_map(|knob| knob.without(at)).collect();
+        (self.generic, self.nameless) = (Vec::new(), None);
+        if self.steps.is_empty() {
+            self.knobs.clone_from(&self.base_knobs);
         }
-        let fitted = fit.evaluate(start)?;
-        let knobs = seen(fit, &fitted)?;
-        fit.fit(&fitted.setting, &knobs, 3)
-    });
-    let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    // What is left is smaller now, and shows more.
-    let knobs = seen(fit, &best)?;
-    let fitted = fit.fit(&best.setting, &knobs, 6)?;
-    Some((fitted, knobs))
-}
-
-/// All of a model fitted again once an effect is in it, by what the records show now that less is left; and the knobs of that.
-fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) -> Option<(Fitted, Vec<Knob>)> {
-    let machine = fit.machine;
-    let own: Vec<Knob> = winner.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
-    let shown = |fitted: &Fitted| Some([seen(fit, fitted)?, own.clone()].concat());
-    let mut knobs = shown(&winner.fitted)?;
-    let mut now = fit.fit(&winner.fitted.setting, &knobs, 6)?;
-    for pass in 0..REFITS {
-        if at_floor(machine, &select.records, &now.setting)? {
-            break;
+        if let Some(last) = self.steps.last_mut() {
+            let mut setting = step.fitted.setting;
+            setting.placed.truncate(at);
+            let knobs: Vec<Knob> = self.knobs.iter().chain(&self.effect_knobs).cloned().collect();
+            last.fitted = View::of(machine, Role::Fit).fit(&setting, &knobs, AFTER_TAKING_BACK)?;
         }
-        // What is left is smaller now, and shows more.
-        knobs = shown(&now)?;
-        // A fit that has gone astray looks exactly like a missing effect: from the declared values it may find its way back.
-        let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
-        let before = now.objective;
-        let mut starts = vec![now.setting.clone(), fresh.clone()];
-        if of.sizes > 1 && pass == 0 {
-            // Several numbers that grow together have many ways to go wrong.
-            starts.extend([&fresh, &now.setting].into_iter().flat_map(|from| {
-                of.starts.iter().filter_map(|start| {
-                    let mut setting = from.clone();
-                    setting.placed.last_mut()?.values.clone_from(&start.placed.values);
-                    Some(setting)
-                })
-            }));
-        }
-        let again = starts.iter().map(|start| fit.fit(start, &knobs, 4));
-        now = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-        if before - now.objective < LEAST_REFIT * now.rows() as f64 {
-            break;
-        }
+        Some(())
     }
-    Some((now, knobs))
 }
 
-/// The whole search; which sign a torque had, where the sensor does not tell, is left in the records. `None` where not even the declared model can be simulated along the records.
+/// The whole search; which sign a torque had, where the sensor does not tell, is left in the records. `None` where not even the declared
+/// model can be simulated along the records.
 pub fn search(machine: &mut Machine) -> Option<Found> {
     let hands = folded(machine);
     if !hands.is_empty() {
@@ -163,100 +106,172 @@ pub fn search(machine: &mut Machine) -> Option<Found> {
             unfold(machine, hands, &base.setting)?;
         }
     }
-    let machine = &*machine;
-    let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
-    let (base, base_knobs) = fit_base(&fit)?;
-    let (mut now, mut knobs) = (base.clone(), base_knobs.clone());
-    let (mut steps, mut rounds, mut given_up) = (Vec::<Step>::new(), Vec::new(), Vec::new());
-    let mut others = Vec::new();
-    while steps.len() < MOST_EFFECTS && rounds.len() < MOST_ROUNDS {
+    let mut search = Search::begin(machine)?;
+    while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add()? {
+        search.give_up_needless();
+        search.hold_against_others()?;
+    }
+    search.conclude()
+}
+
+/// A search under way.
+struct Search<'a> {
+    fit: View<'a>,
+    select: View<'a>,
+    base: Fitted,
+    base_knobs: Vec<Knob>,
+    /// The model so far, and what its fit moved.
+    now: Fitted,
+    knobs: Vec<Knob>,
+    steps: Vec<Step>,
+    rounds: Vec<Vec<Judged>>,
+    given_up: Vec<(&'static str, Site)>,
+    /// What else did well in the first round.
+    others: Vec<Other>,
+}
+
+impl<'a> Search<'a> {
+    fn begin(machine: &'a Machine) -> Option<Self> {
+        let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
+        let (base, base_knobs) = fit_base(&fit)?;
+        let (now, knobs) = (base.clone(), base_knobs.clone());
+        let (steps, rounds, given_up, others) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Some(Self { fit, select, base, base_knobs, now, knobs, steps, rounds, given_up, others })
+    }
+}
+
+impl Search<'_> {
+    const fn views(&self) -> (&View<'_>, &View<'_>) {
+        (&self.fit, &self.select)
+    }
+
+    /// One round: the best candidate that passes comes in, and all is fitted again. Whether there was one.
+    fn add(&mut self) -> Option<bool> {
+        let (fit, select, now) = (&self.fit, &self.select, &self.now);
         let before = select.residuals(&now.setting)?;
-        let listed: Vec<Candidate> = candidates(&scale(&fit, &now))
+        let listed: Vec<Candidate> = candidates(&scale(fit, now))
             .into_iter()
             .filter(|candidate| {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let round =
-            Round { fit: &fit, select: &select, now: &now, knobs: &knobs, before: &before, candidates: &listed };
+        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
         let tried = round.run()?;
-        rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
-        let Some(winner) = winner(&tried) else { break };
-        steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
-        if rounds.len() == 1 {
-            others = tried
-                .iter()
-                .filter(|other| {
-                    other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain
-                })
-                .filter_map(Other::of)
-                .collect();
+        self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
+        let Some(winner) = winner(&tried) else { return Some(false) };
+        self.steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
+        if self.rounds.len() == 1 {
+            let is_rival = |other: &&Tried| {
+                other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain
+            };
+            self.others = tried.iter().filter(is_rival).filter_map(Other::of).collect();
         }
-        (now, knobs) = refit((&fit, &select), winner, &listed[winner.candidate])?;
-        let several = steps.len() > 1;
-        while let Some((at, fitted, left)) = needless((&fit, &select), &now, &knobs) {
-            let step = steps.remove(at);
-            given_up.push((step.added.id, step.added.site));
-            (now, knobs) = (fitted, left);
+        (self.now, self.knobs) = refit((fit, select), winner, &listed[winner.candidate])?;
+        Some(true)
+    }
+
+    /// Gives up what the newest effect made needless.
+    fn give_up_needless(&mut self) {
+        while let Some((at, fitted, left)) = needless(self.views(), &self.now, &self.knobs) {
+            let step = self.steps.remove(at);
+            self.given_up.push((step.added.id, step.added.site));
+            (self.now, self.knobs) = (fitted, left);
         }
-        let alone = alone((&fit, &select), &now, &knobs, &others)?;
-        let enough = if steps.len() > 1 { LEAST_GAIN } else { -BETTER };
+    }
+
+    /// Tries the first round's others alone: one of them takes the place of all that is there where it does as well, and those that the
+    /// records cannot tell from a single effect are its rivals.
+    fn hold_against_others(&mut self) -> Option<()> {
+        let alone = alone(self.views(), &self.now, &self.knobs, &self.others)?;
+        let enough = if self.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
         match &alone[..] {
             // One does as well as several, or better than the one that was best before all was fitted again.
             [best, rest @ ..] if best.beside.gain < enough => {
-                given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
-                (now, knobs) = (best.fitted.clone(), best.knobs.clone());
-                let added = judge_against(&select, &base, &now)?;
-                let meant = (added.id, added.site);
-                let rivals = rivals(meant, &best.selected, effect_count(&best.knobs), rest.iter());
-                steps.push(Step { added, rivals, fitted: now.clone() });
+                self.give_up_all();
+                (self.now, self.knobs) = (best.fitted.clone(), best.knobs.clone());
+                let added = self.beside_declared()?;
+                let rivals = rivals((added.id, added.site), &best.selected, effect_count(&best.knobs), rest.iter());
+                self.steps.push(Step { added, rivals, fitted: self.now.clone() });
             }
             all => {
-                if let [only] = &mut steps[..] {
+                if let [only] = &mut self.steps[..] {
                     let meant = (only.added.id, only.added.site);
-                    only.rivals = rivals(meant, &select.residuals(&now.setting)?, effect_count(&knobs), all.iter());
+                    let selected = self.select.residuals(&self.now.setting)?;
+                    only.rivals = rivals(meant, &selected, effect_count(&self.knobs), all.iter());
                 }
             }
         }
-        if let Some(step) = steps.last_mut() {
-            step.fitted = now.clone();
+        if let Some(step) = self.steps.last_mut() {
+            step.fitted = self.now.clone();
         }
-        if let ([only], true) = (&mut steps[..], several) {
-            only.added = judge_against(&select, &base, &now)?;
+        if self.steps.len() == 1 && self.rounds.len() > 1 {
+            // It may have come in beside another one.
+            self.steps[0].added = self.beside_declared()?;
         }
+        Some(())
     }
-    let above = above_floor(machine, &select.records, &now.setting)?;
-    let views = (&fit, &select);
-    let at_floor = above.is_some_and(|above| above.at_floor());
-    let mut inadequate = above.is_some_and(|above| above.inadequate());
-    // Names that leave so much are wrong, and would bend a function.
-    let mut unnamed = if inadequate { Some(functions(views, (&base, &base_knobs), true)?) } else { None };
-    // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
-    if !inadequate && !at_floor && !steps.is_empty() {
-        let (generic, best) = functions(views, (&base, &base_knobs), false)?;
-        if let Some(best) = best.filter(|best| best.judged.accepted) {
-            let with_names = select.residuals(&now.setting)?;
-            let of = (best.judged.id, best.judged.site);
-            if judge(of, &with_names, &select.residuals(&best.fitted.setting)?).gain >= LEAST_GAIN {
-                (inadequate, unnamed) = (true, Some((generic, Some(best))));
+
+    /// Names beside each effect that has no rival the one that does the same elsewhere, where a model with that is as good.
+    fn name_twins(&mut self) -> Option<()> {
+        let with = self.select.residuals(&self.now.setting)?;
+        for at in 0..self.steps.len() {
+            let id = self.steps[at].added.id;
+            let Some(site) = twin((id, self.steps[at].added.site)) else { continue };
+            let there = self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
+            if there || !self.steps[at].rivals.is_empty() {
+                continue;
+            }
+            let mut setting = self.now.setting.clone();
+            setting.placed[at].site = site;
+            let Some(fitted) = self.fit.fit(&setting, &self.knobs, AS_A_TWIN) else { continue };
+            if judge((id, site), &self.select.residuals(&fitted.setting)?, &with).gain < LEAST_GAIN {
+                self.steps[at].rivals.push((id, site));
             }
         }
+        Some(())
     }
-    let (generic, nameless) = match unnamed {
-        Some(unnamed) => unnamed,
-        None if at_floor => (Vec::new(), None),
-        None => functions(views, (&now, &knobs), false)?,
-    };
-    if inadequate {
-        given_up.extend(steps.drain(..).map(|step| (step.added.id, step.added.site)));
-        knobs = base_knobs;
-    }
-    let (knobs, effect_knobs) = knobs.into_iter().partition(Knob::is_base);
-    Some(Found { base, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate })
-}
 
-/// How a model with a single effect does beside the declared one.
-fn judge_against(select: &View<'_>, base: &Fitted, now: &Fitted) -> Option<Judged> {
-    let only = now.setting.placed.first()?;
-    Some(judge((only.id, only.site), &select.residuals(&base.setting)?, &select.residuals(&now.setting)?))
+    fn give_up_all(&mut self) {
+        self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
+    }
+
+    /// How a model with a single effect does beside the declared one.
+    fn beside_declared(&self) -> Option<Judged> {
+        let only = self.now.setting.placed.first()?;
+        let [before, after] = [&self.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
+        Some(judge((only.id, only.site), &before?, &after?))
+    }
+
+    /// Whether there is a name to be had, and what is left.
+    fn conclude(mut self) -> Option<Found> {
+        self.name_twins()?;
+        let above = above_floor(self.fit.machine, &self.select.records, &self.now.setting)?;
+        let at_floor = above.is_some_and(|above| above.at_floor());
+        let mut inadequate = above.is_some_and(|above| above.inadequate());
+        let declared = (&self.base, &self.base_knobs[..]);
+        // Names that leave so much are wrong, and would bend a function.
+        let mut unnamed = if inadequate { Some(functions(self.views(), declared, true)?) } else { None };
+        // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
+        if !inadequate && !at_floor && !self.steps.is_empty() {
+            let (generic, best) = functions(self.views(), declared, false)?;
+            if let Some(best) = best.filter(|best| best.judged.accepted) {
+                let [named, nameless] = [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
+                if judge((best.judged.id, best.judged.site), &named?, &nameless?).gain >= LEAST_GAIN {
+                    (inadequate, unnamed) = (true, Some((generic, Some(best))));
+                }
+            }
+        }
+        let (generic, nameless) = match unnamed {
+            Some(unnamed) => unnamed,
+            None if at_floor => (Vec::new(), None),
+            None => functions(self.views(), (&self.now, &self.knobs), false)?,
+        };
+        if inadequate {
+            self.give_up_all();
+            self.knobs.clone_from(&self.base_knobs);
+        }
+        let (knobs, effect_knobs) = self.knobs.into_iter().partition(Knob::is_base);
+        let Self { base, base_knobs, steps, rounds, given_up, .. } = self;
+        Some(Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate })
+    }
 }

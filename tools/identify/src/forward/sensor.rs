@@ -40,6 +40,24 @@ pub fn beside(record: &Record, variable: Variable, row: usize) -> f64 {
     }
 }
 
+/// What the cell shows of a torque, with its effects, at a row of a record.
+pub fn shown(record: &Record, effects: &mut [Box<dyn Effect>], row: usize, hand_nm: f64) -> f64 {
+    let mut reading = Reading {
+        motor_v: record.volts[row],
+        master_rad: record.master[row],
+        slave_rad: record.slave.as_ref().map_or(0.0, |slave| slave[row]),
+        slave_torque_nm: hand_nm,
+    };
+    let moment = Moment {
+        time_s: record.start_s + row as f64 * record.step_s,
+        master_position_rad: reading.master_rad,
+        slave_position_rad: reading.slave_rad,
+        ..Moment::default()
+    };
+    effects.iter_mut().for_each(|effect| effect.sense(&mut reading, &moment));
+    reading.slave_torque_nm
+}
+
 /// The hand's torque on the slave, row by row: what was measured with the sensor's effects taken back. Where nobody is at the handle it
 /// is 0, and what the channel shows beyond that is returned too.
 pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[Table]) -> (Vec<f64>, Option<Vec<f64>>) {
@@ -54,23 +72,7 @@ pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[T
     if effects.is_empty() {
         return if record.idle { (vec![0.0; rows], Some(torque)) } else { (torque, None) };
     }
-    let mut shown = |row: usize, hand_nm: f64| {
-        let mut reading = Reading {
-            motor_v: record.volts[row],
-            master_rad: record.master[row],
-            slave_rad: record.slave.as_ref().map_or(0.0, |slave| slave[row]),
-            slave_torque_nm: hand_nm,
-        };
-        let time_s = record.start_s + row as f64 * record.step_s;
-        let moment = Moment {
-            time_s,
-            master_position_rad: reading.master_rad,
-            slave_position_rad: reading.slave_rad,
-            ..Moment::default()
-        };
-        effects.iter_mut().for_each(|effect| effect.sense(&mut reading, &moment));
-        reading.slave_torque_nm
-    };
+    let mut shown = |row: usize, hand_nm: f64| shown(record, effects, row, hand_nm);
     if record.idle {
         let left = (0..rows).map(|row| torque[row] - shown(row, 0.0)).collect();
         return (vec![0.0; rows], Some(left));

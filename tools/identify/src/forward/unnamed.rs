@@ -1,6 +1,5 @@
 //! Functions of one variable that stand for what has no name: where they are tried, and how each does.
 
-use plant::any;
 use plant::effects::Site;
 use rayon::prelude::*;
 
@@ -30,6 +29,8 @@ pub struct Nameless {
     pub table: Table,
     /// The model with it.
     pub fitted: Fitted,
+    /// What its fit moved, its own nodes last.
+    pub knobs: Vec<Knob>,
 }
 
 /// Between which all but a hundredth of some values lie.
@@ -67,15 +68,9 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
         }
     }
     let (low, high) = ends(values);
-    let constants = match &machine.declared {
-        any::Parameters::Hydrostatic(own) => {
-            (own.motor_torque_per_volt_nm, own.master_displacement_m_per_rad(), own.line_stiffness_n_per_m())
-        }
-        any::Parameters::Cable(own) => {
-            (own.motor_torque_per_volt_nm, own.master_pulley_radius_m, own.line_stiffness_n_per_m())
-        }
-    };
-    let (per_volt, displacement, stiffness) = constants;
+    let declared = &machine.declared;
+    let per_volt = declared.motor_torque_per_volt_nm();
+    let (displacement, stiffness) = (declared.master_displacement_m_per_rad(), declared.line_stiffness_n_per_m());
     // The line carries at most what the motor gives, and half of it a line; its ends stand off by that over their stiffness.
     let factor = match (site, variable) {
         (Site::Line, Variable::Velocity) => displacement,
@@ -150,8 +145,9 @@ pub fn functions(
             let free: Vec<Knob> = knobs.iter().cloned().chain(nodes).collect();
             let fitted = fit.fit(&start, &free, ROUNDS)?;
             let table = fitted.setting.tables.last()?.clone();
-            let judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);
-            Some(Nameless { judged, table, fitted })
+            let mut judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);
+            judged.accepted &= judged.gain >= LEAST_UNNAMED;
+            Some(Nameless { judged, table, fitted, knobs: free })
         })
         .collect();
     tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
@@ -159,7 +155,7 @@ pub fn functions(
     // Where nothing else is left to say, what explains a part of it is said though it does not pass.
     let enough = |tried: &Nameless| match must_be {
         true => tried.judged.gain >= LEAST_HINT,
-        false => tried.judged.accepted && tried.judged.gain >= LEAST_UNNAMED,
+        false => tried.judged.accepted,
     };
     Some((judged, tried.into_iter().find(enough)))
 }

@@ -11,8 +11,8 @@ use crate::inverse::model::{Column, Fitted, Machine, Structure};
 use crate::inverse::search::{Candidate, Found, Sited, Tried, of};
 use crate::inverse::split::{Block, Role};
 use crate::outcome::{
-    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, Outcome, Roles, StepError,
-    UnlistedTable, Verdict,
+    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, Outcome, Roles, Sight,
+    StepError, UnlistedTable, Verdict,
 };
 use crate::page;
 
@@ -34,6 +34,7 @@ fn outcome(study: &Study) -> Outcome {
     let (before, force) = error(&study.machine, &found.base, &report);
     let (after, _) = error(&study.machine, found.last(), &report);
     let channel = ChannelError {
+        declared: None,
         before,
         after,
         floor: None,
@@ -57,6 +58,7 @@ fn outcome(study: &Study) -> Outcome {
         ambiguous_with: rivals.iter().map(named).collect(),
         remains,
         unlisted: unlisted(&study.machine, found),
+        calibration: None,
         left: left(study),
         error: [(study.channel.to_owned(), channel)].into(),
         parameters: declared,
@@ -145,6 +147,15 @@ fn lifted(machine: &Machine, fitted: &Fitted, which: Declared) -> (f64, f64) {
     at.map_or((0.0, 0.0), |i| (fitted.fit.coefficients[i] - machine.parameters[i].declared, fitted.std[i]))
 }
 
+/// A force is a sum of few terms here: what is not seen is flat.
+const fn sight(identifiable: bool, at_tolerance: bool) -> Sight {
+    match (at_tolerance, identifiable) {
+        (true, _) => Sight::AtBound,
+        (false, true) => Sight::Seen,
+        (false, false) => Sight::Flat,
+    }
+}
+
 /// Declared parameters, as fitted.
 pub(super) fn parameters(machine: &Machine, structure: &Structure<'_>, last: &Fitted) -> Vec<FittedParameter> {
     let mut out: Vec<FittedParameter> = machine
@@ -153,29 +164,35 @@ pub(super) fn parameters(machine: &Machine, structure: &Structure<'_>, last: &Fi
         .enumerate()
         .map(|(i, p)| {
             let at_tolerance = last.fit.at_bound[i];
+            // The records must say more than the declaration did.
+            let identifiable = !at_tolerance && last.std[i] < p.spread;
             FittedParameter {
                 name: p.name.clone(),
                 declared: Some(p.declared),
                 fitted: last.fit.coefficients[i],
                 std: (!at_tolerance).then_some(last.std[i]),
                 unit: p.unit.to_owned(),
-                // The records must say more than the declaration did.
-                identifiable: !at_tolerance && last.std[i] < p.spread,
+                identifiable,
                 at_tolerance,
+                sight: sight(identifiable, at_tolerance),
+                trades_with: None,
             }
         })
         .collect();
     let shapes = machine.shapes(structure);
     if let Some(smoothing) = shapes.first().filter(|s| s.points > 1) {
         let fitted = last.shapes[0];
+        let identifiable = fitted > 1.05 * smoothing.low && fitted < 0.95 * smoothing.high;
         out.push(FittedParameter {
             name: smoothing.name.clone(),
             declared: None,
             fitted,
             std: None,
             unit: smoothing.unit.clone(),
-            identifiable: fitted > 1.05 * smoothing.low && fitted < 0.95 * smoothing.high,
+            identifiable,
             at_tolerance: false,
+            sight: sight(identifiable, false),
+            trades_with: None,
         });
     }
     out

@@ -1,5 +1,6 @@
 //! One file per kind of model, and one line in [`ALL`].
 
+mod calibrate;
 mod drive;
 mod element;
 mod inverse_left;
@@ -39,14 +40,18 @@ pub static ALL: &[&dyn Model] = &[
 pub struct Options {
     /// Candidates fitted at a time.
     pub jobs: usize,
-    /// Seed of the split.
+    /// Seed of the split, and of simulated machines.
     pub seed: u64,
     /// Turns of the model's master per turn of the measured one.
     pub gear: f64,
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
-    /// What the rig can play, where the next experiment is to be found by simulation.
+    /// What the rig can play, where something is to be simulated.
     pub stage: Option<Stage>,
+    /// Whether the next experiment is to be found by simulation.
+    pub propose: bool,
+    /// Simulated machines that are searched to tell what is found from chance.
+    pub calibrate: usize,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.

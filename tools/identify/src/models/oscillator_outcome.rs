@@ -51,6 +51,7 @@ impl Study<'_> {
         let (before, output) = self.error(&found.base, &report);
         let (after, _) = self.error(found.last(), &report);
         let channel = ChannelError {
+            declared: None,
             before,
             after,
             floor: None,
@@ -77,6 +78,7 @@ impl Study<'_> {
                 depends_on: u.variable.name().into(),
                 table: u.table.clone(),
             }),
+            calibration: None,
             left: self.left(),
             error: BTreeMap::from([("output".to_owned(), channel)]),
             parameters: declared,

@@ -304,6 +304,7 @@ mod tests {
     use super::*;
     use crate::forward::judge::Judged;
     use crate::forward::search::{Found, Step};
+    use crate::outcome::Sight;
     use rig::RigFile;
     use rig::protocol::Protocol;
 
@@ -347,6 +348,7 @@ mod tests {
         });
         let found = Found {
             base,
+            base_knobs: knobs.clone(),
             knobs,
             steps: steps.into_iter().collect(),
             rounds: Vec::new(),
@@ -356,7 +358,7 @@ mod tests {
             nameless: None,
             effect_knobs: Vec::new(),
         };
-        (rig, stage, Study { machine, found, notes: Vec::new() })
+        (rig, stage, Study { machine, found, notes: Vec::new(), calibration: None })
     }
 
     fn played(next: &NextExperiment, rig: &RigFile) -> Protocol {
@@ -406,6 +408,8 @@ mod tests {
             unit: String::new(),
             identifiable: false,
             at_tolerance: false,
+            sight: Sight::Flat,
+            trades_with: None,
         };
         let next = propose(&study, &stage, Verdict::None, &[unseen("slave_static_friction_nm")]).unwrap();
         println!("{} {}", next.why, next.what);

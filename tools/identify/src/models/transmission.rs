@@ -6,14 +6,15 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
+use super::calibrate::calibrate;
 use super::{Model, Options, stretches, transmission_outcome, transmission_page};
 use crate::error::{IdentifyError, Result};
 use crate::forward::machine::Machine;
-use crate::forward::record::{Record, share_out};
+use crate::forward::record::{Record, pace_s, share_out};
 use crate::forward::search::{Found, search};
 use crate::input::Series;
 use crate::inverse::split::Role;
-use crate::outcome::Outcome;
+use crate::outcome::{Calibration, Outcome};
 
 /// The model kinds `hydrostatic` and `cable`.
 pub(super) struct Transmission(pub(super) ModelKind);
@@ -26,6 +27,8 @@ pub(super) struct Study {
     pub(super) found: Found,
     /// What a reader should know of the data.
     pub(super) notes: Vec<String>,
+    /// What chance gives, where that was asked for.
+    pub(super) calibration: Option<Calibration>,
 }
 
 impl Model for Transmission {
@@ -48,8 +51,11 @@ impl Model for Transmission {
         let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
         let cut = stretches::enough(records, &mut notes)?;
         let records = cut.as_deref().unwrap_or(records);
-        let mut laid_out =
-            records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
+        let pace_s = pace_s(records);
+        let mut laid_out = records
+            .iter()
+            .map(|series| Record::new(series, options.gear, pace_s, &mut notes))
+            .collect::<Result<Vec<_>>>()?;
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
         let mut machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
@@ -70,9 +76,12 @@ impl Model for Transmission {
             .build()
             .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
         let found = pool.install(|| search(&mut machine)).ok_or_else(|| lost(&machine))?;
-        let study = Study { machine, found, notes };
-        pool.install(|| transmission_outcome::conclude(&study, options.stage.as_ref()))
-            .ok_or_else(|| lost(&study.machine))
+        let mut study = Study { machine, found, notes, calibration: None };
+        if let (1.., Some(stage)) = (options.calibrate, &options.stage) {
+            pool.install(|| calibrate(&mut study, stage.drive(), options.calibrate, options.seed));
+        }
+        let stage = options.stage.filter(|_| options.propose);
+        pool.install(|| transmission_outcome::conclude(&study, stage.as_ref())).ok_or_else(|| lost(&study.machine))
     }
 }
 

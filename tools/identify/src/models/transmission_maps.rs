@@ -1,6 +1,5 @@
 //! What a transmission's residual depends on: position, velocity, torque, time since the last reversal, time, frequency.
 
-use plant::any;
 use report::{Colour, Figure, Page, Sheet};
 
 use super::transmission::Study;
@@ -61,11 +60,8 @@ impl Rows {
         let torque = match (channel, &record.torque) {
             (Channel::Slave, Some(torque)) if !record.idle => record.averaged(torque),
             _ => {
-                let per_volt = match study.machine.constants(&study.found.last().setting) {
-                    Some(any::Parameters::Hydrostatic(own)) => own.motor_torque_per_volt_nm,
-                    Some(any::Parameters::Cable(own)) => own.motor_torque_per_volt_nm,
-                    None => f64::NAN,
-                };
+                let constants = study.machine.constants(&study.found.last().setting);
+                let per_volt = constants.map_or(f64::NAN, |own| own.motor_torque_per_volt_nm());
                 record.averaged(&record.volts).into_iter().map(|volts| per_volt * volts).collect()
             }
         };

@@ -15,10 +15,12 @@ use crate::forward::judge::{BLOCK, Judged, errors};
 use crate::forward::knob::{AT_EDGE, Knob};
 use crate::forward::machine::Channel;
 use crate::forward::record::rms;
+use crate::forward::sight::{Sight as Seen, sights};
+use crate::forward::unnamed::Nameless;
 use crate::inverse::split::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
-    UnlistedTable, Verdict,
+    Sight, UnlistedTable, Verdict,
 };
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
@@ -43,8 +45,10 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let remains = found.nameless.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = View::of(&study.machine, Role::Fit);
-    let mut knobs = found.knobs.clone();
-    knobs.extend(found.effect_knobs.iter().cloned());
+    let knobs = match found.unnamed() {
+        Some(nameless) => nameless.knobs.clone(),
+        None => found.knobs.iter().chain(&found.effect_knobs).cloned().collect(),
+    };
     let deviations = fit.deviations(found.last(), &knobs, BLOCK)?;
     let known: Vec<(Knob, f64)> = knobs.into_iter().zip(deviations).collect();
     Some(Outcome {
@@ -53,11 +57,8 @@ fn outcome(study: &Study) -> Option<Outcome> {
         ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
         remains,
         left: Vec::new(),
-        unlisted: found.nameless.as_ref().map(|nameless| UnlistedTable {
-            site: nameless.judged.site.name().into(),
-            depends_on: nameless.table.variable.name().into(),
-            table: (0..NODES).map(|node| [nameless.table.at(node), nameless.table.values[node], 0.0]).collect(),
-        }),
+        unlisted: found.nameless.as_ref().map(|nameless| unlisted(&fit, nameless)),
+        calibration: study.calibration.clone(),
         error: error(study)?,
         parameters: parameters(study, &known),
         records: roles(study),
@@ -67,6 +68,21 @@ fn outcome(study: &Study) -> Option<Outcome> {
         notes: notes(study),
         seconds: 0.0,
     })
+}
+
+fn unlisted(fit: &View<'_>, nameless: &Nameless) -> UnlistedTable {
+    let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK).unwrap_or_default();
+    let of = |node: usize| {
+        let place = nameless.knobs.iter().position(|knob| matches!(knob, Knob::Node { node: own, .. } if *own == node));
+        let known = place.and_then(|place| deviations.get(place)).copied();
+        known.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
+    };
+    let table = &nameless.table;
+    UnlistedTable {
+        site: nameless.judged.site.name().into(),
+        depends_on: table.variable.name().into(),
+        table: (0..NODES).map(|node| [table.at(node), table.values[node], of(node)]).collect(),
+    }
 }
 
 fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
@@ -119,6 +135,7 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
 
 fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     let report = study.machine.of_role(Role::Report);
+    let declared = errors(&study.machine, &report, &study.machine.as_declared()).unwrap_or_default();
     let before = errors(&study.machine, &report, &study.found.base.setting)?;
     let after = errors(&study.machine, &report, &study.found.last().setting)?;
     let size = |channel: Channel| {
@@ -134,6 +151,7 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     };
     let channels = before.into_iter().zip(after).map(|((channel, before, _), (_, after, floor))| {
         let error = ChannelError {
+            declared: declared.iter().find(|(own, ..)| *own == channel).map(|(_, declared, _)| *declared),
             before,
             after,
             floor,
@@ -149,26 +167,54 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
 fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
     let machine = &study.machine;
     let last = study.found.last();
+    let effects: Vec<Knob> = known.iter().map(|(knob, _)| knob).filter(|knob| !knob.is_base()).cloned().collect();
+    let seen = sights(&View::of(machine, Role::Fit), last, &effects);
+    // Where a slope is lost nothing is said beyond the deviation.
+    let seen = seen.unwrap_or_else(|| vec![Seen::Flat; machine.base.len()]);
     machine
         .base
         .iter()
+        .zip(&seen)
         .enumerate()
-        .map(|(index, parameter)| {
+        .map(|(index, (parameter, seen))| {
             let knob = Knob::Base(index);
             let deviation = known.iter().find(|(own, _)| *own == knob).map(|(_, deviation)| *deviation);
             let at_edge = parameter.declared.is_some() && knob.place(machine, &last.setting).abs() > AT_EDGE;
+            let identifiable =
+                !at_edge && deviation.is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
+            let (sight, trades_with) = match seen {
+                _ if at_edge => (Sight::AtBound, None),
+                _ if identifiable => (Sight::Seen, None),
+                Seen::Dead => (Sight::Dead, None),
+                Seen::Traded(like) => (Sight::TradeOff, like.as_ref().and_then(|like| knob_name(study, like))),
+                Seen::Flat | Seen::Clear => (Sight::Flat, None),
+            };
             FittedParameter {
                 name: parameter.name.clone(),
                 declared: parameter.declared,
                 fitted: last.setting.base[index],
                 std: deviation.filter(|deviation| deviation.is_finite() && !at_edge),
                 unit: parameter.unit.to_owned(),
-                identifiable: !at_edge
-                    && deviation.is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low)),
+                identifiable,
                 at_tolerance: at_edge,
+                sight,
+                trades_with,
             }
         })
         .collect()
+}
+
+/// A knob by a name that a reader knows.
+fn knob_name(study: &Study, knob: &Knob) -> Option<String> {
+    let of_effect = |placed: usize, name: &str| {
+        let step = study.found.steps.get(placed)?;
+        Some(format!("{name} of {}", step.added.id))
+    };
+    match knob {
+        Knob::Base(index) => study.machine.base.get(*index).map(|parameter| parameter.name.clone()),
+        Knob::Effect { placed, name, .. } | Knob::Wave { placed, name, .. } => of_effect(*placed, name),
+        Knob::Node { .. } => Some("what has no name".to_owned()),
+    }
 }
 
 fn roles(study: &Study) -> Roles {

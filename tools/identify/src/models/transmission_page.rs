@@ -2,11 +2,12 @@
 
 use report::{Colour, Figure, Page, Table, Tone};
 
+use super::calibrate;
 use super::transmission::Study;
 use super::transmission_maps::maps;
 use super::transmission_outcome::words;
 use crate::forward::fit::View;
-use crate::forward::judge::{LEAST_GAIN, LEAST_T};
+use crate::forward::judge::{LEAST_FIRST, LEAST_GAIN, LEAST_T};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
 use crate::outcome::{Outcome, Verdict};
@@ -51,6 +52,9 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
         }
     }
     detail.push('.');
+    if let Some(calibration) = &outcome.calibration {
+        detail += &format!(" {}", calibrate::sentence(calibration));
+    }
     if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
             format!(" at the {} that depends on {}", unlisted.site, unlisted.depends_on)
@@ -90,16 +94,26 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     }
     if let Some(unlisted) = &outcome.unlisted {
         let column = |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
+        let value = column(1);
+        let most = value.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        // Where the records do not reach, the band goes as far as the figure does.
+        let half = |std: f64| if std.is_finite() { std.min(most) } else { most };
+        let bound = |sign: f64| unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>();
         let figure = Figure::new("What is left", unlisted.depends_on.clone(), format!("at the {}", unlisted.site))
-            .line("", &column(0), &column(1));
-        page = page.figure(&figure, "Function of one variable without a name, fitted beside the model.");
+            .line("", &column(0), &value)
+            .band("", &column(0), &bound(-1.0), &bound(1.0));
+        page = page.figure(
+            &figure,
+            "Function of one variable without a name, fitted beside the model (line), and one standard deviation to either side (band).",
+        );
     }
     page = page
         .heading("Candidates")
         .paragraph(&format!(
             "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
-             added when the error falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of its standard errors above zero, and when no \
+             added when the error falls by {:.0} % or more (beside another effect by {:.0} %), when the mean fall is {LEAST_T:.1} of its standard errors above zero, and when no \
              channel gets worse.",
+            -100.0 * (-LEAST_FIRST).exp_m1(),
             -100.0 * (-LEAST_GAIN).exp_m1()
         ))
         .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
@@ -117,10 +131,13 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
 }
 
 fn errors(outcome: &Outcome) -> Table {
-    let mut table = Table::new(["channel", "declared model", "with effects", "floor", "unit"]);
+    let mut table =
+        Table::new(["channel", "rig file as it is", "declared model, fitted", "with effects", "floor", "unit"]);
     for (channel, error) in &outcome.error {
-        let floor = error.floor.map_or("–".to_owned(), short);
-        table = table.row([channel.clone(), short(error.before), short(error.after), floor, error.unit.clone()]);
+        let known = |value: Option<f64>| value.map_or("–".to_owned(), short);
+        let (before, after) = (short(error.before), short(error.after));
+        table =
+            table.row([channel.clone(), known(error.declared), before, after, known(error.floor), error.unit.clone()]);
     }
     table
 }

@@ -6,7 +6,8 @@ use plant::any::Plant;
 use plant::transmission::{Input, Transmission as _};
 use rig::{AxisUnit, IdentifiedAxis, RigFile};
 
-use crate::forward::record::Record;
+use crate::forward::chance::Drive;
+use crate::forward::record::{PACE_S, Record};
 use crate::inverse::split::Role;
 
 /// Time that a model is let move for a prediction (s).
@@ -63,6 +64,12 @@ impl Stage {
         })
     }
 
+    /// How the motor is driven along a measured movement of the model's master.
+    pub(super) fn drive(&self) -> Drive {
+        let (position_gain, velocity_gain) = (self.gains.0 / self.gear, self.gains.1 / self.gear);
+        Drive { position_gain, velocity_gain, volts_max: self.volts_max }
+    }
+
     fn middle(&self) -> f64 {
         0.5 * (self.range.0 + self.range.1)
     }
@@ -117,7 +124,7 @@ impl Stage {
             count_rad: [0.0; 2],
             idle: true,
         }
-        .thinned()
+        .thinned(PACE_S)
     }
 
     /// A protocol that plays these trials one after the other.

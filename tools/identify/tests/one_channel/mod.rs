@@ -41,7 +41,7 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
         "rig.toml",
         model,
         records,
-        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None },
+        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None, propose: false, calibrate: 0 },
     )?;
     // Every outcome must make a page.
     page.render().unwrap();
