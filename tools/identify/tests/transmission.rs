@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use identify::forward::chance::{Drive, chance, redrawn};
 use identify::forward::judge::errors;
 use identify::forward::machine::Machine;
-use identify::forward::record::{PACE_S, Record, rms, share_out};
+use identify::forward::record::{Record, rms, share_out};
 use identify::forward::search::{Found, search};
 use identify::input::Series;
 use identify::inverse::split::Role;
@@ -72,7 +72,7 @@ fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record 
     let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
     let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
     let series = Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
-    Record::new(&series, 1.0, PACE_S, &mut Vec::new()).unwrap()
+    Record::new(&series, 1.0, &mut Vec::new()).unwrap()
 }
 
 fn found(effect: Option<&str>, push_v: f64) -> (Machine, Found) {

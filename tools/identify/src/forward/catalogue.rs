@@ -13,6 +13,9 @@ use super::record::PACE_S;
 /// Least dead time of a line (s): a step of the simulation, and a little.
 const LEAST_WAVE_S: f64 = 1.05 * PACE_S;
 
+/// Least travel before sliding, in counts of the encoder beside it (1).
+const COUNTS_OF_TRAVEL: f64 = 2.0;
+
 /// A parameter of an effect that a fit moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Free {
@@ -78,6 +81,8 @@ pub struct Scale {
     pub hum_hz: Vec<f64>,
     /// Orders of a ripple over the motor's angle that stand out (1).
     pub orders: Vec<f64>,
+    /// Counts of master and slave (rad).
+    pub count_rad: [f64; 2],
     /// Whether a hand's torque is measured.
     pub torque: bool,
     /// Whether a hand moved the handle in any record.
@@ -183,13 +188,15 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
             (vec![waves_in_angle("order", 0.9, 12.0)], starts.collect())
         }
         "load_dependent_friction" => (vec![free("coefficient", 0.0, 0.9)], sizes("coefficient", &[0.3, 1.0, 2.0])),
-        "presliding_hysteresis" => (
-            vec![free("part", 0.0, 1.0), by_logarithm("travel", 5e-4, 0.3)],
-            [0.004, 0.015, 0.06]
-                .iter()
-                .flat_map(|travel| [0.4, 0.95].map(|part| start(&[("part", part), ("travel", *travel)])))
-                .collect(),
-        ),
+        "presliding_hysteresis" => {
+            // What an encoder does not resolve is the rounding of friction at rest by another name.
+            let least = (COUNTS_OF_TRAVEL * scale.count_rad[usize::from(site == Site::Slave)]).clamp(5e-4, 0.05);
+            let starts = [0.004, 0.015, 0.06]
+                .map(|travel| f64::max(travel, 1.3 * least))
+                .into_iter()
+                .flat_map(|travel| [0.4, 0.95].map(|part| start(&[("part", part), ("travel", travel)])));
+            (vec![free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)], starts.collect())
+        }
         "gravity_imbalance" => {
             waves("torque", 10.0 * size);
             (Vec::new(), vec![wave(&[("torque", 0.5 * size)])])

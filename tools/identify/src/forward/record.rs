@@ -1,7 +1,7 @@
 //! Measured records of a transmission, checked and laid out.
 
 use crate::error::{IdentifyError, Result};
-use crate::input::{Series, step_of};
+use crate::input::Series;
 use crate::inverse::split::Role;
 
 /// One record.
@@ -36,10 +36,6 @@ const RESIDUAL_HZ: f64 = 250.0;
 /// Time between rows that a simulation needs (s): a record that is finer is thinned. With the true parameters most records are
 /// left with 5 % more than with steps of 0.5 ms at most, single ones with 30 %; fitted ones with nothing more.
 pub const PACE_S: f64 = 2e-3;
-/// The same where volts leap to and fro, as in a loop with dead time that swings: the dead time puts each leap between two rows.
-const QUICK_PACE_S: f64 = 1e-3;
-/// Volts leap where from one row of the usual pace to the next they change by more than this part of themselves.
-const CHATTER: f64 = 0.37;
 /// What the observer needs to find the lines' state is left out at the start (s).
 pub const SETTLING_S: f64 = 0.2;
 /// Shortest record (s).
@@ -54,12 +50,11 @@ const FAR_RAD: f64 = 60.0;
 const HIGH_V: f64 = 200.0;
 
 impl Record {
-    /// Checks a series and lays it out at a pace ([`pace_s`]); `gear` is the number of turns of the model's master per turn of the measured
-    /// one.
+    /// Checks a series and lays it out; `gear` is the number of turns of the model's master per turn of the measured one.
     ///
     /// # Errors
     /// Where a column is missing, dead, not finite, or implausible by orders of magnitude; where time is not uniform.
-    pub fn new(series: &Series, gear: f64, pace_s: f64, notes: &mut Vec<String>) -> Result<Self> {
+    pub fn new(series: &Series, gear: f64, notes: &mut Vec<String>) -> Result<Self> {
         let time = series.time()?;
         let (_, volts) = series.any(&["motor_v"])?;
         let (_, master) = series.any(&["master_rad"])?;
@@ -139,7 +134,7 @@ impl Record {
             count_rad: [gear * least_change(master), slave.map_or(0.0, least_change)],
             idle,
         };
-        Ok(whole.thinned(pace_s))
+        Ok(whole.thinned())
     }
 
     /// Time of the row after the last (s).
@@ -147,11 +142,11 @@ impl Record {
         self.start_s + self.volts.len() as f64 * self.step_s
     }
 
-    /// The same with so much time from row to row, or as it is where it is as coarse. Volts and torques are held from row to row, so that they become means; positions are taken
+    /// The same at the pace of the simulation. Volts and torques are held from row to row, so that they become means; positions are taken
     /// where a new row begins, averaged to both sides.
     #[must_use]
-    pub fn thinned(self, pace_s: f64) -> Self {
-        let every = rows_in(pace_s, self.step_s);
+    pub fn thinned(self) -> Self {
+        let every = (PACE_S / self.step_s * (1.0 + 1e-6)) as usize;
         if every < 2 {
             return self;
         }
@@ -215,23 +210,6 @@ impl Record {
             .map(|rows| rows.iter().sum::<f64>() / width as f64)
             .collect()
     }
-}
-
-/// Whole rows in so much time.
-fn rows_in(pace_s: f64, step_s: f64) -> usize {
-    (pace_s / step_s * (1.0 + 1e-6)) as usize
-}
-
-/// Time between rows that some records need to be simulated (s), the same for all, so that repeats can be compared.
-pub fn pace_s(records: &[Series]) -> f64 {
-    let chatters = |series: &Series| {
-        let (Some(volts), Some(step_s)) = (series.column("motor_v"), series.time().ok().and_then(step_of)) else {
-            return false;
-        };
-        let rows: Vec<f64> = volts.iter().step_by(rows_in(PACE_S, step_s).max(1)).copied().collect();
-        rms(rows.windows(2).map(|rows| rows[1] - rows[0])) > CHATTER * rms(rows.iter().copied())
-    };
-    if records.iter().any(chatters) { QUICK_PACE_S } else { PACE_S }
 }
 
 /// Gives roles to records that have none: of those with a hand and of those without, in turn, two fit, one selects, and every
@@ -342,8 +320,7 @@ mod tests {
 
     #[test]
     fn nobody_at_the_handle_is_seen_through_offset_drift_crosstalk_and_hum() {
-        let idle =
-            |torque: &dyn Fn(f64) -> f64| Record::new(&series(torque), 1.0, PACE_S, &mut Vec::new()).unwrap().idle;
+        let idle = |torque: &dyn Fn(f64) -> f64| Record::new(&series(torque), 1.0, &mut Vec::new()).unwrap().idle;
         assert!(idle(&|_| 0.0));
         assert!(idle(&|t| 0.3 + 0.05 * t + 0.06 * (5.0 * t).sin() + 0.1 * (314.159 * t).sin()));
         assert!(!idle(&|t| 2.0 * (3.0 * t).sin()));
@@ -354,7 +331,7 @@ mod tests {
         let refused = |edit: &dyn Fn(&mut Series)| {
             let mut series = series(|_| 0.0);
             edit(&mut series);
-            Record::new(&series, 1.0, PACE_S, &mut Vec::new()).unwrap_err().to_string()
+            Record::new(&series, 1.0, &mut Vec::new()).unwrap_err().to_string()
         };
         let text = refused(&|series| series.columns[1].1.iter_mut().for_each(|value| *value = 0.1));
         assert!(text.contains("master_rad") && text.contains("never moved"), "{text}");
@@ -368,7 +345,7 @@ mod tests {
 
     #[test]
     fn rows_are_averaged_and_timed_alike() {
-        let record = Record::new(&series(|_| 0.0), 2.0, PACE_S, &mut Vec::new()).unwrap();
+        let record = Record::new(&series(|_| 0.0), 2.0, &mut Vec::new()).unwrap();
         assert_eq!((record.decimation(), record.step_s), (2, 2e-3));
         let times = record.residual_times();
         assert_eq!(times.len(), record.residual_rows());

@@ -1,10 +1,10 @@
 //! One round of the search: the best candidates of the screening, each fitted beside what there is, first briefly, then as far as it is
 //! worth it.
 
-use super::catalogue::Candidate;
+use super::catalogue::{Candidate, Way};
 use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_FIRST, LEAST_GAIN, at_floor, judge};
-use super::knob::{Knob, knobs_of};
+use super::knob::{AT_EDGE, Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
 use super::screen::{Projection, Scored};
 
@@ -19,7 +19,7 @@ const AFRESH: usize = 3;
 const FROM_DECLARED: usize = 5;
 /// Effects that a fit reaches from some of their starts only, whatever the slopes say, and the rounds that show which: friction that falls
 /// with speed, beside a declared law that falls too.
-const FROM_ALL_STARTS: [&str; 1] = ["stribeck_friction"];
+pub const FROM_ALL_STARTS: [&str; 1] = ["stribeck_friction"];
 /// See there.
 const TO_SHOW: usize = 4;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
@@ -101,7 +101,15 @@ impl Round<'_> {
         let selected = self.select.residuals(&fitted.setting)?;
         let of = &self.candidates[candidate];
         let mut judged = judge((of.id, of.site), self.before, &selected);
-        judged.accepted &= self.now.setting.placed.is_empty() || judged.gain >= LEAST_GAIN;
+        if !self.now.setting.placed.is_empty() {
+            // A shape at the low end of its range has gone over into another law: beside an effect it takes up what that leaves.
+            let own = knobs_of(of, fitted.setting.placed.len().saturating_sub(1));
+            let gone = |knob: &Knob| {
+                matches!(knob, Knob::Effect { way: Way::Logarithmic, .. })
+                    && knob.place(self.fit.machine, &fitted.setting) < -AT_EDGE
+            };
+            judged.accepted &= judged.gain >= LEAST_GAIN && !own.iter().any(gone);
+        }
         Some(Tried { candidate, knobs, fitted, judged })
     }
 

@@ -183,6 +183,7 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
         lines_hz: [lines(&master, (0.4, 110.0), 3), lines(&slave, (0.4, 110.0), 3)],
         hum_hz: if torque.is_empty() { Vec::new() } else { hum },
         orders: orders(&master),
+        count_rad: [0, 1].map(|side| records.iter().map(|record| record.count_rad[side]).fold(0.0, f64::max)),
         torque: records.iter().any(|record| record.torque.is_some()),
         hand: machine.records.iter().any(|record| !record.idle),
         folded: machine.records.iter().any(|record| record.turned.contains(&true)),

@@ -23,6 +23,8 @@ const MOST_EFFECTS: usize = 3;
 const MOST_ROUNDS: usize = 5;
 /// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
 const A_RIVAL: f64 = 0.25;
+/// Share of what a model gains that one with an effect's twin must.
+const AS_MUCH: f64 = 0.75;
 /// Rounds of the fit of an effect in another's place.
 const AS_A_TWIN: usize = 3;
 /// Rounds of the fit that follows when an effect is taken back.
@@ -211,9 +213,10 @@ impl Search<'_> {
         Some(())
     }
 
-    /// Names beside each effect that has no rival the one that does the same elsewhere, where a model with that is as good.
+    /// Names beside each effect that has no rival the one that does the same elsewhere, where a model with that explains nearly as much: what
+    /// it explains less is how it is computed.
     fn name_twins(&mut self) -> Option<()> {
-        let with = self.select.residuals(&self.now.setting)?;
+        let (without, with) = (self.select.residuals(&self.base.setting)?, self.select.residuals(&self.now.setting)?);
         for at in 0..self.steps.len() {
             let id = self.steps[at].added.id;
             let Some(site) = twin((id, self.steps[at].added.site)) else { continue };
@@ -224,7 +227,9 @@ impl Search<'_> {
             let mut setting = self.now.setting.clone();
             setting.placed[at].site = site;
             let Some(fitted) = self.fit.fit(&setting, &self.knobs, AS_A_TWIN) else { continue };
-            if judge((id, site), &self.select.residuals(&fitted.setting)?, &with).gain < LEAST_GAIN {
+            let there = self.select.residuals(&fitted.setting)?;
+            let [meant, twin] = [&with, &there].map(|after| judge((id, site), &without, after).gain);
+            if twin >= AS_MUCH * meant {
                 self.steps[at].rivals.push((id, site));
             }
         }

@@ -10,7 +10,7 @@ use super::calibrate::calibrate;
 use super::{Model, Options, stretches, transmission_outcome, transmission_page};
 use crate::error::{IdentifyError, Result};
 use crate::forward::machine::Machine;
-use crate::forward::record::{Record, pace_s, share_out};
+use crate::forward::record::{Record, share_out};
 use crate::forward::search::{Found, search};
 use crate::input::Series;
 use crate::inverse::split::Role;
@@ -51,11 +51,8 @@ impl Model for Transmission {
         let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
         let cut = stretches::enough(records, &mut notes)?;
         let records = cut.as_deref().unwrap_or(records);
-        let pace_s = pace_s(records);
-        let mut laid_out = records
-            .iter()
-            .map(|series| Record::new(series, options.gear, pace_s, &mut notes))
-            .collect::<Result<Vec<_>>>()?;
+        let mut laid_out =
+            records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
         let mut machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {

@@ -7,7 +7,7 @@ use plant::transmission::{Input, Transmission as _};
 use rig::{AxisUnit, IdentifiedAxis, RigFile};
 
 use crate::forward::chance::Drive;
-use crate::forward::record::{PACE_S, Record};
+use crate::forward::record::Record;
 use crate::inverse::split::Role;
 
 /// Time that a model is let move for a prediction (s).
@@ -124,7 +124,7 @@ impl Stage {
             count_rad: [0.0; 2],
             idle: true,
         }
-        .thinned(PACE_S)
+        .thinned()
     }
 
     /// A protocol that plays these trials one after the other.
