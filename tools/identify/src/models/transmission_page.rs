@@ -100,7 +100,9 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         let half = |std: f64| if std.is_finite() { std.min(most) } else { most };
         let bound = |sign: f64| unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>();
         let figure = Figure::new("What is left", unlisted.depends_on.clone(), format!("at the {}", unlisted.site))
+            .colour(Colour::Blue)
             .line("", &column(0), &value)
+            .colour(Colour::Blue)
             .band("", &column(0), &bound(-1.0), &bound(1.0));
         page = page.figure(
             &figure,
