@@ -16,7 +16,7 @@ use crate::effects::Effect;
 use crate::friction::{Advance, Load};
 use crate::shared::Shared;
 use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
-use crate::{ParameterError, ParameterSet, cable, hydrostatic};
+use crate::{ParameterError, ParameterInfo, ParameterSet, cable, hydrostatic};
 
 /// Constants of a transmission of either kind, SI.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +36,29 @@ impl From<hydrostatic::Parameters> for Parameters {
 impl From<cable::Parameters> for Parameters {
     fn from(parameters: cable::Parameters) -> Self {
         Self::Cable(parameters)
+    }
+}
+
+impl ParameterSet for Parameters {
+    fn infos(&self) -> &'static [ParameterInfo] {
+        match self {
+            Self::Hydrostatic(own) => own.infos(),
+            Self::Cable(own) => own.infos(),
+        }
+    }
+
+    fn get(&self, name: &str) -> Option<f64> {
+        match self {
+            Self::Hydrostatic(own) => own.get(name),
+            Self::Cable(own) => own.get(name),
+        }
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        match self {
+            Self::Hydrostatic(own) => own.set(name, value),
+            Self::Cable(own) => own.set(name, value),
+        }
     }
 }
 

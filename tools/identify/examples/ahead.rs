@@ -118,10 +118,7 @@ fn model(args: &Args) -> anyhow::Result<Model> {
             slave_zero_rad = value;
             continue;
         }
-        match &mut constants {
-            any::Parameters::Hydrostatic(own) => own.set(name, value)?,
-            any::Parameters::Cable(own) => own.set(name, value)?,
-        }
+        constants.set(name, value)?;
     }
     let (mut placed, mut left_out) = (Vec::new(), Vec::new());
     for effect in list(&found, "effects") {

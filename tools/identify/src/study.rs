@@ -74,7 +74,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         seed: how.seed,
         gear,
         slave_count_rad,
-        stage: stage.filter(|_| how.propose || how.calibrate > 0),
+        stage,
         propose: how.propose,
         calibrate: how.calibrate,
     };

@@ -64,6 +64,8 @@ pub struct Candidate {
     pub free: Vec<Free>,
     /// How many of a start's values, from the first, are sizes that grow with the effect.
     pub sizes: usize,
+    /// Whether a fit reaches it from some of its starts only, whatever the slopes say: from which, only fits tell.
+    pub from_all_starts: bool,
     /// Amplitude of an effect that has one and a phase, and its greatest value: a fit moves its sine and cosine part.
     pub wave: Option<(&'static str, f64)>,
     /// Where the search begins.
@@ -264,5 +266,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         "nonlinear_stiffness" => 2,
         _ => 1,
     };
-    (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, wave: amplitude, starts })
+    // Friction that falls with speed, beside a declared law that falls too.
+    let from_all_starts = id == "stribeck_friction";
+    (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, from_all_starts, wave: amplitude, starts })
 }

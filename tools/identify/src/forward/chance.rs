@@ -12,9 +12,9 @@ use rand_pcg::Pcg64Mcg;
 
 use super::fit::View;
 use super::judge::{Judged, repeat_differences};
-use super::machine::{Channel, Machine, OBSERVER_RAD_S, Placed, Residual, Setting};
+use super::machine::{Channel, Machine, OBSERVER_RAD_S, Parts, Placed, Setting};
 use super::prune::twin;
-use super::record::{Record, rms};
+use super::record::{Record, repeats, rms};
 use super::search::{Found, search};
 use super::sensor::{advanced, hand_torque, shown};
 
@@ -34,10 +34,9 @@ pub struct Drive {
 pub struct Chance {
     /// In how many something was found that is not there, with a name or without.
     pub alarms: usize,
-    /// Of each that was searched, the largest gain of a name that it should not have got; 0 where there was none.
+    /// Of each that was searched, the largest gain of a name that it should not have got; 0 where there was none. Those that could not be
+    /// simulated along their records are not among them.
     pub gains: Vec<f64>,
-    /// Machines that could not be simulated along their records, or not be searched.
-    pub lost: usize,
 }
 
 impl Chance {
@@ -93,10 +92,7 @@ pub fn chance(machine: &Machine, found: &Found, drive: Drive, machines: usize, s
     let mut chance = Chance::default();
     for turn in 0..machines {
         let other = null.played(sizes, seed.wrapping_add(turn as u64 + 1));
-        let Some(found) = other.and_then(|mut other| search(&mut other)) else {
-            chance.lost += 1;
-            continue;
-        };
+        let Some(found) = other.and_then(|mut other| search(&mut other)) else { continue };
         let wrong = found.steps.iter().map(|step| &step.added).filter(|added| !there(added));
         let gain = wrong.map(|added| added.gain).fold(0.0, f64::max);
         chance.alarms += usize::from(gain > 0.0 || found.nameless.is_some() || found.inadequate);
@@ -116,13 +112,11 @@ pub fn redrawn(machine: &Machine, found: &Found, drive: Drive, seed: u64) -> Opt
 /// What repeats of a movement differ by, over √2; where none is repeated, what the model leaves.
 fn courses(machine: &Machine, setting: &Setting) -> Option<Courses> {
     let residuals = View::whole(machine).residuals(setting)?;
+    let pairs = repeats(&machine.records);
     let courses = [Channel::Master, Channel::Slave, Channel::Torque].map(|channel| {
-        let mut of = repeat_differences(machine, &residuals, channel);
+        let mut of = repeat_differences(machine, &pairs, &residuals, channel);
         if of.is_empty() {
-            let own = |(index, residual): (usize, &Residual)| {
-                let at = machine.channels(index).iter().position(|own| *own == channel)?;
-                residual.channels.get(at).cloned()
-            };
+            let own = |(index, residual)| machine.channel_of(index, residual, channel).cloned();
             of = residuals.iter().enumerate().filter_map(own).collect();
         }
         of.retain(|course| course.len() > 1);
@@ -181,10 +175,8 @@ impl Null<'_> {
         let played = self.played(sizes, 0)?;
         let residuals = View::whole(&played).residuals(&self.setting)?;
         let of = |channel: Channel| {
-            let rows = residuals.iter().enumerate().filter_map(|(index, residual)| {
-                let at = played.channels(index).iter().position(|own| *own == channel)?;
-                residual.channels.get(at)
-            });
+            let own = |(index, residual)| played.channel_of(index, residual, channel);
+            let rows = residuals.iter().enumerate().filter_map(own);
             rms(rows.flatten().copied()).powi(2)
         };
         Some([of(Channel::Master), of(Channel::Slave)])
@@ -221,15 +213,8 @@ impl Null<'_> {
     }
 
     fn record(&self, measured: &Record, sizes: Sizes, noises: &[Vec<f64>; 3]) -> Option<Record> {
-        let (mut in_plant, mut on_torque) = (Vec::new(), Vec::new());
-        let mut late_s = 0.0;
-        for placed in &self.setting.placed {
-            if placed.delays_all_sensors() {
-                late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
-            }
-            let effect = placed.effect()?;
-            if placed.acts_on_torque_alone() { on_torque.push(effect) } else { in_plant.push(effect) }
-        }
+        let Parts { mut in_plant, mut on_torque, late, late_s } = self.setting.parts()?;
+        in_plant.extend(late);
         let mut plant = self.machine.constants(&self.setting)?.plant(in_plant).ok()?.with_longest_step(measured.step_s);
         let zero = self.machine.slave_zero_rad(&self.setting);
         let dt = measured.step_s;
@@ -304,7 +289,7 @@ mod tests {
 
     #[test]
     fn the_probability_counts_the_machine_at_hand() {
-        let chance = Chance { alarms: 2, gains: [vec![0.0; 17], vec![0.3, 0.5]].concat(), lost: 0 };
+        let chance = Chance { alarms: 2, gains: [vec![0.0; 17], vec![0.3, 0.5]].concat() };
         assert!((chance.probability(0.6) - 0.05).abs() < 1e-12);
         assert!((chance.probability(0.4) - 0.1).abs() < 1e-12);
         assert_eq!(chance.as_much(0.3), 2);

@@ -116,17 +116,15 @@ fn all_residuals(machine: &Machine, setting: &Setting) -> Option<Vec<Residual>> 
 
 /// The same of residuals of all records.
 fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Vec<(Channel, f64, Option<f64>)> {
+    let pairs = repeats(&machine.records);
     let mut out = Vec::new();
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
-        let of = |record: usize| {
-            let at = machine.channels(record).iter().position(|own| *own == channel)?;
-            Some(&residuals[record].channels[at])
-        };
+        let of = |record: usize| machine.channel_of(record, &residuals[record], channel);
         let rows: Vec<f64> = records.iter().filter_map(|record| of(*record)).flatten().copied().collect();
         if rows.is_empty() {
             continue;
         }
-        let mut floors: Vec<f64> = repeat_differences(machine, residuals, channel)
+        let mut floors: Vec<f64> = repeat_differences(machine, &pairs, residuals, channel)
             .into_iter()
             .map(|difference| rms(difference.into_iter()))
             .collect();
@@ -137,18 +135,20 @@ fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Ve
     out
 }
 
-/// By what records that repeat one another differ in a channel, over √2, row by row, for each two of them: what no model can explain. The
-/// residuals are those of all records.
-pub fn repeat_differences(machine: &Machine, residuals: &[Residual], channel: Channel) -> Vec<Vec<f64>> {
-    let of = |record: usize| {
-        let at = machine.channels(record).iter().position(|own| *own == channel)?;
-        Some(&residuals[record].channels[at])
-    };
-    let difference = |(a, b): (usize, usize)| {
-        let (a, b) = (of(a)?, of(b)?);
+/// By what records that repeat one another ([`repeats`]) differ in a channel, over √2, row by row, for each two of them: what no model can
+/// explain. The residuals are those of all records.
+pub fn repeat_differences(
+    machine: &Machine,
+    pairs: &[(usize, usize)],
+    residuals: &[Residual],
+    channel: Channel,
+) -> Vec<Vec<f64>> {
+    let of = |record: usize| machine.channel_of(record, &residuals[record], channel);
+    let difference = |(a, b): &(usize, usize)| {
+        let (a, b) = (of(*a)?, of(*b)?);
         Some(a.iter().zip(b).map(|(a, b)| (a - b) / std::f64::consts::SQRT_2).collect())
     };
-    repeats(&machine.records).into_iter().filter_map(difference).collect()
+    pairs.iter().filter_map(difference).collect()
 }
 
 /// Repeats that differ by less do not say that a model should leave as little: half of what the rounding to counts leaves, a share of the

@@ -101,6 +101,38 @@ pub struct Setting {
     pub tables: Vec<Table>,
 }
 
+/// The effects of a setting, made, by where they act.
+#[derive(Default)]
+pub struct Parts {
+    /// In the plant, the dead time of all sensors left out.
+    pub in_plant: Vec<Box<dyn Effect>>,
+    /// On the torque channel alone.
+    pub on_torque: Vec<Box<dyn Effect>>,
+    /// Dead time of all sensors, as effects.
+    pub late: Vec<Box<dyn Effect>>,
+    /// All of that together (s).
+    pub late_s: f64,
+}
+
+impl Setting {
+    /// Its effects; `None` where one cannot be made.
+    pub fn parts(&self) -> Option<Parts> {
+        let mut parts = Parts::default();
+        for placed in &self.placed {
+            let of = if placed.delays_all_sensors() {
+                parts.late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
+                &mut parts.late
+            } else if placed.acts_on_torque_alone() {
+                &mut parts.on_torque
+            } else {
+                &mut parts.in_plant
+            };
+            of.push(placed.effect()?);
+        }
+        Some(parts)
+    }
+}
+
 /// What a model leaves of a record: averaged innovations, by channel.
 #[derive(Clone, Debug, Default)]
 pub struct Residual {
@@ -128,7 +160,7 @@ impl Machine {
         let constants = declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
         let mut base = Vec::new();
         for parameter in &declared.parameters {
-            let Some(info) = infos(&constants).iter().find(|info| info.name == parameter.name) else { continue };
+            let Some(info) = constants.infos().iter().find(|info| info.name == parameter.name) else { continue };
             let spread = parameter.spread();
             let (low, high) =
                 ((parameter.value - spread).max(info.minimum), (parameter.value + spread).min(info.maximum));
@@ -145,7 +177,7 @@ impl Machine {
                 logarithmic: false,
             });
         }
-        if let Some(info) = infos(&constants).iter().find(|info| info.name == SMOOTHING) {
+        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING) {
             let (low, high) = SMOOTHING_RANGE;
             base.push(BaseParameter {
                 name: SMOOTHING.to_owned(),
@@ -157,7 +189,7 @@ impl Machine {
                 logarithmic: true,
             });
         }
-        if let Some(info) = infos(&constants).iter().find(|info| info.name == SMOOTHING_SHAPE) {
+        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING_SHAPE) {
             base.push(BaseParameter {
                 name: SMOOTHING_SHAPE.to_owned(),
                 unit: info.unit,
@@ -189,12 +221,8 @@ impl Machine {
 
     /// The model as it is declared, without effects; what no file declares as the model has it by itself.
     pub fn as_declared(&self) -> Setting {
-        let of = |parameter: &BaseParameter| match &self.declared {
-            any::Parameters::Hydrostatic(own) => own.get(&parameter.name),
-            any::Parameters::Cable(own) => own.get(&parameter.name),
-        };
-        let base =
-            self.base.iter().map(|parameter| parameter.declared.or_else(|| of(parameter)).unwrap_or(parameter.start));
+        let of = |parameter: &BaseParameter| parameter.declared.or_else(|| self.declared.get(&parameter.name));
+        let base = self.base.iter().map(|parameter| of(parameter).unwrap_or(parameter.start));
         Setting { base: base.collect(), ..Setting::default() }
     }
 
@@ -216,6 +244,12 @@ impl Machine {
         channels
     }
 
+    /// A channel of what is left of a record; `None` where it has none.
+    pub fn channel_of<'a>(&self, record: usize, residual: &'a Residual, channel: Channel) -> Option<&'a Vec<f64>> {
+        let at = self.channels(record).iter().position(|own| *own == channel)?;
+        residual.channels.get(at)
+    }
+
     /// Where the slave stands when its encoder counts 0 (rad).
     pub fn slave_zero_rad(&self, setting: &Setting) -> f64 {
         self.base.iter().position(|parameter| parameter.name == SLAVE_ZERO).map_or(0.0, |index| setting.base[index])
@@ -227,11 +261,7 @@ impl Machine {
         for (parameter, value) in
             self.base.iter().zip(&setting.base).filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
         {
-            match &mut constants {
-                any::Parameters::Hydrostatic(own) => own.set(&parameter.name, *value),
-                any::Parameters::Cable(own) => own.set(&parameter.name, *value),
-            }
-            .ok()?;
+            constants.set(&parameter.name, *value).ok()?;
         }
         Some(constants)
     }
@@ -239,17 +269,7 @@ impl Machine {
     /// What a setting leaves of a record; `None` where the plant cannot be so, or has no such effect.
     pub fn residual(&self, setting: &Setting, record: usize) -> Option<Residual> {
         let record = &self.records[record];
-        let mut in_plant: Vec<Box<dyn Effect>> = Vec::new();
-        let mut on_torque: Vec<Box<dyn Effect>> = Vec::new();
-        let mut late_s = 0.0;
-        for placed in &setting.placed {
-            if placed.delays_all_sensors() {
-                late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
-                continue;
-            }
-            let effect = placed.effect()?;
-            if placed.acts_on_torque_alone() { on_torque.push(effect) } else { in_plant.push(effect) }
-        }
+        let Parts { mut in_plant, mut on_torque, late_s, .. } = setting.parts()?;
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
@@ -337,13 +357,5 @@ impl Placed {
     /// A value by name.
     pub fn value(&self, name: &str) -> Option<f64> {
         self.values.iter().find(|(own, _)| *own == name).map(|(_, value)| *value)
-    }
-}
-
-/// All that is known of the constants of a transmission.
-pub fn infos(constants: &any::Parameters) -> &'static [plant::ParameterInfo] {
-    match constants {
-        any::Parameters::Hydrostatic(own) => own.infos(),
-        any::Parameters::Cable(own) => own.infos(),
     }
 }

@@ -7,7 +7,7 @@ use super::fit::{Fitted, View};
 use super::judge::at_floor;
 use super::knob::Knob;
 use super::machine::{SMOOTHING, SMOOTHING_STARTS, Setting};
-use super::round::{FROM_ALL_STARTS, Tried};
+use super::round::Tried;
 
 /// Times that a model with an effect is fitted afresh as long as it ends above what repeats differ by, and what of its objective, for every
 /// row, it must gain to be worth another.
@@ -78,7 +78,7 @@ pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candida
         let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
         let before = now.objective;
         let mut starts = vec![now.setting.clone(), fresh.clone()];
-        if (of.sizes > 1 || FROM_ALL_STARTS.contains(&of.id)) && pass == 0 {
+        if (of.sizes > 1 || of.from_all_starts) && pass == 0 {
             // Numbers that stand in for one another have many ways to go wrong.
             starts.extend([&fresh, &now.setting].into_iter().flat_map(|from| {
                 of.starts.iter().filter_map(|start| {

@@ -17,10 +17,7 @@ const FINISHED: usize = 3;
 const AFRESH: usize = 3;
 /// Candidates that are fitted because of how they look from the declared values.
 const FROM_DECLARED: usize = 5;
-/// Effects that a fit reaches from some of their starts only, whatever the slopes say, and the rounds that show which: friction that falls
-/// with speed, beside a declared law that falls too.
-pub const FROM_ALL_STARTS: [&str; 1] = ["stribeck_friction"];
-/// See there.
+/// Rounds of a fit that show which of several starts leads anywhere.
 const TO_SHOW: usize = 4;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
@@ -165,7 +162,7 @@ impl Round<'_> {
 
     /// Fits that do not follow from how a candidate looks at its start.
     fn look_from_all_starts(&self, tried: &mut Vec<Tried>) {
-        for (candidate, of) in self.candidates.iter().enumerate().filter(|(_, of)| FROM_ALL_STARTS.contains(&of.id)) {
+        for (candidate, of) in self.candidates.iter().enumerate().filter(|(_, of)| of.from_all_starts) {
             for start in &of.starts {
                 let mut with = self.now.setting.clone();
                 with.placed.push(start.placed.clone());

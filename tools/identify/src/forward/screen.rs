@@ -170,8 +170,7 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
             .iter()
             .zip(&fitted.residuals)
             .filter_map(|(index, residual)| {
-                let at = machine.channels(*index).iter().position(|own| *own == channel)?;
-                Some((&machine.records[*index], &residual.channels[at]))
+                Some((&machine.records[*index], machine.channel_of(*index, residual, channel)?))
             })
             .collect()
     };

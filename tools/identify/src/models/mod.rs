@@ -46,7 +46,7 @@ pub struct Options {
     pub gear: f64,
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
-    /// What the rig can play, where something is to be simulated.
+    /// What the rig can play, where it can be simulated.
     pub stage: Option<Stage>,
     /// Whether the next experiment is to be found by simulation.
     pub propose: bool,

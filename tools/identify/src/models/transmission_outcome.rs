@@ -57,7 +57,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
         ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
         remains,
         left: Vec::new(),
-        unlisted: found.nameless.as_ref().map(|nameless| unlisted(&fit, nameless)),
+        unlisted: found.nameless.as_ref().map(|nameless| unlisted(nameless, &fit, found.inadequate.then_some(&known))),
         calibration: study.calibration.clone(),
         error: error(study)?,
         parameters: parameters(study, &known),
@@ -70,12 +70,17 @@ fn outcome(study: &Study) -> Option<Outcome> {
     })
 }
 
-fn unlisted(fit: &View<'_>, nameless: &Nameless) -> UnlistedTable {
-    let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK).unwrap_or_default();
+/// The table of a function; `known` are deviations of its own model, where that is the one that all is said of.
+fn unlisted(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
+    let own = || {
+        let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK).unwrap_or_default();
+        nameless.knobs.iter().cloned().zip(deviations).collect()
+    };
+    let known = known.cloned().unwrap_or_else(own);
     let of = |node: usize| {
-        let place = nameless.knobs.iter().position(|knob| matches!(knob, Knob::Node { node: own, .. } if *own == node));
-        let known = place.and_then(|place| deviations.get(place)).copied();
-        known.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
+        let is = |knob: &Knob| matches!(knob, Knob::Node { node: own, .. } if *own == node);
+        let deviation = known.iter().find(|(knob, _)| is(knob)).map(|(_, deviation)| *deviation);
+        deviation.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
     };
     let table = &nameless.table;
     UnlistedTable {
