@@ -10,6 +10,18 @@ use super::record::{Record, repeats, rms};
 pub const LEAST_GAIN: f64 = 0.20;
 /// The same of a first effect: beside none there are fewer ways to be wrong.
 pub const LEAST_FIRST: f64 = 0.15;
+/// The same of a third effect: beside two there are the more, and a fit of so much more to be bad.
+const LEAST_THIRD: f64 = 0.30;
+
+/// Least gain of a further effect beside so many.
+pub const fn least_beside(effects: usize) -> f64 {
+    match effects {
+        0 => LEAST_FIRST,
+        1 => LEAST_GAIN,
+        _ => LEAST_THIRD,
+    }
+}
+
 /// Least gain over its standard error, by blocks.
 pub const LEAST_T: f64 = 3.0;
 /// Rows of a block (half a second).

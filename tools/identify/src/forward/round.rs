@@ -3,7 +3,7 @@
 
 use super::catalogue::{Candidate, Way};
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_FIRST, LEAST_GAIN, at_floor, judge};
+use super::judge::{Judged, LEAST_FIRST, at_floor, judge, least_beside};
 use super::knob::{AT_EDGE, Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
 use super::screen::{Projection, Scored};
@@ -105,7 +105,7 @@ impl Round<'_> {
                 matches!(knob, Knob::Effect { way: Way::Logarithmic, .. })
                     && knob.place(self.fit.machine, &fitted.setting) < -AT_EDGE
             };
-            judged.accepted &= judged.gain >= LEAST_GAIN && !own.iter().any(gone);
+            judged.accepted &= judged.gain >= least_beside(self.now.setting.placed.len()) && !own.iter().any(gone);
         }
         Some(Tried { candidate, knobs, fitted, judged })
     }
