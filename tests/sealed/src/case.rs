@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::detect::{Detectability, SMOOTHING, detect};
 use crate::draw::{Draw, subseed};
-use crate::effects::{self, Effect, Entry};
+use crate::effects::{self, Effect, Entry, Kinds};
 use crate::machine::Machine;
-use crate::model::Model;
+use crate::model::{Model, TooManyStates};
 use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record, SAMPLE_S, SAMPLES};
 use crate::reference::{Kind, hand, reference};
 use crate::smoothing::Smoothing;
@@ -110,7 +110,7 @@ impl Builder {
     /// The machine; with a constant changed by a fraction of itself, where that is asked for.
     ///
     /// # Errors
-    /// [`CaseError::Unbuildable`].
+    /// [`CaseError::Unbuildable`], [`CaseError::TooManyStates`].
     pub fn model(&self, change: Option<(&str, f64)>) -> Result<Model, CaseError> {
         let (mut machine, mut smoothing) = (self.machine.clone(), self.smoothing);
         if let Some((name, fraction)) = change {
@@ -124,7 +124,7 @@ impl Builder {
             .iter()
             .map(|effect| effect.build().ok_or_else(|| CaseError::Unbuildable(effect.name())))
             .collect::<Result<_, _>>()?;
-        Ok(Model::new(machine, smoothing, deviations, SAMPLE_S))
+        Ok(Model::new(machine, smoothing, deviations, SAMPLE_S)?)
     }
 
     fn without(&self, index: usize) -> Self {
@@ -143,6 +143,9 @@ pub enum CaseError {
     /// An effect whose numbers are not whole.
     #[error("effect `{0}` cannot be built from its numbers")]
     Unbuildable(String),
+    /// Effects that do not fit into one model.
+    #[error(transparent)]
+    TooManyStates(#[from] TooManyStates),
     /// A file could not be written.
     #[error("{path}: {source}")]
     Write {
@@ -153,12 +156,13 @@ pub enum CaseError {
     },
 }
 
-/// The case of a set, an index within it and a campaign's seed. `forced` names effects instead of the set's choice.
+/// The case of a set, an index within it and a campaign's seed. `kinds` is of those on no list; `forced` names effects instead of
+/// the set's choice.
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
-pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Result<Case, CaseError> {
-    let mut case = unjudged(set, index, campaign_seed, forced)?;
+pub fn make(set: Set, index: usize, campaign_seed: u64, kinds: Kinds, forced: &[String]) -> Result<Case, CaseError> {
+    let mut case = unjudged(set, index, campaign_seed, kinds, forced)?;
     let mut machine = Machine::declared();
     for (name, value) in &case.truth.machine {
         if let Some(place) = machine.named_mut(name) {
@@ -176,7 +180,13 @@ pub fn make(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Re
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
-pub fn unjudged(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -> Result<Case, CaseError> {
+pub fn unjudged(
+    set: Set,
+    index: usize,
+    campaign_seed: u64,
+    kinds: Kinds,
+    forced: &[String],
+) -> Result<Case, CaseError> {
     let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
     let mut draw = Draw::new(subseed(seed, "machine"));
     let machine = Machine::drawn(&mut draw);
@@ -188,7 +198,7 @@ pub fn unjudged(set: Set, index: usize, campaign_seed: u64, forced: &[String]) -
     let noise = Noise::drawn(&mut draw);
     let mut draw = Draw::new(subseed(seed, "effects"));
     let effects: Vec<Effect> =
-        choose(set, index, forced, &mut draw)?.into_iter().map(|entry| entry.draw(&mut draw)).collect();
+        choose(set, index, kinds, forced, &mut draw)?.into_iter().map(|entry| entry.draw(&mut draw)).collect();
     let plans = plan(seed);
     let builder = Builder { machine, smoothing, effects };
     let steps_per_row = builder.model(None)?.steps();
@@ -224,7 +234,13 @@ pub fn signals(plan: &Plan) -> (Vec<f64>, Vec<f64>) {
     (wanted, torque)
 }
 
-fn choose(set: Set, index: usize, forced: &[String], draw: &mut Draw) -> Result<Vec<&'static Entry>, CaseError> {
+fn choose(
+    set: Set,
+    index: usize,
+    kinds: Kinds,
+    forced: &[String],
+    draw: &mut Draw,
+) -> Result<Vec<&'static Entry>, CaseError> {
     if !forced.is_empty() {
         return forced.iter().map(|name| effects::find(name).ok_or_else(|| CaseError::Unknown(name.clone()))).collect();
     }
@@ -233,13 +249,12 @@ fn choose(set: Set, index: usize, forced: &[String], draw: &mut Draw) -> Result<
         Set::Clean => Vec::new(),
         Set::Listed => vec![listed[index % listed.len()]],
         Set::Unlisted => {
-            let unlisted = effects::unlisted();
+            let unlisted = effects::unlisted(kinds);
             vec![unlisted[index % unlisted.len()]]
         }
         Set::Pairs => {
             let first = listed[draw.below(listed.len())];
-            let others: Vec<&'static Entry> =
-                listed.iter().copied().filter(|other| other.site != first.site && other.id != first.id).collect();
+            let others = effects::beside(first);
             vec![first, others[draw.below(others.len())]]
         }
     })

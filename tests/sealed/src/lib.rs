@@ -10,6 +10,8 @@
 //! ```text
 //! $ cargo run --release -p sealed --bin generate -- --set listed --cases 31 --seed 1 --out cases
 //! $ cargo run --release -p sealed --bin campaign -- --farreach target/release/farreach --seed 1 --results campaign.jsonl
+//! $ cargo run --release -p sealed --bin campaign -- --seed 1 --listed 0 --clean 0 --pairs 0 --unlisted-kinds new --results holdout.jsonl
+//! $ cargo run --release -p sealed --bin campaign -- --seed 1 --results campaign.jsonl --only-print
 //! ```
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
@@ -19,10 +21,12 @@ pub mod deviation;
 pub mod draw;
 pub mod effective;
 pub mod effects;
+pub mod fingerprint;
 pub mod machine;
 pub mod model;
 pub mod record;
 pub mod reference;
+pub mod results;
 pub mod score;
 pub mod smoothing;
 pub mod table;

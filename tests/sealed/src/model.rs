@@ -8,8 +8,9 @@ use crate::deviation::{Deviation, Link, Side, View};
 use crate::machine::Machine;
 use crate::smoothing::Smoothing;
 
-/// Most states that a model may have.
-const MOST: usize = 40;
+/// Most states that a model may have: those of the declared model, 32 of transmission dead time, and up to eight of an effect
+/// beside it.
+pub const MOST: usize = 48;
 /// States of the declared model.
 const OWN: usize = 8;
 /// Rate times step of the stiffest friction; Runge-Kutta of fourth order is stable up to 2.78.
@@ -40,6 +41,11 @@ pub struct Input<'a> {
     pub pull: [f64; 4],
 }
 
+/// Deviations with more states than a model has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the model and its effects have {0} states, more than the {MOST} that a model has room for")]
+pub struct TooManyStates(pub usize);
+
 /// The machine with its deviations.
 #[derive(Debug)]
 pub struct Model {
@@ -57,19 +63,30 @@ pub struct Model {
 
 impl Model {
     /// Puts the deviations into the machine.
-    pub fn new(mut machine: Machine, smoothing: Smoothing, deviations: Vec<Box<dyn Deviation>>, sample_s: f64) -> Self {
+    ///
+    /// # Errors
+    /// [`TooManyStates`].
+    pub fn new(
+        mut machine: Machine,
+        smoothing: Smoothing,
+        deviations: Vec<Box<dyn Deviation>>,
+        sample_s: f64,
+    ) -> Result<Self, TooManyStates> {
+        let states = OWN + deviations.iter().map(|deviation| deviation.states()).sum::<usize>();
+        if states > MOST {
+            return Err(TooManyStates(states));
+        }
         for deviation in &deviations {
             deviation.alter(&mut machine);
         }
         let extra = [0, 1].map(|side| deviations.iter().map(|deviation| deviation.inertia(side)).sum::<f64>());
         let own = machine.inertia_kg_m2();
-        let states = OWN + deviations.iter().map(|deviation| deviation.states()).sum::<usize>();
         let mut model = Self {
             inertia: [own[0] + extra[0], own[1] + extra[1]],
             displacement: machine.displacement_m_per_rad(),
             half_line_n_per_m: 2.0 * machine.line_stiffness_n_per_m(),
             fluid_mass_kg: machine.fluid_mass_kg(),
-            states: states.min(MOST),
+            states,
             steps: STEPS.0,
             machine,
             smoothing,
@@ -77,7 +94,12 @@ impl Model {
             sample_s,
         };
         model.steps = ((model.stiffest_rate() * sample_s / RATE_TIMES_STEP).ceil() as usize).clamp(STEPS.0, STEPS.1);
-        model
+        Ok(model)
+    }
+
+    /// States of the declared model and of all deviations.
+    pub fn states(&self) -> usize {
+        self.states
     }
 
     /// Slope of the friction at rest over the inertia, 1/s: the fastest decay in the model. Effects are asked at the begin of a
@@ -326,7 +348,7 @@ mod tests {
         machine.fluid_viscosity_pa_s = 1e-12;
         machine.hose_diameter_m = 1e6;
         machine.hose_roughness_m = 0.0;
-        Model::new(machine, Smoothing { shape: Shape::Root, speed_rad_s: 0.1 }, Vec::new(), SAMPLE_S)
+        Model::new(machine, Smoothing { shape: Shape::Root, speed_rad_s: 0.1 }, Vec::new(), SAMPLE_S).unwrap()
     }
 
     /// Both lines move alike, so that there are three masses in a row; with `u = d_m q_m`, `w = d_s q_s` and the rates
@@ -367,7 +389,8 @@ mod tests {
     #[test]
     fn friction_takes_energy() {
         let model =
-            Model::new(Machine::declared(), Smoothing { shape: Shape::Tanh, speed_rad_s: 0.05 }, Vec::new(), SAMPLE_S);
+            Model::new(Machine::declared(), Smoothing { shape: Shape::Tanh, speed_rad_s: 0.05 }, Vec::new(), SAMPLE_S)
+                .unwrap();
         let mut state = State::default();
         (state.0[1], state.0[3]) = (8.0, -6.0);
         let mut energy = model.energy_j(&state);
@@ -387,7 +410,7 @@ mod tests {
     fn converged_at_its_step() {
         let build = |steps: usize| {
             let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.04 };
-            Model { steps, ..Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S) }
+            Model { steps, ..Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap() }
         };
         let run = |model: &Model| {
             let mut state = State::default();
@@ -399,10 +422,31 @@ mod tests {
             [state.0[0], state.0[2]]
         };
         let chosen =
-            Model::new(Machine::declared(), Smoothing { shape: Shape::Root, speed_rad_s: 0.04 }, Vec::new(), SAMPLE_S);
+            Model::new(Machine::declared(), Smoothing { shape: Shape::Root, speed_rad_s: 0.04 }, Vec::new(), SAMPLE_S)
+                .unwrap();
         let (coarse, fine) = (run(&chosen), run(&build(4 * chosen.steps)));
         for side in 0..2 {
             assert!((coarse[side] - fine[side]).abs() < 2e-5, "{coarse:?} {fine:?} at {} steps", chosen.steps);
         }
+    }
+
+    #[derive(Debug)]
+    struct Many(usize);
+
+    impl Deviation for Many {
+        fn states(&self) -> usize {
+            self.0
+        }
+    }
+
+    #[test]
+    fn what_has_no_room_is_refused() {
+        let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
+        let build = |states: usize| {
+            Model::new(Machine::declared(), smoothing, vec![Box::new(Many(states))], SAMPLE_S)
+                .map(|model| model.states())
+        };
+        assert_eq!(build(MOST - OWN), Ok(MOST));
+        assert_eq!(build(MOST - OWN + 1), Err(TooManyStates(MOST + 1)));
     }
 }

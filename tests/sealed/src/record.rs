@@ -213,7 +213,7 @@ mod tests {
 
     fn recorded(samples: usize) -> Record {
         let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.06 };
-        let mut model = Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S);
+        let mut model = Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap();
         let noise = Noise { torque_nm: 2.5e-3, process_nm: [4e-3; 2], process_hz: 10.0 };
         let reference = reference(Kind::Multisine, &mut Draw::new(3), samples, SAMPLE_S);
         run(&mut model, &reference, &[], 15.0, &noise, 1)

@@ -101,11 +101,11 @@ pub enum End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Naming {
-    /// Id and site are right, first.
+    /// Id, site and place within it are right, first.
     Right,
     /// `ambiguous`, and the truth is one of at most two besides the first, or the first.
     Ambiguous,
-    /// The id is right first, the site is not.
+    /// The id is right first, the site is not, or the place within it (which encoder).
     WrongSite,
     /// Another name first.
     Wrong,
@@ -198,14 +198,14 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
     let true_names: Vec<String> = truth.effects.iter().map(Effect::name).collect();
     let flagged = answer.is_some() && (said.verdict == "unlisted" || said.remains);
     let two = truth.effects.len() == 2;
-    let hits = true_names.iter().filter(|name| names.contains(name)).count();
+    let hits = truth.effects.iter().filter(|effect| said.effects.iter().any(|named| said.meant(effect, named))).count();
     let told = said.unlisted.as_ref();
     let unnamed = truth.effects.first().filter(|effect| !effect.listed);
     let sizes: Vec<(f64, f64)> = truth
         .effects
         .iter()
         .filter_map(|effect| {
-            let found = said.effects.iter().find(|named| name(named) == effect.name())?;
+            let found = said.effects.iter().find(|named| named.is(effect))?;
             size_error(truth, effect, found, said)
         })
         .collect();
@@ -218,7 +218,7 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         code: run.code,
         message: run.message.clone(),
         verdict: said.verdict.clone(),
-        naming: (truth.effects.len() == 1).then(|| naming(&truth.effects[0], answer, &names, &rivals)),
+        naming: (truth.effects.len() == 1).then(|| naming(&truth.effects[0], answer)),
         alarm: answer.is_some() && (!names.is_empty() || said.verdict != "none"),
         flagged,
         site_right: unnamed.map(|effect| told.is_some_and(|told| told.site == effect.site.name())),
@@ -227,7 +227,8 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         }),
         told: told.map(|told| (told.site.clone(), told.depends_on.clone())),
         both: two.then_some(hits == 2),
-        false_third: two.then(|| names.iter().any(|name| !true_names.contains(name))),
+        false_third: two
+            .then(|| said.effects.iter().any(|named| !truth.effects.iter().any(|effect| said.meant(effect, named)))),
         over_floor: over_floor(said),
         drop: drop(said, |errors| errors.before),
         drop_from_file: drop(said, |errors| errors.declared),
@@ -241,18 +242,60 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
     }
 }
 
-fn naming(truth: &Effect, answer: Option<&Answer>, names: &[String], rivals: &[String]) -> Naming {
+/// The discrete parameter that says at which place within its site an effect acts.
+const PLACES: [(&str, &str); 1] = [("encoder_eccentricity", "on_master")];
+
+/// The place within the site, of an effect that has several: one of two. `None` where it is not told.
+fn place(id: &str, parameter: impl Fn(&str) -> Option<f64>) -> Option<bool> {
+    let (_, name) = PLACES.iter().find(|place| place.0 == id)?;
+    parameter(name).map(|value| value > 0.5)
+}
+
+impl Named {
+    fn place(&self) -> Option<bool> {
+        place(&self.id, |name| self.parameters.iter().find(|parameter| parameter.name == name)?.value)
+    }
+
+    fn named_as(&self, truth: &Effect) -> bool {
+        self.id == truth.id && self.site == truth.site.name()
+    }
+
+    /// Whether it is that effect: id, site, and place within it. A place that is not told is not the right one.
+    fn is(&self, truth: &Effect) -> bool {
+        self.named_as(truth) && self.place() == truth_place(truth)
+    }
+}
+
+fn truth_place(truth: &Effect) -> Option<bool> {
+    place(&truth.id, |name| Some(truth.parameters.get(name)))
+}
+
+impl Answer {
+    /// Whether the truth is among what is said to be the same to the records: at most two. A rival that does not tell its place
+    /// stands for all of them.
+    fn says_rival(&self, truth: &Effect) -> bool {
+        let same = |rival: &Named| {
+            rival.named_as(truth) && rival.place().is_none_or(|place| Some(place) == truth_place(truth))
+        };
+        self.verdict == "ambiguous" && self.ambiguous_with.len() <= 2 && self.ambiguous_with.iter().any(same)
+    }
+
+    /// Whether a named effect is that one, or it at another place within its site where the records are said not to tell which.
+    fn meant(&self, truth: &Effect, named: &Named) -> bool {
+        named.is(truth) || (named.named_as(truth) && self.says_rival(truth))
+    }
+}
+
+fn naming(truth: &Effect, answer: Option<&Answer>) -> Naming {
     let Some(answer) = answer else { return Naming::NoAnswer };
-    let wanted = truth.name();
-    let Some(first) = names.first() else {
+    let Some(first) = answer.effects.first() else {
         return if answer.verdict == "unlisted" || answer.remains { Naming::Unlisted } else { Naming::Missed };
     };
-    let meant = *first == wanted || (rivals.len() <= 2 && rivals.contains(&wanted));
-    if answer.verdict == "ambiguous" && meant {
+    if answer.verdict == "ambiguous" && (first.is(truth) || answer.says_rival(truth)) {
         Naming::Ambiguous
-    } else if *first == wanted {
+    } else if first.is(truth) {
         Naming::Right
-    } else if first.split('@').next() == Some(truth.id.as_str()) {
+    } else if first.id == truth.id {
         Naming::WrongSite
     } else {
         Naming::Wrong

@@ -177,38 +177,61 @@ pub fn table(scores: &[Score]) -> Table {
 }
 
 fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
-    let mut number = |set: &'static str, what: &str, bar: &'static str, value: Option<f64>, text: String| {
-        rows.push(Row { set, what: what.to_owned(), bar, found: text, share: None, value });
-    };
+    let mut number =
+        |set: &'static str, what: &str, bar: &'static str, value: Option<f64>, found: String, share: Option<Share>| {
+            rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
+        };
     let listed = seen(Set::Listed);
     let pairs = seen(Set::Pairs);
     let plain = |value: f64| format!("{value:.3}");
     let percent = |value: f64| format!("{:.2} %", 100.0 * value);
     let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or_else(|| "none".to_owned(), text);
-    let over: Vec<f64> = listed.iter().filter_map(|score| score.over_floor).collect();
+    // A case without an answer or without a floor does not hold the bar, and is behind all that have a number.
+    let over: Vec<Option<f64>> =
+        listed.iter().map(|score| score.over_floor.filter(|ratio| ratio.is_finite())).collect();
     if !over.is_empty() {
-        let within = Share::new(over.iter().filter(|ratio| **ratio <= 1.4).count(), over.len());
-        number("listed", "error at most 1.4 repeat floors", ">= 90 %", None, within.to_string());
-        let p90 = quantile(&over, 0.9);
-        number("listed", "error over floor, 90th percentile", "<= 1.4", p90, put(p90, &plain));
+        let without = over.iter().filter(|ratio| ratio.is_none()).count();
+        let missing =
+            if without > 0 { format!(", {without} of them without an answer or a floor") } else { String::new() };
+        let within = Share::new(over.iter().flatten().filter(|ratio| **ratio <= 1.4).count(), over.len());
+        number(
+            "listed",
+            "error at most 1.4 repeat floors",
+            ">= 90 %",
+            None,
+            format!("{within}{missing}"),
+            Some(within),
+        );
+        let p90 = quantile_of_all(&over, 0.9);
+        let text = of_all(p90, &over, &plain);
+        number("listed", "error over floor, 90th percentile", "<= 1.4", p90, text, None);
     }
     let drops: Vec<f64> = listed.iter().filter_map(|score| score.drop).collect();
     let median = quantile(&drops, 0.5);
-    number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain));
+    number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain), None);
     let from_file: Vec<f64> = listed.iter().filter_map(|score| score.drop_from_file).collect();
     if let Some(median) = quantile(&from_file, 0.5) {
-        number("listed", "drop from what the rig file leaves as it is, median", "", Some(median), plain(median));
+        number("listed", "drop from what the rig file leaves as it is, median", "", Some(median), plain(median), None);
     }
-    let sizes: Vec<f64> = listed.iter().flat_map(|score| score.size_errors.iter().copied()).collect();
-    let raw: Vec<f64> = listed.iter().flat_map(|score| score.raw_size_errors.iter().copied()).collect();
+    let first = |errors: &[f64]| errors.first().copied().filter(|error| error.is_finite());
+    // One effect a case: the size of another name is no size of this one.
+    let sizes: Vec<Option<f64>> = listed.iter().map(|score| first(&score.size_errors)).collect();
+    let raw: Vec<Option<f64>> = listed.iter().map(|score| first(&score.raw_size_errors)).collect();
     for (what, bar, values, at) in [
         ("error of the effective size, median", "<= 1 %", &sizes, 0.5),
         ("error of the effective size, 90th percentile", "<= 6 %", &sizes, 0.9),
         ("error of the raw first parameter, median", "", &raw, 0.5),
         ("error of the raw first parameter, 90th percentile", "", &raw, 0.9),
     ] {
-        let value = quantile(values, at);
-        number("listed", what, bar, value, format!("{} (n = {})", put(value, &percent), values.len()));
+        let value = quantile_of_all(values, at);
+        number("listed", what, bar, value, of_all(value, values, &percent), None);
+    }
+    let named: Vec<f64> = sizes.iter().flatten().copied().collect();
+    for (what, at) in
+        [("... of those rightly named, median", 0.5), ("... of those rightly named, 90th percentile", 0.9)]
+    {
+        let value = quantile(&named, at);
+        number("listed", what, "", value, format!("{} (n = {})", put(value, &percent), named.len()), None);
     }
     for (set, cases, bar) in [("listed", &listed, "<= 30 s"), ("pairs", &pairs, "<= 60 s")] {
         let seconds: Vec<f64> =
@@ -220,6 +243,7 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
             bar,
             median,
             put(median, &|value| format!("{value:.1}")),
+            None,
         );
     }
 }
@@ -239,7 +263,10 @@ fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {
         if let (Some(Naming::Wrong | Naming::WrongSite | Naming::Ambiguous), Some(first)) =
             (score.naming, score.named.first())
         {
-            *row.instead.entry(first.clone()).or_default() += 1;
+            // The right name at the wrong place within its site.
+            let elsewhere = score.naming == Some(Naming::WrongSite) && *first == score.truth[0];
+            let shown = if elsewhere { format!("{first}, elsewhere") } else { first.clone() };
+            *row.instead.entry(shown).or_default() += 1;
         }
         sizes.entry(score.truth[0].clone()).or_default().extend(&score.size_errors);
     }
@@ -249,12 +276,41 @@ fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {
     rows
 }
 
+/// A quantile over all cases as text, with how many there are and how many of them have no value.
+fn of_all(quantile: Option<f64>, values: &[Option<f64>], text: &dyn Fn(f64) -> String) -> String {
+    let without = values.iter().filter(|value| value.is_none()).count();
+    let missing = if without == 0 { String::new() } else { format!(", {without} of them without") };
+    // Where it falls on what has no value, nothing bounds it.
+    let shown = match quantile {
+        Some(value) => text(value),
+        None if values.is_empty() => "none".to_owned(),
+        None => "no bound".to_owned(),
+    };
+    format!("{shown} (n = {}{missing})", values.len())
+}
+
+/// [`quantile`] over all cases, those without a value behind all others; `None` where it falls on or between those.
+fn quantile_of_all(values: &[Option<f64>], share: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
+    sorted.sort_by(f64::total_cmp);
+    between(&sorted, share).filter(|value| value.is_finite())
+}
+
 /// The value below which a share of the values lies; between two of them along a straight line.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
+    between(&sorted, share)
+}
+
+/// Between two of sorted values along a straight line.
+fn between(sorted: &[f64], share: f64) -> Option<f64> {
     let place = share * sorted.len().checked_sub(1)? as f64;
     let (low, part) = (place.floor() as usize, place - place.floor());
+    // No step toward a neighbour that is infinitely far where none is taken.
+    if part == 0.0 {
+        return Some(sorted[low]);
+    }
     let high = (low + 1).min(sorted.len() - 1);
     Some(sorted[low] + part * (sorted[high] - sorted[low]))
 }
@@ -304,5 +360,19 @@ mod tests {
         assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
         assert_eq!(quantile(&[0.0, 10.0], 0.9), Some(9.0));
         assert_eq!(quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn what_has_no_value_is_behind_all_others() {
+        let nine = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9].map(Some);
+        assert_eq!(quantile_of_all(&nine, 0.5), Some(0.5));
+        let all = [&nine[..], &[None, None]].concat();
+        assert_eq!(quantile_of_all(&all, 0.5), Some(0.6));
+        assert_eq!(quantile_of_all(&all, 0.9), None, "two of eleven are more than a tenth");
+        let text = |value: f64| value.to_string();
+        assert_eq!(of_all(Some(0.6), &all, &text), "0.6 (n = 11, 2 of them without)");
+        assert_eq!(of_all(None, &all, &text), "no bound (n = 11, 2 of them without)");
+        assert_eq!(of_all(Some(0.5), &nine, &text), "0.5 (n = 9)");
+        assert_eq!(quantile_of_all(&[None], 0.5), None);
     }
 }

@@ -1,22 +1,22 @@
 //! Whole cases: the same seed gives the same case, and every effect leaves its mark on the records.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use sealed::case::{Set, unjudged};
+use sealed::case::{Builder, Set, unjudged};
 use sealed::draw::{Draw, subseed};
-use sealed::effects::{listed, unlisted};
+use sealed::effects::{Kinds, beside, listed, unlisted};
 use sealed::machine::Machine;
-use sealed::model::Model;
+use sealed::model::{Input, MOST, Model, State};
 use sealed::record::{Noise, Record, SAMPLE_S, run};
 use sealed::reference::{Kind, hand, reference};
 use sealed::smoothing::{Shape, Smoothing};
 
 #[test]
 fn a_case_follows_from_its_seed() {
-    let case = unjudged(Set::Pairs, 3, 11, &[]).unwrap();
-    let again = unjudged(Set::Pairs, 3, 11, &[]).unwrap();
+    let case = unjudged(Set::Pairs, 3, 11, Kinds::All, &[]).unwrap();
+    let again = unjudged(Set::Pairs, 3, 11, Kinds::All, &[]).unwrap();
     assert_eq!(case.truth, again.truth);
     assert_eq!(case.records, again.records);
-    assert_ne!(unjudged(Set::Pairs, 3, 12, &[]).unwrap().truth.machine, case.truth.machine);
+    assert_ne!(unjudged(Set::Pairs, 3, 12, Kinds::All, &[]).unwrap().truth.machine, case.truth.machine);
     assert!((8..=10).contains(&case.records.len()));
     let [one, other] = &case.truth.effects[..] else { panic!("two effects") };
     assert!(one.site != other.site && one.id != other.id);
@@ -32,7 +32,7 @@ fn a_case_follows_from_its_seed() {
 #[test]
 fn a_written_case_has_its_records_and_its_truth() {
     let folder = tempfile::tempdir().unwrap();
-    let case = unjudged(Set::Clean, 1, 5, &[]).unwrap();
+    let case = unjudged(Set::Clean, 1, 5, Kinds::All, &[]).unwrap();
     case.write(folder.path()).unwrap();
     let truth: sealed::case::Truth =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("truth.json")).unwrap()).unwrap();
@@ -44,29 +44,51 @@ fn a_written_case_has_its_records_and_its_truth() {
     assert!(text.lines().nth(1).unwrap().starts_with("15.0000,"), "time goes on over the records");
 }
 
+/// Every pair that the set of pairs can draw, in either order: each has room, and its first sample is a number.
+#[test]
+fn every_pair_can_be_built() {
+    let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
+    let (mut pairs, mut most) = (0, 0);
+    for first in listed() {
+        for second in beside(first) {
+            let mut draw = Draw::new(subseed(5, &format!("{} {}", first.id, second.id)));
+            let effects = vec![first.draw(&mut draw), second.draw(&mut draw)];
+            let names: Vec<String> = effects.iter().map(sealed::effects::Effect::name).collect();
+            let machine = Machine::drawn(&mut draw);
+            let model = Builder { machine, smoothing, effects }.model(None).unwrap();
+            let mut state = State::default();
+            model.advance(&mut state, 0.0, 0.0, &Input { volts: &[2.0], ..Input::default() });
+            assert!(state.0.iter().all(|value| value.is_finite()), "{names:?}");
+            (pairs, most) = (pairs + 1, most.max(model.states()));
+        }
+    }
+    assert!(pairs > 1000, "{pairs} pairs");
+    assert!((41..=MOST).contains(&most), "dead time of the line beside an effect with a state: {most} states");
+}
+
 /// Two seconds with a hand and noise from the same seed, with the effect and without it.
 #[test]
 fn every_effect_leaves_its_mark() {
-    let samples = 4000;
-    let wanted = reference(Kind::Multisine, &mut Draw::new(1), samples, SAMPLE_S);
-    let torque = hand(&mut Draw::new(2), samples, SAMPLE_S);
+    let wanted = reference(Kind::Multisine, &mut Draw::new(1), 8000, SAMPLE_S);
+    let torque = hand(&mut Draw::new(2), 8000, SAMPLE_S);
     let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
     let noise = Noise { torque_nm: 2.5e-3, process_nm: [4e-3; 2], process_hz: 10.0 };
-    let record = |effect: Option<&sealed::effects::Effect>, start_s: f64| {
+    let record = |effect: Option<&sealed::effects::Effect>, start_s: f64, samples: usize| {
         let deviations = effect.map(|effect| effect.build().unwrap()).into_iter().collect();
-        let mut model = Model::new(Machine::declared(), smoothing, deviations, SAMPLE_S);
-        run(&mut model, &wanted, &torque, start_s, &noise, 7)
+        let mut model = Model::new(Machine::declared(), smoothing, deviations, SAMPLE_S).unwrap();
+        run(&mut model, &wanted[..samples], &torque[..samples], start_s, &noise, 7)
     };
     let rms = |one: &[f64], other: &[f64]| {
         let sum: f64 = one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum();
         (sum / one.len() as f64).sqrt()
     };
-    for entry in listed().into_iter().chain(unlisted()) {
-        // Drifts need time to show, warm-ups none.
+    for entry in listed().into_iter().chain(unlisted(Kinds::All)) {
+        // Drifts and windings need time to show, warm-ups none.
+        let samples = if entry.id == "thermal_foldback" { 8000 } else { 4000 };
         let start_s = if entry.id == "sensor_drift" { 100.0 } else { 0.0 };
-        let plain: Record = record(None, start_s);
+        let plain: Record = record(None, start_s, samples);
         let effect = entry.draw(&mut Draw::new(subseed(4, entry.id)));
-        let with = record(Some(&effect), start_s);
+        let with = record(Some(&effect), start_s, samples);
         let change = [
             rms(&plain.master_rad, &with.master_rad) / 5e-4,
             rms(&plain.slave_rad, &with.slave_rad) / 5e-4,

@@ -1,14 +1,9 @@
-//! Answers of known worth, and what the scoring makes of them; and a campaign with a program that answers what it is told.
+//! Answers of known worth, and what the scoring makes of them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
-
-use std::fs;
-use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use std::process::Command;
 
 use sealed::case::{Set, Truth, unjudged};
 use sealed::detect::Detectability;
-use sealed::effects::{Variable, listed, unlisted};
+use sealed::effects::{Kinds, Variable, listed, unlisted};
 use sealed::score::{Answer, End, Naming, Run, Score, score, variable};
 use sealed::table::{Table, table as table_of};
 use serde_json::{Value, json};
@@ -20,7 +15,7 @@ fn seen(gain: f64) -> Detectability {
 /// The truth about the first case of a set whose effects are these, at their drawn sizes.
 fn truth(set: Set, effects: &[&str]) -> Truth {
     let names: Vec<String> = effects.iter().map(|name| (*name).to_owned()).collect();
-    let mut truth = unjudged(set, 0, 3, &names).unwrap().truth;
+    let mut truth = unjudged(set, 0, 3, Kinds::All, &names).unwrap().truth;
     truth.detectability = effects.iter().map(|_| seen(2.0)).collect();
     truth
 }
@@ -52,6 +47,58 @@ fn names_are_right_ambiguous_or_wrong() {
     let failed = Run { end: End::Failed, code: Some(1), message: "kind".to_owned(), seconds: 0.1 };
     let nothing = score(&truth, None, &failed);
     assert_eq!((nothing.naming, nothing.alarm, nothing.flagged), (Some(Naming::NoAnswer), false, false));
+}
+
+/// An eccentric disc as identify names it, at an encoder.
+fn eccentric(on_master: f64) -> Value {
+    json!({ "id": "encoder_eccentricity", "site": "sensor", "parameters": [
+        { "name": "amplitude", "value": 0.02 }, { "name": "on_master", "value": on_master },
+    ] })
+}
+
+#[test]
+fn the_wrong_encoder_is_another_place() {
+    let truth = truth(Set::Listed, &["encoder_eccentricity@sensor"]);
+    let is = truth.effects[0].parameters.get("on_master");
+    let (right, wrong) = (eccentric(is), eccentric(1.0 - is));
+    let untold = named("encoder_eccentricity", "sensor");
+    let judged = |verdict: &str, effect: &Value, rivals: Value| {
+        judged(&truth, json!({ "verdict": verdict, "effects": [effect], "ambiguous_with": rivals }))
+    };
+    let naming = |verdict: &str, effect: &Value, rivals: Value| judged(verdict, effect, rivals).naming.unwrap();
+    assert_eq!(naming("effect", &right, json!([])), Naming::Right);
+    assert_eq!(naming("effect", &wrong, json!([])), Naming::WrongSite);
+    assert_eq!(naming("effect", &untold, json!([])), Naming::WrongSite, "not told is not right");
+    // Only with the verdict is it said that records cannot tell.
+    assert_eq!(naming("effect", &wrong, json!([untold])), Naming::WrongSite);
+    assert_eq!(naming("ambiguous", &wrong, json!([untold])), Naming::Ambiguous);
+    assert_eq!(naming("ambiguous", &wrong, json!([right])), Naming::Ambiguous);
+    assert_eq!(naming("ambiguous", &wrong, json!([wrong])), Naming::WrongSite, "the rival is the same wrong one");
+    assert_eq!(naming("ambiguous", &wrong, json!([named("backlash", "slave")])), Naming::WrongSite);
+    assert_eq!(naming("ambiguous", &right, json!([untold])), Naming::Ambiguous);
+    assert_eq!(naming("ambiguous", &named("backlash", "slave"), json!([untold])), Naming::Ambiguous);
+    assert_eq!(judged("effect", &right, json!([])).size_errors.len(), 1);
+    assert!(judged("effect", &wrong, json!([])).size_errors.is_empty(), "no size of what is not there");
+    assert!(judged("ambiguous", &wrong, json!([untold])).size_errors.is_empty());
+    let table = table_of(&[judged("effect", &wrong, json!([]))]);
+    assert_eq!(table.by_effect["encoder_eccentricity@sensor"].instead["encoder_eccentricity@sensor, elsewhere"], 1);
+}
+
+#[test]
+fn the_wrong_encoder_of_a_pair_is_no_hit() {
+    let truth = truth(Set::Pairs, &["backlash@slave", "encoder_eccentricity@sensor"]);
+    let is = truth.effects[1].parameters.get("on_master");
+    let judged = |verdict: &str, on_master: f64, rivals: Value| {
+        let effects = [named("backlash", "slave"), eccentric(on_master)];
+        let score = judged(&truth, json!({ "verdict": verdict, "effects": effects, "ambiguous_with": rivals }));
+        (score.both.unwrap(), score.false_third.unwrap())
+    };
+    let untold = named("encoder_eccentricity", "sensor");
+    assert_eq!(judged("effect", is, json!([])), (true, false));
+    assert_eq!(judged("effect", 1.0 - is, json!([])), (false, true));
+    assert_eq!(judged("effect", 1.0 - is, json!([untold])), (false, true));
+    assert_eq!(judged("ambiguous", 1.0 - is, json!([untold])), (true, false));
+    assert_eq!(judged("ambiguous", 1.0 - is, json!([named("leakage", "line")])), (false, true));
 }
 
 #[test]
@@ -166,59 +213,51 @@ fn the_table_counts() {
     assert!(table.to_string().contains("6 of 10 = 60.0 %"), "{table}");
 }
 
+/// What has no answer, no floor or another name does not hold a bar.
+#[test]
+fn bars_are_over_all_detectable_cases() {
+    let mut truth = truth(Set::Listed, &["backlash@slave"]);
+    let gap = truth.effects[0].parameters.get("gap");
+    let answer = |after: f64, floor: Value, site: &str| {
+        let effect = json!({ "id": "backlash", "site": site, "parameters": [{ "name": "gap", "value": 1.01 * gap }] });
+        let errors = json!({ "slave_rad": { "before": 1e-2, "after": after, "floor": floor } });
+        json!({ "verdict": "effect", "effects": [effect], "error": errors })
+    };
+    let mut scores: Vec<Score> = (0..10)
+        .map(|index| {
+            truth.index = index;
+            match index {
+                0..7 => judged(&truth, answer(6e-4, json!(5e-4), "slave")),
+                7 => judged(&truth, answer(9e-4, json!(5e-4), "slave")),
+                8 => judged(&truth, answer(6e-4, Value::Null, "line")),
+                _ => {
+                    score(&truth, None, &Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 })
+                }
+            }
+        })
+        .collect();
+    let table = table_of(&scores);
+    assert_eq!(count_in(&table, "error at most 1.4 repeat floors"), (7, 10));
+    let row = |what: &str| table.rows.iter().find(|row| row.what == what).unwrap();
+    let within = row("error at most 1.4 repeat floors");
+    assert!(within.found.ends_with("2 of them without an answer or a floor"), "{}", within.found);
+    assert_eq!(row("error over floor, 90th percentile").value, None, "two of ten have none");
+    let median = row("error of the effective size, median");
+    assert!((median.value.unwrap() - 0.01).abs() < 1e-9);
+    assert!(median.found.ends_with("(n = 10, 2 of them without)"), "{}", median.found);
+    let p90 = row("error of the effective size, 90th percentile");
+    assert_eq!((p90.value, &p90.found[..]), (None, "no bound (n = 10, 2 of them without)"));
+    assert!((row("... of those rightly named, 90th percentile").value.unwrap() - 0.01).abs() < 1e-9);
+    // A case that cannot be seen is in no bar.
+    for score in &mut scores[8..] {
+        score.detectable = false;
+    }
+    assert_eq!(count_in(&table_of(&scores), "error at most 1.4 repeat floors"), (7, 8));
+}
+
 /// The interface's table of sites has at least 20 ids, and eight effects are on no list.
 #[test]
 fn the_campaign_covers_what_it_must() {
     let ids: std::collections::BTreeSet<&str> = listed().iter().map(|entry| entry.id).collect();
-    assert!(ids.len() >= 20 && unlisted().len() >= 8);
-}
-
-fn program(folder: &Path, text: &str) -> std::path::PathBuf {
-    let path = folder.join("answers");
-    fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    path
-}
-
-fn campaign(folder: &Path, farreach: &Path, clean: usize) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_campaign"))
-        .current_dir(folder)
-        .args([
-            "--listed",
-            "0",
-            "--unlisted",
-            "0",
-            "--pairs",
-            "0",
-            "--clean",
-            &clean.to_string(),
-            "--json",
-            "table.json",
-        ])
-        .arg("--farreach")
-        .arg(farreach)
-        .arg("--rig")
-        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"))
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-#[test]
-fn a_campaign_goes_on_after_what_is_there_and_survives_a_program_that_fails() {
-    let folder = tempfile::tempdir().unwrap();
-    // Arguments: identify --rig RIG --json FILE --jobs 2 RECORDS...
-    let alarm = r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && echo '{"verdict":"unlisted"}' > "$5""#;
-    let text = campaign(folder.path(), &program(folder.path(), alarm), 1);
-    assert!(text.contains("a verdict at all") && text.contains("1 of 1 = 100.0 %"), "{text}");
-    let failing = "echo 'kind hydrostatic: known: drive' >&2; exit 1";
-    let text = campaign(folder.path(), &program(folder.path(), failing), 2);
-    let table: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("table.json")).unwrap()).unwrap();
-    let cases = table["cases"].as_array().unwrap();
-    assert_eq!(cases.len(), 2, "{text}");
-    assert_eq!((&cases[0]["end"], &cases[0]["alarm"]), (&json!("done"), &json!(true)), "the first was kept");
-    assert_eq!((&cases[1]["end"], &cases[1]["code"]), (&json!("failed"), &json!(1)));
-    assert_eq!(cases[1]["message"], json!("kind hydrostatic: known: drive"));
-    assert_eq!(fs::read_to_string(folder.path().join("campaign.jsonl")).unwrap().lines().count(), 2);
+    assert!(ids.len() >= 20 && unlisted(Kinds::New).len() >= 8);
 }

@@ -5,12 +5,13 @@
 //! $ campaign --results campaign.jsonl --only-print
 //! ```
 //!
-//! Every case is a line in the results file as soon as it is scored. Started again with the same file, seed and program, the campaign goes
-//! on after what is there; interrupted, it prints what it has.
+//! Every case is a line in the results file as soon as it is scored. Started again with the same file, seed, program, rig and options
+//! that an answer may depend on, the campaign goes on after what is there; with another program or other options it begins anew, and
+//! says so. Interrupted, it prints what it has. A table is of one program, asked in one way.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -20,9 +21,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use clap::Parser;
 use sealed::case::{Set, make};
+use sealed::effects::Kinds;
+use sealed::results::{Configuration, Line, Results, name, read};
 use sealed::score::{Answer, End, Run, Score, score};
 use sealed::table::table;
-use serde::{Deserialize, Serialize};
 
 /// Scores `farreach identify` on sealed cases.
 #[derive(Parser)]
@@ -45,6 +47,9 @@ struct Args {
     /// Cases with two listed effects
     #[arg(long, default_value_t = 60)]
     pairs: usize,
+    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones and then the others
+    #[arg(long, value_enum, default_value = "all")]
+    unlisted_kinds: Kinds,
     /// Seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -63,52 +68,99 @@ struct Args {
     /// Keeps records, truth and answers in this folder
     #[arg(long)]
     keep: Option<PathBuf>,
-    /// Runs nothing, prints the table of what is in the results file
+    /// Runs nothing, prints a table for each program of what is in the results file, and each way in which it was asked
     #[arg(long)]
     only_print: bool,
-}
-
-/// A line of the results file.
-#[derive(Serialize, Deserialize)]
-struct Line {
-    seed: u64,
-    /// What the program says of itself: one table is of one program.
-    #[serde(default)]
-    program: String,
-    #[serde(flatten)]
-    score: Score,
+    /// Prints those tables only whose heading has this text: a revision, the first digits of a hash
+    #[arg(long, value_name = "TEXT", requires = "only_print")]
+    program: Option<String>,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let program = if args.only_print { None } else { Some(version(&args.farreach)?) };
-    let mut known = known(&args.results, args.seed, program.as_deref())?;
-    if let Some(program) = &program {
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            signal_hook::flag::register(signal, stop.clone())?;
-        }
-        run_all(&args, program, &mut known.scores, &stop)?;
-        known.programs.insert(program.clone());
+    let results = read(&args.results, args.seed)?;
+    for line in &results.left_out {
+        eprintln!("{line}");
     }
-    let Known { scores, programs } = known;
-    let table = table(&scores);
-    for program in &programs {
-        println!("{program}");
-    }
-    println!(
-        "seed {}, {} cases, one row = one kind of count; shares with Wilson's 95 % bounds",
-        args.seed,
-        scores.len()
-    );
-    println!("{table}");
-    if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(
-            &serde_json::json!({ "seed": args.seed, "programs": programs, "table": table, "cases": scores }),
-        )?;
+    let campaigns = if args.only_print { chosen(&args, results)? } else { vec![run(&args, results)?] };
+    if let (Some(path), [(configuration, scores)]) = (&args.json, &campaigns[..]) {
+        let text = serde_json::to_string_pretty(&serde_json::json!({
+            "seed": args.seed,
+            "programs": [configuration.program],
+            "configuration": configuration,
+            "table": table(scores),
+            "cases": scores,
+        }))?;
         fs::write(path, text).with_context(|| path.display().to_string())?;
     }
+    for (number, (configuration, scores)) in campaigns.iter().enumerate() {
+        if number > 0 {
+            println!();
+        }
+        println!("{configuration}");
+        println!(
+            "seed {}, {} cases, one row = one kind of count; shares with Wilson's 95 % bounds",
+            args.seed,
+            scores.len()
+        );
+        println!("{}", table(scores));
+    }
     Ok(())
+}
+
+/// What is in the results file, one campaign a program and way of asking, of those that were asked for.
+fn chosen(args: &Args, results: Results) -> anyhow::Result<Vec<(Configuration, Vec<Score>)>> {
+    let headings: Vec<String> = results.campaigns.keys().map(ToString::to_string).collect();
+    let wanted = |heading: &str| args.program.as_deref().is_none_or(|text| heading.contains(text));
+    let chosen: Vec<_> = results.campaigns.into_iter().filter(|campaign| wanted(&campaign.0.to_string())).collect();
+    if chosen.is_empty() {
+        let there = if headings.is_empty() { "nothing".to_owned() } else { headings.join("\n  ") };
+        bail!("{}: no such lines of seed {}; there is\n  {there}", args.results.display(), args.seed);
+    }
+    if args.json.is_some() && chosen.len() > 1 {
+        bail!(
+            "--json takes one table, and {} has {}; choose with --program TEXT:\n  {}",
+            args.results.display(),
+            chosen.len(),
+            headings.join("\n  ")
+        );
+    }
+    Ok(chosen)
+}
+
+/// Goes on after the lines of the same program, asked in the same way.
+fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<Score>)> {
+    for path in [&args.farreach, &args.rig] {
+        if !path.exists() {
+            bail!(
+                "{}: not found; build with `cargo build --release` and start in the repository's root",
+                path.display()
+            );
+        }
+    }
+    let configuration = configuration(args)?;
+    let mut scores = results.campaigns.remove(&configuration).unwrap_or_default();
+    for (other, lines) in &results.campaigns {
+        eprintln!(
+            "{}: {} lines of seed {} are not gone on after, the {} was another: {other}",
+            args.results.display(),
+            lines.len(),
+            args.seed,
+            configuration.differs(other).join(", ")
+        );
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone())?;
+    }
+    run_all(args, &configuration, &mut scores, &stop)?;
+    Ok((configuration, scores))
+}
+
+/// What is asked, and of which program, as it is now.
+fn configuration(args: &Args) -> anyhow::Result<Configuration> {
+    let program = (args.farreach.as_path(), &*version(&args.farreach)?);
+    Ok(Configuration::of(program, &args.rig, args.limit_s, args.jobs, args.unlisted_kinds)?)
 }
 
 /// Cases in an order in which an interrupted campaign has some of each set.
@@ -127,19 +179,16 @@ fn plan(args: &Args) -> Vec<(Set, usize)> {
     cases.into_iter().map(|(_, set, index)| (set, index)).collect()
 }
 
-fn run_all(args: &Args, program: &str, scores: &mut Vec<Score>, stop: &AtomicBool) -> anyhow::Result<()> {
+fn run_all(
+    args: &Args,
+    configuration: &Configuration,
+    scores: &mut Vec<Score>,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
     let done: HashSet<(Set, usize)> = scores.iter().map(|score| (score.set, score.index)).collect();
     let cases: Vec<(Set, usize)> = plan(args).into_iter().filter(|case| !done.contains(case)).collect();
     if cases.is_empty() {
         return Ok(());
-    }
-    for path in [&args.farreach, &args.rig] {
-        if !path.exists() {
-            bail!(
-                "{}: not found; build with `cargo build --release` and start in the repository's root",
-                path.display()
-            );
-        }
     }
     let mut results = OpenOptions::new()
         .create(true)
@@ -157,16 +206,18 @@ fn run_all(args: &Args, program: &str, scores: &mut Vec<Score>, stop: &AtomicBoo
             break;
         }
         let Some(score) = one(args, set, index, stop)? else { break };
-        writeln!(
-            results,
-            "{}",
-            serde_json::to_string(&Line { seed: args.seed, program: program.to_owned(), score: score.clone() })?
-        )?;
+        // A build beside the campaign puts another program in its place: whose answer this is, nobody knows.
+        let now = self::configuration(args)?;
+        if now != *configuration {
+            let changed = configuration.differs(&now).join(", ");
+            bail!("{} is not counted: the {changed} changed while the campaign ran", name(set, index));
+        }
+        let line = Line { seed: args.seed, configuration: now, score: score.clone() };
+        writeln!(results, "{}", serde_json::to_string(&line)?)?;
         eprintln!(
-            "{}/{count} {}-{:03} [{}] {:?} {} {:?} {:.1} s {}",
+            "{}/{count} {} [{}] {:?} {} {:?} {:.1} s {}",
             number + 1,
-            set.name(),
-            index + 1,
+            name(set, index),
             score.truth.join(" + "),
             score.end,
             score.verdict,
@@ -181,7 +232,7 @@ fn run_all(args: &Args, program: &str, scores: &mut Vec<Score>, stop: &AtomicBoo
 
 /// Generates, runs and scores one case; nothing if it was interrupted.
 fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result<Option<Score>> {
-    let case = make(set, index, args.seed, &[])?;
+    let case = make(set, index, args.seed, args.unlisted_kinds, &[])?;
     // Identify sees a folder whose name says nothing, with the records and nothing else.
     let sealed = tempfile::tempdir()?;
     let records = case.write_records(&sealed.path().join("records"))?;
@@ -189,7 +240,7 @@ fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result
     let said = sealed.path().join("identify.txt");
     let Some(run) = identify(args, &records, &json, &said, stop)? else { return Ok(None) };
     if let Some(keep) = &args.keep {
-        let folder = keep.join(format!("{}-{:03}", set.name(), index + 1));
+        let folder = keep.join(name(set, index));
         case.write(&folder)?;
         for file in [&json, &said] {
             if let (true, Some(name)) = (file.exists(), file.file_name()) {
@@ -265,38 +316,6 @@ fn identify(
 
 /// What a program says of itself.
 fn version(program: &Path) -> anyhow::Result<String> {
-    let said = Command::new(program).arg("--version").output().with_context(|| {
-        format!("{}: build with `cargo build --release` and start in the repository's root", program.display())
-    })?;
+    let said = Command::new(program).arg("--version").output().with_context(|| program.display().to_string())?;
     Ok(String::from_utf8_lossy(&said.stdout).trim().to_owned())
-}
-
-/// What is already there.
-#[derive(Default)]
-struct Known {
-    scores: Vec<Score>,
-    programs: BTreeSet<String>,
-}
-
-/// Scores of this seed, of one program or of any. A last line that was cut off is left out.
-fn known(path: &Path, seed: u64, program: Option<&str>) -> anyhow::Result<Known> {
-    let mut known = Known::default();
-    if !path.exists() {
-        return Ok(known);
-    }
-    for (number, line) in BufReader::new(File::open(path)?).lines().enumerate() {
-        let line = line?;
-        if line.trim().is_empty() {
-            continue;
-        }
-        match serde_json::from_str::<Line>(&line) {
-            Ok(line) if line.seed == seed && program.is_none_or(|program| program == line.program) => {
-                known.scores.push(line.score);
-                known.programs.insert(line.program);
-            }
-            Ok(_) => {}
-            Err(error) => eprintln!("{}, line {}: {error}; left out", path.display(), number + 1),
-        }
-    }
-    Ok(known)
 }

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use sealed::case::{Set, make};
-use sealed::effects;
+use sealed::effects::{self, Kinds};
 
 /// Writes sealed cases, one folder a case: record-NN.csv and truth.json.
 #[derive(Parser)]
@@ -33,6 +33,9 @@ struct Args {
     /// This effect instead of the set's choice (repeatable): ID or ID@SITE
     #[arg(long, value_name = "ID@SITE")]
     effect: Vec<String>,
+    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones and then the others
+    #[arg(long, value_enum, default_value = "all")]
+    unlisted_kinds: Kinds,
     /// Names all effects, listed and unlisted, and writes nothing
     #[arg(long)]
     list: bool,
@@ -41,16 +44,21 @@ struct Args {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     if args.list {
-        for entry in effects::listed().into_iter().chain(effects::unlisted()) {
-            let kind = if entry.listed() { "listed" } else { "unlisted" };
-            println!("{kind:9} {}@{}", entry.id, entry.site.name());
+        for (kind, entries) in [
+            ("listed", effects::listed()),
+            ("unlisted, old", effects::unlisted(Kinds::Old)),
+            ("unlisted, new", effects::unlisted(Kinds::New)),
+        ] {
+            for entry in entries {
+                println!("{kind:13} {}@{}", entry.id, entry.site.name());
+            }
         }
         return Ok(());
     }
     let Some(out) = args.out else { return Ok(()) };
     for index in args.from..args.from + args.cases {
         let started = Instant::now();
-        let case = make(args.set, index, args.seed, &args.effect)?;
+        let case = make(args.set, index, args.seed, args.unlisted_kinds, &args.effect)?;
         let folder = out.join(format!("{}-{:03}", args.set.name(), index + 1));
         case.write(&folder)?;
         let shown: Vec<String> = case

@@ -5,6 +5,10 @@
 
 mod drive;
 mod dry;
+mod holdout_drive;
+mod holdout_line;
+mod holdout_sensor;
+mod holdout_side;
 mod line;
 mod sensor;
 mod torque;
@@ -145,6 +149,35 @@ impl Entry {
 const LISTED: [&[Entry]; 5] = [line::ENTRIES, dry::ENTRIES, torque::ENTRIES, drive::ENTRIES, sensor::ENTRIES];
 const UNLISTED: [&[Entry]; 4] =
     [unlisted_drive::ENTRIES, unlisted_side::ENTRIES, unlisted_line::ENTRIES, unlisted_sensor::ENTRIES];
+const HOLDOUT: [&[Entry]; 4] =
+    [holdout_drive::ENTRIES, holdout_side::ENTRIES, holdout_line::ENTRIES, holdout_sensor::ENTRIES];
+
+/// Which of the effects that are on no list a campaign draws from. Numbers drawn for a case do not depend on it, so that a case
+/// of the first kinds is the same whether there are others or not.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Kinds {
+    /// Those that earlier campaigns have had.
+    Old,
+    /// The hold-out: those that they have not had.
+    New,
+    /// First the old ones, then the new ones.
+    #[default]
+    All,
+}
+
+impl Kinds {
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Old => "old",
+            Self::New => "new",
+            Self::All => "all",
+        }
+    }
+}
 
 /// All entries of the catalogue: first every id at its first site, then the further sites.
 pub fn listed() -> Vec<&'static Entry> {
@@ -153,17 +186,30 @@ pub fn listed() -> Vec<&'static Entry> {
     all().filter(first).chain(all().filter(|entry| !first(entry))).collect()
 }
 
-/// All entries on no list, sites mixed.
-pub fn unlisted() -> Vec<&'static Entry> {
-    let longest = UNLISTED.iter().map(|rows| rows.len()).max().unwrap_or(0);
-    (0..longest).flat_map(|index| UNLISTED.into_iter().filter_map(move |rows| rows.get(index))).collect()
+/// Entries of the catalogue that may stand beside one of them: another effect at another site.
+pub fn beside(first: &Entry) -> Vec<&'static Entry> {
+    listed().into_iter().filter(|other| other.site != first.site && other.id != first.id).collect()
+}
+
+/// All entries of these kinds that are on no list, sites mixed.
+pub fn unlisted(kinds: Kinds) -> Vec<&'static Entry> {
+    match kinds {
+        Kinds::Old => mixed(UNLISTED),
+        Kinds::New => mixed(HOLDOUT),
+        Kinds::All => [mixed(UNLISTED), mixed(HOLDOUT)].concat(),
+    }
+}
+
+fn mixed(rows: [&'static [Entry]; 4]) -> Vec<&'static Entry> {
+    let longest = rows.iter().map(|rows| rows.len()).max().unwrap_or(0);
+    (0..longest).flat_map(|index| rows.into_iter().filter_map(move |rows| rows.get(index))).collect()
 }
 
 /// The entry of a name `ID@SITE`, or the first of `ID`.
 pub fn find(name: &str) -> Option<&'static Entry> {
     let (id, site) = name.split_once('@').map_or((name, None), |(id, site)| (id, Some(site)));
     let of_name = |entry: &&Entry| entry.id == id && site.is_none_or(|site| entry.site.name() == site);
-    listed().into_iter().chain(unlisted()).find(of_name)
+    listed().into_iter().chain(unlisted(Kinds::All)).find(of_name)
 }
 
 impl Effect {
@@ -172,6 +218,7 @@ impl Effect {
         let entry = LISTED
             .into_iter()
             .chain(UNLISTED)
+            .chain(HOLDOUT)
             .flatten()
             .find(|entry| entry.id == self.id && entry.site == self.site)?;
         let whole = self.parameters.0.iter().all(|value| value.value.is_finite());
@@ -238,20 +285,24 @@ mod tests {
 
     #[test]
     fn unlisted_ones_are_on_no_list_and_at_every_site() {
-        let entries = unlisted();
-        assert!(entries.len() >= 8);
-        for site in ["drive", "master", "line", "slave", "sensor"] {
-            assert!(entries.iter().any(|entry| entry.site.name() == site), "{site}");
+        for kinds in [Kinds::Old, Kinds::New] {
+            let entries = unlisted(kinds);
+            assert!(entries.len() >= 8);
+            for site in ["drive", "master", "line", "slave", "sensor"] {
+                assert!(entries.iter().any(|entry| entry.site.name() == site), "{kinds:?}: {site}");
+            }
+            for entry in entries {
+                assert!(TABLE.iter().all(|(id, _)| *id != entry.id) && !entry.listed(), "{}", entry.id);
+                assert!(!entry.depends_on.is_empty(), "{}", entry.id);
+            }
         }
-        for entry in entries {
-            assert!(TABLE.iter().all(|(id, _)| *id != entry.id) && !entry.listed(), "{}", entry.id);
-            assert!(!entry.depends_on.is_empty(), "{}", entry.id);
-        }
+        let ids: std::collections::BTreeSet<&str> = unlisted(Kinds::All).iter().map(|entry| entry.id).collect();
+        assert_eq!(ids.len(), unlisted(Kinds::All).len(), "each id once");
     }
 
     #[test]
     fn all_can_be_drawn_and_built() {
-        for entry in listed().into_iter().chain(unlisted()) {
+        for entry in listed().into_iter().chain(unlisted(Kinds::All)) {
             for seed in 0..20 {
                 let effect = entry.draw(&mut Draw::new(seed));
                 assert!(effect.build().is_some(), "{} {:?}", effect.name(), effect.parameters);
