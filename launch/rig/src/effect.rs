@@ -125,10 +125,9 @@ impl ModelEffect {
         model.sections("effects").into_iter().filter_map(Self::read).collect()
     }
 
-    /// Whether the effect at this place of the list can act in the declared transmission. Of the other kinds of models, which no plant
-    /// simulates, ids and sites are what there is to check.
+    /// Whether the effect at this place of the list is one that can be, and acts in the declared transmission. The other kinds of models name
+    /// effects as transmissions do: of them sites, parameters and ranges are what there is to check.
     pub(crate) fn check(&self, at: usize, transmission: Option<&Parameters>, source: &Source<'_>) {
-        let Some(constants) = transmission else { return };
         let key = format!("model.effects.{at}");
         match self.make() {
             Err(ModelEffectError::Effect(EffectError::WrongSite { allowed, .. })) => {
@@ -149,7 +148,9 @@ impl ModelEffect {
             }
             Err(other) => source.problem(&key, "an effect of the model", other, "mend the entry, or take it out"),
             Ok(effect) => {
-                if let Err(error) = constants.clone().plant(vec![effect]) {
+                if let Some(constants) = transmission
+                    && let Err(error) = constants.clone().plant(vec![effect])
+                {
                     source.problem(&key, "an effect that acts in this transmission", error, "take the entry out");
                 }
             }

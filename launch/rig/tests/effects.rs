@@ -7,6 +7,11 @@ use rig::RigFile;
 
 const RIG: &str = include_str!("../../rigs/hydrostatic.toml");
 const CABLE: &str = include_str!("../../rigs/cable.toml");
+const ONE_CHANNEL: [&str; 3] = [
+    include_str!("../../rigs/emps.toml"),
+    include_str!("../../rigs/element.toml"),
+    include_str!("../../rigs/silverbox.toml"),
+];
 
 fn with(effects: &str) -> Result<RigFile, String> {
     RigFile::parse(&format!("{RIG}\n{effects}"), "rig.toml").map_err(|error| error.to_string())
@@ -90,4 +95,23 @@ fn what_cannot_be_is_refused_with_its_key() {
     let leaking = format!("{CABLE}\n{}", entry("leakage", "line", "conductance = 1e-12"));
     let text = RigFile::parse(&leaking, "cable.toml").unwrap_err().to_string();
     assert!(text.contains("model.effects.0: expected an effect that acts in this transmission"), "{text}");
+}
+
+#[test]
+fn drives_elements_and_oscillators_name_effects_as_transmissions_do() {
+    for of_file in ONE_CHANNEL {
+        let parse = |effect: &str| RigFile::parse(&format!("{of_file}\n{effect}"), "rig.toml");
+        let refused = |effect: &str| parse(effect).unwrap_err().to_string();
+        let rig = parse(&entry("coulomb_friction", "slave", "level = 20.4")).unwrap();
+        assert_eq!(rig.model_effects().unwrap()[0].get("level"), Some(20.4));
+        let text = refused(&entry("coulomb_friction", "slave", "coulomb = 20.4"));
+        assert!(
+            text.contains("model.effects.0.parameters.coulomb: expected a parameter of coulomb_friction"),
+            "{text}"
+        );
+        let text = refused(&entry("coulomb_friction", "slave", "level = -1.0"));
+        assert!(text.contains("model.effects.0.parameters.level: expected 0 to"), "{text}");
+        let text = refused(&entry("coulomb_friction", "drive", "level = 20.4"));
+        assert!(text.contains("model.effects.0.site: expected a site of coulomb_friction: master, slave"), "{text}");
+    }
 }

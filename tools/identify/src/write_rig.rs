@@ -4,11 +4,22 @@
 //! five standard deviations, no less than a third of what was declared and no more than that: a standard deviation is of one set of records,
 //! and values fitted to another set differ by more. Where the records do not show a parameter, or something is left that has no name, its
 //! tolerance stays as declared.
+//!
+//! A parameter that an effect exceeds stays as declared, too, with the excess as the effect beside it: the sum is what was fitted, and
+//! identify, which leaves declared effects out, will ask anew whether the excess is there. With the sum as the parameter it never would.
 
+mod entries;
+
+use rig::RigFile;
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use crate::forward::machine::SMOOTHING;
+use crate::forward::machine::{SMOOTHING, SMOOTHING_SHAPE};
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
+use entries::{Entries, entries};
+
+/// What the fit has of its own and the model takes: declared nowhere, and without them the plant would not be the fitted one.
+const OWN: [(&str, &str); 2] =
+    [(SMOOTHING, "rounds dry friction at rest"), (SMOOTHING_SHAPE, "shape of that rounding")];
 
 /// Standard deviations that a tolerance is.
 const DEVIATIONS: f64 = 5.0;
@@ -49,14 +60,14 @@ pub enum WriteRigError {
         /// What stands there.
         found: &'static str,
     },
-    /// With the fitted values it would be refused.
+    /// It is refused as a rig file, with the fitted values or without.
     #[error(
         "the rig file is not written, because it could not be used:\n{problems}\nmend these keys in {file} and run identify again"
     )]
     Refused {
         /// The original.
         file: String,
-        /// All that is wrong, with lines of the new text.
+        /// All that is wrong, with lines of the text that is refused.
         problems: String,
     },
 }
@@ -78,28 +89,42 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
     let mut document: DocumentMut = text
         .parse()
         .map_err(|error: toml_edit::TomlError| WriteRigError::Text { file: file.into(), found: error.to_string() })?;
+    let read = |text: &str| {
+        RigFile::parse(text, file)
+            .map_err(|problems| WriteRigError::Refused { file: file.into(), problems: problems.to_string() })
+    };
+    let Entries { effects, beside, mut left_out } = entries(outcome, &read(text)?.model);
     let mut count = 0;
-    for parameter in outcome.parameters.iter().filter(|p| p.declared.is_some() || p.name == SMOOTHING) {
-        put_parameter(&mut document, file, parameter, !outcome.remains)?;
-        count += 1;
+    for parameter in outcome.parameters.iter().filter(|p| p.declared.is_some() || own(&p.name).is_some()) {
+        if !beside.contains(&parameter.name.as_str()) {
+            put_parameter(&mut document, file, parameter, !outcome.remains)?;
+            count += 1;
+        }
     }
-    put_effects(&mut document, &outcome.effects);
+    put_effects(&mut document, &effects);
     let text = document.to_string();
-    rig::RigFile::parse(&text, file)
-        .map_err(|problems| WriteRigError::Refused { file: file.into(), problems: problems.to_string() })?;
-    let effects = match outcome.effects.len() {
+    read(&text)?;
+    let effects = match effects.len() {
         0 => "no effect".to_owned(),
         1 => "1 effect".to_owned(),
         many => format!("{many} effects"),
     };
-    let left_out = outcome.remains.then(|| {
+    if outcome.remains {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
             format!(" (at the {}, over {})", unlisted.site, unlisted.depends_on.replace('_', " "))
         });
-        format!("what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters")
-    });
-    let told = format!("{count} parameters as fitted, {effects}");
-    Ok(Written { text: Some(text), told, left_out: left_out.into_iter().collect() })
+        left_out.push(format!(
+            "what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters"
+        ));
+    }
+    let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
+    let told = format!("{parameters} as fitted, {effects}");
+    Ok(Written { text: Some(text), told, left_out })
+}
+
+/// What a parameter of the fit's own does, where the model takes it.
+fn own(name: &str) -> Option<&'static str> {
+    OWN.iter().find(|(own, _)| *own == name).map(|(_, what)| *what)
 }
 
 /// The table that holds a parameter: the axis's own where it has it, else the model's.
@@ -124,8 +149,8 @@ fn put_parameter(
     let wrong = |found| WriteRigError::Key { file: file.into(), key: format!("model.parameters.{name}"), found };
     let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
     if table.get(name).is_none() {
-        let comment = number(parameter.fitted).decorated(" ", "     # the fit's own: rounds dry friction at rest");
-        table.insert(name, Item::Value(comment));
+        let comment = own(name).map_or(String::new(), |what| format!("     # the fit's own: {what}"));
+        table.insert(name, Item::Value(number(parameter.fitted).decorated(" ", comment)));
         return Ok(());
     }
     let item = table.get_mut(name).ok_or_else(|| wrong("nothing"))?;
