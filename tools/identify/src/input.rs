@@ -97,7 +97,7 @@ impl Series {
         }
     }
 
-    /// Checks that a channel lives: it takes more than a few values and is not stuck for half of the record.
+    /// Checks that a channel lives: it changes, and takes ten different values or more.
     ///
     /// # Errors
     /// [`IdentifyError::Channel`].

@@ -6,7 +6,8 @@
 //! says as readily that nothing is missing, or that something is missing that has no name here.
 //!
 //! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of model behind
-//! [`models::Model`], [`effects`] one file for each effect. Files are read and written in [`run`] only.
+//! [`models::Model`], [`effects`] one file for each effect of drives, elements and oscillators (those of transmissions are the
+//! plant's). Records are read in [`study::read`] and [`study::read_mapped`]; all else is read and written in [`run`] only.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;

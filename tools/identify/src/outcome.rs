@@ -40,7 +40,7 @@ pub struct Outcome {
     pub effects: Vec<FoundEffect>,
     /// What the data cannot tell from the last effect added that had a rival.
     pub ambiguous_with: Vec<Named>,
-    /// Whether something is left that no listed effect explains.
+    /// Whether something is left that no listed effect explains, or, but for transmissions, that a fourth one would.
     pub remains: bool,
     /// What that depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,7 +48,8 @@ pub struct Outcome {
     /// How often chance gives as much, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
-    /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first.
+    /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first. Always empty for
+    /// transmissions.
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
@@ -58,7 +59,7 @@ pub struct Outcome {
     pub records: Roles,
     /// What to measure next.
     pub next_experiment: NextExperiment,
-    /// Error after each step, on the rows of each role and on all rows: to be compared with publications.
+    /// Error after each step, on the rows of each role and on all rows: to be compared with publications. Always empty for transmissions.
     pub steps: Vec<StepError>,
     /// How all candidates did, round by round.
     pub candidates: Vec<CandidateGain>,
@@ -88,7 +89,8 @@ pub struct FoundEffect {
     pub parameters: Vec<EffectParameter>,
     /// Block t of its gain on the selecting rows.
     pub t: f64,
-    /// Fall of the root-mean-square residual on the selecting rows (%).
+    /// Fall of the root-mean-square residual on the selecting rows (%). For transmissions 1 - exp(-g), where g is the fall of its
+    /// logarithm summed over channels, by blocks or by whole records, whichever is less by mean.
     pub gain_percent: f64,
 }
 
@@ -105,16 +107,16 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
-/// What searches of simulated machines say that lack nothing, or all but the last effect that was found.
+/// What searches of simulated machines say that have all effects that were found but the last; where none was found, none.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibration {
-    /// How many were searched.
+    /// How many were searched: those that cannot be simulated along the records are not.
     pub machines: usize,
-    /// In how many something was found that is not there.
+    /// In how many something was found that is not there, with a name or without.
     pub alarms: usize,
-    /// Fall of the error by the last effect that was found in each though it is not there; 0 where none was (%).
+    /// Of each, the largest gain of a name that it should not have got, as in [`FoundEffect::gain_percent`]; 0 where there was none (%).
     pub gains_percent: Vec<f64>,
-    /// The effect that they do not have; `null` where none was found in the records.
+    /// The last effect that was found, which they do not have; `null` where none was found in the records.
     pub of: Option<Named>,
     /// How many gave as much as that one.
     pub as_much: Option<usize>,
@@ -127,7 +129,7 @@ pub struct Calibration {
 /// What is left, as a function of one variable.
 #[derive(Clone, Debug, Serialize)]
 pub struct UnlistedTable {
-    /// At which balance.
+    /// For transmissions, where the function acts. The other kinds do not tell: it is the first of the sites at which their effects sit.
     pub site: String,
     /// Of which variable.
     pub depends_on: String,
@@ -165,7 +167,7 @@ pub struct ChannelError {
     pub before: f64,
     /// With the effects.
     pub after: f64,
-    /// What no model can explain; `null` without repeated records.
+    /// What no model can explain; `null` without repeated records, and for drives, oscillators and elements.
     pub floor: Option<f64>,
     /// Unit of the three.
     pub unit: String,
@@ -184,7 +186,7 @@ pub struct FittedParameter {
     pub declared: Option<f64>,
     /// Fitted value.
     pub fitted: f64,
-    /// Standard deviation; `null` where it stands at the edge of its tolerance or is a shape.
+    /// Standard deviation; `null` where it stands at the edge of its tolerance, is a shape or was not fitted.
     pub std: Option<f64>,
     /// Unit.
     pub unit: String,
@@ -207,11 +209,11 @@ pub enum Sight {
     Seen,
     /// It stands at the edge of its tolerance.
     AtBound,
-    /// Others do the same.
+    /// Others do the same; of transmissions only.
     TradeOff,
     /// It changes too little.
     Flat,
-    /// It changes nothing.
+    /// It changes nothing; of transmissions only.
     Dead,
 }
 
@@ -252,7 +254,7 @@ pub struct NextExperiment {
     pub protocol: Option<String>,
 }
 
-/// Error after a step, in percent of the force's root mean square on the same rows.
+/// Error after a step, in percent of the force's root mean square on the same rows; of an oscillator, of its output's.
 #[derive(Clone, Debug, Serialize)]
 pub struct StepError {
     /// `declared`, then the id of each effect as it is added.
@@ -274,15 +276,17 @@ pub struct StepError {
 pub struct CandidateGain {
     /// Round, from 1.
     pub round: usize,
-    /// Id of the effect, or the variable of a generic function.
+    /// Id of the effect, or the variable of a generic function. For transmissions followed by `@` and the site; for oscillators by
+    /// ` (screened)` where it was not simulated.
     pub id: String,
     /// Whether it is a generic function, not a listed effect.
     pub generic: bool,
-    /// Fall of the root-mean-square residual on the selecting rows (%).
+    /// As [`FoundEffect::gain_percent`]; of an oscillator's candidate that was only screened, of the residual of its input.
     pub gain_percent: f64,
     /// Block t.
     pub t: f64,
-    /// Selecting blocks that it makes better and worse by more than 1 %.
+    /// Selecting blocks that it makes better and worse by more than 1 %. For transmissions whole records, by more than 1 % and more than
+    /// a tenth of what all gain by mean (in logarithms, summed over channels).
     pub blocks_better: usize,
     /// See `blocks_better`.
     pub blocks_worse: usize,

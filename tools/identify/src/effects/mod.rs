@@ -1,4 +1,5 @@
-//! The listed effects: one file each, and one line in [`ALL`].
+//! The listed effects of drives, elements and oscillators: one file each, and one line in [`ALL`]. Those of transmissions are the plant's
+//! ([`plant::effects`]).
 
 mod amplifier_deadzone;
 mod amplifier_lag;
@@ -29,7 +30,7 @@ mod waves;
 use crate::inverse::signals::Signals;
 use crate::regression::Bound;
 
-/// Every effect that identify knows by name.
+/// Every effect that identify knows by name of drives, elements and oscillators; of transmissions it knows [`plant::effects::LIST`].
 pub static ALL: &[&dyn Effect] = &[
     &coulomb_friction::CoulombFriction,
     &asymmetric_friction::AsymmetricFriction,

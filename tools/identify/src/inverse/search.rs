@@ -110,7 +110,7 @@ pub struct Found {
     pub base: Fitted,
     /// Effects in the order in which they were added.
     pub steps: Vec<Step>,
-    /// How the listed candidates did in the last round, in which none passed.
+    /// How the listed candidates did in the last round: none passed, or there was no room for one more.
     pub last_round: Vec<Tried>,
     /// How generic functions of one variable did after that, best first.
     pub generic: Vec<Generic>,
@@ -303,8 +303,8 @@ fn rivals(round: &Round<'_>, winner: &Tried, near: Vec<Sited>, jobs: usize) -> V
     near.into_iter().filter(|c| !adds(c)).take(2).collect()
 }
 
-/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes. `None` where not even
-/// the declared model can be fitted.
+/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes or [`MOST_EFFECTS`]
+/// are in. `None` where not even the declared model can be fitted.
 pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
     let mut structure = Structure::default();

@@ -64,8 +64,8 @@ pub fn whole_record(record: usize, rows: usize, length: usize, role: Role) -> Ve
     (0..count).map(|i| Block { record, rows: i * rows / count..(i + 1) * rows / count, role }).collect()
 }
 
-/// Roles of `n` whole records where nobody fixed them: every fourth reports, the one before it selects, the
-/// others fit; at least one each. `None` for fewer than three records.
+/// Roles of `n` whole records where nobody fixed them: the last quarter reports, the quarter before it selects (each rounded down, but
+/// one record at least), the others fit. `None` for fewer than three records.
 pub fn roles(n: usize) -> Option<Vec<Role>> {
     if n < 3 {
         return None;
