@@ -53,7 +53,7 @@ pub struct Args {
     /// as much (p above 0.05; N = 19 can show that). Each takes as long as the search itself
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
-    /// Candidates fitted at a time [default: one a processor]
+    /// Threads [default: one a processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
     /// Seed of the split into blocks, and of simulated machines

@@ -4,6 +4,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use indicatif::{ProgressBar, ProgressStyle};
 
 use rig::RigFile;
 
@@ -15,6 +16,9 @@ use crate::outcome::{Outcome, Sight};
 use crate::page::{short, what_is_left};
 use crate::study::{How, Studied, read_mapped, study};
 use crate::write_rig::fitted;
+
+/// How often the spinner turns.
+const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
 /// rig file cannot be used (the reason goes to stderr).
@@ -39,33 +43,42 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     let Studied { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    print_outcome(&outcome, &sentence, &detail);
+    // What took so long is kept before anything is printed: whoever reads may close the pipe.
     if let Some(path) = &args.json {
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be created", folder.display()))?;
-        }
-        std::fs::write(path, &json).with_context(|| format!("{}: cannot be written", path.display()))?;
+        let file = whole_file(path, &json).with_context(|| format!("{}: cannot be written", path.display()))?;
+        file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
+    print_outcome(&outcome, &sentence, &detail);
+    for note in &outcome.notes {
+        eprintln!("note: {note}");
+    }
+    // Each file by itself: where one cannot be written the others are.
+    let mut failed = None;
     if let Some(folder) = &args.report {
         let path = folder.join("index.html");
         let page = page
             .details("The result as written by --json", &json)
             .footer(concat!("farreach identify ", env!("CARGO_PKG_VERSION")));
-        page.write(&path)?;
-        println!("page: {}", path.display());
+        match page.write(&path) {
+            Ok(()) => println!("page: {}", path.display()),
+            Err(error) => failed = Some(error.into()),
+        }
     }
     if let Some(path) = &args.propose_experiment {
-        propose(path, &rig, &outcome)?;
+        failed = propose(path, &rig, &outcome).err().or(failed);
     }
-    match &args.write_rig {
-        Some(path) => write_rig(path, &rig, &outcome),
-        None => Ok(0),
-    }
+    let code = args.write_rig.as_ref().map_or(Ok(0), |path| write_rig(path, &rig, &outcome))?;
+    failed.map_or(Ok(code), Err)
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
     let rig = RigFile::load(&args.rig)?;
     let records = records(args, &rig)?;
+    // Long work shows that it lives; in a pipe nothing is drawn.
+    let bar = ProgressBar::new_spinner()
+        .with_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?)
+        .with_message(format!("searching {} records for what the model lacks", records.len()));
+    bar.enable_steady_tick(TICK);
     let own = How::default();
     let how = How {
         jobs: args.jobs.unwrap_or(own.jobs),
@@ -73,8 +86,9 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
         propose: args.propose_experiment.is_some(),
         calibrate: args.calibrate,
     };
-    let studied = study(&rig, &records, how)?;
-    Ok((rig, studied))
+    let studied = study(&rig, &records, how);
+    bar.finish_and_clear();
+    Ok((rig, studied?))
 }
 
 /// Writes the protocol of the next experiment, or says why there is none.
@@ -115,6 +129,11 @@ fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<i3
 
 /// A file that is there whole or not at all, and was not there before.
 fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
+    whole_file(path, text)?.persist_noclobber(path).map(drop).map_err(|error| error.error)
+}
+
+/// A file beside `path` with all of a text, that has no name yet.
+fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)?;
     let mut file = tempfile::Builder::new();
@@ -123,7 +142,7 @@ fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
     let mut file = file.tempfile_in(folder)?;
     file.write_all(text.as_bytes())?;
     file.as_file().sync_all()?;
-    file.persist_noclobber(path).map(drop).map_err(|error| error.error)
+    Ok(file)
 }
 
 /// All records with the roles that the command line fixes.
@@ -132,8 +151,10 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     for (paths, role) in [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)] {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
     }
+    // One file by two names is one file; what is not there is said when it is read.
+    let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     for (i, (path, _)) in asked.iter().enumerate() {
-        if asked[..i].iter().any(|(other, _)| other == path) {
+        if asked[..i].iter().any(|(other, _)| real(other) == real(path)) {
             return Err(IdentifyError::Roles {
                 what: format!("{} plays two parts", path.display()),
                 advice: "a record that fits or selects must not report: give each record one part",
@@ -142,7 +163,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     }
     let fixed = !asked.is_empty();
     for path in &args.records {
-        if asked.iter().all(|(other, _)| *other != path) {
+        if asked.iter().all(|(other, _)| real(other) != real(path)) {
             asked.push((path, None));
         }
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use recording::record::{self, ColumnNames, SampleColumns};
 use report::Page;
-use rig::RigFile;
+use rig::{AxisUnit, RigFile};
 
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -78,6 +78,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         propose: how.propose,
         calibrate: how.calibrate,
     };
+    let begun = from_the_first(records);
+    let records = begun.as_deref().unwrap_or(records);
     let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
     let (sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {
@@ -89,6 +91,19 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     }
     outcome.seconds = started.elapsed().as_secs_f64();
     Ok(Studied { outcome, page, sentence, detail })
+}
+
+/// Records whose time begins with the first of them: what drifts begins when somebody starts to record, not when a clock did. `None` where
+/// it does already.
+fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
+    let times = records.iter().filter_map(|record| record.column(record::TIME)?.first().copied());
+    let first = times.filter(|first| first.is_finite()).reduce(f64::min).filter(|first| *first != 0.0)?;
+    let mut records = records.to_vec();
+    let columns = records.iter_mut().flat_map(|record| &mut record.columns);
+    for (_, time) in columns.filter(|(name, _)| name == record::TIME) {
+        time.iter_mut().for_each(|time| *time -= first);
+    }
+    Some(records)
 }
 
 /// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses holes, gaps and time that runs
@@ -105,7 +120,12 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
 /// # Errors
 /// As [`read`].
 pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Result<Series> {
-    let names = if rig.model.kind.is_transmission() { ColumnNames::rotary() } else { ColumnNames::one_mass_linear() };
+    let turns = rig.axes.first().is_some_and(|axis| axis.unit == AxisUnit::Radian);
+    let names = match (rig.model.kind.is_transmission(), turns) {
+        (true, _) => ColumnNames::rotary(),
+        (false, true) => ColumnNames::one_mass_rotary(),
+        (false, false) => ColumnNames::one_mass_linear(),
+    };
     let file = path.display().to_string();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let read = match (mcap, options.mapping.is_empty()) {
@@ -114,7 +134,11 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
         (true, false) => record::from_topics(path, options),
     };
     let record = read.map_err(|e| IdentifyError::Read(e.to_string()))?;
-    let notes = record.findings.iter().map(|f| format!("{file}: {}", f.text)).collect();
+    let notes = record
+        .findings
+        .iter()
+        .map(|f| format!("{file}, from row {}, column `{}`: {}", f.first_row, f.column, f.text))
+        .collect();
     let mut columns = vec![(record::TIME.to_owned(), record.time_s)];
     columns.extend(record.columns);
     Ok(Series { file, columns, role: None, notes })

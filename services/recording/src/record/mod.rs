@@ -205,7 +205,7 @@ pub enum RecordError {
         after: f64,
     },
     /// Samples are missing.
-    #[error("{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or allow the longest run without a gap", file.display())]
+    #[error("{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it where holes are short", file.display())]
     Gap {
         /// The file.
         file: PathBuf,

@@ -266,7 +266,7 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         "nonlinear_stiffness" => 2,
         _ => 1,
     };
-    // Friction that falls with speed, beside a declared law that falls too.
-    let from_all_starts = id == "stribeck_friction";
+    // Friction that falls with speed, beside a declared law that falls too; waves in a line, beside its declared stiffness.
+    let from_all_starts = id == "stribeck_friction" || id == "transport_delay" && site == Site::Line;
     (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, from_all_starts, wave: amplitude, starts })
 }

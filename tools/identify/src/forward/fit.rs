@@ -136,8 +136,9 @@ impl View<'_> {
         DVector::from_vec(rows.collect())
     }
 
-    /// Slopes of the weighted residual by the free number of each knob; `None` where one cannot be simulated.
-    pub fn slopes(&self, fitted: &Fitted, knobs: &[Knob], weights: &[Vec<f64>]) -> Option<DMatrix<f64>> {
+    /// Slopes of the weighted residual by the free number of each knob; 0 of one that cannot be moved without losing a record, which
+    /// then stays where it is.
+    pub fn slopes(&self, fitted: &Fitted, knobs: &[Knob], weights: &[Vec<f64>]) -> DMatrix<f64> {
         let here = Self::stack(&fitted.residuals, weights);
         let moved: Vec<(Setting, f64)> = knobs
             .iter()
@@ -150,15 +151,19 @@ impl View<'_> {
             .collect();
         let jobs: Vec<(usize, usize)> =
             (0..knobs.len()).flat_map(|knob| self.records.iter().map(move |record| (knob, *record))).collect();
-        let residuals: Vec<Residual> = jobs
+        let mut residuals = jobs
             .par_iter()
             .map(|(knob, record)| self.machine.residual(&moved[*knob].0, *record))
-            .collect::<Option<_>>()?;
+            .collect::<Vec<Option<Residual>>>()
+            .into_iter();
         let mut slopes = DMatrix::zeros(here.len(), knobs.len());
-        for (knob, residuals) in residuals.chunks(self.records.len()).enumerate() {
-            slopes.set_column(knob, &((Self::stack(residuals, weights) - &here) / moved[knob].1));
+        for (knob, (_, aside)) in moved.iter().enumerate() {
+            let of_knob: Vec<Option<Residual>> = residuals.by_ref().take(self.records.len()).collect();
+            if let Some(of_knob) = of_knob.into_iter().collect::<Option<Vec<Residual>>>() {
+                slopes.set_column(knob, &((Self::stack(&of_knob, weights) - &here) / *aside));
+            }
         }
-        Some(slopes)
+        slopes
     }
 
     /// One step of Gauss and Newton with slopes that were taken before, at another place perhaps: as far as it leads down. Weights are those of
@@ -337,7 +342,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
         if let Some(known) = known.as_mut() {
             return known.update(&self.open, rows, now.objective).then(|| known.slopes.clone());
         }
-        let slopes = self.view.slopes(now, self.knobs, &self.weights)?;
+        let slopes = self.view.slopes(now, self.knobs, &self.weights);
         let data = slopes.nrows();
         let mut all = slopes.resize_vertically(data + self.declared().count(), 0.0);
         let of_declared = self.knobs.iter().enumerate().filter(|(_, knob)| knob.is_base());
@@ -351,16 +356,17 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 
 impl View<'_> {
     /// Standard deviation of each knob's value, by blocks: neighbours in a residual are not independent. Infinite where the records do
-    /// not see it.
-    pub fn deviations(&self, fitted: &Fitted, knobs: &[Knob], block: usize) -> Option<Vec<f64>> {
+    /// not see it, or one cannot be told at all.
+    pub fn deviations(&self, fitted: &Fitted, knobs: &[Knob], block: usize) -> Vec<f64> {
         let weights = Self::weights(&fitted.residuals);
-        let slopes = self.slopes(fitted, knobs, &weights)?;
+        let slopes = self.slopes(fitted, knobs, &weights);
         let rows = Self::stack(&fitted.residuals, &weights);
         let normal = slopes.transpose() * &slopes;
         let unseen = UNSEEN * UNSEEN * slopes.nrows() as f64;
         let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
         let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
-        let inverse = (normal + ridge).cholesky()?.inverse();
+        let Some(factors) = (normal + ridge).cholesky() else { return vec![f64::INFINITY; knobs.len()] };
+        let inverse = factors.inverse();
         let mut spread = DMatrix::zeros(knobs.len(), knobs.len());
         let mut from = 0;
         for channel in fitted.residuals.iter().flat_map(|residual| &residual.channels) {
@@ -383,6 +389,6 @@ impl View<'_> {
             let variance = covariance[(index, index)].max(inverse[(index, index)]);
             if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY }
         };
-        Some(knobs.iter().enumerate().map(by_value).collect())
+        knobs.iter().enumerate().map(by_value).collect()
     }
 }

@@ -5,27 +5,31 @@ use plant::effects::Site;
 use super::fit::View;
 use super::machine::{Channel, Machine, Residual, Setting};
 use super::record::{Record, repeats, rms};
+use crate::inverse::split::Role;
 
 /// Least gain on the selecting records: fall of the logarithm of the error, summed over channels.
 pub const LEAST_GAIN: f64 = 0.20;
 /// The same of a first effect: beside none there are fewer ways to be wrong.
 pub const LEAST_FIRST: f64 = 0.15;
-/// The same of a third effect: beside two there are the more, and a fit of so much more to be bad.
-const LEAST_THIRD: f64 = 0.30;
+/// The same of a third effect: beside two there are the more, and a fit of so much more to be bad; and of a second where the first has left
+/// no more than repeats differ by.
+const LEAST_FURTHER: f64 = 0.30;
 
-/// Least gain of a further effect beside so many.
-pub const fn least_beside(effects: usize) -> f64 {
+/// Least gain of a further effect beside so many, which have left as little as repeats differ by or not.
+pub const fn least_beside(effects: usize, at_floor: bool) -> f64 {
     match effects {
         0 => LEAST_FIRST,
-        1 => LEAST_GAIN,
-        _ => LEAST_THIRD,
+        1 if !at_floor => LEAST_GAIN,
+        _ => LEAST_FURTHER,
     }
 }
 
 /// Least gain over its standard error, by blocks.
 pub const LEAST_T: f64 = 3.0;
-/// Rows of a block (half a second).
+/// Rows of a block (half a second where rows are 4 ms apart).
 pub const BLOCK: usize = 125;
+/// Fewest blocks of a record, whose blocks are the shorter for it: from one no error of a mean can be told.
+const FEWEST_BLOCKS: usize = 4;
 /// An error within this factor of what repeats differ by leaves nothing to be explained.
 const AT_FLOOR: f64 = 1.2;
 /// The same for records of other movements.
@@ -48,7 +52,8 @@ pub struct Judged {
     pub gain: f64,
     /// The same over its standard error.
     pub t: f64,
-    /// Records that get better and worse by more than a hundredth, and by more than a tenth of what all gain by mean.
+    /// Records that get better and worse by more than a hundredth, and by more than a tenth of what the one gains that gains most (beside
+    /// other effects: of what all gain by mean).
     pub better: usize,
     /// See `better`.
     pub worse: usize,
@@ -66,7 +71,8 @@ impl Judged {
 /// Logarithm of the fall of the error, by record, channel and block.
 fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
     let blocks = |before: &Vec<f64>, after: &Vec<f64>| -> Vec<f64> {
-        let pairs = before.chunks_exact(BLOCK).zip(after.chunks_exact(BLOCK));
+        let rows = BLOCK.min(before.len() / FEWEST_BLOCKS).max(1);
+        let pairs = before.chunks_exact(rows).zip(after.chunks_exact(rows));
         let size = |rows: &[f64]| rms(rows.iter().copied()).max(1e-9);
         pairs.map(|(before, after)| (size(before) / size(after)).ln()).collect()
     };
@@ -77,11 +83,27 @@ fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
         .collect()
 }
 
-/// A record that gains or loses less than this share of what all gain by mean stays as it was.
+/// A record that gains or loses less than this share of what the one gains that gains most (beside other effects: of what all gain by
+/// mean) stays as it was.
 const UNCHANGED: f64 = 0.1;
+/// A channel may lose this much.
+const MAY_LOSE: f64 = 0.03;
+/// For a first effect it may lose this share of what all channels gain: a fit that has just begun to make room for it trades between them.
+const MAY_LOSE_SHARE: f64 = 0.2;
 
 /// Judges what a fit does on records that it has not seen, beside what was there before: as a first effect is judged.
-pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
+pub fn judge(named: (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
+    judge_beside(0, false, named, before, after)
+}
+
+/// The same of an effect that comes beside so many, which have left as little as repeats differ by or not.
+pub fn judge_beside(
+    effects: usize,
+    at_floor: bool,
+    (id, site): (&'static str, Site),
+    before: &[Residual],
+    after: &[Residual],
+) -> Judged {
     let falls = falls(before, after);
     let mut blocks = Vec::new();
     for record in &falls {
@@ -104,15 +126,18 @@ pub fn judge((id, site): (&'static str, Site), before: &[Residual], after: &[Res
     let sums: Vec<f64> = by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
     let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
     // What is in few records (a hand's torque) leaves the others as they were, a little better or worse as parameters move with it.
-    let unchanged = f64::max(0.01, UNCHANGED * total);
+    let first = effects == 0;
+    let typical = if first { sums.iter().copied().fold(0.0, f64::max) } else { total };
+    let unchanged = f64::max(0.01, UNCHANGED * typical);
     let better = sums.iter().filter(|sum| **sum > unchanged).count();
     let worse = sums.iter().filter(|sum| **sum < -unchanged).count();
+    let may_lose = f64::max(MAY_LOSE, if first { MAY_LOSE_SHARE * total } else { 0.0 });
     let channels = by_record.iter().map(Vec::len).max().unwrap_or(0);
     let harmed = (0..channels).any(|channel| {
         let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
-        of.iter().sum::<f64>() / (of.len().max(1) as f64) < -0.03
+        of.iter().sum::<f64>() / (of.len().max(1) as f64) < -may_lose
     });
-    let accepted = gain.min(total) >= LEAST_FIRST && t >= LEAST_T && better > worse && !harmed;
+    let accepted = gain.min(total) >= least_beside(effects, at_floor) && t >= LEAST_T && better > worse && !harmed;
     Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
 }
 
@@ -202,21 +227,22 @@ impl Above {
     }
 }
 
-/// How far a setting stands above what repeats differ by: of several records it is the geometric mean. `None` inside where nothing is
-/// repeated.
-pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Option<Above>> {
+/// How far a setting stands above what repeats differ by: of several records it is the geometric mean. `None` where nothing is
+/// repeated, or a record cannot be simulated. Of a record that reports only by how much it differs from its repeat is looked at, never how well the setting does on it.
+pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Above> {
     let mut repeated: Vec<usize> = repeats(&machine.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
     repeated.sort_unstable();
     repeated.dedup();
+    repeated.retain(|record| machine.records[*record].role != Role::Report);
     if repeated.is_empty() {
-        return Some(None);
+        return None;
     }
     let residuals = all_residuals(machine, setting)?;
     let floors = errors_of(machine, records, &residuals);
     let typical = |records: &[usize]| -> Vec<(Channel, f64)> {
-        let by_record: Vec<_> = records.iter().map(|record| errors_of(machine, &[*record], &residuals)).collect();
         let of = |channel: Channel| {
-            let logs = by_record.iter().flatten().filter(|(own, ..)| *own == channel).map(|(_, error, _)| error.ln());
+            let rows = records.iter().filter_map(|record| machine.channel_of(*record, &residuals[*record], channel));
+            let logs = rows.filter(|rows| !rows.is_empty()).map(|rows| rms(rows.iter().copied()).ln());
             let (sum, count) = logs.fold((0.0, 0usize), |(sum, count), log| (sum + log, count + 1));
             (channel, (sum / count.max(1) as f64).exp())
         };
@@ -229,10 +255,10 @@ pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> O
         });
         ratios.fold(0.0, f64::max)
     };
-    Some(Some(Above { repeated: worst(&repeated), others: worst(records) }))
+    Some(Above { repeated: worst(&repeated), others: worst(records) })
 }
 
 /// Whether records are explained as closely as repeats of a movement repeat; false where none is repeated.
-pub fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<bool> {
-    Some(above_floor(machine, records, setting)?.is_some_and(|above| above.at_floor()))
+pub fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> bool {
+    above_floor(machine, records, setting).is_some_and(|above| above.at_floor())
 }

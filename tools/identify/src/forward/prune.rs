@@ -13,7 +13,7 @@ const OTHERS: usize = 6;
 /// A loss beyond this is not made good by a closer fit.
 const FAR_BEHIND: f64 = 0.5;
 /// A loss below this is none.
-const AS_GOOD: f64 = 0.05;
+pub const AS_GOOD: f64 = 0.05;
 /// Beyond this, by blocks, two effects are told apart (1).
 const TOLD_APART_T: f64 = 4.0;
 

@@ -20,10 +20,10 @@ pub(super) const SEEN: f64 = 0.002;
 const MOST_PARAMETERS: usize = 30;
 
 /// The declared parameters that records show, the clearest first: each by what it changes beside those before it.
-fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
+fn seen(view: &View<'_>, fitted: &Fitted) -> Vec<Knob> {
     let all: Vec<Knob> = (0..view.machine.base.len()).map(Knob::Base).collect();
     let weights = View::weights(&fitted.residuals);
-    let mut slopes: DMatrix<f64> = view.slopes(fitted, &all, &weights)?;
+    let mut slopes: DMatrix<f64> = view.slopes(fitted, &all, &weights);
     let least = SEEN * (slopes.nrows() as f64).sqrt();
     let mut chosen = Vec::new();
     while chosen.len() < MOST_PARAMETERS {
@@ -38,7 +38,7 @@ fn seen(view: &View<'_>, fitted: &Fitted) -> Option<Vec<Knob>> {
         slopes.column_mut(index).fill(0.0);
         chosen.push(all[index].clone());
     }
-    Some(chosen)
+    chosen
 }
 
 /// The declared model, fitted within its tolerances; and what of it they show.
@@ -51,29 +51,29 @@ pub fn fit_base(fit: &View<'_>) -> Option<(Fitted, Vec<Knob>)> {
             start.base[index] = *speed;
         }
         let fitted = fit.evaluate(start)?;
-        let knobs = seen(fit, &fitted)?;
+        let knobs = seen(fit, &fitted);
         fit.fit(&fitted.setting, &knobs, 3)
     });
     let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // What is left is smaller now, and shows more.
-    let knobs = seen(fit, &best)?;
+    let knobs = seen(fit, &best);
     let fitted = fit.fit(&best.setting, &knobs, 6)?;
     Some((fitted, knobs))
 }
 
 /// All of a model fitted again once an effect is in it, by what the records show now that less is left; and the knobs of that.
-pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) -> Option<(Fitted, Vec<Knob>)> {
+pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candidate) -> (Fitted, Vec<Knob>) {
     let machine = fit.machine;
     let own: Vec<Knob> = winner.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
-    let shown = |fitted: &Fitted| Some([seen(fit, fitted)?, own.clone()].concat());
-    let mut knobs = shown(&winner.fitted)?;
-    let mut now = fit.fit(&winner.fitted.setting, &knobs, 6)?;
+    let shown = |fitted: &Fitted| [seen(fit, fitted), own.clone()].concat();
+    let mut knobs = shown(&winner.fitted);
+    let mut now = fit.fit(&winner.fitted.setting, &knobs, 6).unwrap_or_else(|| winner.fitted.clone());
     for pass in 0..REFITS {
-        if at_floor(machine, &select.records, &now.setting)? {
+        if at_floor(machine, &select.records, &now.setting) {
             break;
         }
         // What is left is smaller now, and shows more.
-        knobs = shown(&now)?;
+        knobs = shown(&now);
         // A fit that has gone astray looks exactly like a missing effect: from the declared values it may find its way back.
         let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
         let before = now.objective;
@@ -89,10 +89,11 @@ pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candida
             }));
         }
         let again = starts.iter().map(|start| fit.fit(start, &knobs, 4));
-        now = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+        let Some(best) = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective)) else { break };
+        now = best;
         if before - now.objective < LEAST_REFIT * now.rows() as f64 {
             break;
         }
     }
-    Some((now, knobs))
+    (now, knobs)
 }

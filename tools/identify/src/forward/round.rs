@@ -1,9 +1,11 @@
 //! One round of the search: the best candidates of the screening, each fitted beside what there is, first briefly, then as far as it is
 //! worth it.
 
+use plant::effects::Site;
+
 use super::catalogue::{Candidate, Way};
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_FIRST, at_floor, judge, least_beside};
+use super::judge::{Judged, LEAST_FIRST, at_floor, judge_beside};
 use super::knob::{AT_EDGE, Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
 use super::screen::{Projection, Scored};
@@ -52,14 +54,16 @@ pub struct Round<'a> {
     pub knobs: &'a [Knob],
     /// What it leaves of the selecting records.
     pub before: &'a [Residual],
+    /// Whether that is as little as repeats differ by.
+    pub at_floor: bool,
     /// What may be added.
     pub candidates: &'a [Candidate],
 }
 
 impl Round<'_> {
-    /// All candidates that were fitted, best first. `None` where the model so far cannot be simulated.
-    pub fn run(&self) -> Option<Vec<Tried>> {
-        let projection = Projection::new(self.fit, self.now, self.knobs)?;
+    /// All candidates that were fitted, best first.
+    pub fn run(&self) -> Vec<Tried> {
+        let projection = Projection::new(self.fit, self.now, self.knobs);
         let scored = projection.rank(self.fit, self.now, self.candidates);
         let mut tried: Vec<Tried> =
             scored.iter().take(REFITTED).filter_map(|scored| self.quick(scored, &projection)).collect();
@@ -70,9 +74,9 @@ impl Round<'_> {
             self.improve(&mut tried, *index, &start, 1);
         }
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
-        let Some(nearest) = nearest else { return Some(tried) };
-        if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting)? {
-            self.look_from_declared(&mut tried, &chosen)?;
+        let Some(nearest) = nearest else { return tried };
+        if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting) {
+            self.look_from_declared(&mut tried, &chosen);
             self.look_from_all_starts(&mut tried);
             chosen = foremost(&tried);
         }
@@ -85,7 +89,7 @@ impl Round<'_> {
         }
         self.elsewhere(&mut tried);
         tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
-        Some(tried)
+        tried
     }
 
     /// What is moved beside a candidate that stands last in a setting.
@@ -97,15 +101,16 @@ impl Round<'_> {
     fn judged(&self, candidate: usize, knobs: Vec<Knob>, fitted: Fitted) -> Option<Tried> {
         let selected = self.select.residuals(&fitted.setting)?;
         let of = &self.candidates[candidate];
-        let mut judged = judge((of.id, of.site), self.before, &selected);
-        if !self.now.setting.placed.is_empty() {
+        let beside = self.now.setting.placed.len();
+        let mut judged = judge_beside(beside, self.at_floor, (of.id, of.site), self.before, &selected);
+        if beside > 0 {
             // A shape at the low end of its range has gone over into another law: beside an effect it takes up what that leaves.
             let own = knobs_of(of, fitted.setting.placed.len().saturating_sub(1));
             let gone = |knob: &Knob| {
                 matches!(knob, Knob::Effect { way: Way::Logarithmic, .. })
                     && knob.place(self.fit.machine, &fitted.setting) < -AT_EDGE
             };
-            judged.accepted &= judged.gain >= least_beside(self.now.setting.placed.len()) && !own.iter().any(gone);
+            judged.accepted &= !own.iter().any(gone);
         }
         Some(Tried { candidate, knobs, fitted, judged })
     }
@@ -124,7 +129,7 @@ impl Round<'_> {
         let own = &free[self.knobs.len()..];
         let mut fitted = self.fit.evaluate(self.fit.inside(start, &free))?;
         for _ in 0..QUICK_STEPS {
-            let of_effect = self.fit.slopes(&fitted, own, &projection.weights)?;
+            let of_effect = self.fit.slopes(&fitted, own, &projection.weights);
             let mut slopes = projection.slopes.clone().resize_horizontally(free.len(), 0.0);
             slopes.columns_mut(self.knobs.len(), of_effect.ncols()).copy_from(&of_effect);
             match self.fit.step(&fitted, &free, &slopes, &projection.weights) {
@@ -142,7 +147,7 @@ impl Round<'_> {
 
     /// A fit without the effect may have gone astray, and bends declared parameters until little of it is left to be seen: from the
     /// declared values candidates are fitted and looked at as well.
-    fn look_from_declared(&self, tried: &mut Vec<Tried>, chosen: &[usize]) -> Option<()> {
+    fn look_from_declared(&self, tried: &mut Vec<Tried>, chosen: &[usize]) {
         let machine = self.fit.machine;
         if self.now.setting.placed.is_empty() {
             for index in chosen.iter().take(AFRESH) {
@@ -150,14 +155,15 @@ impl Round<'_> {
                 self.improve(tried, *index, &fresh, TO_THE_END);
             }
         }
-        let start = self.fit.evaluate(self.fit.inside(declared(machine, &self.now.setting), self.knobs))?;
-        let ranked = Projection::new(self.fit, &start, self.knobs)?.rank(self.fit, &start, self.candidates);
+        // Beside an effect the declared values themselves may lose a record.
+        let start = self.fit.evaluate(self.fit.inside(declared(machine, &self.now.setting), self.knobs));
+        let Some(start) = start else { return };
+        let ranked = Projection::new(self.fit, &start, self.knobs).rank(self.fit, &start, self.candidates);
         for scored in ranked.iter().take(FROM_DECLARED) {
             let mut with = start.setting.clone();
             with.placed.push(scored.placed.clone());
             better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
         }
-        Some(())
     }
 
     /// Fits that do not follow from how a candidate looks at its start.
@@ -171,11 +177,31 @@ impl Round<'_> {
         }
     }
 
-    /// What the best has found may act at another site.
+    /// One candidate in the place of the last effect of a setting, from all its starts.
+    fn instead(&self, tried: &mut Vec<Tried>, setting: &Setting, which: (&str, Site)) {
+        let Some(candidate) = self.candidates.iter().position(|of| (of.id, of.site) == which) else { return };
+        for start in &self.candidates[candidate].starts {
+            let mut with = setting.clone();
+            if let Some(placed) = with.placed.last_mut() {
+                *placed = start.placed.clone();
+            }
+            better_of(tried, self.fitted(candidate, &with, TO_SHOW));
+        }
+    }
+
+    /// What the best has found may act at another site, or be the simpler one that it becomes at the end of its range.
     fn elsewhere(&self, tried: &mut Vec<Tried>) {
         let best = tried.iter().max_by(|a, b| a.judged.gain.total_cmp(&b.judged.gain));
         let Some(best) = best.filter(|best| best.judged.accepted) else { return };
         let (id, from, setting) = (best.judged.id, best.candidate, best.fitted.setting.clone());
+        let own = knobs_of(&self.candidates[from], setting.placed.len().saturating_sub(1));
+        let for_ever = |knob: &Knob| {
+            matches!(knob, Knob::Effect { name: "time_constant_s", .. })
+                && knob.place(self.fit.machine, &setting) > AT_EDGE
+        };
+        if id == "thermal_drift" && own.iter().any(for_ever) {
+            self.instead(tried, &setting, ("coulomb_friction", self.candidates[from].site));
+        }
         for (candidate, of) in self.candidates.iter().enumerate() {
             if of.id != id || candidate == from {
                 continue;

@@ -47,17 +47,17 @@ pub struct Scored {
 }
 
 impl Projection {
-    /// Of a fit, by the knobs that it moved; `None` where one cannot be simulated.
-    pub fn new(view: &View<'_>, fitted: &Fitted, knobs: &[Knob]) -> Option<Self> {
+    /// Of a fit, by the knobs that it moved.
+    pub fn new(view: &View<'_>, fitted: &Fitted, knobs: &[Knob]) -> Self {
         let weights = View::weights(&fitted.residuals);
         let here = View::stack(&fitted.residuals, &weights);
-        let slopes = view.slopes(fitted, knobs, &weights)?;
+        let slopes = view.slopes(fitted, knobs, &weights);
         // What stands at the end of its tolerance explains nothing more.
         let inside = |knob: &Knob| knob.place(view.machine, &fitted.setting).abs() < AT_EDGE;
         let columns = knobs.iter().zip(slopes.column_iter()).filter(|(knob, _)| inside(knob));
         let basis = basis(columns.map(|(_, column)| column.into_owned()), here.len());
         let left = &here - &basis * (basis.transpose() * &here);
-        Some(Self { weights, slopes, here, basis, left })
+        Self { weights, slopes, here, basis, left }
     }
 
     /// What a setting changes, weighted and projected; `None` where it cannot be simulated.

@@ -5,10 +5,10 @@ use plant::effects::Site;
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, View};
 use super::folded::{folded, unfold};
-use super::judge::{Judged, LEAST_GAIN, above_floor, judge};
+use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::knob::Knob;
 use super::machine::Machine;
-use super::prune::{Other, alone, effect_count, needless, rivals, twin};
+use super::prune::{AS_GOOD, Other, alone, effect_count, needless, rivals, twin};
 use super::refit::{fit_base, refit};
 use super::round::{Round, Tried, winner};
 use super::screen::scale;
@@ -27,6 +27,10 @@ const A_RIVAL: f64 = 0.25;
 const AS_MUCH: f64 = 0.75;
 /// Rounds of the fit of an effect in another's place.
 const AS_A_TWIN: usize = 3;
+/// Rounds of the fit with the other encoder, which begins from the wave of this one.
+const AS_ANOTHER_ENCODER: usize = 4;
+/// Parameter of an encoder that is out of centre: which one.
+pub const WHICH_ENCODER: &str = "on_master";
 /// Rounds of the fit that follows when an effect is taken back.
 const AFTER_TAKING_BACK: usize = 4;
 
@@ -97,6 +101,29 @@ impl Found {
     }
 }
 
+impl Found {
+    /// What is left once an effect was taken back: whether the model is one of this machine at all, and what has no name.
+    pub fn judge_anew(&mut self, machine: &Machine) {
+        let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
+        let above = above_floor(machine, &select.records, &self.last().setting);
+        if above.is_none_or(|above| above.at_floor()) {
+            return;
+        }
+        self.inadequate = above.is_some_and(|above| above.inadequate());
+        let knobs: Vec<Knob> = self.knobs.iter().chain(&self.effect_knobs).cloned().collect();
+        let (now, knobs) = match self.inadequate {
+            true => (self.base.clone(), self.base_knobs.clone()),
+            false => (self.last().clone(), knobs),
+        };
+        (self.generic, self.nameless) = functions((&fit, &select), (&now, &knobs), self.inadequate);
+        if self.inadequate {
+            self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
+            self.knobs.clone_from(&self.base_knobs);
+            self.effect_knobs.clear();
+        }
+    }
+}
+
 /// The whole search; which sign a torque had, where the sensor does not tell, is left in the records. `None` where not even the declared
 /// model can be simulated along the records.
 pub fn search(machine: &mut Machine) -> Option<Found> {
@@ -109,11 +136,14 @@ pub fn search(machine: &mut Machine) -> Option<Found> {
         }
     }
     let mut search = Search::begin(machine)?;
-    while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add()? {
+    // Where a model loses a record that the one before it followed, what was found before stands.
+    while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add() {
         search.give_up_needless();
-        search.hold_against_others()?;
+        if search.hold_against_others().is_none() {
+            break;
+        }
     }
-    search.conclude()
+    Some(search.conclude())
 }
 
 /// A search under way.
@@ -148,19 +178,20 @@ impl Search<'_> {
     }
 
     /// One round: the best candidate that passes comes in, and all is fitted again. Whether there was one.
-    fn add(&mut self) -> Option<bool> {
+    fn add(&mut self) -> bool {
         let (fit, select, now) = (&self.fit, &self.select, &self.now);
-        let before = select.residuals(&now.setting)?;
+        let Some(before) = select.residuals(&now.setting) else { return false };
         let listed: Vec<Candidate> = candidates(&scale(fit, now))
             .into_iter()
             .filter(|candidate| {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
-        let tried = round.run()?;
+        let at_floor = at_floor(fit.machine, &select.records, &now.setting);
+        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, at_floor, candidates: &listed };
+        let tried = round.run();
         self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
-        let Some(winner) = winner(&tried) else { return Some(false) };
+        let Some(winner) = winner(&tried) else { return false };
         self.steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
         if self.rounds.len() == 1 {
             let is_rival = |other: &&Tried| {
@@ -168,8 +199,8 @@ impl Search<'_> {
             };
             self.others = tried.iter().filter(is_rival).filter_map(Other::of).collect();
         }
-        (self.now, self.knobs) = refit((fit, select), winner, &listed[winner.candidate])?;
-        Some(true)
+        (self.now, self.knobs) = refit((fit, select), winner, &listed[winner.candidate]);
+        true
     }
 
     /// Gives up what the newest effect made needless.
@@ -236,6 +267,30 @@ impl Search<'_> {
         Some(())
     }
 
+    /// Says of an encoder that is out of centre whether it may be the other one: small movements do not tell. The one that explains more is
+    /// meant.
+    fn name_other_encoder(&mut self) -> Option<()> {
+        let mut with = self.select.residuals(&self.now.setting)?;
+        for at in 0..self.steps.len() {
+            let (id, site) = (self.steps[at].added.id, self.steps[at].added.site);
+            let mut setting = self.now.setting.clone();
+            let Some(encoder) = setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER) else {
+                continue;
+            };
+            encoder.1 = 1.0 - encoder.1;
+            let Some(other) = self.fit.fit(&setting, &self.knobs, AS_ANOTHER_ENCODER) else { continue };
+            let Some(there) = self.select.residuals(&other.setting) else { continue };
+            let mut beside = judge((id, site), &there, &with).gain;
+            if beside < -BETTER {
+                (self.now, with, beside) = (other, there, -beside);
+            }
+            if beside < AS_GOOD && self.steps[at].rivals.is_empty() {
+                self.steps[at].rivals.push((id, site));
+            }
+        }
+        Some(())
+    }
+
     fn give_up_all(&mut self) {
         self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
     }
@@ -248,20 +303,27 @@ impl Search<'_> {
     }
 
     /// Whether there is a name to be had, and what is left.
-    fn conclude(mut self) -> Option<Found> {
-        self.name_twins()?;
-        let above = above_floor(self.fit.machine, &self.select.records, &self.now.setting)?;
+    fn conclude(mut self) -> Found {
+        self.name_twins();
+        self.name_other_encoder();
+        if let Some(step) = self.steps.last_mut() {
+            step.fitted = self.now.clone();
+        }
+        let above = above_floor(self.fit.machine, &self.select.records, &self.now.setting);
         let at_floor = above.is_some_and(|above| above.at_floor());
         let mut inadequate = above.is_some_and(|above| above.inadequate());
         let declared = (&self.base, &self.base_knobs[..]);
         // Names that leave so much are wrong, and would bend a function.
-        let mut unnamed = if inadequate { Some(functions(self.views(), declared, true)?) } else { None };
+        let mut unnamed = inadequate.then(|| functions(self.views(), declared, true));
         // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
         if !inadequate && !at_floor && !self.steps.is_empty() {
-            let (generic, best) = functions(self.views(), declared, false)?;
+            let (generic, best) = functions(self.views(), declared, false);
             if let Some(best) = best.filter(|best| best.judged.accepted) {
                 let [named, nameless] = [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
-                if judge((best.judged.id, best.judged.site), &named?, &nameless?).gain >= LEAST_GAIN {
+                let more = named
+                    .zip(nameless)
+                    .map(|(named, nameless)| judge((best.judged.id, best.judged.site), &named, &nameless).gain);
+                if more.is_some_and(|more| more >= LEAST_GAIN) {
                     (inadequate, unnamed) = (true, Some((generic, Some(best))));
                 }
             }
@@ -269,7 +331,7 @@ impl Search<'_> {
         let (generic, nameless) = match unnamed {
             Some(unnamed) => unnamed,
             None if at_floor => (Vec::new(), None),
-            None => functions(self.views(), (&self.now, &self.knobs), false)?,
+            None => functions(self.views(), (&self.now, &self.knobs), false),
         };
         if inadequate {
             self.give_up_all();
@@ -277,6 +339,6 @@ impl Search<'_> {
         }
         let (knobs, effect_knobs) = self.knobs.into_iter().partition(Knob::is_base);
         let Self { base, base_knobs, steps, rounds, given_up, .. } = self;
-        Some(Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate })
+        Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate }
     }
 }

@@ -26,14 +26,14 @@ pub enum Sight {
     Traded(Option<Knob>),
 }
 
-/// Of all declared parameters, beside the knobs of effects. `None` where a slope cannot be simulated.
-pub fn sights(view: &View<'_>, fitted: &Fitted, effects: &[Knob]) -> Option<Vec<Sight>> {
+/// Of all declared parameters, beside the knobs of effects.
+pub fn sights(view: &View<'_>, fitted: &Fitted, effects: &[Knob]) -> Vec<Sight> {
     let count = view.machine.base.len();
     let all: Vec<Knob> = (0..count).map(Knob::Base).chain(effects.iter().cloned()).collect();
-    let slopes = view.slopes(fitted, &all, &View::weights(&fitted.residuals))?;
+    let slopes = view.slopes(fitted, &all, &View::weights(&fitted.residuals));
     let shown = SEEN * (slopes.nrows() as f64).sqrt();
     let told = told(&slopes, shown);
-    Some(told.into_iter().take(count).map(|told| told.map(|at| all[at].clone())).collect())
+    told.into_iter().take(count).map(|told| told.map(|at| all[at].clone())).collect()
 }
 
 /// The same with columns in the place of knobs.

@@ -111,10 +111,10 @@ pub fn functions(
     (fit, select): (&View<'_>, &View<'_>),
     (now, knobs): (&Fitted, &[Knob]),
     must_be: bool,
-) -> Option<(Vec<Judged>, Option<Nameless>)> {
+) -> (Vec<Judged>, Option<Nameless>) {
     let machine = fit.machine;
-    let projection = Projection::new(fit, now, knobs)?;
-    let before = select.residuals(&now.setting)?;
+    let projection = Projection::new(fit, now, knobs);
+    let Some(before) = select.residuals(&now.setting) else { return (Vec::new(), None) };
     let has_slave = machine.records.iter().all(|record| record.slave.is_some());
     let has_torque = machine.records.iter().any(|record| record.torque.is_some() && !record.idle);
     let mut scored: Vec<(f64, Setting)> = PLACES
@@ -157,5 +157,5 @@ pub fn functions(
         true => tried.judged.gain >= LEAST_HINT,
         false => tried.judged.accepted,
     };
-    Some((judged, tried.into_iter().find(enough)))
+    (judged, tried.into_iter().find(enough))
 }

@@ -42,6 +42,9 @@ pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: 
             .notes
             .push("chance gives as much, but the model without the effect cannot be simulated: it stays".to_owned());
     }
+    if calibration.withdrawn {
+        study.found.judge_anew(&study.machine);
+    }
     study.calibration = Some(calibration);
 }
 

@@ -36,6 +36,8 @@ const BLOCK_PERIODS: f64 = 16.0;
 const BLOCKS: f64 = 40.0;
 /// Fewest blocks: three that select and three that report.
 const FEWEST_BLOCKS: usize = 12;
+/// Fewest blocks that select.
+const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong guess.
 const UNIT_FACTOR: f64 = 30.0;
 
@@ -216,6 +218,26 @@ pub(super) fn check_scale(machine: &Machine, channel: &str, which: (Column, &str
 
 /// Who does what: whole records where there are enough, else blocks of the record.
 pub(super) fn blocks(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Block>> {
+    let blocks = shared_out(machine, records, seed)?;
+    let selecting = || blocks.iter().filter(|block| block.role == Role::Select);
+    match selecting().next() {
+        // From one or two no error of a mean can be told, and anything would pass.
+        Some(first) if selecting().count() < FEWEST_SELECTING => {
+            let b = &machine.balances[first.record];
+            Err(IdentifyError::Short {
+                file: records[first.record].file.clone(),
+                found: format!("{} s to select on", b.rows() as f64 * b.row_step()),
+                expected: format!(
+                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of {} Hz",
+                    b.cut_off
+                ),
+            })
+        }
+        _ => Ok(blocks),
+    }
+}
+
+fn shared_out(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Block>> {
     let length = |b: &Balance| {
         let seconds = b.rows() as f64 * b.row_step();
         let least = BLOCK_S.max(BLOCK_PERIODS / b.cut_off);

@@ -11,7 +11,7 @@ use plant::effects::Site;
 use rayon::prelude::*;
 
 use super::transmission::Study;
-use super::transmission_outcome::words;
+use super::transmission_outcome::{rival_words, words};
 use super::trials::{PLAYED_S, PREDICTED_S, Stage, Trial};
 use crate::forward::catalogue::{Candidate, candidates};
 use crate::forward::fit::{Fitted, View};
@@ -20,6 +20,7 @@ use crate::forward::knob::{Knob, knobs_of};
 use crate::forward::machine::{Channel, Machine, Placed, Residual, Setting};
 use crate::forward::record::Record;
 use crate::forward::screen::{basis, scale};
+use crate::forward::search::WHICH_ENCODER;
 use crate::inverse::split::Role;
 use crate::outcome::{FittedParameter, NextExperiment, Verdict};
 
@@ -27,7 +28,7 @@ use crate::outcome::{FittedParameter, NextExperiment, Verdict};
 const EXAMINED: usize = 8;
 /// Movements in a proposal.
 const MOVEMENTS: usize = 2;
-/// A difference of fewer floors tells nothing: it raises an error at the floor by less than the 10 % for which an effect is accepted.
+/// A difference of fewer floors tells nothing: it raises an error at the floor by less than a tenth.
 const LEAST: f64 = 0.46;
 /// A parameter is shown where its standard deviation is to be less than half of half its tolerance.
 const SHOWN: f64 = 2.0;
@@ -88,7 +89,7 @@ fn between_two(study: &Study, stage: &Stage) -> Option<NextExperiment> {
         })
         .collect();
     told.sort_by(|a, b| b.floors.total_cmp(&a.floors));
-    let names = format!("{} from {}", words(step.added.id), words(rival.0));
+    let names = format!("{} from {}", words(step.added.id), rival_words((step.added.id, step.added.site), rival));
     let why = format!("These records cannot tell {names}.");
     let Some(best) = told.first().filter(|best| best.floors >= LEAST) else {
         let most = told.first().map_or(0.0, |best| best.floors);
@@ -254,7 +255,7 @@ fn difference(machine: &Machine, own: &Setting, other: &Setting, floors: &[(Chan
 fn slopes(machine: &Machine, setting: &Setting, knobs: &[Knob], floors: &[(Channel, f64)]) -> Option<DMatrix<f64>> {
     let view = View::whole(machine);
     let fitted = view.evaluate(setting.clone())?;
-    view.slopes(&fitted, knobs, &weights(machine, floors))
+    Some(view.slopes(&fitted, knobs, &weights(machine, floors)))
 }
 
 /// What is left of a column when all that others can do is taken out.
@@ -279,8 +280,16 @@ fn rival_of(study: &Study, at: usize, rival: (&'static str, Site)) -> Option<(Se
         });
         [Some(start.placed.clone()), start.quadrature.clone(), turned]
     });
+    // Where an effect is its own rival, it is that of the other encoder.
+    let encoder =
+        |placed: &Placed| placed.values.iter().find(|(name, _)| *name == WHICH_ENCODER).map(|(_, which)| *which);
+    let own = &now.setting.placed[at];
+    let another = |placed: &Placed| {
+        (placed.id, placed.site) != (own.id, own.site) || encoder(placed).is_none() || encoder(placed) != encoder(own)
+    };
     let starts: Vec<Fitted> = placed
         .flatten()
+        .filter(another)
         .filter_map(|placed| {
             let mut setting = now.setting.clone();
             setting.placed[at] = placed;

@@ -20,6 +20,8 @@ const WINDOW_S: f64 = 1.0;
 const LEAST_RAD: f64 = 0.05;
 /// Fewest stretches: one to fit, one to select, one to report.
 const FEWEST: usize = 3;
+/// Most stretches: a search takes as long as its records are, and what a longer recording repeats tells nothing new.
+const MOST: usize = 40;
 /// Who does what, in turn.
 const TURN: [Role; 4] = [Role::Fit, Role::Select, Role::Fit, Role::Report];
 
@@ -53,6 +55,14 @@ pub(super) fn enough(records: &[Series], notes: &mut Vec<String>) -> Result<Opti
     let mut order: Vec<usize> = (0..stretches.len()).collect();
     let quick: Vec<f64> = stretches.iter().map(quickness).collect();
     order.sort_by(|a, b| bucket(quick[*a]).cmp(&bucket(quick[*b])).then(a.cmp(b)));
+    let found = stretches.len();
+    if found > MOST {
+        // Evenly over all quickness, and over time within it.
+        order = (0..MOST).map(|turn| order[turn * found / MOST]).collect();
+        notes.push(format!(
+            "{found} stretches of movement found, {MOST} of them taken, evenly over quick and slow ones and over time"
+        ));
+    }
     for (turn, at) in order.into_iter().enumerate() {
         stretches[at].role = Some(TURN[turn % TURN.len()]);
     }
@@ -60,8 +70,9 @@ pub(super) fn enough(records: &[Series], notes: &mut Vec<String>) -> Result<Opti
         "{} cut into {} stretches of movement of about {LENGTH_S} s, which fit, select and report in turn: what differs from day to day they \
          cannot show",
         records.iter().map(|record| record.file.as_str()).collect::<Vec<_>>().join(" and "),
-        stretches.len()
+        stretches.iter().filter(|stretch| stretch.role.is_some()).count()
     ));
+    stretches.retain(|stretch| stretch.role.is_some());
     Ok(Some(stretches))
 }
 

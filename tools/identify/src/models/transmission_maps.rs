@@ -78,11 +78,14 @@ impl Rows {
         }
     }
 
-    /// A map over some values, of the rows in which there is one.
-    fn over(&self, what: &str, unit: &str, of: &str, values: &[f64]) -> Figure {
+    /// A map over some values, of the rows in which there is one; `None` where there is none: a machine that never turned has no reversal.
+    fn over(&self, what: &str, unit: &str, of: &str, values: &[f64]) -> Option<Figure> {
         let rows: Vec<usize> = (0..self.before.len()).filter(|row| values[*row].is_finite()).collect();
+        if rows.is_empty() {
+            return None;
+        }
         let at = |column: &[f64]| rows.iter().map(|row| column[*row]).collect::<Vec<f64>>();
-        banded(what, unit, of, &at(values), &at(&self.before), &at(&self.after)).size(SIZE.0, SIZE.1)
+        Some(banded(what, unit, of, &at(values), &at(&self.before), &at(&self.after)).size(SIZE.0, SIZE.1))
     }
 }
 
@@ -137,22 +140,26 @@ pub(super) fn maps(
     let torque = if channel == Channel::Slave && driven { "hand's torque" } else { "motor's torque" };
     let unit = channel.unit();
     rows.since_reversal.iter_mut().filter(|since| **since > LONGEST_S).for_each(|since| *since = f64::NAN);
+    let mut spectral = false;
     let mut spectrum =
         Figure::new("", "frequency / Hz", format!("residual / ({unit}/√Hz)")).size(SIZE.0, SIZE.1).log_x().log_y();
     for (name, colour, stretches) in
         [("declared model", Colour::Vermillion, &of_before), ("with effects", Colour::Blue, &of_after)]
     {
         let (hz, amplitude) = density(stretches, pace_s);
+        spectral |= !hz.is_empty();
         spectrum = spectrum.colour(colour).line(name, &hz, &amplitude);
     }
-    let sheet = Sheet::new(format!("What the innovation of {} depends on", channel.column()))
-        .columns(2)
-        .panel(rows.over("position", "rad", unit, &rows.position))
-        .panel(rows.over("velocity", "rad/s", unit, &rows.velocity))
-        .panel(rows.over(torque, "N·m", unit, &rows.torque))
-        .panel(rows.over("time since the last reversal", "s", unit, &rows.since_reversal))
-        .panel(rows.over("time", "s", unit, &rows.time))
-        .panel(spectrum);
+    let panels = [
+        rows.over("position", "rad", unit, &rows.position),
+        rows.over("velocity", "rad/s", unit, &rows.velocity),
+        rows.over(torque, "N·m", unit, &rows.torque),
+        rows.over("time since the last reversal", "s", unit, &rows.since_reversal),
+        rows.over("time", "s", unit, &rows.time),
+        spectral.then_some(spectrum),
+    ];
+    let sheet = Sheet::new(format!("What the innovation of {} depends on", channel.column())).columns(2);
+    let sheet = panels.into_iter().flatten().fold(sheet, Sheet::panel);
     page.sheet(&sheet, &format!("Innovation of {}.", channel.column()))
 }
 

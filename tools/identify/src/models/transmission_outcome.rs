@@ -39,6 +39,12 @@ pub(super) fn words(id: &str) -> &str {
     LIST.iter().find(|entry| entry.id == id).map_or(id, |entry| entry.what)
 }
 
+/// What a rival of an effect is, in words.
+pub(super) fn rival_words((own, at): (&str, Site), (rival, there): (&str, Site)) -> String {
+    // The records do not tell which of two it is.
+    if own == rival && at == there { "the same of the other encoder".to_owned() } else { words(rival).to_owned() }
+}
+
 fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
@@ -49,7 +55,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
         Some(nameless) => nameless.knobs.clone(),
         None => found.knobs.iter().chain(&found.effect_knobs).cloned().collect(),
     };
-    let deviations = fit.deviations(found.last(), &knobs, BLOCK)?;
+    let deviations = fit.deviations(found.last(), &knobs, BLOCK);
     let known: Vec<(Knob, f64)> = knobs.into_iter().zip(deviations).collect();
     Some(Outcome {
         verdict,
@@ -73,7 +79,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
 /// The table of a function; `known` are deviations of its own model, where that is the one that all is said of.
 fn unlisted(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
     let own = || {
-        let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK).unwrap_or_default();
+        let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK);
         nameless.knobs.iter().cloned().zip(deviations).collect()
     };
     let known = known.cloned().unwrap_or_else(own);
@@ -149,7 +155,8 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
             match channel {
                 Channel::Master => Some(record.averaged(&record.master)),
                 Channel::Slave => record.slave.as_ref().map(|slave| record.averaged(slave)),
-                Channel::Torque => record.torque.as_ref().map(|torque| record.averaged(torque)),
+                // The cell is read where nobody holds the handle: elsewhere it drives the model.
+                Channel::Torque => record.torque.as_ref().filter(|_| record.idle).map(|torque| record.averaged(torque)),
             }
         });
         rms(rows.flatten()).max(f64::MIN_POSITIVE)
@@ -174,8 +181,6 @@ fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
     let last = study.found.last();
     let effects: Vec<Knob> = known.iter().map(|(knob, _)| knob).filter(|knob| !knob.is_base()).cloned().collect();
     let seen = sights(&View::of(machine, Role::Fit), last, &effects);
-    // Where a slope is lost nothing is said beyond the deviation.
-    let seen = seen.unwrap_or_else(|| vec![Seen::Flat; machine.base.len()]);
     machine
         .base
         .iter()
@@ -265,7 +270,8 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
         Verdict::Ambiguous => {
             let step = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
             let names = step.map_or(String::new(), |step| {
-                let rivals: Vec<&str> = step.rivals.iter().map(|(id, _)| words(id)).collect();
+                let own = (step.added.id, step.added.site);
+                let rivals: Vec<String> = step.rivals.iter().map(|rival| rival_words(own, *rival)).collect();
                 format!("{} from {}", words(step.added.id), rivals.join(" or "))
             });
             make(

@@ -7,10 +7,10 @@ use super::transmission::Study;
 use super::transmission_maps::maps;
 use super::transmission_outcome::words;
 use crate::forward::fit::View;
-use crate::forward::judge::{LEAST_FIRST, LEAST_GAIN, LEAST_T};
+use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
-use crate::outcome::{Outcome, Verdict};
+use crate::outcome::{Named, Outcome, Verdict};
 use crate::page::{parameters, ranking, short};
 
 /// The verdict as a sentence, and one that says how far it holds.
@@ -21,11 +21,19 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     let (tone, sentence) = match outcome.verdict {
         Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
         Verdict::Ambiguous => {
-            let others: Vec<String> =
-                outcome.ambiguous_with.iter().map(|named| format!("{} ({})", words(&named.id), named.site)).collect();
+            let itself =
+                |named: &Named| outcome.effects.iter().any(|own| (&own.id, &own.site) == (&named.id, &named.site));
+            let other = |named: &Named| match itself(named) {
+                true => "the same of the other encoder".to_owned(),
+                false => format!("{} ({})", words(&named.id), named.site),
+            };
+            let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
             (Tone::Warning, format!("The declared model lacks {list}, or else {}.", others.join(" or ")))
         }
-        Verdict::None => (Tone::Good, "Nothing is missing that these records could show.".to_owned()),
+        Verdict::None => {
+            let fitted = "the declared model, fitted within its tolerances, explains them";
+            (Tone::Good, format!("Nothing is missing that these records could show: {fitted}."))
+        }
         Verdict::Unlisted => {
             let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
                 format!("; it acts at the {} and depends on {}", unlisted.site, unlisted.depends_on)
@@ -113,10 +121,14 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         .heading("Candidates")
         .paragraph(&format!(
             "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
-             added when the error falls by {:.0} % or more (beside another effect by {:.0} %), when the mean fall is {LEAST_T:.1} of its standard errors above zero, and when no \
-             channel gets worse.",
-            -100.0 * (-LEAST_FIRST).exp_m1(),
-            -100.0 * (-LEAST_GAIN).exp_m1()
+             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside one effect by {:.0} %, beside two, or where the floor is \
+             reached, by {:.0} %), when that is \
+             {LEAST_T:.1} of its standard errors above zero, when more records get better than worse, and when no channel gets worse by more than 3 % (for a first effect \
+             by a fifth of what all gain). \
+             Records that report decide nothing: of those that repeat a movement it is looked at by how much they differ, which is the floor.",
+            asked(0, false),
+            asked(1, false),
+            asked(2, false)
         ))
         .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
         .heading("Parameters")
@@ -130,6 +142,11 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         page = page.paragraph(&format!("Note: {note}."));
     }
     Some(page)
+}
+
+/// Least gain of an effect beside so many, in percent.
+fn asked(beside: usize, at_floor: bool) -> f64 {
+    -100.0 * (-least_beside(beside, at_floor)).exp_m1()
 }
 
 fn errors(outcome: &Outcome) -> Table {
