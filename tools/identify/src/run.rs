@@ -218,3 +218,54 @@ fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
     }
     println!("next: {}", outcome.next_experiment.what);
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn one_file_by_two_names_does_not_play_two_parts() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let rows: String = (0..20).map(|row| format!("{row},{},{}\n", row % 3, row % 5)).collect();
+        std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
+        let other = folder.path().join(".").join("a.csv");
+        let rig = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"));
+        let args = Args {
+            rig: rig.clone(),
+            records: Vec::new(),
+            map: Vec::new(),
+            resample: None,
+            report: None,
+            json: None,
+            write_rig: None,
+            propose_experiment: None,
+            calibrate: 0,
+            jobs: None,
+            seed: 1,
+            fit: vec![path.clone()],
+            select: Vec::new(),
+            report_on: vec![other.clone()],
+        };
+        let rig = RigFile::load(rig).unwrap();
+        let text = records(&args, &rig).unwrap_err().to_string();
+        assert!(text.contains("plays two parts"), "{text}");
+        // Given twice without a part it is one record.
+        let args = Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
+        assert_eq!(records(&args, &rig).unwrap().len(), 1);
+    }
+
+    #[test]
+    fn a_file_is_whole_or_not_there_and_a_new_one_takes_no_old_ones_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep").join("a.json");
+        whole_file(&path, "one").unwrap().persist(&path).unwrap();
+        whole_file(&path, "two").unwrap().persist(&path).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
+        assert!(write_new(&path, "three").is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
+        let left: Vec<_> = std::fs::read_dir(folder.path().join("deep")).unwrap().collect();
+        assert_eq!(left.len(), 1, "{left:?}");
+    }
+}

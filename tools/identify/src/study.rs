@@ -150,6 +150,32 @@ mod tests {
     use super::*;
 
     #[test]
+    fn time_begins_with_the_first_record() {
+        let series = |from: f64| Series {
+            columns: vec![("t_s".to_owned(), vec![from, from + 0.5]), ("force_n".to_owned(), vec![7.0, 8.0])],
+            ..Series::default()
+        };
+        let shifted = from_the_first(&[series(1.7e9 + 20.0), series(1.7e9)]).unwrap();
+        let of = |index: usize, name: &str| shifted[index].column(name).unwrap().to_vec();
+        assert_eq!((of(0, "t_s"), of(1, "t_s")), (vec![20.0, 20.5], vec![0.0, 0.5]));
+        assert_eq!(of(0, "force_n"), [7.0, 8.0]);
+        assert!(from_the_first(&[series(0.0), series(3.0)]).is_none(), "it begins at 0 already");
+    }
+
+    #[test]
+    fn what_the_reader_finds_odd_is_told_with_row_and_column() {
+        let rig = RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dead.csv");
+        let rows: String =
+            (0..200).map(|row| format!("{},1.5,{}\n", f64::from(row) * 1e-3, (f64::from(row) * 0.1).sin())).collect();
+        std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
+        let series = read(&path, &rig).unwrap();
+        let [note] = &series.notes[..] else { panic!("{:?}", series.notes) };
+        assert!(note.contains("dead.csv, from row") && note.contains("`force_n`: never changes: 1.5"), "{note}");
+    }
+
+    #[test]
     fn machines_are_simulated_of_transmissions_that_turn() {
         for kind in ["emps", "silverbox", "element"] {
             let path = format!("{}/../../launch/rigs/{kind}.toml", env!("CARGO_MANIFEST_DIR"));

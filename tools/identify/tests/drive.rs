@@ -3,6 +3,7 @@
 
 use identify::error::IdentifyError;
 use identify::input::Series;
+use identify::inverse::split::Role;
 use identify::models::{ALL, Options};
 use identify::outcome::{Outcome, Verdict};
 
@@ -251,4 +252,22 @@ fn the_measured_emps_record_gives_the_published_figures() {
         let (name, value, std) = &coulomb.all_rows_parameters[i];
         assert!(within(*value, *std, *published, 2.5), "{name}: {value} ± {std}, published {published}");
     }
+}
+
+#[test]
+fn a_record_too_short_to_select_on_is_refused() {
+    let part = |rows: usize, role| {
+        let mut series = record(Truth::default(), 3);
+        series.columns.iter_mut().for_each(|column| column.1.truncate(rows));
+        series.file = format!("{role:?}.csv").to_lowercase();
+        series.role = Some(role);
+        series
+    };
+    // 0.6 s once the ends are off, a single block: of its gain no error can be told, and anything would pass.
+    let records = [part(8000, Role::Fit), part(400, Role::Select), part(8000, Role::Report)];
+    let error = identify(&records, &rig(0.25)).unwrap_err().to_string();
+    assert!(
+        error.contains("select.csv") && error.contains("0.60 s to select on") && error.contains("3 stretches"),
+        "{error}"
+    );
 }

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use identify::forward::chance::{Drive, chance, redrawn};
-use identify::forward::judge::errors;
+use identify::forward::judge::{above_floor, errors};
 use identify::forward::machine::Machine;
 use identify::forward::record::{Record, rms, share_out};
 use identify::forward::search::{Found, search};
@@ -153,6 +153,22 @@ fn an_effect_that_is_taken_back_leaves_the_declared_model() {
     found.without_last(&machine).unwrap();
     assert!(found.steps.is_empty() && found.effect_knobs.is_empty() && found.last().setting.placed.is_empty());
     assert!(found.without_last(&machine).is_some(), "nothing to take back is no failure");
+    // What it explained is missing again, and that must be said.
+    found.judge_anew(&machine);
+    assert!(found.inadequate || found.nameless.is_some(), "{:?}", found.generic);
+}
+
+#[test]
+fn records_that_report_do_not_tell_whether_the_floor_is_reached() {
+    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
+    share_out(&mut records, false);
+    let mut machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let (select, setting) = (machine.of_role(Role::Select), machine.start());
+    let above = |machine: &Machine| above_floor(machine, &select, &setting);
+    assert!(above(&machine).is_some(), "the fourth record repeats the first");
+    machine.records[0].role = Role::Report;
+    machine.records[3].role = Role::Report;
+    assert_eq!(above(&machine), None, "only reporting records are repeated");
 }
 
 #[test]

@@ -226,7 +226,7 @@ pub(super) fn blocks(machine: &Machine, records: &[Series], seed: u64) -> Result
             let b = &machine.balances[first.record];
             Err(IdentifyError::Short {
                 file: records[first.record].file.clone(),
-                found: format!("{} s to select on", b.rows() as f64 * b.row_step()),
+                found: format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
                 expected: format!(
                     "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of {} Hz",
                     b.cut_off

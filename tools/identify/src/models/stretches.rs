@@ -209,6 +209,34 @@ mod tests {
     }
 
     #[test]
+    fn of_a_long_recording_some_stretches_are_taken_evenly() {
+        // Ten times the same, one after another.
+        let once = recording();
+        let mut long = once.clone();
+        for turn in 1..10 {
+            let later = f64::from(turn) * 32.0;
+            for ((name, column), (_, own)) in long.columns.iter_mut().zip(&once.columns) {
+                column.extend(own.iter().map(|value| if name == "t_s" { value + later } else { *value }));
+            }
+        }
+        let mut notes = Vec::new();
+        let stretches = enough(&[long], &mut notes).unwrap().unwrap();
+        assert_eq!(stretches.len(), MOST);
+        assert!(notes[0].contains("40 of them taken") && notes[1].contains("into 40 stretches"), "{notes:?}");
+        for role in [Role::Fit, Role::Select, Role::Report] {
+            let starts: Vec<f64> = stretches
+                .iter()
+                .filter(|stretch| stretch.role == Some(role))
+                .map(|stretch| stretch.column("t_s").unwrap()[0])
+                .collect();
+            assert!(starts.len() >= 9, "{role:?}: {}", starts.len());
+            let (first, last) =
+                (starts.iter().copied().fold(f64::INFINITY, f64::min), starts.iter().copied().fold(0.0, f64::max));
+            assert!(first < 64.0 && last > 256.0, "{role:?}: {first} to {last} s");
+        }
+    }
+
+    #[test]
     fn what_is_enough_or_has_roles_stays_and_what_is_too_short_is_refused() {
         let three = vec![recording(), recording(), recording()];
         assert!(enough(&three, &mut Vec::new()).unwrap().is_none());

@@ -176,6 +176,14 @@ mod tests {
     }
 
     #[test]
+    fn a_map_over_what_never_happened_is_left_out() {
+        let row = vec![0.0, 1.0, 2.0];
+        let rows = Rows { before: row.clone(), after: row.clone(), ..Rows::default() };
+        assert!(rows.over("time since the last reversal", "s", "rad", &[f64::NAN; 3]).is_none());
+        assert!(rows.over("time", "s", "rad", &row).is_some());
+    }
+
+    #[test]
     fn a_tone_of_a_known_size_and_noise_of_a_known_density() {
         // White: the mean square over the band of half the sampling frequency.
         let mut seed = 1u64;
