@@ -49,6 +49,7 @@ impl Model for Transmission {
         options: Options,
     ) -> Result<(Outcome, Page)> {
         let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
+        notes.extend(not_used(records));
         let cut = stretches::enough(records, &mut notes)?;
         let records = cut.as_deref().unwrap_or(records);
         let mut laid_out =
@@ -82,7 +83,41 @@ impl Model for Transmission {
     }
 }
 
+/// Columns of a transmission's records that its model knows.
+const USED: [&str; 5] = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
+
+/// What is there and takes no part: whoever recorded it may think that it does.
+fn not_used(records: &[Series]) -> Option<String> {
+    let mut names: Vec<&str> = records
+        .iter()
+        .flat_map(|record| &record.columns)
+        .map(|(name, _)| name.as_str())
+        .filter(|name| !USED.contains(name))
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    (!names.is_empty())
+        .then(|| format!("{} are recorded and take no part: the model has no such signal", names.join(", ")))
+}
+
 fn lost(machine: &Machine) -> IdentifyError {
     let files: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
     IdentifyError::Lost { file: files.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_that_take_no_part_are_told_once() {
+        let series = |names: &[&str]| Series {
+            columns: names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect(),
+            ..Series::default()
+        };
+        let all = [series(&["t_s", "temperature_c", "motor_v"]), series(&["temperature_c", "hose_pressure_pa"])];
+        let told = not_used(&all).unwrap_or_default();
+        assert!(told.starts_with("hose_pressure_pa, temperature_c are recorded"), "{told}");
+        assert_eq!(not_used(&[series(&USED)]), None);
+    }
 }
