@@ -11,16 +11,15 @@ use crate::inverse::split::Role;
 pub const LEAST_GAIN: f64 = 0.20;
 /// The same of a first effect: beside none there are fewer ways to be wrong.
 pub const LEAST_FIRST: f64 = 0.15;
-/// The same of a third effect: beside two there are the more, and a fit of so much more to be bad; and of a second where the first has left
-/// no more than repeats differ by.
-const LEAST_FURTHER: f64 = 0.30;
+/// The same of a third effect: beside two there are the more, and a fit of so much more to be bad.
+const LEAST_THIRD: f64 = 0.30;
 
-/// Least gain of a further effect beside so many, which have left as little as repeats differ by or not.
-pub const fn least_beside(effects: usize, at_floor: bool) -> f64 {
+/// Least gain of a further effect beside so many.
+pub const fn least_beside(effects: usize) -> f64 {
     match effects {
         0 => LEAST_FIRST,
-        1 if !at_floor => LEAST_GAIN,
-        _ => LEAST_FURTHER,
+        1 => LEAST_GAIN,
+        _ => LEAST_THIRD,
     }
 }
 
@@ -93,13 +92,12 @@ const MAY_LOSE_SHARE: f64 = 0.2;
 
 /// Judges what a fit does on records that it has not seen, beside what was there before: as a first effect is judged.
 pub fn judge(named: (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
-    judge_beside(0, false, named, before, after)
+    judge_beside(0, named, before, after)
 }
 
-/// The same of an effect that comes beside so many, which have left as little as repeats differ by or not.
+/// The same of an effect that comes beside so many.
 pub fn judge_beside(
     effects: usize,
-    at_floor: bool,
     (id, site): (&'static str, Site),
     before: &[Residual],
     after: &[Residual],
@@ -137,7 +135,7 @@ pub fn judge_beside(
         let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
         of.iter().sum::<f64>() / (of.len().max(1) as f64) < -may_lose
     });
-    let accepted = gain.min(total) >= least_beside(effects, at_floor) && t >= LEAST_T && better > worse && !harmed;
+    let accepted = gain.min(total) >= least_beside(effects) && t >= LEAST_T && better > worse && !harmed;
     Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
 }
 

@@ -143,6 +143,23 @@ impl Knob {
         Some(knob)
     }
 
+    /// The same of the effect in another place; none but an effect's have one.
+    pub fn moved_to(&self, at: usize) -> Self {
+        let mut knob = self.clone();
+        if let Self::Effect { placed, .. } | Self::Wave { placed, .. } = &mut knob {
+            *placed = at;
+        }
+        knob
+    }
+
+    /// Whether it is of the effect in that place.
+    pub const fn is_of(&self, at: usize) -> bool {
+        match self {
+            Self::Effect { placed, .. } | Self::Wave { placed, .. } => *placed == at,
+            Self::Base(_) | Self::Node { .. } => false,
+        }
+    }
+
     /// Where the value stands in its range, -1 to 1.
     pub fn place(&self, machine: &Machine, setting: &Setting) -> f64 {
         let (low, high, logarithmic) = self.range(machine);

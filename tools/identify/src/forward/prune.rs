@@ -14,6 +14,12 @@ const OTHERS: usize = 6;
 const FAR_BEHIND: f64 = 0.5;
 /// A loss below this is none.
 pub const AS_GOOD: f64 = 0.05;
+/// How many others are tried in an effect's place, the rounds of the fit of each, and what the best of them must gain.
+const EXCHANGED: usize = 3;
+/// See there.
+const EXCHANGE_ROUNDS: usize = 2;
+/// See there.
+const LEAST_EXCHANGE: f64 = 0.1;
 /// Beyond this, by blocks, two effects are told apart (1).
 const TOLD_APART_T: f64 = 4.0;
 
@@ -36,7 +42,7 @@ pub fn needless(
     })
 }
 
-/// One that did well in the first round, but not best.
+/// One that did well in its round, but not best.
 #[derive(Clone, Debug)]
 pub struct Other {
     setting: Setting,
@@ -44,11 +50,55 @@ pub struct Other {
 }
 
 impl Other {
+    /// Whether a knob is of the effect that it would add.
+    fn own(&self, knob: &Knob) -> bool {
+        knob.is_of(self.setting.placed.len().saturating_sub(1))
+    }
+
     /// `None` where it did too little.
     pub fn of(tried: &Tried) -> Option<Self> {
         let knobs = tried.knobs.iter().filter(|knob| !knob.is_base()).cloned().collect();
         (tried.judged.gain >= LEAST_FIRST).then(|| Self { setting: tried.fitted.setting.clone(), knobs })
     }
+}
+
+/// A model in which another effect stands in one's place.
+pub struct Exchanged {
+    /// How it does beside the model before.
+    pub beside: Judged,
+    /// The model.
+    pub fitted: Fitted,
+    /// What its fit moved.
+    pub knobs: Vec<Knob>,
+}
+
+/// The best of some others in the place of one of several effects: which came in first was found where the later ones were missing.
+/// `None` where none does clearly better.
+pub fn exchange(
+    (fit, select): (&View<'_>, &View<'_>),
+    now: &Fitted,
+    knobs: &[Knob],
+    at: usize,
+    others: &[Other],
+) -> Option<Exchanged> {
+    let with = select.residuals(&now.setting)?;
+    let one = |other: &Other| -> Option<Exchanged> {
+        let placed = other.setting.placed.last()?;
+        let mut setting = now.setting.clone();
+        *setting.placed.get_mut(at)? = placed.clone();
+        let kept = knobs.iter().filter(|knob| !knob.is_of(at)).cloned();
+        let free: Vec<Knob> =
+            kept.chain(other.knobs.iter().filter(|knob| other.own(knob)).map(|knob| knob.moved_to(at))).collect();
+        let fitted = fit.fit(&setting, &free, EXCHANGE_ROUNDS)?;
+        let beside = judge((placed.id, placed.site), &with, &select.residuals(&fitted.setting)?);
+        Some(Exchanged { beside, fitted, knobs: free })
+    };
+    let there = |other: &&Other| {
+        let own = other.setting.placed.last();
+        own.is_some_and(|own| now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (own.id, own.site)))
+    };
+    let tried = others.iter().filter(there).take(EXCHANGED).filter_map(one);
+    tried.max_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain)).filter(|best| best.beside.gain >= LEAST_EXCHANGE)
 }
 
 /// A model with one of the first round's others alone.

@@ -54,8 +54,6 @@ pub struct Round<'a> {
     pub knobs: &'a [Knob],
     /// What it leaves of the selecting records.
     pub before: &'a [Residual],
-    /// Whether that is as little as repeats differ by.
-    pub at_floor: bool,
     /// What may be added.
     pub candidates: &'a [Candidate],
 }
@@ -102,7 +100,7 @@ impl Round<'_> {
         let selected = self.select.residuals(&fitted.setting)?;
         let of = &self.candidates[candidate];
         let beside = self.now.setting.placed.len();
-        let mut judged = judge_beside(beside, self.at_floor, (of.id, of.site), self.before, &selected);
+        let mut judged = judge_beside(beside, (of.id, of.site), self.before, &selected);
         if beside > 0 {
             // A shape at the low end of its range has gone over into another law: beside an effect it takes up what that leaves.
             let own = knobs_of(of, fitted.setting.placed.len().saturating_sub(1));

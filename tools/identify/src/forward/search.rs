@@ -8,7 +8,7 @@ use super::folded::{folded, unfold};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::knob::Knob;
 use super::machine::Machine;
-use super::prune::{AS_GOOD, Other, alone, effect_count, needless, rivals, twin};
+use super::prune::{AS_GOOD, Other, alone, effect_count, exchange, needless, rivals, twin};
 use super::refit::{fit_base, refit};
 use super::round::{Round, Tried, winner};
 use super::screen::scale;
@@ -139,6 +139,7 @@ pub fn search(machine: &mut Machine) -> Option<Found> {
     // Where a model loses a record that the one before it followed, what was found before stands.
     while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add() {
         search.give_up_needless();
+        search.exchange();
         if search.hold_against_others().is_none() {
             break;
         }
@@ -158,8 +159,10 @@ struct Search<'a> {
     steps: Vec<Step>,
     rounds: Vec<Vec<Judged>>,
     given_up: Vec<(&'static str, Site)>,
-    /// What else did well in the first round.
+    /// What else did well in the first round, and in the last one.
     others: Vec<Other>,
+    /// See there.
+    latest: Vec<Other>,
 }
 
 impl<'a> Search<'a> {
@@ -167,8 +170,9 @@ impl<'a> Search<'a> {
         let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
         let (base, base_knobs) = fit_base(&fit)?;
         let (now, knobs) = (base.clone(), base_knobs.clone());
-        let (steps, rounds, given_up, others) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Some(Self { fit, select, base, base_knobs, now, knobs, steps, rounds, given_up, others })
+        let (steps, rounds, given_up) = (Vec::new(), Vec::new(), Vec::new());
+        let (others, latest) = (Vec::new(), Vec::new());
+        Some(Self { fit, select, base, base_knobs, now, knobs, steps, rounds, given_up, others, latest })
     }
 }
 
@@ -187,17 +191,16 @@ impl Search<'_> {
                 now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let at_floor = at_floor(fit.machine, &select.records, &now.setting);
-        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, at_floor, candidates: &listed };
+        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
         let tried = round.run();
         self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };
         self.steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
+        let is_rival =
+            |other: &&Tried| other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain;
+        self.latest = tried.iter().filter(is_rival).filter_map(Other::of).collect();
         if self.rounds.len() == 1 {
-            let is_rival = |other: &&Tried| {
-                other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain
-            };
-            self.others = tried.iter().filter(is_rival).filter_map(Other::of).collect();
+            self.others.clone_from(&self.latest);
         }
         (self.now, self.knobs) = refit((fit, select), winner, &listed[winner.candidate]);
         true
@@ -209,6 +212,24 @@ impl Search<'_> {
             let step = self.steps.remove(at);
             self.given_up.push((step.added.id, step.added.site));
             (self.now, self.knobs) = (fitted, left);
+        }
+    }
+
+    /// Puts another one in the place of an effect where that does clearly better beside the rest: until the floor is reached.
+    fn exchange(&mut self) {
+        let count = self.steps.len();
+        for at in (0..count).filter(|_| count > 1) {
+            if at_floor(self.fit.machine, &self.select.records, &self.now.setting) {
+                return;
+            }
+            let others = if at + 1 == count { &self.latest } else { &self.others };
+            let Some(found) = exchange(self.views(), &self.now, &self.knobs, at, others) else { continue };
+            let step = &mut self.steps[at];
+            self.given_up.push((step.added.id, step.added.site));
+            let gain = step.added.gain + found.beside.gain;
+            step.added = Judged { id: found.beside.id, site: found.beside.site, gain, ..step.added };
+            step.rivals.clear();
+            (self.now, self.knobs) = (found.fitted, found.knobs);
         }
     }
 

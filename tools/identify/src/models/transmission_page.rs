@@ -121,14 +121,13 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         .heading("Candidates")
         .paragraph(&format!(
             "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
-             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside one effect by {:.0} %, beside two, or where the floor is \
-             reached, by {:.0} %), when that is \
+             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that is \
              {LEAST_T:.1} of its standard errors above zero, when more records get better than worse, and when no channel gets worse by more than 3 % (for a first effect \
              by a fifth of what all gain). \
              Records that report decide nothing: of those that repeat a movement it is looked at by how much they differ, which is the floor.",
-            asked(0, false),
-            asked(1, false),
-            asked(2, false)
+            asked(0),
+            asked(1),
+            asked(2)
         ))
         .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
         .heading("Parameters")
@@ -145,8 +144,8 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
 }
 
 /// Least gain of an effect beside so many, in percent.
-fn asked(beside: usize, at_floor: bool) -> f64 {
-    -100.0 * (-least_beside(beside, at_floor)).exp_m1()
+fn asked(beside: usize) -> f64 {
+    -100.0 * (-least_beside(beside)).exp_m1()
 }
 
 fn errors(outcome: &Outcome) -> Table {
