@@ -144,6 +144,11 @@ fn bucket(quickness: f64) -> i64 {
     (quickness.max(1e-9).ln() / 0.25f64.ln_1p()).round() as i64
 }
 
+/// The recording that a stretch by this name was cut from.
+pub(super) fn recording_of(stretch: &str) -> &str {
+    stretch.rsplit_once('[').map_or(stretch, |(recording, _)| recording)
+}
+
 fn stretch(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Series {
     let columns = record.columns.iter().map(|(name, values)| {
         let part = values.get(rows.clone()).unwrap_or_default();

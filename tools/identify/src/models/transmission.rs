@@ -54,6 +54,9 @@ impl Model for Transmission {
         let records = cut.as_deref().unwrap_or(records);
         let mut laid_out =
             records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
+        if let Some(cut) = &cut {
+            hold_throughout(&mut laid_out, cut);
+        }
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
         let mut machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
@@ -83,6 +86,16 @@ impl Model for Transmission {
     }
 }
 
+/// Whoever holds the handle in one stretch of a recording holds it in all of them, however lightly: what the cell shows is a torque in each.
+fn hold_throughout(records: &mut [Record], stretches: &[Series]) {
+    let of = |stretch: &Series| stretches::recording_of(&stretch.file).to_owned();
+    let held: Vec<String> =
+        records.iter().zip(stretches).filter(|(record, _)| !record.idle).map(|(_, stretch)| of(stretch)).collect();
+    for (record, stretch) in records.iter_mut().zip(stretches) {
+        record.idle &= !held.contains(&of(stretch));
+    }
+}
+
 /// Columns of a transmission's records that its model knows.
 const USED: [&str; 5] = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
 
@@ -108,6 +121,32 @@ fn lost(machine: &Machine) -> IdentifyError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_hand_in_one_stretch_of_a_recording_is_there_in_all_of_them() {
+        let names = ["a.mcap[0.0..3.0 s]", "a.mcap[3.0..6.0 s]", "b[1].mcap[0.0..3.0 s]", "b[1].mcap[3.0..6.0 s]"];
+        let stretches = names.map(|name| {
+            let time: Vec<f64> = (0..4000).map(|row| f64::from(row) * 1e-3).collect();
+            // 0.02 N·m are too little to be a hand by themselves.
+            let most = if name == names[1] { 2.0 } else { 0.02 };
+            let wave = |size: f64| time.iter().map(|t| size * (5.0 * t).sin()).collect::<Vec<f64>>();
+            let columns = [
+                ("motor_v", time.iter().map(|t| 3.0 * (3.0 * t).sin()).collect()),
+                ("master_rad", wave(1.0)),
+                ("slave_rad", wave(0.8)),
+                ("slave_torque_nm", wave(most)),
+                ("t_s", time.clone()),
+            ];
+            let columns = columns.into_iter().map(|(name, column)| (name.to_owned(), column)).collect();
+            Series { file: name.to_owned(), columns, ..Series::default() }
+        });
+        let mut records: Vec<Record> =
+            stretches.iter().filter_map(|series| Record::new(series, 1.0, &mut Vec::new()).ok()).collect();
+        let idle = |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
+        assert_eq!(idle(&records), [true, false, true, true]);
+        hold_throughout(&mut records, &stretches);
+        assert_eq!(idle(&records), [false, false, true, true]);
+    }
 
     #[test]
     fn columns_that_take_no_part_are_told_once() {
