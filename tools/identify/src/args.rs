@@ -49,8 +49,8 @@ pub struct Args {
     /// exist
     #[arg(long, value_name = "FILE")]
     pub propose_experiment: Option<PathBuf>,
-    /// Searches N simulated machines that lack nothing, or all but the last effect found, which is taken back where chance may have given
-    /// as much (p above 0.05; N = 19 can show that). Each takes as long as the search itself
+    /// Searches N simulated machines that have all but the last effect found, or lack nothing; the effect is taken back where chance may have
+    /// given as much (p above 0.05; with fewer than 19 nothing less can be shown). Each takes as long as the search itself
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
     /// Threads [default: one a processor]
