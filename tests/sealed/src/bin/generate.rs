@@ -11,6 +11,7 @@ use std::time::Instant;
 use clap::Parser;
 use sealed::case::{Set, make};
 use sealed::effects::{self, Kinds};
+use sealed::results::name;
 
 /// Writes sealed cases, one folder a case: record-NN.csv and truth.json.
 #[derive(Parser)]
@@ -59,7 +60,7 @@ fn main() -> anyhow::Result<()> {
     for index in args.from..args.from + args.cases {
         let started = Instant::now();
         let case = make(args.set, index, args.seed, args.unlisted_kinds, &args.effect)?;
-        let folder = out.join(format!("{}-{:03}", args.set.name(), index + 1));
+        let folder = out.join(name(args.set, index));
         case.write(&folder)?;
         let shown: Vec<String> = case
             .truth

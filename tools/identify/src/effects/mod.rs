@@ -96,6 +96,24 @@ pub struct Units {
     pub mass: &'static str,
 }
 
+impl Units {
+    /// Of a linear axis.
+    pub const LINEAR: Self =
+        Self { force: "N", position: "m", velocity: "m/s", stiffness: "N/m", damping: "N·s/m", mass: "kg" };
+    /// Of a rotary axis.
+    pub const ROTARY: Self = Self {
+        force: "N·m",
+        position: "rad",
+        velocity: "rad/s",
+        stiffness: "N·m/rad",
+        damping: "N·m·s/rad",
+        mass: "kg·m²",
+    };
+    /// Of a circuit whose input and output are volts.
+    pub const VOLTS: Self =
+        Self { force: "V", position: "V", velocity: "V/s", stiffness: "1", damping: "s", mass: "s²" };
+}
+
 /// What effects are scaled with: units, and how far, fast and long the records go.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {

@@ -255,9 +255,6 @@ impl Search<'_> {
                 }
             }
         }
-        if let Some(step) = self.steps.last_mut() {
-            step.fitted = self.now.clone();
-        }
         if self.steps.len() == 1 && self.rounds.len() > 1 {
             // It may have come in beside another one.
             self.steps[0].added = self.beside_declared()?;

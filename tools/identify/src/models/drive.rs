@@ -14,7 +14,7 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::inverse_study::{Declaration, LINEAR, ROTARY, axis, check_channels, check_scale, study};
+use super::inverse_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
 use crate::effects::Units;
 use crate::error::Result;
@@ -51,7 +51,7 @@ impl Model for Drive {
             balances.push(balance);
             channel = name;
         }
-        let units = if channel == "torque_nm" { ROTARY } else { LINEAR };
+        let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
         let parameters = declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let mut axis = axis(&balances, units, false, true);
         axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);

@@ -12,7 +12,7 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::inverse_study::{Declaration, LINEAR, ROTARY, axis, check_channels, check_scale, study};
+use super::inverse_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
 use crate::effects::Units;
 use crate::error::Result;
@@ -52,7 +52,7 @@ impl Model for Element {
             balances.push(balance.ok_or_else(|| series.short(time.len()))?);
             channel = force_name;
         }
-        let units = if channel == "torque_nm" { ROTARY } else { LINEAR };
+        let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
         let parameters = declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let axis = axis(&balances, units, true, false);
         let machine = Machine { balances, parameters, axis, sites: SITES };

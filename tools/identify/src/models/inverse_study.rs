@@ -16,19 +16,6 @@ use crate::inverse::split::{self, Block, Role};
 use crate::outcome::Outcome;
 use crate::regression::{Gram, solve};
 
-/// Units of a linear axis.
-pub(super) const LINEAR: Units =
-    Units { force: "N", position: "m", velocity: "m/s", stiffness: "N/m", damping: "N·s/m", mass: "kg" };
-/// Units of a rotary axis.
-pub(super) const ROTARY: Units = Units {
-    force: "N·m",
-    position: "rad",
-    velocity: "rad/s",
-    stiffness: "N·m/rad",
-    damping: "N·m·s/rad",
-    mass: "kg·m²",
-};
-
 /// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
 const BLOCK_S: f64 = 0.4;
 const BLOCK_PERIODS: f64 = 16.0;

@@ -28,8 +28,6 @@ pub(super) struct Oscillator;
 /// Where an oscillator's effects are looked for: at the spring, at the mass, before it, and in its instruments.
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
 
-const UNITS: Units = Units { force: "V", position: "V", velocity: "V/s", stiffness: "1", damping: "s", mass: "s²" };
-
 impl Model for Oscillator {
     fn kind(&self) -> ModelKind {
         ModelKind::Oscillator
@@ -44,12 +42,12 @@ impl Model for Oscillator {
     ) -> Result<(Outcome, Page)> {
         let declaration = Declaration { file: rig_file, model: declared };
         let mut parameters = vec![
-            declaration.need_positive(&["mass_s2"], UNITS.mass, Column::Acceleration)?,
-            declaration.need(&["damping_s"], UNITS.damping, Column::Velocity)?,
-            declaration.need_positive(&["stiffness"], UNITS.stiffness, Column::Position)?,
+            declaration.need_positive(&["mass_s2"], Units::VOLTS.mass, Column::Acceleration)?,
+            declaration.need(&["damping_s"], Units::VOLTS.damping, Column::Velocity)?,
+            declaration.need_positive(&["stiffness"], Units::VOLTS.stiffness, Column::Position)?,
         ];
-        parameters.extend(declaration.of(&["coulomb_friction_v"], UNITS.force, Column::Sign));
-        parameters.extend(declaration.of(&["input_offset_v"], UNITS.force, Column::One));
+        parameters.extend(declaration.of(&["coulomb_friction_v"], Units::VOLTS.force, Column::Sign));
+        parameters.extend(declaration.of(&["input_offset_v"], Units::VOLTS.force, Column::One));
         // The lightest mass on the stiffest spring that the declaration allows.
         let (mass, stiffness) = (&parameters[0], &parameters[2]);
         let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
@@ -61,7 +59,7 @@ impl Model for Oscillator {
             balances.push(balance);
             records.push(record);
         }
-        let axis = axis(&balances, UNITS, true, true);
+        let axis = axis(&balances, Units::VOLTS, true, true);
         let machine = Machine { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which of the two is which";
         check_scale(&machine, "output", (Column::Acceleration, "input and acceleration give a mass"), advice)?;

@@ -297,10 +297,7 @@ fn rival_of(study: &Study, at: usize, rival: (&'static str, Site)) -> Option<(Se
         })
         .collect();
     let best = starts.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    let of_others = found.effect_knobs.iter().filter(|knob| match knob {
-        Knob::Effect { placed, .. } | Knob::Wave { placed, .. } => *placed != at,
-        Knob::Base(_) | Knob::Node { .. } => false,
-    });
+    let of_others = found.effect_knobs.iter().filter(|knob| !knob.is_of(at));
     let mut knobs: Vec<Knob> = found.knobs.clone();
     knobs.extend(of_others.cloned());
     knobs.extend(knobs_of(candidate, at));

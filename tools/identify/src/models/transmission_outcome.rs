@@ -39,10 +39,12 @@ pub(super) fn words(id: &str) -> &str {
     LIST.iter().find(|entry| entry.id == id).map_or(id, |entry| entry.what)
 }
 
+/// An effect's rival of the same name: the records do not tell which of two it is.
+pub(super) const OTHER_ENCODER: &str = "the same of the other encoder";
+
 /// What a rival of an effect is, in words.
 pub(super) fn rival_words((own, at): (&str, Site), (rival, there): (&str, Site)) -> String {
-    // The records do not tell which of two it is.
-    if own == rival && at == there { "the same of the other encoder".to_owned() } else { words(rival).to_owned() }
+    if own == rival && at == there { OTHER_ENCODER.to_owned() } else { words(rival).to_owned() }
 }
 
 fn outcome(study: &Study) -> Option<Outcome> {

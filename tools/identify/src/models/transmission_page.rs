@@ -5,7 +5,7 @@ use report::{Colour, Figure, Page, Table, Tone};
 use super::calibrate;
 use super::transmission::Study;
 use super::transmission_maps::maps;
-use super::transmission_outcome::words;
+use super::transmission_outcome::{OTHER_ENCODER, words};
 use crate::forward::fit::View;
 use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
@@ -24,7 +24,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
             let itself =
                 |named: &Named| outcome.effects.iter().any(|own| (&own.id, &own.site) == (&named.id, &named.site));
             let other = |named: &Named| match itself(named) {
-                true => "the same of the other encoder".to_owned(),
+                true => OTHER_ENCODER.to_owned(),
                 false => format!("{} ({})", words(&named.id), named.site),
             };
             let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();

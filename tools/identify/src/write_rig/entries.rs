@@ -179,19 +179,6 @@ mod tests {
     use crate::effects::{ALL, Axis, Effect, Units};
     use crate::outcome::Sight;
 
-    const LINEAR: Units =
-        Units { force: "N", position: "m", velocity: "m/s", stiffness: "N/m", damping: "N·s/m", mass: "kg" };
-    const ROTARY: Units = Units {
-        force: "N·m",
-        position: "rad",
-        velocity: "rad/s",
-        stiffness: "N·m/rad",
-        damping: "N·m·s/rad",
-        mass: "kg·m²",
-    };
-    const VOLTS: Units =
-        Units { force: "V", position: "V", velocity: "V/s", stiffness: "1", damping: "s", mass: "s²" };
-
     const DRIVE: &[&str] = &["master", "drive", "sensor"];
     const ELEMENT: &[&str] = &["line", "slave", "sensor"];
     const OSCILLATOR: &[&str] = &["line", "slave", "drive", "sensor"];
@@ -257,15 +244,15 @@ mod tests {
             "transport_delay",
             "periodic_disturbance",
         ];
-        let linear = written(&axis(LINEAR, false, true), DRIVE);
+        let linear = written(&axis(Units::LINEAR, false, true), DRIVE);
         assert_eq!(linear, [&of_friction[..], &of_drive].concat());
-        let rotary = written(&axis(ROTARY, false, true), DRIVE);
+        let rotary = written(&axis(Units::ROTARY, false, true), DRIVE);
         assert_eq!(rotary, [&of_friction[..], &["gravity_imbalance"], &of_drive].concat());
         let of_line = ["viscoelastic_line", "line_compliance", "line_damping", "periodic_disturbance"];
-        let element = written(&axis(LINEAR, true, false), ELEMENT);
+        let element = written(&axis(Units::LINEAR, true, false), ELEMENT);
         assert_eq!(element, [&of_friction[..], &of_line].concat());
         // Of volts the plant has an amplifier's alone.
-        let oscillator = written(&axis(VOLTS, true, true), OSCILLATOR);
+        let oscillator = written(&axis(Units::VOLTS, true, true), OSCILLATOR);
         let expected =
             ["viscoelastic_line", "line_compliance", "amplifier_deadzone", "amplifier_saturation", "amplifier_lag"];
         assert_eq!(oscillator, expected);
