@@ -42,7 +42,7 @@ pub struct Outcome {
     pub ambiguous_with: Vec<Named>,
     /// Whether something is left that no listed effect explains, or, but for transmissions, that a fourth one would.
     pub remains: bool,
-    /// What that depends on.
+    /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
     /// How often chance gives as much, where that was asked for.
@@ -127,14 +127,37 @@ pub struct Calibration {
 }
 
 /// What is left, as a function of one variable.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct UnlistedTable {
-    /// For transmissions, where the function acts. The other kinds do not tell: it is the first of the sites at which their effects sit.
+    /// For transmissions, where it acts. The other kinds do not tell: it is the first of the sites at which their effects sit.
     pub site: String,
-    /// Of which variable.
+    /// Of which variable; [`UNKNOWN`] where no function of one variable explains enough of it (of transmissions only).
     pub depends_on: String,
-    /// Abscissa, value, standard deviation (`null` where the records do not reach).
+    /// Abscissa, value, standard deviation (`null` where the records do not reach); empty without a function.
     pub table: Vec<[f64; 3]>,
+    /// What no torque at a place can explain of all that is missing, place by place. Left out for what is left beside a named effect, where
+    /// no movement is repeated or no slave measured, and for drives, oscillators and elements.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unexplained: Vec<Unexplained>,
+}
+
+/// What [`UnlistedTable::depends_on`] says where no function of one variable explains enough.
+pub const UNKNOWN: &str = "unknown";
+
+impl UnlistedTable {
+    /// Of which variable it is a function, if it is one.
+    pub fn variable(&self) -> Option<&str> {
+        Some(self.depends_on.as_str()).filter(|variable| *variable != UNKNOWN)
+    }
+}
+
+/// What no torque at a place can explain.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Unexplained {
+    /// `master` (with the motor), `slave`, `line` or `torque cell`.
+    pub place: String,
+    /// Share of the power of what is missing, 0 to 1.
+    pub share: f64,
 }
 
 /// Something that shows on the selecting rows and gets no name.

@@ -111,7 +111,8 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
     };
     if outcome.remains {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-            format!(" (at the {}, over {})", unlisted.site, unlisted.depends_on.replace('_', " "))
+            let over = unlisted.variable().map_or(String::new(), |on| format!(", over {}", on.replace('_', " ")));
+            format!(" (at the {}{over})", unlisted.site)
         });
         left_out.push(format!(
             "what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters"

@@ -1,78 +1,20 @@
 //! A transmission's records, made by a plant with an effect that the declared model lacks: the search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::f64::consts::TAU;
-
 use identify::forward::chance::{Drive, chance, redrawn};
 use identify::forward::judge::{above_floor, errors};
 use identify::forward::machine::Machine;
 use identify::forward::record::{Record, rms, share_out};
 use identify::forward::search::{Found, search};
-use identify::input::Series;
 use identify::inverse::split::Role;
-use plant::any;
 use plant::effects::parse;
-use plant::transmission::{Input, Transmission as _};
-use rig::RigFile;
+use two_sides::{COUNT_RAD, rig};
 
-const STEP_S: f64 = 1e-3;
-const COUNT_RAD: f64 = TAU / 4000.0;
+mod two_sides;
 
-fn rig() -> RigFile {
-    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
-}
-
-/// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says, and
-/// something at the motor, slowly and at random, with so many volts.
 fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record {
-    let declared = rig().transmission_parameters().unwrap();
-    let any::Parameters::Hydrostatic(mut own) = declared else { panic!("a hydrostatic rig") };
-    own.motor_torque_per_volt_nm *= 0.9;
-    own.slave_static_friction_nm *= 1.1;
-    own.slave_kinetic_friction_nm *= 0.9;
-    own.motor_coulomb_nm *= 1.08;
-    own.line_stiffness_factor *= 0.88;
     let effects = effect.map(|text| parse(text).unwrap()).into_iter().collect();
-    let mut plant = any::Parameters::from(own).plant(effects).unwrap();
-    let start_s = 10.0 * turn as f64;
-    plant.set_time(start_s);
-    // The fourth record repeats the first: without a repeat nobody knows what a model may leave.
-    let phase = 0.7 + 1.9 * (turn % 3) as f64;
-    let mut noise = 17 + turn as u64;
-    let mut random = || {
-        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
-    let mut push = 0.0;
-    let rows = 4000;
-    let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::with_capacity(rows));
-    for row in 0..rows {
-        let t = row as f64 * STEP_S;
-        let rise = (t / 0.5).min(1.0);
-        let reference = rise
-            * (0.45 * (TAU * 0.6 * t + phase).sin()
-                + 0.25 * (TAU * 1.7 * t + 2.0 * phase).sin()
-                + 0.06 * (TAU * 5.3 * t).sin());
-        let motion = plant.motion();
-        let volts =
-            (7.0 * (reference - motion.master_position_rad) - 0.4 * motion.master_velocity_rad_s).clamp(-8.0, 8.0);
-        let torque = if hand { 2.0 * rise * (TAU * 0.9 * t + phase).sin() } else { 0.0 };
-        let counts = |position: f64| (position / COUNT_RAD).round() * COUNT_RAD;
-        let values = [
-            start_s + t,
-            volts,
-            counts(motion.master_position_rad),
-            counts(motion.slave_position_rad),
-            torque + 4e-3 * random(),
-        ];
-        columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-        push = 0.99 * push + push_v * random();
-        plant.step(Input { motor_v: volts + push, hand_torque_nm: torque }, STEP_S);
-    }
-    let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
-    let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
-    let series = Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
-    Record::new(&series, 1.0, &mut Vec::new()).unwrap()
+    two_sides::record(turn, effects, hand, push_v, &|_| 0.0)
 }
 
 fn found(effect: Option<&str>, push_v: f64) -> (Machine, Found) {

@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::outcome::{
-    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight, UnlistedTable, Verdict,
+    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight, UNKNOWN,
+    UnlistedTable, Verdict,
 };
 use identify::write_rig::{Written, fitted};
 use plant::ParameterSet as _;
@@ -204,8 +205,13 @@ fn what_is_not_known_is_not_written_and_said() {
     let mut unlisted = found(Vec::new());
     unlisted.verdict = Verdict::Unlisted;
     unlisted.remains = true;
-    unlisted.unlisted =
-        Some(UnlistedTable { site: "slave".into(), depends_on: "position".into(), table: vec![[0.0, 0.1, 0.0]] });
+    let told = |depends_on: &str, table: Vec<[f64; 3]>| {
+        Some(UnlistedTable { site: "slave".into(), depends_on: depends_on.into(), table, ..UnlistedTable::default() })
+    };
+    unlisted.unlisted = told(UNKNOWN, Vec::new());
+    let written = fitted(RIG, "rig.toml", &unlisted).unwrap();
+    assert!(written.left_out[0].contains("explains (at the slave); tolerances"), "{written:?}");
+    unlisted.unlisted = told("position", vec![[0.0, 0.1, 0.0]]);
     let written = fitted(RIG, "rig.toml", &unlisted).unwrap();
     assert!(written.left_out[0].contains("at the slave, over position"), "{written:?}");
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();

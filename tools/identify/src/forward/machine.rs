@@ -268,10 +268,16 @@ impl Machine {
 
     /// What a setting leaves of a record; `None` where the plant cannot be so, or has no such effect.
     pub fn residual(&self, setting: &Setting, record: usize) -> Option<Residual> {
+        self.residual_beside(setting, record, Vec::new())
+    }
+
+    /// The same with effects of the plant beside those of the setting.
+    pub fn residual_beside(&self, setting: &Setting, record: usize, beside: Vec<Box<dyn Effect>>) -> Option<Residual> {
         let record = &self.records[record];
         let Parts { mut in_plant, mut on_torque, late_s, .. } = setting.parts()?;
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
+        in_plant.extend(beside);
         let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
         // What is shown late is known earlier: an observer that waited for it would swing.
         let late = late_s / record.step_s;

@@ -8,11 +8,12 @@ use super::folded::{folded, unfold};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::knob::Knob;
 use super::machine::Machine;
+use super::origin::Origin;
 use super::prune::{AS_GOOD, Other, alone, effect_count, exchange, needless, rivals, twin};
 use super::refit::{fit_base, refit};
 use super::round::{Round, Tried, winner};
 use super::screen::scale;
-use super::unnamed::{Nameless, functions};
+use super::unnamed::{Nameless, Unnamed, functions};
 use crate::inverse::split::Role;
 
 /// A gain beyond that of the one that was added, by which another takes its place.
@@ -64,6 +65,8 @@ pub struct Found {
     pub generic: Vec<Judged>,
     /// The best of them, where it passes.
     pub nameless: Option<Nameless>,
+    /// Where what has no name enters, whatever it depends on; told where there is no name to be had.
+    pub origin: Option<Origin>,
     /// Knobs of the effects that were added.
     pub effect_knobs: Vec<Knob>,
     /// Whether so much is left beside what repeats differ by that no name is to be had.
@@ -82,12 +85,23 @@ impl Found {
         self.nameless.as_ref().filter(|_| self.inadequate)
     }
 
+    /// Where what has no name acts, though no function of one variable explains it.
+    pub fn acts_at(&self) -> Option<Site> {
+        let origin = self.origin.as_ref().filter(|_| self.inadequate && self.nameless.is_none())?;
+        // The motor's torque acts on the master: which of them it is, only what it depends on tells.
+        let best = self.generic.first().filter(|best| best.gain > 0.0);
+        match origin.site() {
+            Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
+            own => Some(own),
+        }
+    }
+
     /// Takes the last effect back, and fits what is left; what was said beside it goes too. `None` where that cannot be simulated.
     pub fn without_last(&mut self, machine: &Machine) -> Option<()> {
         let Some(step) = self.steps.pop() else { return Some(()) };
         let at = step.fitted.setting.placed.len().saturating_sub(1);
         self.effect_knobs = self.effect_knobs.iter().filter_map(|knob| knob.without(at)).collect();
-        (self.generic, self.nameless) = (Vec::new(), None);
+        self.is_unnamed(Unnamed::default());
         if self.steps.is_empty() {
             self.knobs.clone_from(&self.base_knobs);
         }
@@ -102,6 +116,10 @@ impl Found {
 }
 
 impl Found {
+    fn is_unnamed(&mut self, Unnamed { tried, best, origin }: Unnamed) {
+        (self.generic, self.nameless, self.origin) = (tried, best, origin);
+    }
+
     /// What is left once an effect was taken back: whether the model is one of this machine at all, and what has no name.
     pub fn judge_anew(&mut self, machine: &Machine) {
         let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
@@ -115,7 +133,7 @@ impl Found {
             true => (self.base.clone(), self.base_knobs.clone()),
             false => (self.last().clone(), knobs),
         };
-        (self.generic, self.nameless) = functions((&fit, &select), (&now, &knobs), self.inadequate);
+        self.is_unnamed(functions((&fit, &select), (&now, &knobs), self.inadequate));
         if self.inadequate {
             self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
             self.knobs.clone_from(&self.base_knobs);
@@ -335,20 +353,20 @@ impl Search<'_> {
         let mut unnamed = inadequate.then(|| functions(self.views(), declared, true));
         // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
         if !inadequate && !at_floor && !self.steps.is_empty() {
-            let (generic, best) = functions(self.views(), declared, false);
-            if let Some(best) = best.filter(|best| best.judged.accepted) {
+            let others = functions(self.views(), declared, false);
+            if let Some(best) = others.best.as_ref().filter(|best| best.judged.accepted) {
                 let [named, nameless] = [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
                 let more = named
                     .zip(nameless)
                     .map(|(named, nameless)| judge((best.judged.id, best.judged.site), &named, &nameless).gain);
                 if more.is_some_and(|more| more >= LEAST_GAIN) {
-                    (inadequate, unnamed) = (true, Some((generic, Some(best))));
+                    (inadequate, unnamed) = (true, Some(others));
                 }
             }
         }
-        let (generic, nameless) = match unnamed {
+        let Unnamed { tried: generic, best: nameless, origin } = match unnamed {
             Some(unnamed) => unnamed,
-            None if at_floor => (Vec::new(), None),
+            None if at_floor => Unnamed::default(),
             None => functions(self.views(), (&self.now, &self.knobs), false),
         };
         if inadequate {
@@ -357,6 +375,6 @@ impl Search<'_> {
         }
         let (knobs, effect_knobs) = self.knobs.into_iter().partition(Knob::is_base);
         let Self { base, base_knobs, steps, rounds, given_up, .. } = self;
-        Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, effect_knobs, inadequate }
+        Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, origin, effect_knobs, inadequate }
     }
 }

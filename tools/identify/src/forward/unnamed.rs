@@ -8,6 +8,7 @@ use super::generic::{NODES, PLACES, Table, Variable};
 use super::judge::{Judged, judge};
 use super::knob::{Knob, MOST_UNITS};
 use super::machine::{Machine, Setting};
+use super::origin::{Origin, origin};
 use super::screen::Projection;
 use super::sensor::beside;
 
@@ -31,6 +32,17 @@ pub struct Nameless {
     pub fitted: Fitted,
     /// What its fit moved, its own nodes last.
     pub knobs: Vec<Knob>,
+}
+
+/// What has no name.
+#[derive(Clone, Debug, Default)]
+pub struct Unnamed {
+    /// Functions that were tried, best first.
+    pub tried: Vec<Judged>,
+    /// The best one, where it passes.
+    pub best: Option<Nameless>,
+    /// Where it enters, whatever it depends on; told only where something is known to be missing.
+    pub origin: Option<Origin>,
 }
 
 /// Between which all but a hundredth of some values lie.
@@ -106,21 +118,20 @@ fn wide(setting: Setting, node: usize, units: f64) -> Setting {
 }
 
 /// Functions of one variable beside what there is: how each does on the selecting records, and the best that passes. With
-/// `must_be` something is known to be missing.
-pub fn functions(
-    (fit, select): (&View<'_>, &View<'_>),
-    (now, knobs): (&Fitted, &[Knob]),
-    must_be: bool,
-) -> (Vec<Judged>, Option<Nameless>) {
+/// `must_be` something is known to be missing: then only those are tried that act where it enters, and that is told too.
+pub fn functions((fit, select): (&View<'_>, &View<'_>), (now, knobs): (&Fitted, &[Knob]), must_be: bool) -> Unnamed {
     let machine = fit.machine;
     let projection = Projection::new(fit, now, knobs);
-    let Some(before) = select.residuals(&now.setting) else { return (Vec::new(), None) };
+    let Some(before) = select.residuals(&now.setting) else { return Unnamed::default() };
+    let taken: Vec<usize> = fit.records.iter().chain(&select.records).copied().collect();
+    let origin = if must_be { origin(machine, &taken, &now.setting) } else { None };
     let has_slave = machine.records.iter().all(|record| record.slave.is_some());
     let has_torque = machine.records.iter().any(|record| record.torque.is_some() && !record.idle);
     let mut scored: Vec<(f64, Setting)> = PLACES
         .iter()
         .filter(|(site, _)| has_slave || *site != Site::Slave)
         .filter(|(site, _)| has_torque || *site != Site::Sensor)
+        .filter(|place| origin.as_ref().is_none_or(|origin| origin.allows(**place)))
         .filter_map(|place| {
             let (low, high) = range(machine, &fit.records, *place);
             let table = Table::new(*place, low, high);
@@ -157,5 +168,5 @@ pub fn functions(
         true => tried.judged.gain >= LEAST_HINT,
         false => tried.judged.accepted,
     };
-    (judged, tried.into_iter().find(enough))
+    Unnamed { tried: judged, best: tried.into_iter().find(enough), origin }
 }

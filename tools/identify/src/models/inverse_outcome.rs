@@ -92,6 +92,7 @@ pub(super) fn unlisted(machine: &Machine, found: &Found) -> Option<UnlistedTable
         site: site.into(),
         depends_on: unlisted.variable.name().into(),
         table: unlisted.table.clone(),
+        ..UnlistedTable::default()
     })
 }
 

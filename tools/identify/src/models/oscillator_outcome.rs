@@ -77,6 +77,7 @@ impl Study<'_> {
                 site: self.machine.sites.first().copied().unwrap_or_default().into(),
                 depends_on: u.variable.name().into(),
                 table: u.table.clone(),
+                ..UnlistedTable::default()
             }),
             calibration: None,
             left: self.left(),

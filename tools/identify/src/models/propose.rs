@@ -362,6 +362,7 @@ mod tests {
             inadequate: false,
             generic: Vec::new(),
             nameless: None,
+            origin: None,
             effect_knobs: Vec::new(),
         };
         (rig, stage, Study { machine, found, notes: Vec::new(), calibration: None })

@@ -15,12 +15,13 @@ use crate::forward::judge::{BLOCK, Judged, errors};
 use crate::forward::knob::{AT_EDGE, Knob};
 use crate::forward::machine::Channel;
 use crate::forward::record::rms;
+use crate::forward::search::Found;
 use crate::forward::sight::{Sight as Seen, sights};
 use crate::forward::unnamed::Nameless;
 use crate::inverse::split::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
-    Sight, UnlistedTable, Verdict,
+    Sight, UNKNOWN, Unexplained, UnlistedTable, Verdict,
 };
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
@@ -65,7 +66,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
         ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
         remains,
         left: Vec::new(),
-        unlisted: found.nameless.as_ref().map(|nameless| unlisted(nameless, &fit, found.inadequate.then_some(&known))),
+        unlisted: unlisted(found, &fit, &known),
         calibration: study.calibration.clone(),
         error: error(study)?,
         parameters: parameters(study, &known),
@@ -78,8 +79,19 @@ fn outcome(study: &Study) -> Option<Outcome> {
     })
 }
 
+/// What has no name; `known` are deviations of the model that all is said of.
+fn unlisted(found: &Found, fit: &View<'_>, known: &Vec<(Knob, f64)>) -> Option<UnlistedTable> {
+    let of_function = |nameless| table(nameless, fit, found.inadequate.then_some(known));
+    let alone =
+        |site: Site| UnlistedTable { site: site.name().into(), depends_on: UNKNOWN.into(), ..UnlistedTable::default() };
+    let told = found.nameless.as_ref().map(of_function).or_else(|| found.acts_at().map(alone))?;
+    let places = found.origin.iter().flat_map(|origin| &origin.left);
+    let unexplained = places.map(|(place, share)| Unexplained { place: place.name().into(), share: *share }).collect();
+    Some(UnlistedTable { unexplained, ..told })
+}
+
 /// The table of a function; `known` are deviations of its own model, where that is the one that all is said of.
-fn unlisted(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
+fn table(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
     let own = || {
         let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK);
         nameless.knobs.iter().cloned().zip(deviations).collect()
@@ -95,6 +107,7 @@ fn unlisted(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>
         site: nameless.judged.site.name().into(),
         depends_on: table.variable.name().into(),
         table: (0..NODES).map(|node| [table.at(node), table.values[node], of(node)]).collect(),
+        ..UnlistedTable::default()
     }
 }
 

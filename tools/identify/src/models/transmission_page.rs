@@ -1,5 +1,6 @@
 //! The page of a transmission: measured against model, what the residual depends on, all candidates, parameters.
 
+use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
 
 use super::calibrate;
@@ -10,8 +11,13 @@ use crate::forward::fit::View;
 use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
-use crate::outcome::{Named, Outcome, Verdict};
+use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
 use crate::page::{parameters, ranking, short};
+
+/// Where something acts whose way of acting is not known.
+fn place(site: &str) -> String {
+    if site == Site::Line.name() { "between master and slave".to_owned() } else { format!("at the {site}") }
+}
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
@@ -35,8 +41,9 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
             (Tone::Good, format!("Nothing is missing that these records could show: {fitted}."))
         }
         Verdict::Unlisted => {
-            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-                format!("; it acts at the {} and depends on {}", unlisted.site, unlisted.depends_on)
+            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| match unlisted.variable() {
+                Some(variable) => format!("; it acts at the {} and depends on {variable}", unlisted.site),
+                None => format!("; it acts {}, and no function of one variable explains it", place(&unlisted.site)),
             });
             (Tone::Warning, format!("Something is missing that no listed effect explains{of}."))
         }
@@ -65,7 +72,8 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     }
     if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-            format!(" at the {} that depends on {}", unlisted.site, unlisted.depends_on)
+            let on = unlisted.variable().map_or(String::new(), |variable| format!(" that depends on {variable}"));
+            format!(" at the {}{on}", unlisted.site)
         });
         detail += &format!(" Something is left{of} and that no listed effect explains.");
     }
@@ -100,7 +108,10 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         page = maps(page, study, &report, channel, (&before, &after));
     }
-    if let Some(unlisted) = &outcome.unlisted {
+    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.unexplained.is_empty()) {
+        page = page.heading("Where it acts").table(places(unlisted), PLACES);
+    }
+    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.table.is_empty()) {
         let column = |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
         let value = column(1);
         let most = value.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
@@ -146,6 +157,17 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
 /// Least gain of an effect beside so many, in percent.
 fn asked(beside: usize) -> f64 {
     -100.0 * (-least_beside(beside)).exp_m1()
+}
+
+/// What is said of the table of places.
+const PLACES: &str = "A torque moves master and slave in a proportion and with a delay that depend on where it acts, and on the frequency. What no torque \
+    at a place can explain of all that is missing, beyond what repeats differ by: little is left where it acts, and much with each place where \
+    something acts on master and slave together, as all does that gives way between them. Motor and master cannot be told apart by it.";
+
+fn places(unlisted: &UnlistedTable) -> Table {
+    unlisted.unexplained.iter().fold(Table::new(["a torque at the", "leaves unexplained"]), |table, place| {
+        table.row([place.place.clone(), format!("{:.0} %", 100.0 * place.share)])
+    })
 }
 
 fn errors(outcome: &Outcome) -> Table {
