@@ -17,7 +17,6 @@
 //! - [`sight`]: what the records show of each declared parameter;
 //! - [`unnamed`]: where functions without a name are tried, and how each does;
 //! - [`origin`]: where what has no name enters, whatever it depends on, by how a known torque ([`stimulus`]) at each place is answered;
-//! - [`lead`]: a listed effect in the place of such a function, from where that has led;
 //! - [`folded`]: which sign a torque had whose sensor shows both as one;
 //! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
 //! - [`refit`]: the whole model fitted, and again once an effect is in it;
@@ -33,7 +32,6 @@ pub mod folded;
 pub mod generic;
 pub mod judge;
 pub mod knob;
-pub mod lead;
 pub mod machine;
 pub mod origin;
 pub mod prune;

@@ -7,7 +7,6 @@ use super::fit::{Fitted, View};
 use super::folded::{folded, unfold};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
 use super::knob::Knob;
-use super::lead::{Led, led};
 use super::machine::Machine;
 use super::origin::Origin;
 use super::prune::{AS_GOOD, Other, alone, effect_count, exchange, needless, rivals, twin};
@@ -332,18 +331,6 @@ impl Search<'_> {
         self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
     }
 
-    /// Puts an effect in the place of all that is there.
-    fn take(&mut self, Led { judged, fitted, knobs }: Led) {
-        self.give_up_all();
-        (self.now, self.knobs) = (fitted, knobs);
-        self.steps.push(Step { added: judged, rivals: Vec::new(), fitted: self.now.clone() });
-        self.name_twins();
-        self.name_other_encoder();
-        if let Some(step) = self.steps.last_mut() {
-            step.fitted = self.now.clone();
-        }
-    }
-
     /// How a model with a single effect does beside the declared one.
     fn beside_declared(&self) -> Option<Judged> {
         let only = self.now.setting.placed.first()?;
@@ -377,18 +364,11 @@ impl Search<'_> {
                 }
             }
         }
-        let mut unnamed = match unnamed {
+        let Unnamed { tried: generic, best: nameless, origin } = match unnamed {
             Some(unnamed) => unnamed,
             None if at_floor => Unnamed::default(),
             None => functions(self.views(), (&self.now, &self.knobs), false),
         };
-        let nothing_named = inadequate || self.steps.is_empty();
-        let function = unnamed.best.as_ref().filter(|_| nothing_named);
-        if let Some(led) = function.and_then(|function| led(self.views(), &self.base, function)) {
-            self.take(led);
-            (inadequate, unnamed) = (false, Unnamed { best: None, origin: None, ..unnamed });
-        }
-        let Unnamed { tried: generic, best: nameless, origin } = unnamed;
         if inadequate {
             self.give_up_all();
             self.knobs.clone_from(&self.base_knobs);
