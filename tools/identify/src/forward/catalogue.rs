@@ -53,6 +53,15 @@ pub struct Start {
     pub signed: bool,
 }
 
+/// When an effect is fitted from all its starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AllStarts {
+    /// Wherever nothing has come down to what repeats differ by.
+    Always,
+    /// There, where what is missing enters at one place.
+    AtOnePlace,
+}
+
 /// One effect at one site.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
@@ -65,7 +74,7 @@ pub struct Candidate {
     /// How many of a start's values, from the first, are sizes that grow with the effect.
     pub sizes: usize,
     /// Whether a fit reaches it from some of its starts only, whatever the slopes say: from which, only fits tell.
-    pub from_all_starts: bool,
+    pub from_all_starts: Option<AllStarts>,
     /// Amplitude of an effect that has one and a phase, and its greatest value: a fit moves its sine and cosine part.
     pub wave: Option<(&'static str, f64)>,
     /// Where the search begins.
@@ -169,14 +178,14 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         }
         "transport_delay" => (vec![free("delay_s", 0.0, 0.05)], sizes("delay_s", &[0.2, 0.6, 2.0])),
         "line_damping" => (vec![up_to("damping", 20.0)], sizes("damping", &[0.3, 1.0, 3.0])),
-        "coulomb_friction" => (vec![up_to("level", 10.0)], sizes("level", &[0.3, 1.0])),
+        "coulomb_friction" => (vec![up_to("level", 10.0)], sizes("level", &[0.3, 1.0, 3.0])),
         "viscous_friction" => (vec![up_to("coefficient", 20.0)], sizes("coefficient", &[0.3, 1.0])),
         "quadratic_drag" => (vec![up_to("coefficient", 20.0)], sizes("coefficient", &[0.3, 1.0])),
         "stribeck_friction" => (
             vec![up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
             [0.1, 0.4, 1.5]
                 .iter()
-                .flat_map(|speed| [0.4, 1.0].map(|level| start(&[("level", level * size), ("speed", *speed)])))
+                .flat_map(|speed| [0.4, 1.0, 2.5].map(|level| start(&[("level", level * size), ("speed", *speed)])))
                 .collect(),
         ),
         "asymmetric_friction" => (
@@ -266,7 +275,13 @@ fn candidate(id: &'static str, place: &Place, scale: &Scale) -> Option<Candidate
         "nonlinear_stiffness" => 2,
         _ => 1,
     };
-    // Friction that falls with speed, beside a declared law that falls too; waves in a line, beside its declared stiffness.
-    let from_all_starts = id == "stribeck_friction" || id == "transport_delay" && site == Site::Line;
+    // Friction beside declared friction, which takes its part as far as its tolerance goes and then stands at the end of it; waves in a line,
+    // beside its declared stiffness.
+    let from_all_starts = match id {
+        "stribeck_friction" => Some(AllStarts::Always),
+        "transport_delay" if site == Site::Line => Some(AllStarts::Always),
+        "coulomb_friction" => Some(AllStarts::AtOnePlace),
+        _ => None,
+    };
     (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, from_all_starts, wave: amplitude, starts })
 }

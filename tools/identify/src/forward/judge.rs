@@ -33,6 +33,10 @@ const FEWEST_BLOCKS: usize = 4;
 const AT_FLOOR: f64 = 1.2;
 /// The same for records of other movements.
 const OTHERS_AT_FLOOR: f64 = 1.6;
+/// Within this nothing else is looked for.
+const WELL_AT_FLOOR: f64 = 1.08;
+/// The same for records of other movements.
+const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
 /// Beyond this factor no name is right.
 const INADEQUATE: f64 = 1.6;
 /// The same for records of other movements.
@@ -90,6 +94,13 @@ const MAY_LOSE: f64 = 0.03;
 /// For a first effect it may lose this share of what all channels gain: a fit that has just begun to make room for it trades between them.
 const MAY_LOSE_SHARE: f64 = 0.2;
 
+/// Whether a model with an effect has two ways to go from the same place: where friction falls with speed, it slips or sticks by less than
+/// what the records tell. Half a second in which it went the other way then outweighs a whole record, though nothing is wrong with the model:
+/// records are judged by their blocks.
+pub fn has_two_ways(id: &str) -> bool {
+    id == "stribeck_friction"
+}
+
 /// Judges what a fit does on records that it has not seen, beside what was there before: as a first effect is judged.
 pub fn judge(named: (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
     judge_beside(0, named, before, after)
@@ -116,11 +127,13 @@ pub fn judge_beside(
     let whole = |before: &Vec<f64>, after: &Vec<f64>| {
         rms(before.iter().copied()).max(1e-9).ln() - rms(after.iter().copied()).max(1e-9).ln()
     };
-    let by_record: Vec<Vec<f64>> = before
-        .iter()
-        .zip(after)
-        .map(|(before, after)| before.channels.iter().zip(&after.channels).map(|(b, a)| whole(b, a)).collect())
-        .collect();
+    let mean = |blocks: &Vec<f64>| blocks.iter().sum::<f64>() / blocks.len().max(1) as f64;
+    let by_record: Vec<Vec<f64>> = if has_two_ways(id) {
+        falls.iter().map(|channels| channels.iter().map(mean).collect()).collect()
+    } else {
+        let pairs = before.iter().zip(after);
+        pairs.map(|(b, a)| b.channels.iter().zip(&a.channels).map(|(b, a)| whole(b, a)).collect()).collect()
+    };
     let sums: Vec<f64> = by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
     let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
     // What is in few records (a hand's torque) leaves the others as they were, a little better or worse as parameters move with it.
@@ -214,6 +227,11 @@ pub struct Above {
 }
 
 impl Above {
+    /// Nothing that another model could explain better is left, as far as a fit that is not at its end can say.
+    pub fn well_at_floor(&self) -> bool {
+        self.repeated <= WELL_AT_FLOOR && self.others <= OTHERS_WELL_AT_FLOOR
+    }
+
     /// Nothing is left to be explained.
     pub fn at_floor(&self) -> bool {
         self.repeated <= AT_FLOOR && self.others <= OTHERS_AT_FLOOR

@@ -105,6 +105,16 @@ impl Origin {
         }
     }
 
+    /// Whether an effect at a site may be what enters where this does. What acts on both sides may be anything.
+    pub fn may_be_at(&self, site: Site) -> bool {
+        match (self.site(), site) {
+            (Site::Line, _) | (_, Site::Line) => true,
+            (Site::Master | Site::Drive, _) => matches!(site, Site::Master | Site::Drive),
+            (Site::Slave, Site::Sensor) => self.of(Place::Cell).is_none(),
+            (own, _) => own == site,
+        }
+    }
+
     /// Whether a function of such a variable, there, is a torque that enters where this one does.
     pub fn allows(&self, (site, variable): (Site, Variable)) -> bool {
         // What gives way by a line's force acts on both of its ends.

@@ -78,7 +78,7 @@ pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candida
         let fresh = Setting { base: machine.start().base, ..now.setting.clone() };
         let before = now.objective;
         let mut starts = vec![now.setting.clone(), fresh.clone()];
-        if (of.sizes > 1 || of.from_all_starts) && pass == 0 {
+        if (of.sizes > 1 || of.from_all_starts.is_some()) && pass == 0 {
             // Numbers that stand in for one another have many ways to go wrong.
             starts.extend([&fresh, &now.setting].into_iter().flat_map(|from| {
                 of.starts.iter().filter_map(|start| {

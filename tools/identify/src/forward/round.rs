@@ -2,12 +2,14 @@
 //! worth it.
 
 use plant::effects::Site;
+use rayon::prelude::*;
 
-use super::catalogue::{Candidate, Way};
+use super::catalogue::{AllStarts, Candidate, Start, Way};
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_FIRST, at_floor, judge_beside};
+use super::judge::{Judged, LEAST_FIRST, above_floor, judge_beside};
 use super::knob::{AT_EDGE, Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
+use super::origin::origin;
 use super::screen::{Projection, Scored};
 
 /// Gains so near to the best are as good: the fewest parameters win.
@@ -21,6 +23,10 @@ const AFRESH: usize = 3;
 const FROM_DECLARED: usize = 5;
 /// Rounds of a fit that show which of several starts leads anywhere.
 const TO_SHOW: usize = 4;
+/// Rounds of a fit before that, from each start beside the declared values, and how many of them go on.
+const TO_BEGIN: usize = 2;
+/// See there.
+const LEADING: usize = 3;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
 /// A gain so small does not pass whatever a closer fit gives.
@@ -73,8 +79,11 @@ impl Round<'_> {
         }
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return tried };
-        if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting) {
+        let above = above_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting);
+        if !above.is_some_and(|above| above.at_floor()) {
             self.look_from_declared(&mut tried, &chosen);
+        }
+        if !above.is_some_and(|above| above.well_at_floor()) {
             self.look_from_all_starts(&mut tried);
             chosen = foremost(&tried);
         }
@@ -164,15 +173,45 @@ impl Round<'_> {
         }
     }
 
-    /// Fits that do not follow from how a candidate looks at its start.
+    /// Fits that do not follow from how a candidate looks at its start: from all starts beside the parameters as they are. Where what is missing
+    /// enters at one place alone, from all of them beside the declared values too, and nowhere else.
     fn look_from_all_starts(&self, tried: &mut Vec<Tried>) {
-        for (candidate, of) in self.candidates.iter().enumerate().filter(|(_, of)| of.from_all_starts) {
-            for start in &of.starts {
-                let mut with = self.now.setting.clone();
-                with.placed.push(start.placed.clone());
-                better_of(tried, self.fitted(candidate, &with, TO_SHOW));
+        let machine = self.fit.machine;
+        let taken: Vec<usize> = self.fit.records.iter().chain(&self.select.records).copied().collect();
+        let origin = origin(machine, &taken, &self.now.setting).filter(|origin| origin.site() != Site::Line);
+        let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
+            let with = |start: &Start| {
+                let mut setting = from.clone();
+                setting.placed.push(start.placed.clone());
+                setting
+            };
+            of.starts.iter().map(with).collect()
+        };
+        let declared = declared(machine, &self.now.setting);
+        for (candidate, of) in self.candidates.iter().enumerate() {
+            let looked = match &origin {
+                Some(origin) => of.from_all_starts.is_some() && origin.may_be_at(of.site),
+                None => of.from_all_starts == Some(AllStarts::Always),
+            };
+            if !looked {
+                continue;
             }
+            let mut starts = started(&self.now.setting, of);
+            if origin.is_some() {
+                starts.extend(self.leading(candidate, &started(&declared, of)));
+            }
+            let found: Vec<Tried> =
+                starts.par_iter().filter_map(|start| self.fitted(candidate, start, TO_SHOW)).collect();
+            found.into_iter().for_each(|found| better_of(tried, Some(found)));
         }
+    }
+
+    /// Those of some starts that lead furthest in a brief fit, and where to.
+    fn leading(&self, candidate: usize, starts: &[Setting]) -> Vec<Setting> {
+        let begun = |start: &Setting| self.fit.fit(start, &self.free(candidate, start), TO_BEGIN);
+        let mut begun: Vec<Fitted> = starts.par_iter().filter_map(begun).collect();
+        begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+        begun.into_iter().take(LEADING).map(|fitted| fitted.setting).collect()
     }
 
     /// One candidate in the place of the last effect of a setting, from all its starts.

@@ -5,7 +5,7 @@ use plant::effects::Site;
 use super::catalogue::{Candidate, candidates};
 use super::fit::{Fitted, View};
 use super::folded::{folded, unfold};
-use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, judge};
+use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, has_two_ways, judge};
 use super::knob::Knob;
 use super::machine::Machine;
 use super::origin::Origin;
@@ -356,9 +356,10 @@ impl Search<'_> {
             let others = functions(self.views(), declared, false);
             if let Some(best) = others.best.as_ref().filter(|best| best.judged.accepted) {
                 let [named, nameless] = [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
-                let more = named
-                    .zip(nameless)
-                    .map(|(named, nameless)| judge((best.judged.id, best.judged.site), &named, &nameless).gain);
+                let names = self.steps.iter().map(|step| (step.added.id, step.added.site));
+                let by =
+                    names.into_iter().find(|(id, _)| has_two_ways(id)).unwrap_or((best.judged.id, best.judged.site));
+                let more = named.zip(nameless).map(|(named, nameless)| judge(by, &named, &nameless).gain);
                 if more.is_some_and(|more| more >= LEAST_GAIN) {
                     (inadequate, unnamed) = (true, Some(others));
                 }
