@@ -149,6 +149,8 @@ pub struct Machine {
     pub base: Vec<BaseParameter>,
     /// The records.
     pub records: Vec<Record>,
+    /// Steps of the simulation in one row of a record, where the plant's own do not ask for more (1).
+    pub steps: u32,
 }
 
 impl Machine {
@@ -211,7 +213,7 @@ impl Machine {
                 logarithmic: false,
             });
         }
-        Ok(Self { declared: constants, base, records })
+        Ok(Self { declared: constants, base, records, steps: 1 })
     }
 
     /// The setting from which fits begin.
@@ -278,7 +280,8 @@ impl Machine {
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         in_plant.extend(beside);
-        let mut plant = self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s);
+        let mut plant =
+            self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s / f64::from(self.steps));
         // What is shown late is known earlier: an observer that waited for it would swing.
         let late = late_s / record.step_s;
         let known = record.volts.len().saturating_sub(late.ceil() as usize);

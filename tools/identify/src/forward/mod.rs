@@ -17,6 +17,7 @@
 //! - [`sight`]: what the records show of each declared parameter;
 //! - [`unnamed`]: where functions without a name are tried, and how each does;
 //! - [`origin`]: where what has no name enters, whatever it depends on, by how a known torque ([`stimulus`]) at each place is answered;
+//! - [`finer`]: whether what an effect explains is still missing with finer steps;
 //! - [`folded`]: which sign a torque had whose sensor shows both as one;
 //! - [`sensor`]: the torque cell's errors taken back, and readings that come late;
 //! - [`refit`]: the whole model fitted, and again once an effect is in it;
@@ -27,6 +28,7 @@
 
 pub mod catalogue;
 pub mod chance;
+pub mod finer;
 pub mod fit;
 pub mod folded;
 pub mod generic;

@@ -3,6 +3,7 @@
 use plant::effects::Site;
 
 use super::catalogue::{Candidate, candidates};
+use super::finer::{holds, may_be_the_step};
 use super::fit::{Fitted, View};
 use super::folded::{folded, unfold};
 use super::judge::{Judged, LEAST_GAIN, above_floor, at_floor, has_two_ways, judge};
@@ -210,7 +211,16 @@ impl Search<'_> {
             })
             .collect();
         let round = Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
-        let tried = round.run();
+        let mut tried = round.run();
+        let held = |tried: &Tried| {
+            now.setting.placed.is_empty()
+                || !may_be_the_step(tried.judged.id)
+                || holds(self.views(), now, &self.knobs, tried)
+        };
+        while let Some(at) = winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate) {
+            let step = tried.iter_mut().find(|tried| tried.candidate == at);
+            step.into_iter().for_each(|step| step.judged.accepted = false);
+        }
         self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };
         self.steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
