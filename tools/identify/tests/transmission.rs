@@ -1,13 +1,20 @@
 //! A transmission's records, made by a plant with an effect that the declared model lacks: the search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use identify::forward::catalogue::{Candidate, candidates};
 use identify::forward::chance::{Drive, chance, redrawn};
-use identify::forward::judge::{above_floor, errors};
+use identify::forward::finer::holds;
+use identify::forward::fit::View;
+use identify::forward::judge::{above_floor, errors, judge};
+use identify::forward::knob::knobs_of;
 use identify::forward::machine::Machine;
 use identify::forward::record::{Record, rms, share_out};
+use identify::forward::refit::fit_base;
+use identify::forward::round::Tried;
+use identify::forward::screen::scale;
 use identify::forward::search::{Found, search};
 use identify::inverse::split::Role;
-use plant::effects::parse;
+use plant::effects::{Site, parse};
 use two_sides::{COUNT_RAD, rig};
 
 mod two_sides;
@@ -56,6 +63,41 @@ fn where_nothing_is_missing_nothing_gets_a_name() {
     let torque = machine.base.iter().position(|parameter| parameter.name == "motor_torque_per_volt_nm").unwrap();
     let fitted = found.base.setting.base[torque];
     assert!((fitted / 1.62 - 1.0).abs() < 0.03, "{fitted} N·m/V");
+}
+
+#[test]
+fn friction_beside_declared_friction_gets_its_name() {
+    let (_, found) = found(Some("coulomb_friction@slave=1.2"), 0.0);
+    let names: Vec<_> = found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
+    assert_eq!(names, [("coulomb_friction", "slave")]);
+}
+
+#[test]
+fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
+    for (effect, is_there) in [(Some("presliding_hysteresis@slave=0.8"), true), (None, false)] {
+        let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4, 0.0)).collect();
+        share_out(&mut records, false);
+        let machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+        let (fit, select) = (View::of(&machine, Role::Fit), View::of(&machine, Role::Select));
+        let (base, knobs) = fit_base(&fit).unwrap();
+        let listed = candidates(&scale(&fit, &base));
+        let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
+        let of = listed.iter().find(slave).unwrap();
+        let own = [knobs.clone(), knobs_of(of, 0)].concat();
+        let fits = of.starts.iter().filter_map(|start| {
+            let mut setting = base.setting.clone();
+            setting.placed.push(start.placed.clone());
+            fit.fit(&setting, &own, 3)
+        });
+        let fitted = fits.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap();
+        let [before, after] = [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());
+        let mut judged = judge((of.id, of.site), &before, &after);
+        println!("{effect:?}: gain {:.2}", judged.gain);
+        // Where there is none, steps of 2 ms are supposed to have shown one.
+        judged.gain = judged.gain.max(0.5);
+        let added = Tried { candidate: 0, knobs: own, fitted, judged };
+        assert_eq!(holds((&fit, &select), &base, &knobs, &added), is_there, "{effect:?}");
+    }
 }
 
 const DRIVE: Drive = Drive { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };

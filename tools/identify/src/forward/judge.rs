@@ -33,7 +33,7 @@ const FEWEST_BLOCKS: usize = 4;
 const AT_FLOOR: f64 = 1.2;
 /// The same for records of other movements.
 const OTHERS_AT_FLOOR: f64 = 1.6;
-/// Within this nothing else is looked for.
+/// Within this a model is not fitted any closer.
 const WELL_AT_FLOOR: f64 = 1.08;
 /// The same for records of other movements.
 const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
@@ -96,7 +96,7 @@ const MAY_LOSE_SHARE: f64 = 0.2;
 
 /// Whether a model with an effect has two ways to go from the same place: where friction falls with speed, it slips or sticks by less than
 /// what the records tell. Half a second in which it went the other way then outweighs a whole record, though nothing is wrong with the model:
-/// records are judged by their blocks.
+/// as a first effect it is judged by the blocks of each record.
 pub fn has_two_ways(id: &str) -> bool {
     id == "stribeck_friction"
 }
@@ -128,7 +128,7 @@ pub fn judge_beside(
         rms(before.iter().copied()).max(1e-9).ln() - rms(after.iter().copied()).max(1e-9).ln()
     };
     let mean = |blocks: &Vec<f64>| blocks.iter().sum::<f64>() / blocks.len().max(1) as f64;
-    let by_record: Vec<Vec<f64>> = if has_two_ways(id) {
+    let by_record: Vec<Vec<f64>> = if effects == 0 && has_two_ways(id) {
         falls.iter().map(|channels| channels.iter().map(mean).collect()).collect()
     } else {
         let pairs = before.iter().zip(after);
@@ -227,7 +227,7 @@ pub struct Above {
 }
 
 impl Above {
-    /// Nothing that another model could explain better is left, as far as a fit that is not at its end can say.
+    /// No closer fit of the same model is worth while.
     pub fn well_at_floor(&self) -> bool {
         self.repeated <= WELL_AT_FLOOR && self.others <= OTHERS_WELL_AT_FLOOR
     }

@@ -45,7 +45,7 @@ const LEAST_FACTOR: f64 = 1e-3;
 const MOST_FACTOR: f64 = 1e3;
 /// Share of what is left that no repeat needs to reach: records without any noise would be told by their last digit.
 const LEAST_NOISE: f64 = 1e-4;
-/// A place explains what is missing where it leaves less than this share. Among effects of many kinds torques at master and slave left 0.01 to 0.2
+/// A place explains what is missing where it leaves less than this share. Among effects of many kinds torques at master and slave left 0.01 to 0.23
 /// where they acted, and the nearest of the other places 0.3 and more; what gives way between the two left 0.3 and more with each.
 const CLEAR: f64 = 0.3;
 /// An error of the cell explains less than a torque on the slave can, since it is not there while nobody is at the handle: where it leaves no

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::catalogue::Candidate;
 use super::fit::{Fitted, View};
-use super::judge::at_floor;
+use super::judge::above_floor;
 use super::knob::Knob;
 use super::machine::{SMOOTHING, SMOOTHING_STARTS, Setting};
 use super::round::Tried;
@@ -69,7 +69,7 @@ pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candida
     let mut knobs = shown(&winner.fitted);
     let mut now = fit.fit(&winner.fitted.setting, &knobs, 6).unwrap_or_else(|| winner.fitted.clone());
     for pass in 0..REFITS {
-        if at_floor(machine, &select.records, &now.setting) {
+        if above_floor(machine, &select.records, &now.setting).is_some_and(|above| above.well_at_floor()) {
             break;
         }
         // What is left is smaller now, and shows more.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::catalogue::{AllStarts, Candidate, Start, Way};
 use super::fit::{Fitted, View};
-use super::judge::{Judged, LEAST_FIRST, above_floor, judge_beside};
+use super::judge::{Judged, LEAST_FIRST, at_floor, judge_beside};
 use super::knob::{AT_EDGE, Knob, knobs_of};
 use super::machine::{Machine, Residual, Setting};
 use super::origin::origin;
@@ -79,11 +79,8 @@ impl Round<'_> {
         }
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return tried };
-        let above = above_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting);
-        if !above.is_some_and(|above| above.at_floor()) {
+        if !at_floor(self.fit.machine, &self.select.records, &nearest.fitted.setting) {
             self.look_from_declared(&mut tried, &chosen);
-        }
-        if !above.is_some_and(|above| above.well_at_floor()) {
             self.look_from_all_starts(&mut tried);
             chosen = foremost(&tried);
         }

@@ -12,20 +12,20 @@ use rig::RigFile;
 
 const STEP_S: f64 = 1e-3;
 /// A count of both encoders (rad).
-pub const COUNT_RAD: f64 = TAU / 4000.0;
+pub(crate) const COUNT_RAD: f64 = TAU / 4000.0;
 
 /// The rig as declared.
-pub fn rig() -> RigFile {
+pub(crate) fn rig() -> RigFile {
     RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
 }
 
 /// From the beginning of a record to that of the next (s).
-pub const RECORD_S: f64 = 10.0;
+pub(crate) const RECORD_S: f64 = 10.0;
 
 /// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says, and
 /// something at the motor, slowly and at random, with so many volts. The cell shows the hand's torque and what `cell` says, by the time since the
 /// record began.
-pub fn record(
+pub(crate) fn record(
     turn: usize,
     effects: Vec<Box<dyn Effect>>,
     hand: bool,
