@@ -56,17 +56,23 @@ pub enum ParameterError {
 
 /// Access by name, shared by models and effects.
 pub trait ParameterSet {
-    /// All parameters, in a fixed order.
-    fn infos(&self) -> &'static [ParameterInfo];
+    /// All parameters, in a fixed order; none, unless a set says otherwise.
+    fn infos(&self) -> &'static [ParameterInfo] {
+        &[]
+    }
 
     /// The value of a parameter; `None` where there is none of that name.
-    fn get(&self, name: &str) -> Option<f64>;
+    fn get(&self, _name: &str) -> Option<f64> {
+        None
+    }
 
     /// Sets a parameter.
     ///
     /// # Errors
     /// [`ParameterError::Unknown`] and [`ParameterError::OutOfRange`]; nothing is changed then.
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError>;
+    fn set(&mut self, name: &str, _value: f64) -> Result<(), ParameterError> {
+        Err(unknown(name, self.infos()))
+    }
 
     /// Checks that every value is finite and in range (fields are public, so any may have been written).
     ///

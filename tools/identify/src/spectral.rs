@@ -20,6 +20,14 @@ thread_local! {
     static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
 }
 
+/// The transform of some rows, at frequencies from 0 to half the sampling frequency; `None` where it fails.
+pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
+    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(rows.len()));
+    let mut bins = plan.make_output_vec();
+    plan.process(&mut rows, &mut bins).ok()?;
+    Some(bins)
+}
+
 /// A signal in frequency.
 pub struct Spectrum {
     bins: Vec<Complex<f64>>,
@@ -59,10 +67,7 @@ impl Spectrum {
             let weight = 0.5 * (1.0 + (PI * j as f64 / (gap + 1) as f64).cos());
             work.push(weight * onward + (1.0 - weight) * back);
         }
-        let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(length));
-        let mut bins = plan.make_output_vec();
-        plan.process(&mut work, &mut bins).ok()?;
-        Some(Self { bins, length, samples: n })
+        Some(Self { bins: transform(work)?, length, samples: n })
     }
 
     /// The signal, or its derivative of that order, at `factor` times the sampling frequency, from the first sample to
@@ -106,13 +111,9 @@ impl Spectrum {
 /// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Parts that take no part are 0.
 pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
     let length = smooth_length(4 * signal.len().max(1));
-    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(length));
-    let mut work = plan.make_input_vec();
-    work[..signal.len()].copy_from_slice(signal);
-    let mut bins = plan.make_output_vec();
-    if plan.process(&mut work, &mut bins).is_err() {
-        return Vec::new();
-    }
+    let mut work = signal.to_vec();
+    work.resize(length, 0.0);
+    let bins = transform(work).unwrap_or_default();
     bins.iter().enumerate().map(|(k, bin)| (k as f64 * sampling / length as f64, bin.norm_sqr())).collect()
 }
 

@@ -10,8 +10,8 @@ use identify::forward::origin::{Origin, Place, origin};
 use identify::forward::record::share_out;
 use identify::forward::refit::fit_base;
 use identify::inverse::split::Role;
+use plant::ParameterSet;
 use plant::effects::{Effect, Link, Moment, SideLoad, Site};
-use plant::{ParameterError, ParameterInfo, ParameterSet};
 use two_sides::{COUNT_RAD, RECORD_S, record, rig};
 
 mod two_sides;
@@ -52,19 +52,7 @@ impl Effect for Jumps {
     }
 }
 
-impl ParameterSet for Jumps {
-    fn infos(&self) -> &'static [ParameterInfo] {
-        &[]
-    }
-
-    fn get(&self, _name: &str) -> Option<f64> {
-        None
-    }
-
-    fn set(&mut self, name: &str, _value: f64) -> Result<(), ParameterError> {
-        Err(ParameterError::Unknown { name: name.to_owned(), known: String::new() })
-    }
-}
+impl ParameterSet for Jumps {}
 
 /// What is told of a machine with something at a site, once the declared model is fitted; at the sensor it is the cell that jumps.
 fn told(site: Option<Site>, size: f64, hands: &[usize]) -> Option<Origin> {
@@ -79,9 +67,9 @@ fn told(site: Option<Site>, size: f64, hands: &[usize]) -> Option<Origin> {
         .collect();
     share_out(&mut records, false);
     let machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-    let (base, _) = fit_base(&View::of(&machine, Role::Fit)).unwrap();
-    let taken: Vec<usize> = [Role::Fit, Role::Select].into_iter().flat_map(|role| machine.of_role(role)).collect();
-    origin(&machine, &taken, &base.setting)
+    let (fit, select) = (View::of(&machine, Role::Fit), View::of(&machine, Role::Select));
+    let (base, _) = fit_base(&fit).unwrap();
+    origin((&fit, &select), &base.setting)
 }
 
 const HANDS: [usize; 2] = [4, 5];

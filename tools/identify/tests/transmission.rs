@@ -84,11 +84,7 @@ fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();
         let own = [knobs.clone(), knobs_of(of, 0)].concat();
-        let fits = of.starts.iter().filter_map(|start| {
-            let mut setting = base.setting.clone();
-            setting.placed.push(start.placed.clone());
-            fit.fit(&setting, &own, 3)
-        });
+        let fits = of.starts.iter().filter_map(|start| fit.fit(&base.setting.with(&start.placed), &own, 3));
         let fitted = fits.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap();
         let [before, after] = [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());
         let mut judged = judge((of.id, of.site), &before, &after);

@@ -3,8 +3,8 @@
 //! Where one of them explains on held-out records what no listed effect does, something unlisted is missing, and the function is what it
 //! looks like.
 
+use plant::ParameterSet;
 use plant::effects::{Effect, End, Link, Moment, SideLoad, Site};
-use plant::{ParameterError, ParameterInfo, ParameterSet};
 
 /// What a function depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -232,19 +232,7 @@ fn pressed(link: &Link) -> f64 {
 }
 
 /// Its values are moved one by one by whoever fits it.
-impl ParameterSet for Table {
-    fn infos(&self) -> &'static [ParameterInfo] {
-        &[]
-    }
-
-    fn get(&self, _name: &str) -> Option<f64> {
-        None
-    }
-
-    fn set(&mut self, name: &str, _value: f64) -> Result<(), ParameterError> {
-        Err(ParameterError::Unknown { name: name.to_owned(), known: String::new() })
-    }
-}
+impl ParameterSet for Table {}
 
 #[cfg(test)]
 mod tests {

@@ -115,6 +115,14 @@ pub struct Parts {
 }
 
 impl Setting {
+    /// The same with one effect more.
+    #[must_use]
+    pub fn with(&self, placed: &Placed) -> Self {
+        let mut with = self.clone();
+        with.placed.push(placed.clone());
+        with
+    }
+
     /// Its effects; `None` where one cannot be made.
     pub fn parts(&self) -> Option<Parts> {
         let mut parts = Parts::default();

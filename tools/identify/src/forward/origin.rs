@@ -13,14 +13,12 @@
 //! Where none of them explains most of it, something acts on master and slave together, against one another or one after the other: that
 //! is what the line does, and everything that gives way or lets go between the two.
 
-use std::cell::RefCell;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use nalgebra::{Complex, Matrix2, Vector2};
 use plant::effects::{Effect, Site};
 use rayon::prelude::*;
-use realfft::RealFftPlanner;
 
 use super::fit::View;
 use super::generic::Variable;
@@ -28,6 +26,7 @@ use super::judge::repeat_differences;
 use super::machine::{Channel, Machine, Residual, Setting};
 use super::record::{repeats, rms};
 use super::stimulus::{Stimulus, signs};
+use crate::spectral::transform;
 
 /// Rows of a stretch of which a spectrum is taken (about a second); half of it is another's too.
 const STRETCH: usize = 256;
@@ -109,7 +108,7 @@ impl Origin {
     pub fn may_be_at(&self, site: Site) -> bool {
         match (self.site(), site) {
             (Site::Line, _) | (_, Site::Line) => true,
-            (Site::Master | Site::Drive, _) => matches!(site, Site::Master | Site::Drive),
+            (Site::Master, _) => matches!(site, Site::Master | Site::Drive),
             (Site::Slave, Site::Sensor) => self.of(Place::Cell).is_none(),
             (own, _) => own == site,
         }
@@ -119,12 +118,7 @@ impl Origin {
     pub fn allows(&self, (site, variable): (Site, Variable)) -> bool {
         // What gives way by a line's force acts on both of its ends.
         let between = site == Site::Line || variable == Variable::Force;
-        match self.site() {
-            Site::Line => between,
-            Site::Master | Site::Drive => !between && matches!(site, Site::Master | Site::Drive),
-            Site::Slave if self.of(Place::Cell).is_none() => !between && matches!(site, Site::Slave | Site::Sensor),
-            own => !between && site == own,
-        }
+        if self.site() == Site::Line { between } else { !between && self.may_be_at(site) }
     }
 }
 
@@ -134,26 +128,13 @@ struct Spectra {
     stretches: f64,
 }
 
-thread_local! {
-    static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
-}
-
 /// Spectra of the stretches of a course, under a Hann window.
 fn stretches(rows: &[f64]) -> Vec<Vec<Complex<f64>>> {
-    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(STRETCH));
     let window: Vec<f64> =
         (0..STRETCH).map(|row| 0.5 - 0.5 * (2.0 * PI * (row as f64 + 0.5) / STRETCH as f64).cos()).collect();
-    let mut out = Vec::new();
-    let mut from = 0;
-    while let Some(rows) = rows.get(from..from + STRETCH) {
-        let mut work: Vec<f64> = rows.iter().zip(&window).map(|(row, weight)| row * weight).collect();
-        let mut bins = plan.make_output_vec();
-        if plan.process(&mut work, &mut bins).is_ok() {
-            out.push(bins);
-        }
-        from += STRETCH / 2;
-    }
-    out
+    let begins = (0..rows.len()).step_by(STRETCH / 2);
+    let whole = begins.filter_map(|from| rows.get(from..from + STRETCH));
+    whole.filter_map(|rows| transform(rows.iter().zip(&window).map(|(row, weight)| row * weight).collect())).collect()
 }
 
 /// Spectra of pairs of courses.
@@ -240,16 +221,17 @@ impl Listener<'_> {
     }
 }
 
-/// What of a machine's residuals enters where, from some of its records. `None` where it cannot be told: without a slave's encoder, without
+/// What of a machine's residuals enters where, from the records that fit and select. `None` where it cannot be told: without a slave's encoder, without
 /// repeats that say what is noise, with records that are too short, or where nothing is left but noise.
-pub fn origin(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Origin> {
+pub fn origin((fit, select): (&View<'_>, &View<'_>), setting: &Setting) -> Option<Origin> {
+    let machine = fit.machine;
     let pace = |record: usize| machine.records[record].step_s * machine.records[record].decimation() as f64;
-    let pace_s = pace(*records.first()?);
+    let pace_s = pace(*fit.records.first()?);
     let takes_part = |record: &usize| {
         let own = &machine.records[*record];
         own.slave.is_some() && own.residual_rows() >= FEWEST_ROWS && (pace(*record) - pace_s).abs() < 1e-6 * pace_s
     };
-    let records: Vec<usize> = records.iter().copied().filter(takes_part).collect();
+    let records: Vec<usize> = fit.records.iter().chain(&select.records).copied().filter(takes_part).collect();
     let all = View::whole(machine).residuals(setting)?;
     let here: Vec<Residual> = records.iter().map(|record| all[*record].clone()).collect();
     let pairs: Vec<(usize, usize)> =

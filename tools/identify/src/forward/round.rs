@@ -4,7 +4,7 @@
 use plant::effects::Site;
 use rayon::prelude::*;
 
-use super::catalogue::{AllStarts, Candidate, Start, Way};
+use super::catalogue::{AllStarts, Candidate, Way};
 use super::fit::{Fitted, View};
 use super::judge::{Judged, LEAST_FIRST, at_floor, judge_beside};
 use super::knob::{AT_EDGE, Knob, knobs_of};
@@ -127,8 +127,7 @@ impl Round<'_> {
 
     /// A step or two with the slopes that are known already.
     fn quick(&self, scored: &Scored, projection: &Projection) -> Option<Tried> {
-        let mut start = self.now.setting.clone();
-        start.placed.push(scored.placed.clone());
+        let start = self.now.setting.with(&scored.placed);
         let free = self.free(scored.candidate, &start);
         let own = &free[self.knobs.len()..];
         let mut fitted = self.fit.evaluate(self.fit.inside(start, &free))?;
@@ -164,8 +163,7 @@ impl Round<'_> {
         let Some(start) = start else { return };
         let ranked = Projection::new(self.fit, &start, self.knobs).rank(self.fit, &start, self.candidates);
         for scored in ranked.iter().take(FROM_DECLARED) {
-            let mut with = start.setting.clone();
-            with.placed.push(scored.placed.clone());
+            let with = start.setting.with(&scored.placed);
             better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
         }
     }
@@ -173,18 +171,11 @@ impl Round<'_> {
     /// Fits that do not follow from how a candidate looks at its start: from all starts beside the parameters as they are. Where what is missing
     /// enters at one place alone, from all of them beside the declared values too, and nowhere else.
     fn look_from_all_starts(&self, tried: &mut Vec<Tried>) {
-        let machine = self.fit.machine;
-        let taken: Vec<usize> = self.fit.records.iter().chain(&self.select.records).copied().collect();
-        let origin = origin(machine, &taken, &self.now.setting).filter(|origin| origin.site() != Site::Line);
+        let origin = origin((self.fit, self.select), &self.now.setting).filter(|origin| origin.site() != Site::Line);
         let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
-            let with = |start: &Start| {
-                let mut setting = from.clone();
-                setting.placed.push(start.placed.clone());
-                setting
-            };
-            of.starts.iter().map(with).collect()
+            of.starts.iter().map(|start| from.with(&start.placed)).collect()
         };
-        let declared = declared(machine, &self.now.setting);
+        let declared = declared(self.fit.machine, &self.now.setting);
         for (candidate, of) in self.candidates.iter().enumerate() {
             let looked = match &origin {
                 Some(origin) => of.from_all_starts.is_some() && origin.may_be_at(of.site),
@@ -199,7 +190,9 @@ impl Round<'_> {
             }
             let found: Vec<Tried> =
                 starts.par_iter().filter_map(|start| self.fitted(candidate, start, TO_SHOW)).collect();
-            found.into_iter().for_each(|found| better_of(tried, Some(found)));
+            for found in found {
+                better_of(tried, Some(found));
+            }
         }
     }
 

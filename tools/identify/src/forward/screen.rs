@@ -5,13 +5,13 @@
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use realfft::RealFftPlanner;
 
 use super::catalogue::{Candidate, Scale, Start};
 use super::fit::{Fitted, View};
 use super::knob::{AT_EDGE, Knob};
 use super::machine::{Channel, Placed, Setting};
 use super::record::Record;
+use crate::spectral::transform;
 
 /// The residual of a fit with what its own parameters explain taken out.
 pub struct Projection {
@@ -119,11 +119,7 @@ impl Projection {
         of: &Candidate,
         start: &Start,
     ) -> Option<Scored> {
-        let with = |placed: &Placed| {
-            let mut setting = fitted.setting.clone();
-            setting.placed.push(placed.clone());
-            self.change(view, &setting)
-        };
+        let with = |placed: &Placed| self.change(view, &fitted.setting.with(placed));
         let mut directions = vec![with(&start.placed)?];
         if let Some(quadrature) = &start.quadrature {
             directions.push(with(quadrature)?);
@@ -195,8 +191,6 @@ fn lines(residuals: &[(&Record, &Vec<f64>)], (low, high): (f64, f64), count: usi
     const POINTS: usize = 1 << 14;
     let Some((first, _)) = residuals.first() else { return Vec::new() };
     let rate = 1.0 / (first.step_s * first.decimation() as f64);
-    let mut planner = RealFftPlanner::<f64>::new();
-    let transform = planner.plan_fft_forward(POINTS);
     let mut power = vec![0.0; POINTS / 2 + 1];
     for (_, rows) in residuals {
         let mut input = vec![0.0; POINTS];
@@ -206,10 +200,8 @@ fn lines(residuals: &[(&Record, &Vec<f64>)], (low, high): (f64, f64), count: usi
             let window = 0.5 - 0.5 * (std::f64::consts::TAU * index as f64 / taken as f64).cos();
             *slot = window * row;
         }
-        let mut output = transform.make_output_vec();
-        if transform.process(&mut input, &mut output).is_ok() {
-            power.iter_mut().zip(&output).for_each(|(sum, value)| *sum += value.norm_sqr());
-        }
+        let bins = transform(input).unwrap_or_default();
+        power.iter_mut().zip(&bins).for_each(|(sum, bin)| *sum += bin.norm_sqr());
     }
     let step = rate / POINTS as f64;
     let found = prominent(&power, |index| index as f64 * step, (low, high), (2.0 / step) as usize, 0.4, count);

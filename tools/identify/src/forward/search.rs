@@ -218,8 +218,9 @@ impl Search<'_> {
                 || holds(self.views(), now, &self.knobs, tried)
         };
         while let Some(at) = winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate) {
-            let step = tried.iter_mut().find(|tried| tried.candidate == at);
-            step.into_iter().for_each(|step| step.judged.accepted = false);
+            if let Some(step) = tried.iter_mut().find(|tried| tried.candidate == at) {
+                step.judged.accepted = false;
+            }
         }
         self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use plant::ParameterSet;
 use plant::effects::{Effect, Link, Moment, SideLoad, Site};
-use plant::{ParameterError, ParameterInfo, ParameterSet};
 
 /// Which way a torque goes next is drawn by this generator's highest bit (multiplier and increment of Knuth's MMIX).
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
@@ -66,19 +66,7 @@ impl Effect for Stimulus {
 }
 
 /// Nothing of it is free.
-impl ParameterSet for Stimulus {
-    fn infos(&self) -> &'static [ParameterInfo] {
-        &[]
-    }
-
-    fn get(&self, _name: &str) -> Option<f64> {
-        None
-    }
-
-    fn set(&mut self, name: &str, _value: f64) -> Result<(), ParameterError> {
-        Err(ParameterError::Unknown { name: name.to_owned(), known: String::new() })
-    }
-}
+impl ParameterSet for Stimulus {}
 
 #[cfg(test)]
 mod tests {

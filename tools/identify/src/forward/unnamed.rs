@@ -123,8 +123,7 @@ pub fn functions((fit, select): (&View<'_>, &View<'_>), (now, knobs): (&Fitted, 
     let machine = fit.machine;
     let projection = Projection::new(fit, now, knobs);
     let Some(before) = select.residuals(&now.setting) else { return Unnamed::default() };
-    let taken: Vec<usize> = fit.records.iter().chain(&select.records).copied().collect();
-    let origin = if must_be { origin(machine, &taken, &now.setting) } else { None };
+    let origin = if must_be { origin((fit, select), &now.setting) } else { None };
     let has_slave = machine.records.iter().all(|record| record.slave.is_some());
     let has_torque = machine.records.iter().any(|record| record.torque.is_some() && !record.idle);
     let mut scored: Vec<(f64, Setting)> = PLACES

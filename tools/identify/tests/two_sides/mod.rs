@@ -1,5 +1,5 @@
 //! Records of a hydrostatic rig that is not quite as declared, made by the plant itself.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::f64::consts::TAU;
 
