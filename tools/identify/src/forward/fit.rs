@@ -27,6 +27,9 @@ const STEPS_KEPT: usize = 8;
 /// The same: gain of a step, for every row.
 const LEAST_KEPT: f64 = 1e-3;
 
+/// Of several starts so many go on after a brief fit.
+const LEADING: usize = 3;
+
 /// Records and how they are looked at.
 #[derive(Clone, Debug)]
 pub struct View<'a> {
@@ -225,6 +228,15 @@ impl View<'_> {
             }
         }
         Some(best)
+    }
+
+    /// Those of some starts that lead furthest in a brief fit, the foremost first: how a start looks says little of where it leads, a round or
+    /// two say most of it.
+    pub fn leading(&self, starts: &[Setting], knobs: &[Knob], rounds: usize) -> Vec<Fitted> {
+        let mut begun: Vec<Fitted> = starts.par_iter().filter_map(|start| self.fit(start, knobs, rounds)).collect();
+        begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+        begun.truncate(LEADING);
+        begun
     }
 }
 

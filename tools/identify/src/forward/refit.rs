@@ -80,13 +80,15 @@ pub fn refit((fit, select): (&View<'_>, &View<'_>), winner: &Tried, of: &Candida
         let mut starts = vec![now.setting.clone(), fresh.clone()];
         if (of.sizes > 1 || of.from_all_starts.is_some()) && pass == 0 {
             // Numbers that stand in for one another have many ways to go wrong.
-            starts.extend([&fresh, &now.setting].into_iter().flat_map(|from| {
+            let others = [&fresh, &now.setting].into_iter().flat_map(|from| {
                 of.starts.iter().filter_map(|start| {
                     let mut setting = from.clone();
                     setting.placed.last_mut()?.values.clone_from(&start.placed.values);
                     Some(setting)
                 })
-            }));
+            });
+            let others: Vec<Setting> = others.collect();
+            starts.extend(fit.leading(&others, &knobs, 1).into_iter().map(|begun| begun.setting));
         }
         let again = starts.iter().map(|start| fit.fit(start, &knobs, 4));
         let Some(best) = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective)) else { break };

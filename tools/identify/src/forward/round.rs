@@ -23,10 +23,10 @@ const AFRESH: usize = 3;
 const FROM_DECLARED: usize = 5;
 /// Rounds of a fit that show which of several starts leads anywhere.
 const TO_SHOW: usize = 4;
-/// Rounds of a fit before that, from each start beside the declared values, and how many of them go on.
+/// Rounds of a fit before that, from each start beside the declared values.
 const TO_BEGIN: usize = 2;
-/// See there.
-const LEADING: usize = 3;
+/// A start whose brief fit stands so far behind the best that was tried, in the logarithm of the error, goes no further.
+const OUT_OF_REACH: f64 = 0.3;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
 /// A gain so small does not pass whatever a closer fit gives.
@@ -184,24 +184,23 @@ impl Round<'_> {
             if !looked {
                 continue;
             }
-            let mut starts = started(&self.now.setting, of);
+            let begun = |from: &Setting, rounds: usize| match started(from, of) {
+                starts if starts.is_empty() => Vec::new(),
+                starts => self.fit.leading(&starts, &self.free(candidate, &starts[0]), rounds),
+            };
+            let mut leading = begun(&self.now.setting, 1);
             if origin.is_some() {
-                starts.extend(self.leading(candidate, &started(&declared, of)));
+                leading.extend(begun(&declared, TO_BEGIN));
             }
+            let nearest = tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
+            let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
+            leading.retain(|begun| begun.objective <= reach);
             let found: Vec<Tried> =
-                starts.par_iter().filter_map(|start| self.fitted(candidate, start, TO_SHOW)).collect();
+                leading.par_iter().filter_map(|begun| self.fitted(candidate, &begun.setting, TO_SHOW)).collect();
             for found in found {
                 better_of(tried, Some(found));
             }
         }
-    }
-
-    /// Those of some starts that lead furthest in a brief fit, and where to.
-    fn leading(&self, candidate: usize, starts: &[Setting]) -> Vec<Setting> {
-        let begun = |start: &Setting| self.fit.fit(start, &self.free(candidate, start), TO_BEGIN);
-        let mut begun: Vec<Fitted> = starts.par_iter().filter_map(begun).collect();
-        begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
-        begun.into_iter().take(LEADING).map(|fitted| fitted.setting).collect()
     }
 
     /// One candidate in the place of the last effect of a setting, from all its starts.
