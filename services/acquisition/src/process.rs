@@ -105,48 +105,55 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
     let profile = service.enter_loop()?;
     let mut meter = LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
     let mut told_finished = false;
-    while !service.stopping() {
-        let Some(wake) = grid.wait() else { continue };
-        while let Some(token) = tokens.take()? {
-            gate.observe_token(&token);
+    let mut cycles = || -> Result<(), AcquisitionError> {
+        while !service.stopping() {
+            let Some(wake) = grid.wait() else { continue };
+            while let Some(token) = tokens.take()? {
+                gate.observe_token(&token);
+            }
+            while let Some(command) = commands.take()? {
+                gate.observe_command(&command);
+            }
+            let output = gate.step(now_ns(), None, None);
+            if daq.write(output.volts).is_err() {
+                gate.write_failed();
+                daq.write([0.0; AXES])?;
+            }
+            let missed = daq.scans_missed();
+            let mut taken = None;
+            for scan in daq.read_due(wake.woke_ns)? {
+                let mut sample = converter.convert(scan);
+                stamp(&mut sample, &output, gate.state().code());
+                sample.scans_missed = missed;
+                sample.cycles_missed = grid.missed();
+                sample.backend = backend;
+                sample.profile = profile.code();
+                samples.send(sample)?;
+                taken = Some(scan.tick);
+            }
+            if let Some(tick) = taken {
+                daq.taken(tick);
+            }
+            let end = now_ns();
+            meter.record(&wake, end);
+            if let Some(timing) = meter.due(&grid, end) {
+                timings.send(timing)?;
+                // Events are rare: who joined since the last one gets those before through this.
+                service.refresh_events();
+            }
+            if daq.finished() && !told_finished {
+                told_finished = true;
+                service.event(EventKind::ReplayDone, Severity::Info, [0.0; 3], "the record came to its end")?;
+            }
+            service.beat();
         }
-        while let Some(command) = commands.take()? {
-            gate.observe_command(&command);
-        }
-        let output = gate.step(now_ns(), None, None);
-        if daq.write(output.volts).is_err() {
-            gate.write_failed();
-            daq.write([0.0; AXES])?;
-        }
-        let missed = daq.scans_missed();
-        let mut taken = None;
-        for scan in daq.read_due(wake.woke_ns)? {
-            let mut sample = converter.convert(scan);
-            stamp(&mut sample, &output, gate.state().code());
-            sample.scans_missed = missed;
-            sample.cycles_missed = grid.missed();
-            sample.backend = backend;
-            sample.profile = profile.code();
-            samples.send(sample)?;
-            taken = Some(scan.tick);
-        }
-        if let Some(tick) = taken {
-            daq.taken(tick);
-        }
-        let end = now_ns();
-        meter.record(&wake, end);
-        if let Some(timing) = meter.due(&grid, end) {
-            timings.send(timing)?;
-            // Events are rare: who joined since the last one gets those before through this.
-            service.refresh_events();
-        }
-        if daq.finished() && !told_finished {
-            told_finished = true;
-            service.event(EventKind::ReplayDone, Severity::Info, [0.0; 3], "the record came to its end")?;
-        }
-        service.beat();
-    }
-    daq.write([0.0; AXES])?;
+        Ok(())
+    };
+    // Whatever ends it: a card holds what it was given last.
+    let ended = cycles();
+    let zeroed = daq.write([0.0; AXES]);
+    ended?;
+    zeroed?;
     service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
     Ok(())
 }

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use ipc_types::{AXES, Backend};
-use recording::record::{ColumnNames, FindingKind, Options, Record, RecordError, SampleColumns, from_csv, from_mcap};
+use recording::record::{
+    ColumnNames, FindingKind, Mapping, Options, Record, RecordError, SampleColumns, TIME, from_csv, from_mcap,
+};
 use rig::RigFile;
 use runtime::daq::{Capabilities, Daq, DaqError, Physical, Present, Scan};
 use thiserror::Error;
@@ -53,7 +55,7 @@ impl ReplayDaq {
     /// Reads a record: MCAP by its extension, else CSV. `[replay]` of the rig file says which column is what.
     pub fn open(path: &Path, rig: &RigFile, looped: bool) -> Result<Self, ReplayError> {
         let names = &rig.replay;
-        let options = Options::default();
+        let mut options = Options::default();
         let record = if path.extension().is_some_and(|extension| extension == "mcap") {
             let columns = SampleColumns::new(ColumnNames {
                 motor: Some(names.motor_v.clone()),
@@ -63,6 +65,10 @@ impl ReplayDaq {
             });
             from_mcap(path, &columns, &options)?
         } else {
+            if names.time != TIME {
+                let (column, source) = (TIME.to_owned(), names.time.clone());
+                options.mapping.push(Mapping { column, source, factor: 1.0 });
+            }
             from_csv(path, &options)?
         };
         Self::new(&record, rig, looped)

@@ -106,6 +106,22 @@ fn a_record_of_another_rate_or_without_position_is_refused() {
 }
 
 #[test]
+fn the_rig_file_says_which_column_is_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("record.csv");
+    let rows: String =
+        (0..20).map(|row| format!("{},{},0.5\n", f64::from(row) * 1e-3, f64::from(row) * 1e-6)).collect();
+    std::fs::write(&path, format!("seconds,position_m,motor_v\n{rows}")).unwrap();
+    let mut emps = rig("emps");
+    let error = ReplayDaq::open(&path, &emps, false).unwrap_err();
+    assert!(error.to_string().contains("t_s"), "{error}");
+    emps.replay.time = "seconds".to_owned();
+    let mut daq = ReplayDaq::open(&path, &emps, false).unwrap();
+    let first = daq.read_due(77_000_000_000).unwrap().len();
+    assert_eq!(first + daq.read_due(77_100_000_000).unwrap().len(), 20);
+}
+
+#[test]
 fn counts_and_volts_become_si() {
     let rig = rig("hydrostatic");
     let axis = &rig.axes[0];
@@ -151,7 +167,7 @@ impl SharedBench {
             self.card.write(output.volts, output.sequence, output.incarnation);
             self.card.taken(output.taken_tick);
         }
-        self.card.enable_line(self.tick, now);
+        self.card.enable_line(1, self.tick, now);
         let scan = self.card.clock(self.tick, now);
         self.scans.send(scan).unwrap();
     }

@@ -62,7 +62,8 @@ pub struct Card {
     period_s: f64,
     line_ns: u64,
     dac_v: [f64; AXES],
-    toggles: Option<u64>,
+    /// Which watchdog set the line last, and how often it had changed the level.
+    line: Option<(u64, u64)>,
     /// The last edge, and the last one that kept the line alive.
     edge_ns: Option<u64>,
     toggled_ns: Option<u64>,
@@ -129,7 +130,7 @@ impl Card {
             period_s,
             line_ns,
             dac_v: [0.0; AXES],
-            toggles: None,
+            line: None,
             edge_ns: None,
             toggled_ns: None,
             output_sequence: 0,
@@ -155,11 +156,15 @@ impl Card {
         self.taken_tick
     }
 
-    /// The enable line's level changed for the `toggles`-th time at `time_ns`. The same count again is no edge. One edge is no
-    /// sign of life, for a watchdog that starts again makes one when it sets the line to a known level: power comes with
-    /// the second of two edges that are no further apart than the card is patient.
-    pub fn enable_line(&mut self, toggles: u64, time_ns: u64) {
-        if self.toggles.replace(toggles).is_some_and(|before| before != toggles) {
+    /// A watchdog (`incarnation`) says at `time_ns` that it has changed the enable line's level `toggles` times. The same count again is
+    /// no edge. One edge is no sign of life, for a watchdog that starts again makes one when it sets the line to a known level:
+    /// power comes with the second of two edges that are no further apart than the card is patient. Two watchdogs that hold different
+    /// levels make no edges between them: what another one says is a level to begin with.
+    pub fn enable_line(&mut self, incarnation: u64, toggles: u64, time_ns: u64) {
+        let before = self.line.replace((incarnation, toggles));
+        if before.is_some_and(|(sender, _)| sender != incarnation) {
+            self.edge_ns = None;
+        } else if before.is_some_and(|(_, count)| count != toggles) {
             let edge_ns = self.edge_ns.map_or(time_ns, |before| before.max(time_ns));
             if self.edge_ns.replace(edge_ns).is_some_and(|before| edge_ns - before <= self.line_ns) {
                 self.toggled_ns = Some(edge_ns);

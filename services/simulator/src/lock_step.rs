@@ -54,7 +54,7 @@ impl LockStepDaq {
             self.tick += 1;
             let now = self.now_ns();
             if self.keeps_power {
-                self.card.enable_line(self.tick, now);
+                self.card.enable_line(1, self.tick, now);
             }
             let scan = self.card.clock(self.tick, now);
             if self.fifo.len() == CARD_FIFO {

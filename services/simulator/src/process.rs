@@ -60,7 +60,7 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
         while let Some(line) = lines.take()? {
-            card.enable_line(line.toggles, line.time_ns.min(wake.woke_ns));
+            card.enable_line(line.incarnation, line.toggles, line.time_ns.min(wake.woke_ns));
         }
         while let Some(output) = outputs.take()? {
             card.write(output.volts, output.sequence, output.incarnation);

@@ -67,25 +67,25 @@ fn the_motor_has_power_only_while_the_line_toggles() {
     // never toggled
     assert_eq!(card.clock(100, time(100)).motor_power, 0);
     // one message with any count is no edge yet; it takes a change
-    card.enable_line(8, time(100));
+    card.enable_line(1, 8, time(100));
     assert_eq!(card.clock(101, time(101)).motor_power, 0);
     // nor is one edge a sign of life: a watchdog that starts again makes one
-    card.enable_line(0, time(102));
+    card.enable_line(1, 0, time(102));
     for tick in 102..130 {
         assert_eq!(card.clock(tick, time(tick)).motor_power, 0);
     }
     // two are, where they follow each other soon
-    card.enable_line(1, time(130));
+    card.enable_line(1, 1, time(130));
     assert_eq!(card.clock(130, time(130)).motor_power, 0, "the edge before is long ago");
     for tick in 131..140 {
-        card.enable_line(tick, time(tick));
+        card.enable_line(1, tick, time(tick));
         let scan = card.clock(tick, time(tick));
         assert_eq!((scan.motor_power, scan.motor_v[0], scan.dac_v[0]), (1, 2.0, 2.0));
     }
     // the line stops (held level repeats the same count): power lasts 5 ms = 10 ticks from the last edge, no longer
     let dead: Vec<u64> = (140..170)
         .filter(|tick| {
-            card.enable_line(139, time(*tick));
+            card.enable_line(1, 139, time(*tick));
             let scan = card.clock(*tick, time(*tick));
             assert_eq!(scan.dac_v[0], 2.0, "the DAC holds whoever dies");
             assert_eq!(scan.motor_v[0], if scan.motor_power == 1 { 2.0 } else { 0.0 });
@@ -101,7 +101,7 @@ fn volts_move_the_handle_and_counts_say_so() {
     card.write([2.5, 0.0, 0.0], 1, 7);
     let mut scan = None;
     for tick in 1..=1000 {
-        card.enable_line(tick, tick * TICK_NS);
+        card.enable_line(1, tick, tick * TICK_NS);
         scan = Some(card.clock(tick, tick * TICK_NS));
     }
     let scan = scan.unwrap();
@@ -120,7 +120,7 @@ fn an_effect_changes_the_plant_and_an_unknown_one_is_refused() {
         card.write([2.5, 0.0, 0.0], 1, 7);
         // Not so long that either comes to the hard stop.
         for tick in 1..=250 {
-            card.enable_line(tick, tick * TICK_NS);
+            card.enable_line(1, tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }
         card.motion().master_position_rad
@@ -146,7 +146,7 @@ fn volts_move_the_cables_handle_and_both_encoders_say_so() {
     card.write([4.0, 0.0, 0.0], 1, 7);
     let mut scan = card.clock(1, TICK_NS);
     for tick in 2..=400 {
-        card.enable_line(tick, tick * TICK_NS);
+        card.enable_line(1, tick, tick * TICK_NS);
         scan = card.clock(tick, tick * TICK_NS);
     }
     let motion = card.motion();
@@ -170,7 +170,7 @@ fn the_hands_inertia_slows_the_cables_handle() {
         let mut card = Card::new(&RigFile::parse(&text, "cable.toml").unwrap(), &[], LINE_NS).unwrap();
         card.write([6.0, 0.0, 0.0], 1, 7);
         for tick in 1..=200 {
-            card.enable_line(tick, tick * TICK_NS);
+            card.enable_line(1, tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }
         card.motion().slave_position_rad
@@ -186,7 +186,7 @@ fn an_effect_acts_in_the_cables_and_one_of_fluids_is_refused() {
         let mut card = Card::new(&rig, effects, LINE_NS).unwrap();
         card.write([4.0, 0.0, 0.0], 1, 7);
         for tick in 1..=400 {
-            card.enable_line(tick, tick * TICK_NS);
+            card.enable_line(1, tick, tick * TICK_NS);
             card.clock(tick, tick * TICK_NS);
         }
         card.motion().master_position_rad
@@ -231,7 +231,7 @@ fn a_narrow_torque_cell_smooths_and_lags() {
         card.write([6.0, 0.0, 0.0], 1, 7);
         let mut volts = 0.0;
         for tick in 1..=200 {
-            card.enable_line(tick, tick * TICK_NS);
+            card.enable_line(1, tick, tick * TICK_NS);
             volts = card.clock(tick, tick * TICK_NS).analog_v[0];
         }
         volts
@@ -255,4 +255,29 @@ fn the_scanner_pulses_on_its_channel_once_a_volume() {
     }
     let noisy = edited(&[("trigger_repetition_s = 0.0", "trigger_repetition_s = 0.5")]);
     assert!(scans(&noisy, 100)[50..].iter().any(|scan| (scan.analog_v[7] - 5.0).abs() > 1e-4));
+}
+
+#[test]
+fn two_watchdogs_that_hold_the_line_do_not_keep_it_alive_between_them() {
+    let mut card = Card::new(&rig(), &[], LINE_NS).unwrap();
+    let time = |tick: u64| tick * TICK_NS;
+    for tick in 100..120 {
+        card.enable_line(1, tick, time(tick));
+        let powered = card.clock(tick, time(tick)).motor_power == 1;
+        assert_eq!(powered, tick >= 102, "tick {tick}");
+    }
+    // The one that toggled holds its last level, and another one beside it, which has never toggled.
+    let dead: Vec<u64> = (120..160)
+        .filter(|tick| {
+            card.enable_line(1, 119, time(*tick));
+            card.enable_line(2, 0, time(*tick));
+            card.clock(*tick, time(*tick)).motor_power == 0
+        })
+        .collect();
+    assert_eq!(dead, (130..160).collect::<Vec<_>>(), "power ends with the last edge that one of them made");
+    // Once there is one again that toggles, there is power again.
+    for tick in 160..170 {
+        card.enable_line(2, tick, time(tick));
+    }
+    assert_eq!(card.clock(170, time(170)).motor_power, 1);
 }

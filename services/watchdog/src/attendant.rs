@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
@@ -21,6 +21,8 @@ const ROUND: Duration = Duration::from_millis(2);
 const KEEPER_EVERY: Duration = Duration::from_millis(50);
 /// How long the loop may take to do a verb.
 const VERB_LIMIT: Duration = Duration::from_millis(500);
+/// An attendant that has not gone round for so long hangs (ns): twice what a verb may take.
+const PATIENCE_NS: u64 = 1_000_000_000;
 
 /// What the loop and the attendant share. Nothing here blocks.
 #[derive(Debug)]
@@ -37,6 +39,8 @@ pub(crate) struct Shared {
     pub(crate) state: AtomicU8,
     /// The attendant gave up.
     pub(crate) deaf: AtomicBool,
+    /// How often it went round.
+    pub(crate) rounds: AtomicU64,
 }
 
 impl Shared {
@@ -48,6 +52,40 @@ impl Shared {
             keeper: AtomicBool::new(true),
             state: AtomicU8::new(WatchdogState::Faulted.code()),
             deaf: AtomicBool::new(false),
+            rounds: AtomicU64::new(0),
+        }
+    }
+}
+
+/// Whether the attendant goes round, as the loop sees it. One that hangs hears no `estop` and sees no launcher die.
+#[derive(Debug, Default)]
+pub(crate) struct Attendance {
+    rounds: u64,
+    since_ns: Option<u64>,
+}
+
+impl Attendance {
+    /// Whether it went round lately; `rounds` as it counts them.
+    pub(crate) fn holds(&mut self, rounds: u64, now_ns: u64) -> bool {
+        if rounds != self.rounds {
+            (self.rounds, self.since_ns) = (rounds, Some(now_ns));
+        }
+        now_ns.saturating_sub(*self.since_ns.get_or_insert(now_ns)) <= PATIENCE_NS
+    }
+}
+
+/// Held by the attendant's thread: however it ends before the process is to, a panic among it, the watchdog ends too, and the service
+/// manager starts it anew. Without ears it must not go on.
+struct Ears {
+    shared: Arc<Shared>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Drop for Ears {
+    fn drop(&mut self) {
+        if !self.stop.load(Ordering::Relaxed) {
+            self.shared.deaf.store(true, Ordering::Relaxed);
+            self.stop.store(true, Ordering::Relaxed);
         }
     }
 }
@@ -103,11 +141,9 @@ pub(crate) fn start(
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
-        if let Err(error) = attend(&name, &shared, &stop) {
+        let ears = Ears { shared, stop };
+        if let Err(error) = attend(&name, &ears.shared, &ears.stop) {
             eprintln!("farreach watchdog: the operator's verbs are not heard: {error}");
-            // Without ears the watchdog must not go on: it ends with an error, and the service manager starts it anew.
-            shared.deaf.store(true, Ordering::Relaxed);
-            stop.store(true, Ordering::Relaxed);
         }
     })
 }
@@ -138,6 +174,7 @@ fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Atte
             |verb: Verb| answer(verb, shared),
             |error| eprintln!("farreach watchdog: a verb could not be answered: {error}"),
         )?;
+        shared.rounds.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(ROUND);
     }
     Ok(())
@@ -192,6 +229,33 @@ mod tests {
         let said = answer(Verb::Arm, &shared);
         loop_thread.join().unwrap();
         assert!(!said.done && said.reason.contains("moves"), "{said:?}");
+    }
+
+    #[test]
+    fn an_attendant_that_panics_ends_the_watchdog() {
+        let (shared, stop) = (Arc::new(Shared::new()), Arc::new(AtomicBool::new(false)));
+        let ears = Ears { shared: Arc::clone(&shared), stop: Arc::clone(&stop) };
+        let thread = std::thread::spawn(move || {
+            let _ears = ears;
+            panic!("as a port may");
+        });
+        assert!(thread.join().is_err());
+        assert!(shared.deaf.load(Ordering::Relaxed) && stop.load(Ordering::Relaxed));
+        // One that ends because it is to is not deaf.
+        let shared = Arc::new(Shared::new());
+        drop(Ears { shared: Arc::clone(&shared), stop });
+        assert!(!shared.deaf.load(Ordering::Relaxed));
+    }
+
+    #[test]
+    fn an_attendant_that_hangs_is_noticed_and_a_slow_one_is_not() {
+        let mut attendance = Attendance::default();
+        assert!(attendance.holds(0, 5_000_000_000), "its time begins with the first look");
+        assert!(attendance.holds(0, 5_000_000_000 + PATIENCE_NS));
+        assert!(!attendance.holds(0, 5_000_000_001 + PATIENCE_NS));
+        assert!(attendance.holds(1, 7_000_000_000), "it goes round again");
+        assert!(attendance.holds(1, 7_000_000_000 + PATIENCE_NS));
+        assert!(!attendance.holds(1, 9_000_000_000));
     }
 
     #[test]

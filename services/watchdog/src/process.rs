@@ -13,7 +13,7 @@ use runtime::clock::now_ns;
 use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
 use thiserror::Error;
 
-use crate::attendant::{self, Shared};
+use crate::attendant::{self, Attendance, Shared};
 use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers};
 
 /// `arm` takes an axis that moves by fewer counts than this within the speed window as at rest.
@@ -108,6 +108,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
         true,
     ));
     let mut toggles = 0;
+    let mut attendance = Attendance::default();
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
         while let Some(sample) = samples.take()? {
@@ -154,7 +155,10 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }
-        service.beat();
+        // Who does not beat is killed, which takes the motor's power away, and started anew.
+        if attendance.holds(shared.rounds.load(Ordering::Relaxed), end) {
+            service.beat();
+        }
     }
     // The motor first: leave is withdrawn in good order, and the line stands still.
     let now = now_ns();

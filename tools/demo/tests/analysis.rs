@@ -161,7 +161,7 @@ fn leaves_only_the_resolution(rig: &RigFile, peak_v: f64, effect: &str) {
     let slave = axis.slave.unwrap();
     let card = |effects: &[String]| {
         let mut card = simulator::Card::new(rig, effects, u64::MAX).unwrap();
-        (0..3).for_each(|toggles| card.enable_line(toggles, 0));
+        (0..3).for_each(|toggles| card.enable_line(1, toggles, 0));
         let row = |tick: u64| {
             let time_s = tick as f64 * 5e-4;
             card.write([peak_v * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);

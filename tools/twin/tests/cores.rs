@@ -108,7 +108,7 @@ impl Rig {
 
     fn simulator(&mut self, tick: u64, now: u64) {
         for (toggles, time_ns) in self.lines.drain(..) {
-            self.card.enable_line(toggles, time_ns);
+            self.card.enable_line(1, toggles, time_ns);
         }
         if let Some(volts) = self.output.take() {
             self.card.write(volts, 0, ACQUISITION);
