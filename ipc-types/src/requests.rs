@@ -81,7 +81,7 @@ pub enum ExperimentRequest {
         /// File name, for messages.
         name: String,
     },
-    /// Stop playing; control ramps to hold.
+    /// Stop playing: the handle comes to rest, is held for a moment, and the volts go to 0.
     Stop,
     /// How far is it?
     Status,

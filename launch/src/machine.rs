@@ -111,7 +111,7 @@ enum State {
     Inactive,
     Starting { deadline: Duration },
     Ready { since: Duration, pinged: Duration },
-    Killing,
+    Killing { deadline: Duration },
     BackOff { until: Duration },
     Stopping { deadline: Duration, killed: bool, then_start: bool },
     Failed,
@@ -128,6 +128,14 @@ struct Slot {
     reason: Option<String>,
     stop_asked: Option<Duration>,
     stop_killed: bool,
+}
+
+impl Slot {
+    /// Not even SIGKILL ended it: it hangs in the kernel. The others must not wait for it.
+    fn outlived(&mut self) {
+        self.reason = Some("it outlived SIGKILL".to_owned());
+        self.state = State::Failed;
+    }
 }
 
 /// The state of all units of a rig.
@@ -187,7 +195,7 @@ impl Machine {
             State::Inactive => UnitState::Inactive,
             State::Starting { .. } => UnitState::Starting,
             State::Ready { .. } => UnitState::Ready,
-            State::Killing => UnitState::Killing,
+            State::Killing { .. } => UnitState::Killing,
             State::BackOff { .. } if self.gates_open(unit) => UnitState::BackOff,
             State::BackOff { .. } => UnitState::Gated,
             State::Stopping { .. } => UnitState::Stopping,
@@ -245,7 +253,7 @@ impl Machine {
             }
             _ if self.phase == Phase::Stopping => slot.state = State::Inactive,
             State::Stopping { .. } => slot.state = State::Inactive,
-            State::Killing => self.start_again(unit, now),
+            State::Killing { .. } => self.start_again(unit, now),
             State::Starting { .. } => {
                 slot.failed_starts += 1;
                 slot.reason = Some(format!("it ended before it was ready: {exit}"));
@@ -293,7 +301,7 @@ impl Machine {
                 slot.state = State::BackOff { until: now };
                 Vec::new()
             }
-            State::Killing | State::Stopping { .. } => Vec::new(),
+            State::Killing { .. } | State::Stopping { .. } => Vec::new(),
         })
     }
 
@@ -323,8 +331,9 @@ impl Machine {
         (0..self.slots.len())
             .filter_map(|unit| match self.slots[unit].state {
                 State::Starting { deadline } | State::Stopping { deadline, .. } => Some(deadline),
+                State::Killing { deadline } if self.phase == Phase::Stopping => Some(deadline),
                 State::Ready { pinged, .. } => self.slots[unit].policy.watchdog.map(|watchdog| pinged + watchdog),
-                State::BackOff { until } if self.gates_open(unit) => Some(until),
+                State::BackOff { until } if self.gates_open(unit) || self.gates_ended(unit) => Some(until),
                 _ => None,
             })
             .min()
@@ -338,7 +347,7 @@ impl Machine {
             State::Starting { deadline } if now >= deadline && !stopping => {
                 slot.failed_starts += 1;
                 slot.reason = Some(format!("it was not ready within {:?}", slot.policy.timeout_start));
-                slot.state = State::Killing;
+                slot.state = State::Killing { deadline: now + slot.policy.timeout_stop };
                 actions.push(Action::Kill(unit));
             }
             State::Ready { since, pinged } if !stopping => {
@@ -347,25 +356,41 @@ impl Machine {
                     slot.back_off_steps = 0;
                 }
                 slot.reason = Some(format!("its watchdog was silent for {watchdog:?}"));
-                slot.state = State::Killing;
+                slot.state = State::Killing { deadline: now + slot.policy.timeout_stop };
                 actions.push(Action::Kill(unit));
             }
             State::Stopping { deadline, killed, then_start } if now >= deadline => {
                 if killed {
-                    // Not even SIGKILL ended it: it hangs in the kernel. The others must not wait for it.
-                    slot.reason = Some("it outlived SIGKILL".to_owned());
-                    slot.state = State::Failed;
+                    slot.outlived();
                 } else {
                     slot.stop_killed = true;
                     slot.state = State::Stopping { deadline: now + slot.policy.timeout_stop, killed: true, then_start };
                     actions.push(Action::Kill(unit));
                 }
             }
+            State::Killing { deadline } if stopping && now >= deadline => slot.outlived(),
             _ => {}
         }
     }
 
+    /// What was ended in good order comes again for those that need it, as `Wants=` has it: nobody else would start it.
+    fn start_gates(&mut self, now: Duration) {
+        for unit in 0..self.slots.len() {
+            if !matches!(self.slots[unit].state, State::BackOff { until } if now >= until) {
+                continue;
+            }
+            for gate in self.slots[unit].policy.gates.clone() {
+                if matches!(self.slots[gate].state, State::Inactive) {
+                    self.slots[gate].state = State::BackOff { until: now };
+                }
+            }
+        }
+    }
+
     fn start_due(&mut self, now: Duration, actions: &mut Vec<Action>) {
+        if self.phase == Phase::Up {
+            self.start_gates(now);
+        }
         for unit in 0..self.slots.len() {
             let due = match self.slots[unit].state {
                 State::Inactive if self.phase == Phase::BringUp => {
@@ -421,6 +446,11 @@ impl Machine {
 
     fn gates_open(&self, unit: usize) -> bool {
         self.slots[unit].policy.gates.iter().all(|&gate| self.is_ready(gate))
+    }
+
+    /// Whether a gate was ended in good order, and is to come again.
+    fn gates_ended(&self, unit: usize) -> bool {
+        self.slots[unit].policy.gates.iter().any(|&gate| matches!(self.slots[gate].state, State::Inactive))
     }
 
     /// Plans the next start, or gives up.

@@ -110,6 +110,36 @@ fn no_worker_starts_while_the_keeper_is_down() {
 }
 
 #[test]
+fn a_keeper_that_was_ended_in_good_order_comes_again_for_who_needs_it() {
+    let mut machine = up();
+    machine.exited(KEEPER, Exit::Code(0), MS);
+    assert_eq!(machine.tick(10 * MS), [], "nobody needs it yet");
+    assert_eq!(machine.state(KEEPER), UnitState::Inactive);
+    machine.exited(CONTROL, Exit::Signal(9), 11 * MS);
+    assert_eq!(machine.next_deadline(), Some(61 * MS));
+    assert_eq!(machine.tick(61 * MS), [Action::Start(KEEPER)]);
+    machine.ready(KEEPER, 62 * MS);
+    assert_eq!(machine.tick(62 * MS), [Action::Start(CONTROL)]);
+}
+
+#[test]
+fn what_outlives_its_kill_is_not_waited_for_when_all_is_stopped() {
+    let mut machine = up();
+    assert_eq!(machine.tick(20 * MS), [Action::Kill(CONTROL)], "its watchdog was silent");
+    machine.stop_all();
+    assert_eq!(machine.tick(25 * MS), [Action::AskToStop(WATCHDOG)]);
+    machine.exited(WATCHDOG, Exit::Code(0), 26 * MS);
+    assert_eq!(machine.tick(26 * MS), [], "the keeper waits for what is being killed");
+    assert_eq!(machine.next_deadline(), Some(50 * MS));
+    assert_eq!(machine.tick(50 * MS), [Action::AskToStop(KEEPER)]);
+    assert_eq!(machine.state(CONTROL), UnitState::Failed);
+    assert!(machine.reason(CONTROL).unwrap().contains("outlived"));
+    machine.exited(KEEPER, Exit::Code(0), 51 * MS);
+    assert_eq!(machine.tick(51 * MS), []);
+    assert_eq!(machine.phase(), Phase::Down);
+}
+
+#[test]
 fn a_start_that_hangs_is_killed_and_tried_again_then_all_is_stopped() {
     let mut machine = Machine::new(policies());
     let mut now = Duration::ZERO;

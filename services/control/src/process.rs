@@ -108,11 +108,12 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
             }
             sample = Some(newest);
         }
-        if let Some(newest) = setpoints.latest()? {
-            match admission.admit(now_ns(), &newest) {
-                Ok(()) => setpoint = Some(newest),
+        // Each of them: of two senders' the last one to be handed out is not the one to be followed.
+        while let Some(next) = setpoints.take()? {
+            match admission.admit(now_ns(), &next) {
+                Ok(()) => setpoint = Some(next),
                 Err(refusal) => {
-                    if let Some(notice) = admission.notice(now_ns(), refusal, &newest) {
+                    if let Some(notice) = admission.notice(now_ns(), refusal, &next) {
                         events.send(notice.event())?;
                     }
                 }

@@ -225,7 +225,9 @@ impl Runner {
         }
         while let Ok(order) = self.link.orders.pop() {
             match order {
-                Order::Play(number, program) => {
+                // Who asked was told that it is not played: nothing may move behind their back.
+                Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
+                Order::Play(number, program, _) => {
                     // The desk holds this program and the one before it: nothing is freed here.
                     self.player.start(program);
                     (self.taken, self.playing, self.stopping) = (number, number, false);

@@ -45,7 +45,7 @@ pub enum Command {
     /// Cuts the motor's power at once; stays so until `reset`
     #[command(after_help = "Example:\n  farreach estop")]
     Estop(Json),
-    /// Runs a protocol on an armed rig; Ctrl-C stops it, and control ramps to hold
+    /// Runs a protocol on an armed rig; Ctrl-C stops it: the handle comes to rest
     #[command(after_help = "Examples:\n  farreach run guided-1hz\n  \
         farreach run launch/protocols/guided-1hz.toml --subject S07 --set segments.0.amplitude_deg=20")]
     Run(RunArguments),

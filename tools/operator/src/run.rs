@@ -55,7 +55,7 @@ pub enum RunOutcome {
         /// Time played (s).
         elapsed_s: f64,
     },
-    /// The caller asked for it; control ramps to hold.
+    /// The caller asked for it: the handle comes to rest, is held for a moment, and the volts go to 0.
     Stopped {
         /// Time played (s).
         elapsed_s: f64,
@@ -102,7 +102,11 @@ pub fn run_protocol(
         Some(subject) => format!("{} (subject {subject})", protocol.name),
         None => protocol.name.clone(),
     };
-    let begun = link.experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name })?;
+    let begun =
+        link.experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name }).inspect_err(|_| {
+            // It may have heard, and play.
+            let _stopped = link.experiment(&ExperimentRequest::Stop);
+        })?;
     if !begun.error.is_empty() {
         return Err(Error::Experiment(begun.error));
     }

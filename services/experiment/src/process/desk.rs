@@ -162,7 +162,8 @@ impl Clerk {
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
         self.current = Some(Current { order, text: text.to_owned(), program: Arc::clone(&program) });
-        self.order(order, Order::Play(order, program))
+        let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
+        self.order(order, Order::Play(order, program, before_ns))
     }
 
     fn stop(&mut self) -> Result<(), String> {

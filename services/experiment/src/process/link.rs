@@ -20,8 +20,8 @@ const NOTES: usize = 256;
 /// What the loop is told.
 #[derive(Debug)]
 pub(super) enum Order {
-    /// Play this.
-    Play(u32, Arc<Program>),
+    /// Play this, unless it is taken later than that (ns): who asked was told by then that it is not played.
+    Play(u32, Arc<Program>, u64),
     /// Stop playing.
     Stop(u32),
 }

@@ -128,10 +128,15 @@ fn json_of(outcome: &RunOutcome) -> serde_json::Value {
 fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
     match outcome {
         RunOutcome::Completed { elapsed_s } => {
-            writeln!(out, "completed, {elapsed_s:.1} s; the motor holds (farreach disarm takes its power away)")
+            writeln!(
+                out,
+                "completed, {elapsed_s:.1} s; the motor is at 0 V and enabled (farreach disarm takes its power away)"
+            )
         }
         RunOutcome::Stopped { elapsed_s } => {
-            eprintln!("farreach: stopped after {elapsed_s:.1} s; control ramps to hold, the motor keeps its power");
+            eprintln!(
+                "farreach: stopped after {elapsed_s:.1} s; the handle comes to rest, the motor goes to 0 V and stays enabled"
+            );
             Ok(())
         }
         RunOutcome::Tripped { state, cause, faults } => {
