@@ -185,7 +185,15 @@ impl Logger {
         };
         let mark = format!("{session:016x}");
         let begun = fs::read_to_string(directory.join(BEGUN)).is_ok_and(|text| text.trim() == mark);
+        let set_mark = || {
+            let path = directory.join(BEGUN);
+            fs::write(&path, &mark).map_err(|source| LoggerError::StateDirectory { path, source })
+        };
         if let Some(kept) = kept {
+            // A logger that was killed between the beginning and its mark would ask for part 1 anew once this is ended.
+            if record == Some(kept.path.as_path()) {
+                set_mark()?;
+            }
             let request = StartRequest::going_on(kept);
             let path = request.path.clone();
             if let Err(reason) = self.start_and_wait(request)? {
@@ -200,8 +208,7 @@ impl Logger {
             if let Err(reason) = self.start_and_wait(request)? {
                 return Err(LoggerError::NotBegun { path: path.to_owned(), reason });
             }
-            let path = directory.join(BEGUN);
-            fs::write(&path, mark).map_err(|source| LoggerError::StateDirectory { path, source })?;
+            set_mark()?;
         }
         Ok(())
     }

@@ -129,9 +129,13 @@ fn the_logger_from_first_message_to_second_part() {
     let kinds: Vec<_> = events(&first).into_iter().map(|(kind, _)| kind).collect();
     assert_eq!(kinds, [EventKind::RecordingStarted, EventKind::ProcessStarted, EventKind::ProcessEnding]);
 
-    // started again in the same session it goes on in the next part, not from the start
+    // started again in the same session it goes on in the next part, not from the start; also where it was killed before it could note
+    // that it had begun
+    let begun = name.run_directory().join("recording.begun");
+    std::fs::remove_file(&begun).unwrap();
     let logger = launch(&options).unwrap();
     let second = directory.path().join("run.part2.mcap");
+    assert!(begun.exists(), "once this part is ended, a logger that starts again must not ask for part 1");
     assert_eq!(ask(&service, &LoggerRequest::Status).recording.as_deref(), Some(second.to_str().unwrap()));
     publish(300..350);
     // the answer to a stop means that everything published before is on disk

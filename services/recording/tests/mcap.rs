@@ -188,6 +188,40 @@ fn a_file_cut_anywhere_reads_as_a_prefix() {
     assert_eq!(longest, 3000);
 }
 
+/// Where records of a kind begin.
+fn records_of(bytes: &[u8], opcode: u8) -> Vec<usize> {
+    let mut at = 8;
+    let mut found = Vec::new();
+    while at + 9 <= bytes.len() - 8 {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
+        if bytes[at] == opcode {
+            found.push(at);
+        }
+        at += 9 + length as usize;
+    }
+    found
+}
+
+#[test]
+fn a_file_cut_within_the_indices_of_its_last_chunk_hides_none_of_its_messages() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = dir.path().join("whole.mcap");
+    write_file(&whole, 3000);
+    let bytes = fs::read(&whole).unwrap();
+    let path = dir.path().join("cut.mcap");
+    let indices = records_of(&bytes, 7);
+    assert!(indices.len() > 3, "{indices:?}");
+    for place in indices.into_iter().flat_map(|index| [index, index + 5]) {
+        fs::write(&path, &bytes[..place]).unwrap();
+        let recording = Recording::open(&path).unwrap();
+        // The check reads every chunk, whatever its indices say.
+        let check = recording.check().unwrap();
+        let counted = |topic: &str| check.topics.iter().find(|found| found.topic == topic).unwrap().count;
+        let read = recording.messages::<MotorCommand>("command").unwrap().count() as u64;
+        assert_eq!((samples(&recording).len() as u64, read), (counted("sample"), counted("command")), "{place}");
+    }
+}
+
 #[test]
 fn zeros_behind_the_data_are_a_torn_tail() {
     let dir = tempfile::tempdir().unwrap();

@@ -196,6 +196,26 @@ fn repeated_samples_are_left_out_and_said() {
 }
 
 #[test]
+fn scans_that_a_new_acquisition_reads_again_are_left_out_and_a_clock_that_goes_back_is_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let from = |incarnation: u64, tick: u64| Sample { incarnation, ..sample(tick) };
+    let read = |name: &str, samples: Vec<Sample>| {
+        let path = dir.path().join(name);
+        write(&path, samples.into_iter());
+        from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default())
+    };
+    // The one before had taken three scans, and was killed before it told the card.
+    let taken_over = (0..100).map(|tick| from(1, tick)).chain((97..200).map(|tick| from(2, tick)));
+    let record = read("taken-over.mcap", taken_over.collect()).unwrap();
+    assert_eq!((record.len(), record.findings[0].rows), (200, 3));
+    // The same by one and the same acquisition, or from long before, is no repetition.
+    let back = (0..100).map(|tick| from(1, tick)).chain((97..200).map(|tick| from(1, tick)));
+    assert!(read("back.mcap", back.collect()).is_err());
+    let anew = (1000..1100).map(|tick| from(1, tick)).chain((0..200).map(|tick| from(2, tick)));
+    assert!(read("anew.mcap", anew.collect()).is_err());
+}
+
+#[test]
 fn the_measured_sets_of_others_are_read() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     for (name, rows, sampling_s, column) in

@@ -60,6 +60,12 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     }
     let mut found = Found::default();
     let tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
+    if !tail.complete
+        && let Some(last) = found.blocks.last_mut()
+    {
+        // The file may end among the indices of its last chunk: which channels are in it is not known then.
+        last.channels = None;
+    }
     let mut recording = Recording {
         path: path.to_owned(),
         file,

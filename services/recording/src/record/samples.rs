@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use ipc_types::{ANALOG, AXES, Backend, SAMPLE, Sample};
+use ipc_types::{ANALOG, AXES, Backend, CARD_FIFO, SAMPLE, Sample};
 
 use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
 use crate::mcap_read::Recording;
@@ -64,6 +64,11 @@ impl SampleColumns {
     }
 }
 
+/// Whether a scan is one that the card may hand out again to whoever takes over.
+const fn read_again(newest: u64, tick: u64) -> bool {
+    tick < newest && newest - tick <= CARD_FIFO as u64
+}
+
 /// Reads the samples of a recording.
 ///
 /// # Errors
@@ -91,8 +96,14 @@ pub fn from_recording(
     let mut repeated = 0u64;
     for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
         let sample = sample?.message;
+        // An acquisition that takes over reads again what its predecessor had not yet told the card that it has: one scan, or several.
         match samples.last() {
-            Some((_, last)) if last.tick == sample.tick => repeated += 1,
+            Some((_, last))
+                if last.tick == sample.tick
+                    || last.incarnation != sample.incarnation && read_again(last.tick, sample.tick) =>
+            {
+                repeated += 1;
+            }
             _ => samples.push((index as u64 + 1, sample)),
         }
     }
