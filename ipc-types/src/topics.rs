@@ -14,6 +14,10 @@ pub enum Rate {
     Acquisition,
     /// Once per control cycle (rig file, 500 Hz unless said).
     Control,
+    /// Once per cycle of the experiment (rig file, 500 Hz unless said).
+    Experiment,
+    /// Once per cycle of the watchdog (rig file, 1,000 Hz unless said).
+    Watchdog,
     /// A fixed rate (Hz).
     Hertz(u32),
     /// When something happens.
@@ -105,15 +109,15 @@ pub const SAMPLE: TypedTopic<Sample> = topic("sample", Process::Acquisition, Rat
 /// Control's commands; no history, so that a late joiner never sees an old one.
 pub const COMMAND: TypedTopic<MotorCommand> = topic("command", Process::Control, Rate::Control, 512, 0);
 /// The watchdog's tokens; no history, so that a late joiner never sees an old one.
-pub const TOKEN: TypedTopic<EnableToken> = topic("token", Process::Watchdog, Rate::Hertz(1000), 512, 0);
+pub const TOKEN: TypedTopic<EnableToken> = topic("token", Process::Watchdog, Rate::Watchdog, 512, 0);
 /// The watchdog's enable line; no history.
-pub const ENABLE_LINE: TypedTopic<EnableLine> = topic("enable_line", Process::Watchdog, Rate::Hertz(1000), 512, 0);
+pub const ENABLE_LINE: TypedTopic<EnableLine> = topic("enable_line", Process::Watchdog, Rate::Watchdog, 512, 0);
 /// The virtual card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that reads it.
 pub const CARD_SCAN: TypedTopic<CardScan> = topic("card_scan", Process::Simulator, Rate::Acquisition, 1024, CARD_FIFO);
 /// Volts for the virtual card; no history.
 pub const CARD_OUTPUT: TypedTopic<CardOutput> = topic("card_output", Process::Acquisition, Rate::Acquisition, 1024, 0);
 /// The setpoint.
-pub const SETPOINT: TypedTopic<Setpoint> = topic("setpoint", Process::Experiment, Rate::Control, 512, 0);
+pub const SETPOINT: TypedTopic<Setpoint> = topic("setpoint", Process::Experiment, Rate::Experiment, 512, 0);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.

@@ -98,6 +98,8 @@ fn the_table_of_topics_is_that_of_the_code() {
         let rate = match topic.rate {
             Rate::Acquisition => "each scan (rig file)".to_owned(),
             Rate::Control => "each control cycle (rig file)".to_owned(),
+            Rate::Experiment => "each cycle of the experiment (rig file)".to_owned(),
+            Rate::Watchdog => "each cycle of the watchdog (rig file)".to_owned(),
             Rate::Hertz(rate) => format!("{rate} Hz"),
             Rate::Sporadic => "when something happens".to_owned(),
         };

@@ -285,7 +285,9 @@ impl Axis {
             let advice = "limits this close look like radians; the values are in degrees";
             source.problem(&key, "a range of at least 5 degrees", format!("{span:.2} degrees"), advice);
         }
-        let per_scan = limits.speed_max * self.master.counts_per_unit / f64::from(rates.acquisition_hz);
+        // The watchdog holds both encoders to it.
+        let finest = self.slave.as_ref().map_or(0.0, |slave| slave.counts_per_unit).max(self.master.counts_per_unit);
+        let per_scan = limits.speed_max * finest / f64::from(rates.acquisition_hz);
         if (limits.encoder_jump_counts as f64) < 2.0 * per_scan {
             let expected =
                 format!("at least {:.0}, twice what the speed limit allows in one scan", (2.0 * per_scan).ceil());

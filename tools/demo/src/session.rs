@@ -139,7 +139,7 @@ impl<'a> Session<'a> {
                 done.unprovoked.push(self.unprovoked()?);
                 if done.unprovoked.len() >= UNPROVOKED {
                     bail!(
-                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach doctor)"
+                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach probe top)"
                     );
                 }
                 continue;

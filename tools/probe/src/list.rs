@@ -11,6 +11,8 @@ fn rate(rate: Rate) -> String {
     match rate {
         Rate::Acquisition => "acquisition".to_owned(),
         Rate::Control => "control".to_owned(),
+        Rate::Experiment => "experiment".to_owned(),
+        Rate::Watchdog => "watchdog".to_owned(),
         Rate::Hertz(hertz) => format!("{hertz} Hz"),
         Rate::Sporadic => "sporadic".to_owned(),
     }
