@@ -201,7 +201,7 @@ fn scans_that_a_new_acquisition_reads_again_are_left_out_and_a_clock_that_goes_b
     let from = |incarnation: u64, tick: u64| Sample { incarnation, ..sample(tick) };
     let read = |name: &str, samples: Vec<Sample>| {
         let path = dir.path().join(name);
-        write(&path, samples.into_iter());
+        write(&path, samples);
         from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default())
     };
     // The one before had taken three scans, and was killed before it told the card.
