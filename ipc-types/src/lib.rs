@@ -15,12 +15,14 @@ mod message;
 mod requests;
 mod topics;
 mod types;
+mod upkeep;
 
 pub use codes::*;
 pub use message::{CDR_HEADER, Field, Message, Primitive, Value};
 pub use requests::*;
 pub use topics::*;
 pub use types::*;
+pub use upkeep::*;
 
 /// Most axes that one rig has.
 pub const AXES: usize = 3;

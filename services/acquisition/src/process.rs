@@ -137,7 +137,8 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
             let end = now_ns();
             meter.record(&wake, end);
             if let Some(timing) = meter.due(&grid, end) {
-                timings.send(timing)?;
+                let losses = daq.losses().received(tokens.counters()).received(commands.counters());
+                timings.send(losses.sent(samples.undelivered()).told_in(timing))?;
                 // Events are rare: who joined since the last one gets those before through this.
                 service.refresh_events();
             }

@@ -3,7 +3,7 @@
 use ipc_types::{AXES, Backend, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardOutput, CardScan};
 use rig::RigFile;
 use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
-use runtime::{PortError, Publisher, Service, Subscriber};
+use runtime::{Losses, PortError, Publisher, Service, Subscriber};
 
 /// The simulator process as a card. Its FIFO outlives this object: a successor goes on behind the
 /// scans that this one said it had taken.
@@ -98,5 +98,9 @@ impl Daq for SimulatedDaq {
 
     fn scans_missed(&self) -> u64 {
         self.missed
+    }
+
+    fn losses(&self) -> Losses {
+        Losses::default().received(self.scans.counters()).sent(self.outputs.undelivered())
     }
 }

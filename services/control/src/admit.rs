@@ -105,6 +105,11 @@ struct Followed {
     mode: u8,
 }
 
+/// Whether it is refused to an owner who asked for nothing: the experiment at rest says passive for ever, whoever leads.
+fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
+    refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code()
+}
+
 /// Decides over setpoints one by one.
 #[derive(Clone, Debug)]
 pub struct Admission {
@@ -115,6 +120,8 @@ pub struct Admission {
     /// The sender that the present one took the place of, with the same owner.
     replaced: Option<u64>,
     refused: [u64; Refusal::ALL.len()],
+    /// of these, those of another owner who asked for nothing
+    idle: u64,
     told_ns: [Option<u64>; Refusal::ALL.len()],
 }
 
@@ -132,6 +139,7 @@ impl Admission {
             followed: None,
             replaced: None,
             refused: [0; Refusal::ALL.len()],
+            idle: 0,
             told_ns: [None; Refusal::ALL.len()],
         }
     }
@@ -170,7 +178,10 @@ impl Admission {
                     mode: setpoint.mode,
                 });
             }
-            Err(refusal) => self.refused[refusal as usize] += 1,
+            Err(refusal) => {
+                self.refused[refusal as usize] += 1;
+                self.idle += u64::from(is_idle(refusal, setpoint));
+            }
         }
         verdict
     }
@@ -178,7 +189,7 @@ impl Admission {
     /// What is to be told of a refusal of that setpoint; `None` where the reason was told within [`TELL_NS`], and where another
     /// owner asked for nothing: the experiment at rest says passive for ever.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
-        if refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code() {
+        if is_idle(refusal, setpoint) {
             return None;
         }
         let told = &mut self.told_ns[refusal as usize];
@@ -187,6 +198,11 @@ impl Admission {
         }
         *told = Some(now_ns);
         Some(Notice { refusal, sequence: setpoint.sequence, count: self.refused[refusal as usize] })
+    }
+
+    /// How many setpoints were refused, but for those of another owner who asked for nothing.
+    pub fn refused_in_all(&self) -> u64 {
+        self.refused.iter().sum::<u64>() - self.idle
     }
 
     /// How many setpoints were refused for a reason.

@@ -8,7 +8,7 @@ use ipc_types::{
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::admit::Admission;
@@ -138,7 +138,9 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         let end = now_ns();
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
-            timings.send(timing)?;
+            let heard = [samples.counters(), setpoints.counters(), tokens.counters()];
+            let losses = heard.into_iter().fold(Losses::default(), Losses::received).sent(commands.undelivered());
+            timings.send(Losses { refused: admission.refused_in_all(), ..losses }.told_in(timing))?;
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }

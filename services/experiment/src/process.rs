@@ -19,7 +19,7 @@ use ipc_types::{
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{MILLISECOND_NS, now_ns};
-use runtime::{Grid, LoopMeter, PortError, Publisher, Service, ServiceError, Subscriber, Wake};
+use runtime::{Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake};
 use thiserror::Error;
 
 use crate::player::{Change, Notice, Player, Program, Settings};
@@ -133,9 +133,10 @@ impl Runner {
             }
         };
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
-        let classroom = Classroom::open(session, directory.join(LESSON), learnt.clone(), service.domain().profile())
-            .map_err(ServiceError::from)?;
         let (link, desk_end) = link::link();
+        let profile = service.domain().profile();
+        let classroom = Classroom::open(session, directory.join(LESSON), learnt.clone(), profile, link.dropped.clone())
+            .map_err(ServiceError::from)?;
         // Before the desk opens: who asks at once is told of what is taken up.
         link.progress.tell(0, &player.status(), 0);
         let clerk = Clerk {
@@ -198,7 +199,7 @@ impl Runner {
             let end = now_ns();
             meter.record(&wake, end);
             if let Some(timing) = meter.due(&self.grid, end) {
-                self.timings.send(timing)?;
+                self.timings.send(self.losses().told_in(timing))?;
                 if self.desk.is_closed() || self.classroom.is_closed() {
                     return Err(ExperimentError::DeskClosed);
                 }
@@ -255,7 +256,9 @@ impl Runner {
             if let Some(change) = output.change {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
                 // A full ring means that the desk stands still for minutes; then only a restart resumes too early.
-                let _ = self.link.notes.push(Note { order: self.playing, change });
+                if self.link.notes.push(Note { order: self.playing, change }).is_err() {
+                    self.link.dropped.count();
+                }
             }
         }
         while let Some(homework) = self.player.homework() {
@@ -266,6 +269,11 @@ impl Runner {
         }
         self.link.progress.tell(self.taken, &self.player.status(), sample_ns);
         Ok(())
+    }
+
+    fn losses(&self) -> Losses {
+        let losses = Losses::default().received(self.samples.counters()).sent(self.setpoints.undelivered());
+        Losses { dropped: self.link.dropped.so_far(), ..losses }
     }
 
     fn heartbeat(&mut self, profile: Profile) -> Result<(), PortError> {

@@ -397,7 +397,7 @@ impl Logger {
         }
         let lost = (0..TOPICS.len()).map(|topic| self.sink.counters(topic)).map(|c| c.gaps + c.dropped + c.refused);
         let message = Heartbeat {
-            lost: lost.sum(),
+            lost: lost.sum::<u64>() + self.sink.unknown(),
             queued: self.sink.queued() as u64,
             pid: std::process::id(),
             source: Process::Logger.code(),

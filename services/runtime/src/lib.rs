@@ -51,5 +51,5 @@ pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_
 pub use realtime::{Grants, Lives, lives};
 pub use request::{RequestError, Server, call};
 pub use service::{Service, ServiceError};
-pub use timing::LoopMeter;
+pub use timing::{LoopMeter, Losses};
 pub use worker::Worker;

@@ -1,10 +1,14 @@
-//! How punctual a loop was: histograms of wake lateness and execution time, and the message of them.
+//! How punctual a loop was: histograms of wake lateness and execution time; what its process missed; and the message of both.
+
+use std::fmt;
 
 use hdrhistogram::Histogram;
 use ipc_types::{LoopTiming, Process};
+use serde::Serialize;
 
 use crate::clock::SECOND_NS;
 use crate::grid::{Grid, Wake};
+use crate::ports::Counters;
 use crate::realtime::Grants;
 
 /// Lowest value that the histograms tell apart (ns).
@@ -23,6 +27,88 @@ fn percentiles(histogram: &Histogram<u64>) -> [u64; 4] {
         histogram.value_at_quantile(0.999),
         histogram.max(),
     ]
+}
+
+/// What a process missed, or could not hand on, since it started.
+///
+/// ```
+/// use runtime::{Counters, Losses};
+/// let (samples, tokens) = (Counters { lost: 2, ..Counters::default() }, Counters::default());
+/// let losses = Losses::default().received(samples).received(tokens).sent(1);
+/// assert_eq!((losses.lost, losses.undelivered), (2, 1));
+/// assert_eq!(losses.to_string(), "2 messages lost on the way to it, 1 of its own not delivered");
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Losses {
+    /// Messages of other processes that are missing in their sequence.
+    pub lost: u64,
+    /// Messages of other processes whose sequence repeated or went backwards.
+    pub out_of_turn: u64,
+    /// Senders that died while they were being connected.
+    pub connections_failed: u64,
+    /// Own messages that a subscriber did not get.
+    pub undelivered: u64,
+    /// What found a queue between the process's own threads full.
+    pub dropped: u64,
+    /// Setpoints that were not followed.
+    pub refused: u64,
+}
+
+impl Losses {
+    /// Those that a process told.
+    pub fn told_by(timing: &LoopTiming) -> Self {
+        let &LoopTiming { lost, out_of_turn, connections_failed, undelivered, dropped, refused, .. } = timing;
+        Self { lost, out_of_turn, connections_failed, undelivered, dropped, refused }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// With what a subscriber saw.
+    #[must_use]
+    pub fn received(self, counters: Counters) -> Self {
+        Self {
+            lost: self.lost + counters.lost,
+            out_of_turn: self.out_of_turn + counters.backwards,
+            connections_failed: self.connections_failed + counters.connections_failed,
+            ..self
+        }
+    }
+
+    /// With what a publisher could not deliver ([`crate::Publisher::undelivered`]).
+    #[must_use]
+    pub fn sent(self, undelivered: u64) -> Self {
+        Self { undelivered: self.undelivered + undelivered, ..self }
+    }
+
+    /// The message with them in it.
+    #[must_use]
+    pub fn told_in(self, timing: LoopTiming) -> LoopTiming {
+        let Self { lost, out_of_turn, connections_failed, undelivered, dropped, refused } = self;
+        LoopTiming { lost, out_of_turn, connections_failed, undelivered, dropped, refused, ..timing }
+    }
+}
+
+impl fmt::Display for Losses {
+    /// Those that there are.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all = [
+            (self.lost, "messages lost on the way to it"),
+            (self.out_of_turn, "out of turn"),
+            (self.connections_failed, "senders dead while being connected"),
+            (self.undelivered, "of its own not delivered"),
+            (self.dropped, "dropped at a full queue of its own"),
+            (self.refused, "setpoints refused"),
+        ];
+        let mut said = all.into_iter().filter(|(count, _)| *count > 0);
+        match said.next() {
+            Some((count, what)) => write!(f, "{count} {what}")?,
+            None => f.write_str("nothing lost")?,
+        }
+        said.try_for_each(|(count, what)| write!(f, ", {count} {what}"))
+    }
 }
 
 /// Collects the timing of one loop. Allocates only when made.
@@ -104,6 +190,20 @@ mod tests {
     use ipc_types::Profile;
 
     use super::*;
+
+    #[test]
+    fn losses_pass_through_the_message() {
+        let saw = Counters { received: 9, lost: 1, backwards: 2, incarnations: 4, connections_failed: 3 };
+        let losses = Losses::default().received(saw).received(saw).sent(4);
+        let losses = Losses { dropped: 5, refused: 6, ..losses };
+        assert_eq!(Losses::told_by(&losses.told_in(LoopTiming::default())), losses);
+        assert_eq!([losses.lost, losses.out_of_turn, losses.connections_failed, losses.undelivered], [2, 4, 6, 4]);
+        let all = "2 messages lost on the way to it, 4 out of turn, 6 senders dead while being connected, 4 of its own not \
+                   delivered, 5 dropped at a full queue of its own, 6 setpoints refused";
+        assert_eq!(losses.to_string(), all);
+        assert!(Losses::default().is_empty() && !losses.is_empty());
+        assert_eq!(Losses::default().to_string(), "nothing lost");
+    }
 
     #[test]
     fn interval_is_reset_and_total_is_not() {

@@ -7,7 +7,7 @@ use ipc_types::{
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::card::{Card, CardError};
@@ -87,7 +87,8 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
         let end = now_ns();
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
-            timings.send(timing)?;
+            let losses = Losses::default().received(outputs.counters()).received(lines.counters());
+            timings.send(losses.sent(scans.undelivered()).told_in(timing))?;
             // Events are rare: who joined since the last one gets those before through this.
             service.refresh_events();
         }

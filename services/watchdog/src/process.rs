@@ -10,7 +10,7 @@ use ipc_types::{
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::attendant::{self, Attendance, Shared};
@@ -151,7 +151,8 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
         let end = now_ns();
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
-            timings.send(timing)?;
+            let losses = Losses::default().received(samples.counters()).received(commands.counters());
+            timings.send(losses.sent(tokens.undelivered()).sent(lines.undelivered()).told_in(timing))?;
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }

@@ -310,6 +310,15 @@ pub fn what_is_left(left: &Left) -> String {
     }
 }
 
+/// What is drawn of the residual before effects and of that with them, each with its name and colour: one where the two are the same, for want
+/// of an effect or of one that acts on the channel, since the second would hide the first.
+pub(crate) fn drawn<T: PartialEq>(before: T, after: T) -> Vec<(&'static str, Colour, T)> {
+    if before == after {
+        return vec![("declared model, and with effects", Colour::Vermillion, before)];
+    }
+    vec![("declared model", Colour::Vermillion, before), ("with effects", Colour::Blue, after)]
+}
+
 /// Residuals against a variable: mean and standard deviation in forty bins with equal numbers of rows.
 pub(crate) fn banded(what: &str, unit: &str, force: &str, values: &[f64], before: &[f64], after: &[f64]) -> Figure {
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -326,9 +335,7 @@ pub(crate) fn banded(what: &str, unit: &str, force: &str, values: &[f64], before
     }
     let mut figure =
         Figure::new("", format!("{what} / {unit}"), format!("residual / {force}")).size(680, 270).horizontal("", 0.0);
-    for (name, colour, points) in
-        [("declared model", Colour::Vermillion, &series[0]), ("with effects", Colour::Blue, &series[1])]
-    {
+    for (name, colour, points) in drawn(&series[0], &series[1]) {
         let part = |f: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(f).collect::<Vec<f64>>();
         figure = figure.colour(colour).band("", &x, &part(&|p| p.0 - p.1), &part(&|p| p.0 + p.1)).colour(colour).line(
             name,

@@ -189,8 +189,8 @@ fn a_second_time_replaces_the_first() {
     let names: Vec<_> = rig.model.effects.iter().map(|effect| (effect.id, effect.parameters.clone())).collect();
     assert_eq!(names, [("leakage", vec![("conductance".to_owned(), 5e-13)])]);
     assert_eq!(text(&second).matches("Found in measured records").count(), 1);
-    assert_eq!(text(&second).matches("friction_smoothing_rad_s").count(), 1);
-    assert_eq!(text(&second).matches("friction_smoothing_shape").count(), 1);
+    assert_eq!(text(&second).matches("\nfriction_smoothing_rad_s = ").count(), 1);
+    assert_eq!(text(&second).matches("\nfriction_smoothing_shape = ").count(), 1);
 }
 
 #[test]

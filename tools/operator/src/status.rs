@@ -5,7 +5,7 @@ mod table;
 
 use ipc_types::{Backend, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause, WatchdogState};
 use launch::{RigState, UnitState};
-use runtime::{DomainError, RigName};
+use runtime::{DomainError, Losses, RigName};
 use serde::Serialize;
 
 use crate::{Error, RigLink};
@@ -123,6 +123,8 @@ pub struct ProcessStatus {
     pub lost: Option<u64>,
     /// Messages waiting in its own queue (slow processes).
     pub queued: Option<u64>,
+    /// What it missed, refused or could not hand on since its start (periodic processes).
+    pub losses: Option<Losses>,
     /// Its log file.
     pub log: Option<String>,
 }
@@ -315,6 +317,7 @@ impl RigStatus {
             row.execution_us = Some(timing.total_execution_ns.into());
             row.profile = Profile::from_code(timing.profile);
             row.heartbeat_age_ms = Some(seen.age_ms(timing.time_ns));
+            row.losses = Some(Losses::told_by(timing));
         }
         for beat in &seen.heartbeats {
             let Some(process) = ipc_types::Process::from_code(beat.source) else { continue };
@@ -374,6 +377,7 @@ impl ProcessStatus {
             heartbeat_age_ms: None,
             lost: None,
             queued: None,
+            losses: None,
             log: None,
         }
     }

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 
 use ipc_types::{LoopTiming, Message, Process, Profile, TOPICS, Topic};
-use runtime::RigName;
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
+use runtime::{Losses, RigName};
 
 use crate::args::TopArgs;
 use crate::attach::{self, Attached};
@@ -109,6 +109,13 @@ impl Board {
                     (false, ..) => "-",
                 },
             ));
+        }
+        for timing in &self.timings {
+            let losses = Losses::told_by(timing);
+            if !losses.is_empty() {
+                let process = Process::from_code(timing.source).map_or("?", Process::text);
+                line(format!("{process}: since its start {losses}"));
+            }
         }
         line(String::new());
         line(format!(
@@ -244,6 +251,7 @@ mod tests {
         let mut timing = LoopTiming {
             period_ns: 2_000_000,
             missed_periods: 13,
+            lost: 7,
             wake_late_ns: [4_000, 9_000, 21_000, 77_000],
             memory_locked: 1,
             kept_awake: 1,
@@ -270,6 +278,7 @@ mod tests {
         assert_eq!(words(&picture, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
         assert_eq!(words(&picture, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
         assert!(picture.contains("no message yet: sample, token"), "{picture}");
+        assert!(picture.contains("\ncontrol: since its start 7 messages lost on the way to it\n"), "{picture}");
         assert!(picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"), "{picture}");
         let wide =
             picture.lines().filter(|line| !line.starts_with("no message")).find(|line| line.chars().count() > 80);

@@ -71,11 +71,12 @@ impl Table {
         }
         let numeric: Vec<bool> = (0..self.header.len()).map(|c| self.rows.iter().all(|r| is_number(&r[c]))).collect();
         let class = |c: usize| if numeric[c] { " class=\"number\"" } else { "" };
-        let mut out = String::from("<div class=\"table\"><table>");
+        // The caption keeps the text's width, however wide the table is.
+        let mut out = String::from("<figure class=\"table\">");
         if !caption.is_empty() {
-            let _ = write!(out, "<caption>{}</caption>", escape(caption));
+            let _ = write!(out, "<figcaption>{}</figcaption>", escape(caption));
         }
-        out.push_str("<thead><tr>");
+        out.push_str("<div class=\"wide\"><table><thead><tr>");
         for (c, cell) in self.header.iter().enumerate() {
             let _ = write!(out, "<th scope=\"col\"{}>{}</th>", class(c), escape(cell));
         }
@@ -87,7 +88,7 @@ impl Table {
             }
             out.push_str("</tr>\n");
         }
-        out.push_str("</tbody></table></div>\n");
+        out.push_str("</tbody></table></div></figure>\n");
         Ok(out)
     }
 }

@@ -50,7 +50,7 @@ fn sr_25_refuses_what_the_rig_cannot_do_and_says_why() {
         let mut admission = admission();
         assert_eq!(admission.admit(10 * MS, &setpoint(0, 9 * MS)), Ok(()));
         assert_eq!(admission.admit(10 * MS, &bad), Err(expected), "{bad:?}");
-        assert_eq!(admission.refused(expected), 1);
+        assert_eq!((admission.refused(expected), admission.refused_in_all()), (1, 1));
         // Nothing was changed: the next good one is followed.
         assert_eq!(admission.admit(11 * MS, &setpoint(1, 11 * MS)), Ok(()));
     }
@@ -112,6 +112,10 @@ fn sr_25_another_owner_waits_for_the_lease() {
     assert_eq!(busy.admit(101 * MS, &other(101 * MS)), Ok(()), "the lease has lapsed");
     assert_eq!(busy.admit(102 * MS, &setpoint(1, 102 * MS)), Err(Refusal::Owner));
     assert_eq!(busy.admit(202 * MS, &setpoint(2, 202 * MS)), Ok(()), "and back");
+    // Who asked for nothing was refused nothing.
+    let nothing = Setpoint { mode: Mode::Passive.code(), ..other(203 * MS) };
+    assert_eq!(busy.admit(203 * MS, &nothing), Err(Refusal::Owner));
+    assert_eq!((busy.refused(Refusal::Owner), busy.refused_in_all()), (3, 2));
     // One that has let go of the motor keeps nobody waiting.
     let mut idle = admission();
     assert_eq!(idle.admit(0, &Setpoint { mode: Mode::Passive.code(), ..setpoint(0, 0) }), Ok(()));

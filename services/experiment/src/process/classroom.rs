@@ -16,7 +16,7 @@ use crate::lesson::{Lecture, Spent, Take};
 use crate::player::{Homework, Program};
 use crate::teacher::{Kept, LessonError, Teacher};
 
-use super::link::EVENTS;
+use super::link::{Dropped, EVENTS};
 use super::whole_file;
 
 /// How often it looks for homework: short against the settling cycle of a block.
@@ -37,7 +37,13 @@ pub(super) struct Classroom {
 
 impl Classroom {
     /// Starts the thread. `file` is for what a restart needs, `learnt` the folder of learnt references.
-    pub(super) fn open(session: u64, file: PathBuf, learnt: PathBuf, profile: Profile) -> io::Result<Self> {
+    pub(super) fn open(
+        session: u64,
+        file: PathBuf,
+        learnt: PathBuf,
+        profile: Profile,
+        dropped: Dropped,
+    ) -> io::Result<Self> {
         let (homework, homework_out) = RingBuffer::new(HOMEWORK);
         let (lecture_in, lectures) = RingBuffer::new(LECTURES);
         let (event_in, events) = RingBuffer::new(EVENTS);
@@ -48,6 +54,7 @@ impl Classroom {
             homework: homework_out,
             lectures: lecture_in,
             events: event_in,
+            dropped,
             lesson: None,
             unkept: None,
         };
@@ -100,6 +107,7 @@ struct Room {
     homework: Consumer<Homework>,
     lectures: Producer<Lecture>,
     events: Producer<Event>,
+    dropped: Dropped,
     lesson: Option<Class>,
     /// What is to be kept for a restart.
     unkept: Option<Kept>,
@@ -265,12 +273,14 @@ impl Room {
         if let Some(event) = event
             && self.events.push(event).is_err()
         {
+            self.dropped.count();
             eprintln!("farreach experiment: event lost: {}", event.text());
         }
     }
 
     fn say(&mut self, lecture: Lecture) {
         if self.lectures.push(lecture).is_err() {
+            self.dropped.count();
             eprintln!("farreach experiment: the loop does not listen to the lesson");
         }
     }

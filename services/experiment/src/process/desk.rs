@@ -154,7 +154,9 @@ impl Clerk {
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
             let event = Event::new(Process::Experiment, EventKind::ProtocolStopped, Severity::Error, &reason);
-            let _full = self.link.events.push(event);
+            if self.link.events.push(event).is_err() {
+                self.link.dropped.count();
+            }
             return Err(reason);
         }
         self.keep_changes();

@@ -90,6 +90,20 @@ impl Progress {
     }
 }
 
+/// Counts what found a ring of the process full; each thread has one of the same.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Dropped(Arc<AtomicU64>);
+
+impl Dropped {
+    pub(super) fn count(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(super) fn so_far(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
 /// The loop's ends.
 #[derive(Debug)]
 pub(super) struct LoopEnd {
@@ -97,6 +111,7 @@ pub(super) struct LoopEnd {
     pub(super) notes: Producer<Note>,
     pub(super) events: Consumer<Event>,
     pub(super) progress: Arc<Progress>,
+    pub(super) dropped: Dropped,
 }
 
 /// The ends of the thread that answers.
@@ -107,6 +122,7 @@ pub(super) struct DeskEnd {
     /// To be told to all.
     pub(super) events: Producer<Event>,
     pub(super) progress: Arc<Progress>,
+    pub(super) dropped: Dropped,
 }
 
 pub(super) fn link() -> (LoopEnd, DeskEnd) {
@@ -114,10 +130,15 @@ pub(super) fn link() -> (LoopEnd, DeskEnd) {
     let (note_in, note_out) = RingBuffer::new(NOTES);
     let (event_in, event_out) = RingBuffer::new(EVENTS);
     let progress = Arc::new(Progress::default());
-    (
-        LoopEnd { orders: order_out, notes: note_in, events: event_out, progress: Arc::clone(&progress) },
-        DeskEnd { orders: order_in, notes: note_out, events: event_in, progress },
-    )
+    let dropped = Dropped::default();
+    let loop_end = LoopEnd {
+        orders: order_out,
+        notes: note_in,
+        events: event_out,
+        progress: Arc::clone(&progress),
+        dropped: dropped.clone(),
+    };
+    (loop_end, DeskEnd { orders: order_in, notes: note_out, events: event_in, progress, dropped })
 }
 
 #[cfg(test)]

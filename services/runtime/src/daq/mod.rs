@@ -3,6 +3,8 @@
 use ipc_types::{ANALOG, AXES, Backend, CardScan};
 use thiserror::Error;
 
+use crate::timing::Losses;
+
 pub mod conformance;
 
 /// One scan of a card.
@@ -126,6 +128,11 @@ pub trait Daq {
 
     /// Scans that were dropped before they could be read, since this object was made.
     fn scans_missed(&self) -> u64;
+
+    /// What was lost between the card and here, where messages stand between.
+    fn losses(&self) -> Losses {
+        Losses::default()
+    }
 
     /// Whether no scan will ever come again (a record at its end).
     fn finished(&self) -> bool {

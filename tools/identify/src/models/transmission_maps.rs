@@ -1,11 +1,11 @@
 //! What a transmission's residual depends on: position, velocity, torque, time since the last reversal, time, frequency.
 
-use report::{Colour, Figure, Page, Sheet};
+use report::{Figure, Page, Sheet};
 
 use super::transmission::Study;
 use crate::forward::machine::{Channel, Residual};
 use crate::forward::record::Record;
-use crate::page::banded;
+use crate::page::{banded, drawn};
 use crate::spectral::periodogram;
 
 /// A side that is slower stands still, and turns when it next moves the other way (rad/s).
@@ -143,9 +143,7 @@ pub(super) fn maps(
     let mut spectral = false;
     let mut spectrum =
         Figure::new("", "frequency / Hz", format!("residual / ({unit}/√Hz)")).size(SIZE.0, SIZE.1).log_x().log_y();
-    for (name, colour, stretches) in
-        [("declared model", Colour::Vermillion, &of_before), ("with effects", Colour::Blue, &of_after)]
-    {
+    for (name, colour, stretches) in drawn(&of_before, &of_after) {
         let (hz, amplitude) = density(stretches, pace_s);
         spectral |= !hz.is_empty();
         spectrum = spectrum.colour(colour).line(name, &hz, &amplitude);
@@ -173,6 +171,19 @@ mod tests {
         assert!(since[..5].iter().all(|since| since.is_nan()));
         let expected = [0.0, 0.1, 0.2, 0.3, 0.0];
         assert!(since[5..].iter().zip(expected).all(|(since, expected)| (since - expected).abs() < 1e-12), "{since:?}");
+    }
+
+    #[test]
+    fn what_is_the_same_with_effects_is_drawn_once() {
+        let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
+        assert_eq!(
+            drawn(&one, &other).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            ["declared model", "with effects"]
+        );
+        assert_eq!(
+            drawn(&one, &one).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            ["declared model, and with effects"]
+        );
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{parameters, ranking, short};
+use crate::page::{drawn, parameters, ranking, short};
 
 /// Where something acts whose way of acting is not known.
 fn place(site: &str) -> String {
@@ -160,9 +160,9 @@ fn asked(beside: usize) -> f64 {
 }
 
 /// What is said of the table of places.
-const PLACES: &str = "A torque moves master and slave in a proportion and with a delay that depend on where it acts, and on the frequency. What no torque \
-    at a place can explain of all that is missing, beyond what repeats differ by: little is left where it acts, and much with each place where \
-    something acts on master and slave together, as all does that gives way between them. Motor and master cannot be told apart by it.";
+const PLACES: &str = "A torque moves master and slave in a proportion and with a delay that depend on where it acts, and on the frequency. What a torque \
+    at each place leaves unexplained of all that is missing, beyond what repeats differ by: it acts where little is left. Where every place \
+    leaves much, it acts on master and slave together, as all does that gives way between them. Motor and master cannot be told apart by it.";
 
 fn places(unlisted: &UnlistedTable) -> Table {
     unlisted.unexplained.iter().fold(Table::new(["a torque at the", "leaves unexplained"]), |table, place| {
@@ -195,15 +195,15 @@ fn record(page: Page, study: &Study, index: usize, (before, after): (&Residual, 
     }
     let mut page = page.figure(&position, &format!("{}: measured movement.", record.name));
     for (at, channel) in study.machine.channels(index).into_iter().enumerate() {
-        let figure = Figure::new("Innovation", "time / s", format!("{} / {}", channel.column(), channel.unit()))
-            .size(680, 260)
-            .colour(Colour::Vermillion)
-            .line("declared model", &time, &before.channels[at])
-            .colour(Colour::Blue)
-            .line("with effects", &time, &after.channels[at])
-            .horizontal("", 0.0);
-        page = page
-            .figure(&figure, &format!("{}: what the observer pulls the model by, {}.", record.name, channel.column()));
+        let figure =
+            Figure::new("Innovation", "time / s", format!("{} / {}", channel.column(), channel.unit())).size(680, 260);
+        let figure = drawn(&before.channels[at], &after.channels[at])
+            .into_iter()
+            .fold(figure, |figure, (name, colour, residual)| figure.colour(colour).line(name, &time, residual));
+        page = page.figure(
+            &figure.horizontal("", 0.0),
+            &format!("{}: what the observer pulls the model by, {}.", record.name, channel.column()),
+        );
     }
     page
 }

@@ -96,6 +96,11 @@ fn write(out: &mut String, status: &RigStatus, now: SystemTime) -> std::fmt::Res
             writeln!(out, "{}: the one before ended with {exit}", process.name)?;
         }
     }
+    for process in &status.processes {
+        if let Some(losses) = process.losses.filter(|losses| !losses.is_empty()) {
+            writeln!(out, "{}: since its start {losses}", process.name)?;
+        }
+    }
     Ok(())
 }
 
