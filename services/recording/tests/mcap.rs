@@ -385,17 +385,59 @@ proptest! {
         bytes[more.index(length)] ^= flip.rotate_left(3);
         fs::write(&path, &bytes).unwrap();
         if let Ok(recording) = Recording::open(&path) {
-            let _ = recording.check();
-            if let Ok(found) = recording.messages::<Sample>("sample") {
-                for found in found.flatten() {
-                    // payloads lie within checksummed chunks: what is read is what was written
-                    let i = found.message.sequence;
-                    let written = sample(i);
-                    prop_assert_eq!(found.message.as_bytes(), written.as_bytes());
-                }
+            let said = recording.check().unwrap().data_lost();
+            let found = recording.messages::<Sample>("sample").map(|found| found.flatten().collect::<Vec<_>>());
+            for found in found.iter().flatten() {
+                // payloads lie within checksummed chunks: what is read is what was written
+                let written = sample(found.message.sequence);
+                prop_assert_eq!(found.message.as_bytes(), written.as_bytes());
+            }
+            if !said {
+                // and where nothing is said to be missing, all of it is there
+                prop_assert_eq!(found.map(|found| found.len()).ok(), Some(1500));
+                let expected = start();
+                prop_assert_eq!(recording.metadata(key::RIG_FILE), expected.metadata.get(key::RIG_FILE).map(String::as_str));
             }
         }
     }
+}
+
+#[test]
+fn a_damaged_summary_makes_no_topic_another_and_hides_no_chunk() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 300);
+    let sound = fs::read(&path).unwrap();
+    let whole = Recording::open(&path).unwrap();
+    assert_eq!((whole.damage().len(), whole.check().unwrap().data_lost()), (0, false));
+    let written = samples(&whole);
+    // the footer stands before the end mark: opcode, length, start of the summary, start of its offsets, checksum
+    let footer = sound.len() - 8 - 29;
+    let begin = u64::from_le_bytes(sound[footer + 9..footer + 17].try_into().unwrap()) as usize;
+    assert!(begin > 0 && begin < footer);
+    for at in (begin..sound.len()).step_by(23) {
+        let mut bytes = sound.clone();
+        bytes[at] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        let recording = Recording::open(&path).unwrap();
+        assert_eq!(samples(&recording), written, "byte {at}");
+        assert!(recording.check().unwrap().data_lost(), "byte {at}");
+        assert_eq!(recording.channels().len(), TOPICS.len(), "byte {at}");
+    }
+}
+
+#[test]
+fn what_no_chunk_guards_is_guarded_by_the_checksum_of_all_data() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 300);
+    let mut bytes = fs::read(&path).unwrap();
+    let at = bytes.windows(11).position(|w| w == b"hydrostatic").unwrap();
+    bytes[at] = b'H';
+    fs::write(&path, &bytes).unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    assert!(check.damage.iter().any(|d| d.what.contains("checksum of all data")), "{:?}", check.damage);
+    assert!(check.data_lost());
 }
 
 #[test]

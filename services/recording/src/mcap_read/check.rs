@@ -179,6 +179,12 @@ impl Recording {
                 ..follow.check
             })
             .collect();
+        if damage.is_empty()
+            && let Some(end) = &self.data_end
+        {
+            let wrong = |source| ReadError::Io { path: self.path().to_owned(), source };
+            damage.extend(end.verify(&self.file).map_err(wrong)?);
+        }
         let ended_cleanly = self.start_record().is_none() || self.ended_cleanly();
         Ok(Check { topics, damage, ticks, complete: self.tail().complete, ended_cleanly })
     }

@@ -3,7 +3,8 @@
 //! [`Recording::open`] walks the records of the file without decompressing anything, so that hours of
 //! recording open quickly; the messages are then read chunk by chunk, so that memory does not grow with the file. A file whose
 //! logger was killed ends somewhere within a record: everything up to the last complete chunk is read, and
-//! [`Recording::tail`] says what was lost. A chunk whose checksum is wrong costs that chunk only.
+//! [`Recording::tail`] says what was lost. A chunk whose checksum is wrong costs that chunk only; a summary whose
+//! checksum is wrong costs no message.
 //!
 //! Messages are decoded by the schema in the file ([`crate::schema`]), never by this build's structs alone.
 //!
@@ -29,6 +30,7 @@ mod block;
 mod check;
 mod iterate;
 mod scan;
+mod summary;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -151,6 +153,7 @@ pub struct Recording {
     metadata: Vec<(String, BTreeMap<String, String>)>,
     attachments: u64,
     damage: Vec<Damage>,
+    data_end: Option<summary::DataEnd>,
     tail: Tail,
 }
 

@@ -8,11 +8,10 @@ use std::path::Path;
 use mcap::records::{Record, op};
 
 use super::block::Definition;
+use super::summary::{self, DataEnd, FOOTER_BODY, RECORD_HEAD, Summary};
 use super::{Channel, Damage, ReadError, Recording, Tail};
 use crate::schema::Layout;
 
-/// Opcode and length in front of every record (bytes).
-const RECORD_HEAD: u64 = 9;
 /// Longest header, metadata, schema or channel record that is taken for real (bytes).
 const LONGEST_RECORD: u64 = 64 << 20;
 /// Most bytes of messages outside chunks that are read together.
@@ -23,21 +22,34 @@ const LOOSE_BLOCK: u64 = 1 << 20;
 pub(super) struct Block {
     pub(super) offset: u64,
     pub(super) length: u64,
-    /// log times within; `None` where unknown
+    /// log times within, from the checked summary; `None` where unknown
     pub(super) times: Option<(u64, u64)>,
-    /// channels with messages within, from the message indexes; `None` where unknown
+    /// channels with messages within, from the checked summary; `None` where unknown
     pub(super) channels: Option<Vec<u16>>,
+    /// The same from the message indexes behind the chunk. No checksum guards them: they may say where to look for
+    /// definitions, never which messages need not be read.
+    hinted: Option<Vec<u16>>,
     chunk: bool,
+}
+
+impl Block {
+    fn chunk(offset: u64, length: u64) -> Self {
+        Self { offset, length, times: None, channels: None, hinted: None, chunk: true }
+    }
+    fn loose(offset: u64, length: u64) -> Self {
+        Self { chunk: false, ..Self::chunk(offset, length) }
+    }
 }
 
 #[derive(Default)]
 struct Found {
     library: String,
     blocks: Vec<Block>,
-    definitions: Vec<Definition>,
+    summary: Summary,
     metadata: Vec<(String, BTreeMap<String, String>)>,
     attachments: u64,
     damage: Vec<Damage>,
+    data_end: Option<DataEnd>,
 }
 
 pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
@@ -60,12 +72,15 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     }
     let mut found = Found::default();
     let tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
-    if !tail.complete
-        && let Some(last) = found.blocks.last_mut()
-    {
-        // The file may end among the indices of its last chunk: which channels are in it is not known then.
-        last.channels = None;
+    if !tail.complete {
+        // Without a footer nothing says that what was read of the summary is what was written.
+        found.summary = Summary::default();
+        if let Some(last) = found.blocks.last_mut() {
+            // The file may end among the indices of its last chunk: which channels are in it is not known then.
+            last.hinted = None;
+        }
     }
+    found.damage.extend(found.summary.place(&mut found.blocks));
     let mut recording = Recording {
         path: path.to_owned(),
         file,
@@ -76,9 +91,10 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         metadata: found.metadata,
         attachments: found.attachments,
         damage: found.damage,
+        data_end: found.data_end,
         tail,
     };
-    define(&mut recording, found.definitions)?;
+    define(&mut recording, found.summary.definitions)?;
     Ok(recording)
 }
 
@@ -111,14 +127,17 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
         }
         let next = at + RECORD_HEAD + length;
         match opcode {
-            op::CHUNK => found.chunk(reader, at, length)?,
+            op::CHUNK => {
+                found.blocks.push(Block::chunk(at, RECORD_HEAD + length));
+                skip(reader, length)?;
+            }
             op::MESSAGE_INDEX => {
                 let mut id = [0u8; 2];
                 let used = length.min(2) as usize;
                 reader.read_exact(&mut id[..used])?;
                 skip(reader, length - used as u64)?;
                 if let Some(block) = found.blocks.last_mut().filter(|block| block.chunk) {
-                    block.channels.get_or_insert_default().push(u16::from_le_bytes(id));
+                    block.hinted.get_or_insert_default().push(u16::from_le_bytes(id));
                 }
             }
             op::MESSAGE | op::SCHEMA | op::CHANNEL if !data_ended => {
@@ -126,23 +145,32 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                     Some(b) if !b.chunk && b.offset + b.length == at && b.length < LOOSE_BLOCK => {
                         b.length = next - b.offset
                     }
-                    _ => found.blocks.push(Block {
-                        offset: at,
-                        length: next - at,
-                        times: None,
-                        channels: None,
-                        chunk: false,
-                    }),
+                    _ => found.blocks.push(Block::loose(at, next - at)),
                 }
                 skip(reader, length)?;
             }
-            op::HEADER | op::METADATA | op::SCHEMA | op::CHANNEL if length <= LONGEST_RECORD => {
+            op::HEADER | op::METADATA | op::SCHEMA | op::CHANNEL | op::CHUNK_INDEX | op::DATA_END
+                if length <= LONGEST_RECORD =>
+            {
                 let mut body = vec![0u8; length as usize];
                 reader.read_exact(&mut body)?;
                 found.small(at, opcode, &body);
+                data_ended |= opcode == op::DATA_END;
             }
             op::FOOTER => {
-                skip(reader, length)?;
+                let mut body = [0u8; FOOTER_BODY];
+                let used = length.min(FOOTER_BODY as u64);
+                reader.read_exact(&mut body[..used as usize])?;
+                skip(reader, length - used)?;
+                if let Err(what) = summary::verify(reader.get_ref(), at, &body)? {
+                    found.damage.push(Damage { offset: at, what });
+                    found.summary = Summary::default();
+                }
+                if found.data_end.is_none() {
+                    found
+                        .damage
+                        .push(Damage { offset: at, what: "a footer without an end of the data before it".into() });
+                }
                 let mut magic = Vec::new();
                 reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
                 let end = next + mcap::MAGIC.len() as u64;
@@ -154,7 +182,6 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
             }
             _ => {
                 found.attachments += u64::from(opcode == op::ATTACHMENT);
-                data_ended |= opcode == op::DATA_END;
                 skip(reader, length)?;
             }
         }
@@ -168,30 +195,13 @@ fn skip(reader: &mut BufReader<File>, length: u64) -> io::Result<()> {
 }
 
 impl Found {
-    fn chunk(&mut self, reader: &mut BufReader<File>, at: u64, length: u64) -> io::Result<()> {
-        let mut times = [0u8; 16];
-        if length < 16 {
-            self.damage.push(Damage { offset: at, what: format!("a chunk of {length} bytes") });
-            return skip(reader, length);
-        }
-        reader.read_exact(&mut times)?;
-        let (start, end) = times.split_at(8);
-        let word = |b: &[u8]| b.try_into().map(u64::from_le_bytes).unwrap_or_default();
-        self.blocks.push(Block {
-            offset: at,
-            length: RECORD_HEAD + length,
-            times: Some((word(start), word(end))),
-            channels: None,
-            chunk: true,
-        });
-        skip(reader, length - 16)
-    }
-
     fn small(&mut self, at: u64, opcode: u8, body: &[u8]) {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Header(header)) => self.library = header.library,
             Ok(Record::Metadata(metadata)) => self.metadata.push((metadata.name, metadata.metadata)),
-            Ok(record) => self.definitions.extend(Definition::of(record)),
+            Ok(Record::DataEnd(end)) => self.data_end = Some(DataEnd { offset: at, checksum: end.data_section_crc }),
+            Ok(Record::ChunkIndex(index)) => self.summary.chunks.push(index),
+            Ok(record) => self.summary.definitions.extend(Definition::of(record)),
             Err(error) => self.damage.push(Damage { offset: at, what: format!("record {opcode:#04x}: {error}") }),
         }
     }
@@ -218,7 +228,7 @@ fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), Rea
     let mut known = take(summary, &mut schemas);
     let mut buffer = Vec::new();
     for (index, block) in recording.blocks.iter().enumerate() {
-        let covered = match &block.channels {
+        let covered = match block.channels.as_ref().or(block.hinted.as_ref()) {
             Some(used) => used.iter().all(|id| known.contains(id)) && (from_summary || index > 0),
             None => from_summary && recording.tail.complete,
         };

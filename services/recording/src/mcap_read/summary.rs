@@ -1,0 +1,117 @@
+//! What the end of a file says about the rest of it, and whether that may be believed.
+//!
+//! Chunks carry a checksum each, the records around them do not: one flipped bit in the summary makes one topic
+//! another, one in a message index hides a chunk from whoever reads that topic alone. So the summary is believed only
+//! where the checksum in the footer agrees with it; else, and in a torn file, definitions come from the chunks and every
+//! chunk is read.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+
+use mcap::records::{ChunkIndex, Record, op};
+
+use super::Damage;
+use super::block::Definition;
+use super::scan::Block;
+
+/// Opcode and length in front of every record (bytes).
+pub(super) const RECORD_HEAD: u64 = 9;
+/// Body of a footer: start of the summary, start of its offsets, checksum (bytes).
+pub(super) const FOOTER_BODY: usize = 8 + 8 + 4;
+/// The checksum is its own only uncovered part (bytes).
+const CHECKSUM: u64 = 4;
+/// How much is read at a time (bytes).
+const PIECE: usize = 256 << 10;
+
+/// Definitions and chunk indexes of the summary.
+#[derive(Debug, Default)]
+pub(super) struct Summary {
+    pub(super) definitions: Vec<Definition>,
+    pub(super) chunks: Vec<ChunkIndex>,
+}
+
+/// Where the data ends, and the checksum over all that stands before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DataEnd {
+    pub(super) offset: u64,
+    /// 0 where the writer made none.
+    pub(super) checksum: u32,
+}
+
+/// Whether the summary of a file whose footer begins at `footer` is what was written. A file without a summary, or with
+/// one that has no checksum, is taken as it is.
+pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result<(), String>> {
+    let found = match mcap::parse_record(op::FOOTER, body) {
+        Ok(Record::Footer(found)) => found,
+        Ok(_) => return Ok(Err("no footer".to_owned())),
+        Err(error) => return Ok(Err(format!("footer: {error}"))),
+    };
+    if found.summary_start == 0 || found.summary_crc == 0 {
+        return Ok(Ok(()));
+    }
+    let end = footer + RECORD_HEAD + FOOTER_BODY as u64 - CHECKSUM;
+    if found.summary_start > footer {
+        return Ok(Err(format!("the footer says that the summary begins behind it, at byte {}", found.summary_start)));
+    }
+    let computed = checksum(file, found.summary_start, end)?;
+    Ok(if computed == found.summary_crc {
+        Ok(())
+    } else {
+        Err(format!(
+            "summary from byte {}: checksum {computed:#010x}, expected {:#010x}; topics are read from the chunks instead",
+            found.summary_start, found.summary_crc
+        ))
+    })
+}
+
+/// CRC-32 of a range of the file.
+fn checksum(file: &File, from: u64, until: u64) -> io::Result<u32> {
+    let mut hasher = crc32fast::Hasher::new();
+    let mut piece = vec![0u8; PIECE];
+    let mut at = from;
+    while at < until {
+        let length = (until - at).min(PIECE as u64) as usize;
+        file.read_exact_at(&mut piece[..length], at)?;
+        hasher.update(&piece[..length]);
+        at += length as u64;
+    }
+    Ok(hasher.finalize())
+}
+
+impl Summary {
+    /// Gives each chunk what the summary knows of it; answers with the chunks that are not where it says.
+    pub(super) fn place(&mut self, blocks: &mut [Block]) -> Vec<Damage> {
+        let mut at: BTreeMap<u64, ChunkIndex> =
+            self.chunks.drain(..).map(|index| (index.chunk_start_offset, index)).collect();
+        for block in blocks {
+            let Some(index) = at.remove(&block.offset) else { continue };
+            block.times = Some((index.message_start_time, index.message_end_time));
+            // a writer may leave the message indexes out: then nothing is known
+            block.channels =
+                (!index.message_index_offsets.is_empty()).then(|| index.message_index_offsets.into_keys().collect());
+        }
+        at.into_keys()
+            .map(|offset| Damage { offset, what: "the summary knows a chunk here, and there is none".to_owned() })
+            .collect()
+    }
+}
+
+impl DataEnd {
+    /// What is wrong with the data as a whole, if anything.
+    pub(super) fn verify(&self, file: &File) -> io::Result<Option<Damage>> {
+        if self.checksum == 0 {
+            return Ok(None);
+        }
+        let computed = checksum(file, 0, self.offset)?;
+        Ok((computed != self.checksum).then(|| Damage {
+            offset: self.offset,
+            what: format!(
+                "checksum of all data {computed:#010x}, expected {:#010x}: a record outside the chunks, such as the \
+                 start record with the rig file, is not what was written",
+                self.checksum
+            ),
+        }))
+    }
+}
