@@ -39,6 +39,9 @@ fn code_of(error: &anyhow::Error) -> i32 {
     if let Some(error) = error.downcast_ref::<operator::Error>() {
         return error.exit_code();
     }
+    if let Some(rig::FileError::NotShipped { .. }) = error.downcast_ref() {
+        return operator::USAGE;
+    }
     if error.is::<Usage>() { operator::USAGE } else { operator::FAILED }
 }
 

@@ -14,6 +14,19 @@ pub enum FileError {
         /// What the operating system said.
         source: std::io::Error,
     },
+    /// A name that no file has that comes with farreach.
+    #[error(
+        "no {kind} \"{found}\" comes with farreach; expected one of {}, or the path of a file (with its .toml)",
+        known.join(", ")
+    )]
+    NotShipped {
+        /// `rig` or `protocol`.
+        kind: &'static str,
+        /// What was asked for.
+        found: String,
+        /// What there is.
+        known: Vec<&'static str>,
+    },
     /// The file was read and says something that it must not; all problems that were found, in the order of their lines.
     #[error("{}", Lines(problems))]
     Invalid {
@@ -26,7 +39,7 @@ impl FileError {
     /// The problems; empty where the file could not be read.
     pub fn problems(&self) -> &[Problem] {
         match self {
-            Self::Unreadable { .. } => &[],
+            Self::Unreadable { .. } | Self::NotShipped { .. } => &[],
             Self::Invalid { problems } => problems,
         }
     }

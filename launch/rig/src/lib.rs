@@ -4,7 +4,8 @@
 //! channels, the declared model. A protocol (`protocol.toml`) says what it shall do: timed movements.
 //! Both are read whole: every problem is reported at once, with file, line, key, what was expected, what was
 //! found and what to do. The text alone decides; nothing here reads a clock or touches a device, and the only I/O
-//! is [`RigFile::load`] and [`protocol::Protocol::load`].
+//! is [`RigFile::load`] and [`protocol::Protocol::load`]. [`load_rig`] and [`load_protocol`] take the name of a file that comes
+//! with farreach, too.
 //!
 //! ```text
 //! rig.toml:51: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; the card puts out ±10 V
@@ -29,6 +30,7 @@ pub mod protocol;
 mod rates;
 mod read;
 mod rig_file;
+mod shipped;
 mod simulation;
 mod stability;
 
@@ -44,4 +46,5 @@ pub use identity::{identity, identity_of_bytes};
 pub use model::{Model, ModelKind, Parameter, ParameterSource};
 pub use rates::{Phases, Rates};
 pub use rig_file::{Replay, RigFile};
+pub use shipped::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig};
 pub use simulation::{Hand, HandKind, Simulation};

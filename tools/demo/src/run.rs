@@ -8,8 +8,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, bail};
 use ipc_types::{Process, Profile};
-use operator::{CardChoice, Cleaning, UpOptions, load_protocol, load_rig};
+use operator::{CardChoice, Cleaning, UpOptions};
 use rig::protocol::Protocol;
+use rig::{load_protocol, load_rig};
 use runtime::RigName;
 
 use crate::analysis::{Analysis, Kill, Trace, analyse};

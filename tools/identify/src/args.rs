@@ -24,8 +24,8 @@ use recording::record::Mapping;
     Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
 )]
 pub struct Args {
-    /// Rig file with the declared model
-    #[arg(long, value_name = "RIG.toml")]
+    /// Rig file with the declared model, or the name of one that comes with farreach
+    #[arg(long, value_name = "FILE|NAME")]
     pub rig: PathBuf,
     /// Measured records
     #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]

@@ -68,6 +68,10 @@ const DETAIL_PERIODS: usize = 200;
 const MOST_CANDIDATES: usize = 6;
 /// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
 const BANDS_PER_OCTAVE: f64 = 6.0;
+/// Bins of a map.
+const BINS: usize = 40;
+/// Part of a map's range without rows that is left empty.
+const HOLE: f64 = 0.05;
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
@@ -112,16 +116,17 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
 /// The whole page.
 pub fn page(view: View, outcome: &Outcome) -> Page {
     let (tone, sentence, detail) = sentences(&view.words, outcome);
-    let names: Vec<&str> = view.records.iter().map(|r| r.name.as_str()).collect();
+    let with = !outcome.effects.is_empty();
+    let names = labels(view.records.iter().map(|r| r.name.as_str()));
     let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared model held against {}", names.join(", ")))
+        .subtitle(&format!("Declared model held against {}", held(&names)))
         .verdict(tone, &sentence, &detail)
         .table(steps(outcome), &format!("Error of the {} in percent of its root mean square, after each step. Parameters come from \
             the fitting rows, but for the last column, where everything is fitted to and judged on all rows, as publications do.",
             view.channel.name()))
         .heading("Measured against model");
-    for record in view.records.iter().take(MOST_FIGURES) {
-        page = record_figures(page, &view, record);
+    for (label, record) in names.iter().zip(&view.records).take(MOST_FIGURES) {
+        page = record_figures(page, &view, (label, record), with);
     }
     page = page.heading("What the residual depends on").paragraph(
         "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to either side (band). A mean \
@@ -137,11 +142,11 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         ("velocity", u.velocity, all(&|r| &r.velocity)),
         ("time", "s", all(&|r| &r.time)),
     ] {
-        let figure = banded(what, unit, view.unit(), &values, &before, &after);
+        let figure = banded(what, unit, view.unit(), &values, (&before, &after), with);
         page = page.figure(&figure, &format!("Residual against {what}, all rows of all records."));
     }
     page = page.figure(
-        &spectrum(&view),
+        &spectrum(&view, with),
         &format!(
             "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows of the first record.",
             view.channel.name()
@@ -209,62 +214,57 @@ impl View {
     }
 }
 
-fn record_figures(page: Page, view: &View, r: &RecordView) -> Page {
+fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with: bool) -> Page {
     let (name, unit) = (view.channel.name(), view.unit());
     let minus = |e: &[f64]| -> Vec<f64> { r.measured.iter().zip(e).map(|(f, e)| f - e).collect() };
-    let (declared, with) = (minus(&r.before), minus(&r.after));
+    let (declared, effects) = (minus(&r.before), minus(&r.after));
     // Mid-record, where the movement is under way.
     let length = if view.channel == Channel::Output { DETAIL_PERIODS } else { DETAIL_ROWS };
     let from = (r.time.len() / 2).saturating_sub(length / 2);
     let part = from..(from + length).min(r.time.len());
     let title = if view.channel == Channel::Output { "Output" } else { "Force" };
-    let curves = Figure::new(title, "time / s", format!("{name} / {unit}"))
-        .colour(Colour::Black)
-        .line("measured", &r.time[part.clone()], &r.measured[part.clone()])
-        .colour(Colour::Vermillion)
-        .line("declared model", &r.time[part.clone()], &declared[part.clone()])
-        .colour(Colour::Blue)
-        .dashed("with effects", &r.time[part.clone()], &with[part.clone()]);
-    let residual = Figure::new("Residual", "time / s", format!("residual / {unit}"))
-        .size(680, 260)
-        .colour(Colour::Vermillion)
-        .line("declared model", &r.time, &r.before)
-        .colour(Colour::Blue)
-        .line("with effects", &r.time, &r.after)
+    let against = |figure: Figure, x: &[f64]| {
+        let figure = figure.colour(Colour::Black).line("measured", x, &r.measured[part.clone()]);
+        drawn(&declared[part.clone()], &effects[part.clone()], with).into_iter().enumerate().fold(
+            figure,
+            |figure, (at, (name, colour, y))| match at {
+                0 => figure.colour(colour).line(name, x, y),
+                _ => figure.colour(colour).dashed(name, x, y),
+            },
+        )
+    };
+    let curves = against(Figure::new(title, "time / s", format!("{name} / {unit}")), &r.time[part.clone()]);
+    let residual = Figure::new("Residual", "time / s", format!("residual / {unit}")).size(680, 260);
+    let residual = drawn(&r.before, &r.after, with)
+        .into_iter()
+        .fold(residual, |figure, (name, colour, y)| figure.colour(colour).line(name, &r.time, y))
         .horizontal("", 0.0);
     let how = match view.channel {
         Channel::Force => "measured force, and the force that the measured motion needs by the model",
         Channel::Output => "measured output, and the output that the model makes of the input",
     };
     let mut page = page
-        .figure(&curves, &format!("{}: {how}; a part from the middle.", r.name))
-        .figure(&residual, &format!("{}: measured {name} less the model's, whole record.", r.name));
+        .figure(&curves, &format!("{label}: {how}; a part from the middle."))
+        .figure(&residual, &format!("{label}: measured {name} less the model's, whole record."));
     if view.spring && view.channel == Channel::Force {
-        let position = &r.position[part.clone()];
-        let figure = Figure::new("Loops", format!("position / {}", view.units.position), format!("{name} / {unit}"))
-            .colour(Colour::Black)
-            .line("measured", position, &r.measured[part.clone()])
-            .colour(Colour::Vermillion)
-            .line("declared model", position, &declared[part.clone()])
-            .colour(Colour::Blue)
-            .dashed("with effects", position, &with[part]);
-        page = page.figure(&figure, &format!("{}: force over position, the same part.", r.name));
+        let figure = Figure::new("Loops", format!("position / {}", view.units.position), format!("{name} / {unit}"));
+        page = page.figure(
+            &against(figure, &r.position[part.clone()]),
+            &format!("{label}: force over position, the same part."),
+        );
     }
     page
 }
 
 /// Amplitudes in bands of the first record.
-fn spectrum(view: &View) -> Figure {
+fn spectrum(view: &View, with: bool) -> Figure {
     let mut figure =
         Figure::new("", "frequency / Hz", format!("amplitude / {}", view.unit())).size(680, 300).log_x().log_y();
     let Some(r) = view.records.first().filter(|r| r.time.len() > 16) else { return figure };
     let sampling = (r.time.len() - 1) as f64 / (r.time[r.time.len() - 1] - r.time[0]);
     let lowest = 2.0 * sampling / r.time.len() as f64;
-    for (name, colour, values) in [
-        (view.channel.name(), Colour::Black, &r.measured),
-        ("declared model", Colour::Vermillion, &r.before),
-        ("with effects", Colour::Blue, &r.after),
-    ] {
+    let measured = (view.channel.name(), Colour::Black, &r.measured);
+    for (name, colour, values) in std::iter::once(measured).chain(drawn(&r.before, &r.after, with)) {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         // A Hann window: what does not repeat within the record must not leak into all bands.
@@ -310,38 +310,77 @@ pub fn what_is_left(left: &Left) -> String {
     }
 }
 
-/// What is drawn of the residual before effects and of that with them, each with its name and colour: one where the two are the same, for want
-/// of an effect or of one that acts on the channel, since the second would hide the first.
-pub(crate) fn drawn<T: PartialEq>(before: T, after: T) -> Vec<(&'static str, Colour, T)> {
+/// Records as captions call them: by the names of their files, where those differ.
+pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<&'a str> {
+    let short = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
+    let distinct: std::collections::BTreeSet<&str> = names.clone().map(short).collect();
+    match distinct.len() == names.clone().count() {
+        true => names.map(short).collect(),
+        false => names.collect(),
+    }
+}
+
+/// What a model was held against: stretches of one record together.
+pub(crate) fn held(labels: &[&str]) -> String {
+    fn record(label: &str) -> &str {
+        label.split_once('[').map_or(label, |(record, _)| record)
+    }
+    let told = labels.chunk_by(|a, b| record(a) == record(b)).map(|of_one| match of_one {
+        [one] => (*one).to_owned(),
+        many => format!("{} ({} stretches)", record(many[0]), many.len()),
+    });
+    told.collect::<Vec<_>>().join(", ")
+}
+
+/// What is drawn of the declared model and of that with what was found, each with its name and colour: one curve where the two are the same,
+/// since the second would hide the first; `with` says whether effects were found that merely do not act on this channel.
+pub(crate) fn drawn<T: PartialEq>(before: T, after: T, with: bool) -> Vec<(&'static str, Colour, T)> {
     if before == after {
-        return vec![("declared model, and with effects", Colour::Vermillion, before)];
+        let name = if with { "declared model, and with effects" } else { "declared model" };
+        return vec![(name, Colour::Vermillion, before)];
     }
     vec![("declared model", Colour::Vermillion, before), ("with effects", Colour::Blue, after)]
 }
 
-/// Residuals against a variable: mean and standard deviation in forty bins with equal numbers of rows.
-pub(crate) fn banded(what: &str, unit: &str, force: &str, values: &[f64], before: &[f64], after: &[f64]) -> Figure {
-    let mut order: Vec<usize> = (0..values.len()).collect();
+/// Rows in order of a variable, in bins of about a fortieth of them; a bin without rows stands for a hole that is wider than a twentieth of
+/// the range, as between records: no line may lead across it.
+fn bins(values: &[f64]) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_finite()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let (mut x, mut series) = (Vec::new(), [Vec::new(), Vec::new()]);
-    for bin in order.chunks((values.len() / 40).max(1)) {
-        let n = bin.len() as f64;
-        x.push(bin.iter().map(|i| values[*i]).sum::<f64>() / n);
-        for (out, e) in series.iter_mut().zip([before, after]) {
-            let mean = bin.iter().map(|i| e[*i]).sum::<f64>() / n;
-            let variance = bin.iter().map(|i| (e[*i] - mean).powi(2)).sum::<f64>() / n;
-            out.push((mean, variance.sqrt()));
+    let (Some(first), Some(last)) = (order.first(), order.last()) else { return Vec::new() };
+    let hole = HOLE * (values[*last] - values[*first]);
+    let mut bins = Vec::new();
+    for run in order.chunk_by(|a, b| values[*b] - values[*a] <= hole) {
+        if !bins.is_empty() {
+            bins.push(Vec::new());
         }
+        let parts = (BINS * run.len()).div_ceil(order.len());
+        bins.extend((0..parts).map(|part| run[part * run.len() / parts..(part + 1) * run.len() / parts].to_vec()));
     }
+    bins
+}
+
+/// Residuals against a variable: mean and standard deviation in some forty bins with about equal numbers of rows.
+pub(crate) fn banded(
+    what: &str,
+    unit: &str,
+    force: &str,
+    values: &[f64],
+    (before, after): (&[f64], &[f64]),
+    with: bool,
+) -> Figure {
+    let bins = bins(values);
+    // Of a hole not a number, which ends a line.
+    let mean = |bin: &[usize], of: &dyn Fn(usize) -> f64| bin.iter().map(|i| of(*i)).sum::<f64>() / bin.len() as f64;
+    let x: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| values[i])).collect();
     let mut figure =
         Figure::new("", format!("{what} / {unit}"), format!("residual / {force}")).size(680, 270).horizontal("", 0.0);
-    for (name, colour, points) in drawn(&series[0], &series[1]) {
-        let part = |f: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(f).collect::<Vec<f64>>();
-        figure = figure.colour(colour).band("", &x, &part(&|p| p.0 - p.1), &part(&|p| p.0 + p.1)).colour(colour).line(
-            name,
-            &x,
-            &part(&|p| p.0),
-        );
+    for (name, colour, residual) in drawn(before, after, with) {
+        let means: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| residual[i])).collect();
+        let spread = |(bin, m): (&Vec<usize>, &f64)| mean(bin, &|i| (residual[i] - m).powi(2)).sqrt();
+        let spreads: Vec<f64> = bins.iter().zip(&means).map(spread).collect();
+        let edge = |sign: f64| means.iter().zip(&spreads).map(|(m, s)| m + sign * s).collect::<Vec<f64>>();
+        figure = figure.colour(colour).band("", &x, &edge(-1.0), &edge(1.0)).colour(colour).line(name, &x, &means);
     }
     figure
 }
@@ -403,4 +442,31 @@ pub fn short(value: f64) -> String {
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
     let text = if (1e-4..1e7).contains(&value.abs()) { format!("{value:.digits$}") } else { format!("{value:.3e}") };
     text.replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_bin_reaches_across_a_hole_and_every_row_is_in_one() {
+        let values: Vec<f64> = (0..400).map(|i| f64::from(i) * 0.01 + if i < 100 { 0.0 } else { 20.0 }).collect();
+        let bins = bins(&values);
+        assert_eq!(bins.iter().filter(|bin| bin.is_empty()).count(), 1);
+        assert_eq!(bins.len(), 41);
+        let mut rows: Vec<usize> = bins.iter().flatten().copied().collect();
+        rows.sort_unstable();
+        assert!(rows.iter().copied().eq(0..400));
+        assert!(bins.iter().all(|bin| bin.iter().all(|i| *i < 100) || bin.iter().all(|i| *i >= 100)));
+        assert!(super::bins(&[]).is_empty());
+        assert_eq!(super::bins(&[2.0, f64::NAN, 2.0]).concat(), [0, 2]);
+    }
+
+    #[test]
+    fn records_are_called_by_their_files_where_those_differ() {
+        assert_eq!(labels(["../a/one.csv", "/b/two.csv"].into_iter()), ["one.csv", "two.csv"]);
+        assert_eq!(labels(["a/one.csv", "b/one.csv"].into_iter()), ["a/one.csv", "b/one.csv"]);
+        let stretches = ["run.mcap[1.5..4.5 s]", "run.mcap[4.5..7.4 s]", "run.mcap[7.4..9.0 s]", "other.mcap"];
+        assert_eq!(held(&stretches), "run.mcap (3 stretches), other.mcap");
+    }
 }

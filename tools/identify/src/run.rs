@@ -38,41 +38,50 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: {error:#}");
-            return Ok(1);
+            // A name that no rig file has is a slip of the command line, as it is for `up`.
+            let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
+            return Ok(if named { 2 } else { 1 });
         }
     };
     let Studied { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    // What took so long is kept before anything is printed: whoever reads may close the pipe.
+    // What took so long is kept before anything is printed: whoever reads may close the pipe (`| head`).
     if let Some(path) = &args.json {
         let file = whole_file(path, &json).with_context(|| format!("{}: cannot be written", path.display()))?;
         file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
-    print_outcome(&outcome, &sentence, &detail);
-    for note in &outcome.notes {
-        eprintln!("note: {note}");
-    }
     // Each file by itself: where one cannot be written the others are.
-    let mut failed = None;
+    let (mut failed, mut told) = (None, Vec::new());
     if let Some(folder) = &args.report {
         let path = folder.join("index.html");
         let page = page
             .details("The result as written by --json", &json)
             .footer(concat!("farreach identify ", env!("CARGO_PKG_VERSION")));
         match page.write(&path) {
-            Ok(()) => println!("page: {}", path.display()),
+            Ok(()) => told.push(format!("page: {}", path.display())),
             Err(error) => failed = Some(error.into()),
         }
     }
     if let Some(path) = &args.propose_experiment {
-        failed = propose(path, &rig, &outcome).err().or(failed);
+        failed = propose(path, &rig, &outcome, &mut told).err().or(failed);
     }
-    let code = args.write_rig.as_ref().map_or(Ok(0), |path| write_rig(path, &rig, &outcome))?;
+    let mut code = 0;
+    if let Some(path) = &args.write_rig {
+        match write_rig(path, &rig, &outcome, &mut told) {
+            Ok(wrote) => code = wrote,
+            Err(error) => failed = failed.or(Some(error)),
+        }
+    }
+    print_outcome(&outcome, &sentence, &detail);
+    for note in &outcome.notes {
+        eprintln!("note: {note}");
+    }
+    told.iter().for_each(|line| println!("{line}"));
     failed.map_or(Ok(code), Err)
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
-    let rig = RigFile::load(&args.rig)?;
+    let rig = rig::load_rig(&args.rig)?;
     let records = records(args, &rig)?;
     // Long work shows that it lives; in a pipe nothing is drawn.
     let bar = ProgressBar::new_spinner()
@@ -92,24 +101,25 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
 }
 
 /// Writes the protocol of the next experiment, or says why there is none.
-fn propose(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<()> {
+fn propose(path: &Path, rig: &RigFile, outcome: &Outcome, told: &mut Vec<String>) -> anyhow::Result<()> {
     let Some(text) = &outcome.next_experiment.protocol else {
         let why = match rig.model.kind.is_transmission() {
             true => "no movement that the rig can play by itself tells more; see next",
             false => "a rig of this kind plays no protocols here; see next",
         };
-        println!("not written: no protocol: {why}");
+        told.push(format!("not written: no protocol: {why}"));
         return Ok(());
     };
     let protocol = rig::protocol::Protocol::parse(text, &path.display().to_string())?;
     protocol.check_against(rig)?;
     write_new(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
-    println!("protocol: {} ({:.0} s; farreach run {})", path.display(), protocol.duration_s(), path.display());
+    let (file, seconds) = (path.display(), protocol.duration_s());
+    told.push(format!("protocol: {file} ({seconds:.0} s; farreach run {file})"));
     Ok(())
 }
 
 /// Writes the rig file whole or not at all, never over another.
-fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<i32> {
+fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome, told: &mut Vec<String>) -> anyhow::Result<i32> {
     let written = match fitted(rig.text(), rig.file_name(), outcome) {
         Ok(written) => written,
         Err(error) => {
@@ -119,11 +129,9 @@ fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome) -> anyhow::Result<i3
     };
     if let Some(text) = &written.text {
         write_new(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
-        println!("rig file: {} ({})", path.display(), written.told);
+        told.push(format!("rig file: {} ({})", path.display(), written.told));
     }
-    for what in &written.left_out {
-        println!("not written: {what}");
-    }
+    told.extend(written.left_out.iter().map(|what| format!("not written: {what}")));
     Ok(0)
 }
 

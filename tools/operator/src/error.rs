@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use ipc_types::{Verb, WatchdogState};
+use rig::FileError;
 use runtime::{DomainError, PortError, RequestError};
 
 /// Exit code: everything was done.
@@ -23,22 +24,9 @@ pub enum Error {
          or a measured record (--replay RECORD)"
     )]
     NoCard,
-    /// A name that no shipped file has.
-    #[error(
-        "no {kind} \"{found}\" comes with farreach; expected one of {}, or the path of a file (with its .toml)",
-        known.join(", ")
-    )]
-    NotShipped {
-        /// `rig` or `protocol`.
-        kind: &'static str,
-        /// What was asked for.
-        found: String,
-        /// What there is.
-        known: Vec<&'static str>,
-    },
     /// The rig file, or the protocol, is wrong.
     #[error(transparent)]
-    File(#[from] rig::FileError),
+    File(#[from] FileError),
     /// The simulated card cannot be made: an effect that does not exist, a model that cannot be simulated.
     #[error(transparent)]
     Card(#[from] simulator::CardError),
@@ -128,7 +116,7 @@ impl Error {
     /// The exit code of a command that ends with it.
     pub fn exit_code(&self) -> i32 {
         match self {
-            Self::NoCard | Self::NotShipped { .. } | Self::Domain(DomainError::Name(_)) => USAGE,
+            Self::NoCard | Self::File(FileError::NotShipped { .. }) | Self::Domain(DomainError::Name(_)) => USAGE,
             _ => FAILED,
         }
     }

@@ -20,7 +20,7 @@ mod up;
 
 pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
-pub use files::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig, rig_of, running};
+pub use files::{rig_of, running};
 pub use link::{RigLink, Subscriber, verb};
 pub use run::{Progress, RunOptions, RunOutcome, run_protocol};
 pub use up::{CardChoice, Up, UpOptions, up, up_in_foreground};

@@ -10,7 +10,7 @@ use runtime::RequestError;
 
 use crate::link::Subscriber;
 use crate::status::standing;
-use crate::{Error, RigLink, load_protocol, rig_of, verb};
+use crate::{Error, RigLink, rig_of, verb};
 
 /// How long the watchdog may be silent.
 const TOKEN_LIMIT: Duration = Duration::from_secs(1);
@@ -83,7 +83,7 @@ pub fn run_protocol(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let protocol = load_protocol(&options.protocol, &options.overrides)?;
+    let protocol = rig::load_protocol(&options.protocol, &options.overrides)?;
     protocol.check_against(&rig_of(link.domain().name())?)?;
     let mut tokens = Tokens::new(link)?;
     let before = link.experiment(&ExperimentRequest::Status)?;

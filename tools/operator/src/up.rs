@@ -8,7 +8,7 @@ use rig::RigFile;
 use runtime::{Domain, RigName, lives};
 
 use crate::Error;
-use crate::files::{keep_copy, load_rig};
+use crate::files::keep_copy;
 
 /// What stands behind acquisition.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -113,7 +113,7 @@ struct Prepared {
 
 impl Prepared {
     fn new(options: &UpOptions) -> Result<Self, Error> {
-        let rig = load_rig(&options.rig)?;
+        let rig = rig::load_rig(&options.rig)?;
         let card = options.card.as_ref().ok_or(Error::NoCard)?;
         match card {
             CardChoice::Simulated { effects } => {

@@ -73,8 +73,9 @@ impl Board {
         self.meters.iter_mut().for_each(Meter::reset);
     }
 
-    /// The picture; `feeds` gives name, messages received and lost of each topic.
-    fn picture(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)]) -> String {
+    /// The picture; `feeds` gives name, messages received and lost of each topic. Lists of words are broken at `width` columns, tables never.
+    fn picture(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)], width: usize) -> String {
+        let words = |text: String| textwrap::fill(&text, textwrap::Options::new(width).subsequent_indent("    "));
         let mut text = String::new();
         let mut line = |content: String| {
             // Writing to a string does not fail.
@@ -114,7 +115,7 @@ impl Board {
             let losses = Losses::told_by(timing);
             if !losses.is_empty() {
                 let process = Process::from_code(timing.source).map_or("?", Process::text);
-                line(format!("{process}: since its start {losses}"));
+                line(words(format!("{process}: since its start {losses}")));
             }
         }
         line(String::new());
@@ -138,7 +139,7 @@ impl Board {
             line(format!("{name:<21} {:>8.1} {lost:>6} {received:>11}  {times}", self.rate(index)));
         }
         if !silent.is_empty() {
-            line(format!("no message yet: {}", silent.join(", ")));
+            line(words(format!("no message yet: {}", silent.join(", "))));
         }
         let period_ms = PERIOD_NS / MILLISECOND_NS;
         line(format!("late (topics): published to received here; this probe looks every {period_ms} ms"));
@@ -171,7 +172,8 @@ pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> an
             .map(|feed| (feed.topic.name, feed.subscriber.counters()))
             .map(|(name, counters)| (name, counters.received, counters.lost))
             .collect();
-        screen.show(board.picture(rig_name.as_str(), now, &feeds))?;
+        let width = screen.size().map_or(usize::MAX, |(width, _)| width);
+        screen.show(board.picture(rig_name.as_str(), now, &feeds, width))?;
         board.reset();
         begun_ns = now;
         left -= 1;
@@ -195,10 +197,14 @@ impl<'a> Screen<'a> {
         Ok(Self { out, terminal, last: String::new() })
     }
 
+    /// Columns and lines; `None` where it is no terminal.
+    fn size(&self) -> Option<(usize, usize)> {
+        let size = || terminal_size::terminal_size().map(|(width, height)| (width.0.into(), height.0.into()));
+        self.terminal.then(|| size().unwrap_or((80, 24)))
+    }
+
     fn show(&mut self, picture: String) -> std::io::Result<()> {
-        if self.terminal {
-            let (width, height) = terminal_size::terminal_size()
-                .map_or((80, 24), |(width, height)| (usize::from(width.0), usize::from(height.0)));
+        if let Some((width, height)) = self.size() {
             write!(self.out, "\x1b[H{}\x1b[J", fit(&picture, width, height))?;
         } else {
             self.out.write_all(picture.as_bytes())?;
@@ -274,19 +280,20 @@ mod tests {
             let line = picture.lines().find(|line| line.starts_with(name)).unwrap();
             line.split_whitespace().map(str::to_owned).collect()
         };
-        let picture = board.picture("demo", 1_000_000_000, &feeds);
+        let picture = board.picture("demo", 1_000_000_000, &feeds, usize::MAX);
         assert_eq!(words(&picture, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
         assert_eq!(words(&picture, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
         assert!(picture.contains("no message yet: sample, token"), "{picture}");
         assert!(picture.contains("\ncontrol: since its start 7 messages lost on the way to it\n"), "{picture}");
         assert!(picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"), "{picture}");
-        let wide =
-            picture.lines().filter(|line| !line.starts_with("no message")).find(|line| line.chars().count() > 80);
-        assert_eq!(wide, None, "a terminal has 80 columns");
+        let narrow = board.picture("demo", 1_000_000_000, &feeds, 80);
+        assert_eq!(narrow.lines().find(|line| line.chars().count() > 80), None, "a terminal has 80 columns");
+        let told = |picture: &str| picture.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(told(&narrow), told(&picture), "and what does not fit stands in the next line");
         // a rate over several pictures, and a loop that fell silent
         board.reset();
         board.count(1.0);
-        let picture = board.picture("demo", 9_000_000_000, &feeds);
+        let picture = board.picture("demo", 9_000_000_000, &feeds, usize::MAX);
         assert_eq!(words(&picture, "command ")[1..], ["250.0", "3", "500", "-", "-", "-"]);
         assert!(words(&picture, "control ").contains(&"SILENT".to_owned()));
     }

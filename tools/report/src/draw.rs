@@ -282,15 +282,19 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
         }
         Mark::Band => {
             let clamp = |y: f64| axes.py(y).clamp(f64::from(axes.top), f64::from(axes.bottom));
-            let edge = |ys: &[f64]| -> Vec<(i32, i32)> {
-                let points = s.x.iter().zip(ys).map(|(x, y)| (axes.px(*x), clamp(*y)));
-                let inside =
-                    |p: &(f64, f64)| p.1.is_finite() && p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
-                decimate::envelope(&points.filter(inside).map(round).collect::<Vec<_>>(), FINE)
-            };
-            let mut outline = edge(&s.y);
-            outline.extend(edge(&s.upper).into_iter().rev());
-            area.draw(&Polygon::new(outline, colour.mix(0.25).filled())).map_err(|e| e.to_string())?;
+            // Broken where values are not finite, as lines are.
+            let there = |row: usize| [&s.x, &s.y, &s.upper].iter().all(|values| values[row].is_finite());
+            let rows: Vec<usize> = (0..s.x.len().min(s.y.len()).min(s.upper.len())).collect();
+            for run in rows.chunk_by(|a, b| there(*a) == there(*b)).filter(|run| there(run[0])) {
+                let edge = |ys: &[f64]| -> Vec<(i32, i32)> {
+                    let points = run.iter().map(|row| (axes.px(s.x[*row]), clamp(ys[*row])));
+                    let inside = |p: &(f64, f64)| p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
+                    decimate::envelope(&points.filter(inside).map(round).collect::<Vec<_>>(), FINE)
+                };
+                let mut outline = edge(&s.y);
+                outline.extend(edge(&s.upper).into_iter().rev());
+                area.draw(&Polygon::new(outline, colour.mix(0.25).filled())).map_err(|e| e.to_string())?;
+            }
         }
         Mark::Errors => {
             for ((x, y), half) in s.x.iter().zip(&s.y).zip(&s.upper) {

@@ -116,7 +116,7 @@ impl Figure {
         self.push(name.into(), Mark::Scatter, x, y, &[])
     }
 
-    /// The area between `lower` and `upper`, shaded.
+    /// The area between `lower` and `upper`, shaded; broken, as lines are, where a value is not finite.
     pub fn band(self, name: impl Into<String>, x: &[f64], lower: &[f64], upper: &[f64]) -> Self {
         self.push(name.into(), Mark::Band, x, lower, upper)
     }

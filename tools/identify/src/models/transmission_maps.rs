@@ -27,6 +27,8 @@ struct Rows {
     time: Vec<f64>,
     before: Vec<f64>,
     after: Vec<f64>,
+    /// Whether effects were found.
+    with: bool,
 }
 
 /// Time since the speed last changed its sign, for every row; not a number before the first time.
@@ -85,7 +87,7 @@ impl Rows {
             return None;
         }
         let at = |column: &[f64]| rows.iter().map(|row| column[*row]).collect::<Vec<f64>>();
-        Some(banded(what, unit, of, &at(values), &at(&self.before), &at(&self.after)).size(SIZE.0, SIZE.1))
+        Some(banded(what, unit, of, &at(values), (&at(&self.before), &at(&self.after)), self.with).size(SIZE.0, SIZE.1))
     }
 }
 
@@ -120,8 +122,9 @@ pub(super) fn maps(
     report: &[usize],
     channel: Channel,
     (before, after): (&[Residual], &[Residual]),
+    with: bool,
 ) -> Page {
-    let mut rows = Rows::default();
+    let mut rows = Rows { with, ..Rows::default() };
     let (mut of_before, mut of_after): (Vec<&[f64]>, Vec<&[f64]>) = (Vec::new(), Vec::new());
     let (mut pace_s, mut driven) = (0.0, true);
     for (at, index) in report.iter().enumerate() {
@@ -143,7 +146,7 @@ pub(super) fn maps(
     let mut spectral = false;
     let mut spectrum =
         Figure::new("", "frequency / Hz", format!("residual / ({unit}/√Hz)")).size(SIZE.0, SIZE.1).log_x().log_y();
-    for (name, colour, stretches) in drawn(&of_before, &of_after) {
+    for (name, colour, stretches) in drawn(&of_before, &of_after, with) {
         let (hz, amplitude) = density(stretches, pace_s);
         spectral |= !hz.is_empty();
         spectrum = spectrum.colour(colour).line(name, &hz, &amplitude);
@@ -177,13 +180,14 @@ mod tests {
     fn what_is_the_same_with_effects_is_drawn_once() {
         let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
         assert_eq!(
-            drawn(&one, &other).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            drawn(&one, &other, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
             ["declared model", "with effects"]
         );
         assert_eq!(
-            drawn(&one, &one).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            drawn(&one, &one, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
             ["declared model, and with effects"]
         );
+        assert_eq!(drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(), ["declared model"]);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{drawn, parameters, ranking, short};
+use crate::page::{drawn, held, labels, parameters, ranking, short};
 
 /// Where something acts whose way of acting is not known.
 fn place(site: &str) -> String {
@@ -88,9 +88,10 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     let before = view.residuals(&study.found.base.setting)?;
     let after = view.residuals(&study.found.last().setting)?;
     let (tone, sentence, detail) = sentences(outcome);
-    let names: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
+    let with = !outcome.effects.is_empty();
+    let names = labels(machine.records.iter().map(|record| record.name.as_str()));
     let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared transmission held against {}", names.join(", ")))
+        .subtitle(&format!("Declared transmission held against {}", held(&names)))
         .verdict(tone, &sentence, &detail)
         .table(
             errors(outcome),
@@ -99,14 +100,14 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         )
         .heading("Measured against model");
     for (at, index) in report.iter().take(3).enumerate() {
-        page = record(page, study, *index, (&before[at], &after[at]));
+        page = record(page, study, (names[*index], *index), (&before[at], &after[at]), with);
     }
     page = page.heading("What the residual depends on").paragraph(
         "Mean of the innovation in bins (line) and one standard deviation to either side (band), and its spectrum; reporting records. A \
          mean that leaves zero is something that the model lacks.",
     );
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
-        page = maps(page, study, &report, channel, (&before, &after));
+        page = maps(page, study, &report, channel, (&before, &after), with);
     }
     if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.unexplained.is_empty()) {
         page = page.heading("Where it acts").table(places(unlisted), PLACES);
@@ -182,7 +183,13 @@ fn errors(outcome: &Outcome) -> Table {
     table
 }
 
-fn record(page: Page, study: &Study, index: usize, (before, after): (&Residual, &Residual)) -> Page {
+fn record(
+    page: Page,
+    study: &Study,
+    (label, index): (&str, usize),
+    (before, after): (&Residual, &Residual),
+    with: bool,
+) -> Page {
     let record = &study.machine.records[index];
     let time = record.residual_times();
     let mut position = Figure::new("Position", "time / s", "position / rad").size(680, 260).colour(Colour::Black).line(
@@ -193,16 +200,16 @@ fn record(page: Page, study: &Study, index: usize, (before, after): (&Residual, 
     if let Some(slave) = &record.slave {
         position = position.colour(Colour::Green).line("slave", &time, &record.averaged(slave)[..time.len()]);
     }
-    let mut page = page.figure(&position, &format!("{}: measured movement.", record.name));
+    let mut page = page.figure(&position, &format!("{label}: measured movement."));
     for (at, channel) in study.machine.channels(index).into_iter().enumerate() {
         let figure =
             Figure::new("Innovation", "time / s", format!("{} / {}", channel.column(), channel.unit())).size(680, 260);
-        let figure = drawn(&before.channels[at], &after.channels[at])
+        let figure = drawn(&before.channels[at], &after.channels[at], with)
             .into_iter()
             .fold(figure, |figure, (name, colour, residual)| figure.colour(colour).line(name, &time, residual));
         page = page.figure(
             &figure.horizontal("", 0.0),
-            &format!("{}: what the observer pulls the model by, {}.", record.name, channel.column()),
+            &format!("{label}: what the observer pulls the model by, {}.", channel.column()),
         );
     }
     page

@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         subject: arguments.subject.clone(),
     };
     // A wrong file is told without a rig.
-    crate::load_protocol(&options.protocol, &options.overrides)?;
+    rig::load_protocol(&options.protocol, &options.overrides)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
