@@ -1,4 +1,4 @@
-//! One chunk, read and decompressed.
+//! A part of the file that holds messages, and what is in it once it is read and decompressed.
 
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
@@ -6,13 +6,36 @@ use std::sync::Arc;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::scan::Block;
 use super::{ReadError, Recording};
 
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must not take all memory.
 const LARGEST_CHUNK: usize = 512 << 20;
 /// Channel, sequence, log time, publish time in front of a message's payload (bytes).
 const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
+
+/// A range of the file that holds messages: one chunk, or a run of records outside chunks.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
+    pub(super) offset: u64,
+    pub(super) length: u64,
+    /// log times within, from the checked summary; `None` where unknown
+    pub(super) times: Option<(u64, u64)>,
+    /// channels with messages within, from the checked summary; `None` where unknown
+    pub(super) channels: Option<Vec<u16>>,
+    /// The same from the message indexes behind the chunk. No checksum guards them: they may say where to look for
+    /// definitions, never which messages need not be read.
+    pub(super) hinted: Option<Vec<u16>>,
+    pub(super) chunk: bool,
+}
+
+impl Block {
+    pub(super) fn chunk(offset: u64, length: u64) -> Self {
+        Self { offset, length, times: None, channels: None, hinted: None, chunk: true }
+    }
+    pub(super) fn loose(offset: u64, length: u64) -> Self {
+        Self { chunk: false, ..Self::chunk(offset, length) }
+    }
+}
 
 /// A schema or channel found in the file.
 #[derive(Debug)]

@@ -22,7 +22,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    fn wants_block(&self, block: &super::scan::Block) -> bool {
+    fn wants_block(&self, block: &super::block::Block) -> bool {
         let channels = match (&self.channels, &block.channels) {
             (Some(wanted), Some(there)) => there.iter().any(|id| wanted.contains(id)),
             _ => true,

@@ -148,7 +148,7 @@ pub struct Recording {
     file: File,
     bytes: u64,
     library: String,
-    blocks: Vec<scan::Block>,
+    blocks: Vec<block::Block>,
     channels: BTreeMap<u16, Channel>,
     metadata: Vec<(String, BTreeMap<String, String>)>,
     attachments: u64,

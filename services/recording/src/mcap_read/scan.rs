@@ -7,7 +7,7 @@ use std::path::Path;
 
 use mcap::records::{Record, op};
 
-use super::block::Definition;
+use super::block::{Block, Definition};
 use super::summary::{self, DataEnd, FOOTER_BODY, RECORD_HEAD, Summary};
 use super::{Channel, Damage, ReadError, Recording, Tail};
 use crate::schema::Layout;
@@ -16,30 +16,6 @@ use crate::schema::Layout;
 const LONGEST_RECORD: u64 = 64 << 20;
 /// Most bytes of messages outside chunks that are read together.
 const LOOSE_BLOCK: u64 = 1 << 20;
-
-/// A range of the file that holds messages: one chunk, or a run of records outside chunks.
-#[derive(Clone, Debug)]
-pub(super) struct Block {
-    pub(super) offset: u64,
-    pub(super) length: u64,
-    /// log times within, from the checked summary; `None` where unknown
-    pub(super) times: Option<(u64, u64)>,
-    /// channels with messages within, from the checked summary; `None` where unknown
-    pub(super) channels: Option<Vec<u16>>,
-    /// The same from the message indexes behind the chunk. No checksum guards them: they may say where to look for
-    /// definitions, never which messages need not be read.
-    hinted: Option<Vec<u16>>,
-    chunk: bool,
-}
-
-impl Block {
-    fn chunk(offset: u64, length: u64) -> Self {
-        Self { offset, length, times: None, channels: None, hinted: None, chunk: true }
-    }
-    fn loose(offset: u64, length: u64) -> Self {
-        Self { chunk: false, ..Self::chunk(offset, length) }
-    }
-}
 
 #[derive(Default)]
 struct Found {

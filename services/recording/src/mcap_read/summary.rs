@@ -13,8 +13,7 @@ use std::os::unix::fs::FileExt;
 use mcap::records::{ChunkIndex, Record, op};
 
 use super::Damage;
-use super::block::Definition;
-use super::scan::Block;
+use super::block::{Block, Definition};
 
 /// Opcode and length in front of every record (bytes).
 pub(super) const RECORD_HEAD: u64 = 9;
