@@ -15,7 +15,7 @@ use crate::control::{Answer, Request, send};
 use crate::run_dir::LastWords;
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};
-use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, process};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, leftovers, log};
 
 /// How long a living launcher may take to answer before it is taken for hung, in s.
 const ANSWER_SECONDS: u64 = 5;
@@ -132,22 +132,6 @@ pub fn status(run_dir: &Path) -> Result<Status, Error> {
     Ok(status)
 }
 
-/// Processes of the rig that outlived its launcher. Meant for when there is no launcher.
-pub(crate) fn leftovers(run_dir: &RunDir) -> Result<Vec<Leftover>, Error> {
-    let mut found: Vec<Leftover> = Vec::new();
-    for unit in run_dir.last_status()?.into_iter().flat_map(|status| status.units) {
-        if let Some(process) = unit.process.filter(ProcessIdentity::is_alive) {
-            found.push(Leftover { unit: unit.name, process });
-        }
-    }
-    for (unit, process) in process::find(run_dir) {
-        if !found.iter().any(|leftover| leftover.process == process) {
-            found.push(Leftover { unit, process });
-        }
-    }
-    Ok(found)
-}
-
 /// Stops all units in the reverse of the order of their start, and the launcher. Where the launcher is dead, or hangs,
 /// the living are found by pid and start time and stopped by this process.
 ///
@@ -179,7 +163,7 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
             None => return Err(directory.already_up("of this directory")),
         }
     };
-    let leftovers = leftovers(&directory)?;
+    let leftovers = leftovers::of(&directory)?;
     if leftovers.is_empty() {
         directory.clean();
         return Err(not_up());

@@ -11,26 +11,11 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::status::Status;
-use crate::{Config, Error, ProcessIdentity, StartFailure, boot_id};
+use crate::{Config, Error, StartFailure, boot_id};
 
 /// Paths within the rig's directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunDir(PathBuf);
-
-/// A living process of a rig whose launcher is dead.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Leftover {
-    /// Short name of its unit.
-    pub unit: String,
-    /// The process.
-    pub process: ProcessIdentity,
-}
-
-impl std::fmt::Display for Leftover {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "{} {}", self.unit, self.process)
-    }
-}
 
 /// Why the launcher ended before the rig was up; its last words to `start`.
 #[derive(Clone, Debug, Serialize, Deserialize)]

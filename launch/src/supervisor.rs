@@ -71,7 +71,7 @@ pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> 
     config.load_units()?;
     run_dir.create()?;
     let lock = run_dir.lock()?.ok_or_else(|| run_dir.already_up(&config.rig_name))?;
-    let leftovers = crate::client::leftovers(run_dir)?;
+    let leftovers = crate::leftovers::of(run_dir)?;
     let same = run_dir.config()?.is_some_and(|earlier| config.same_processes(&earlier));
     if !leftovers.is_empty() && !same {
         return Err(Error::OtherSettings { rig: config.rig_name.clone(), leftovers });

@@ -24,6 +24,7 @@
 //! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but the sampling.
 
 mod blend;
+mod bounds;
 mod compensation;
 mod driving;
 mod estimate;
@@ -36,12 +37,14 @@ mod slave;
 mod yielding;
 
 use blend::{Blend, Motion, stopping_way};
+use bounds::within;
+pub use compensation::LawOptions;
 use compensation::OptionState;
-pub use compensation::{LawOptions, OBSERVER_SLEW_S};
 use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+pub use observer::OBSERVER_SLEW_S;
 use rig::{ACCELERATION_HZ, ForceControl};
 
 /// Time in which the output gets or loses its full authority (s).
@@ -406,11 +409,6 @@ impl Axis {
         let way = stopping_way(self.reference.velocity, law.stop_s());
         Motion::at_rest((self.reference.position + way).max(law.position_min).min(law.position_max))
     }
-}
-
-/// A value held within ± a limit. Not `clamp`, which panics where the limit is not a number or negative.
-fn within(value: f64, limit: f64) -> f64 {
-    value.max(-limit).min(limit)
 }
 
 /// Where the handle is: its own encoder's word, or else the motor's (rad or m).

@@ -18,6 +18,7 @@ pub mod forward;
 pub mod input;
 pub mod inverse;
 pub mod models;
+mod naming;
 pub mod outcome;
 pub mod output_error;
 pub mod page;

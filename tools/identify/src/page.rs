@@ -3,6 +3,7 @@
 use report::{Colour, Figure, Page, Table, Tone};
 
 use crate::effects::Units;
+use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
 use crate::spectral::periodogram;
 
@@ -310,28 +311,6 @@ pub fn what_is_left(left: &Left) -> String {
     }
 }
 
-/// Records as captions call them: by the names of their files, where those differ.
-pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<&'a str> {
-    let short = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
-    let distinct: std::collections::BTreeSet<&str> = names.clone().map(short).collect();
-    match distinct.len() == names.clone().count() {
-        true => names.map(short).collect(),
-        false => names.collect(),
-    }
-}
-
-/// What a model was held against: stretches of one record together.
-pub(crate) fn held(labels: &[&str]) -> String {
-    fn record(label: &str) -> &str {
-        label.split_once('[').map_or(label, |(record, _)| record)
-    }
-    let told = labels.chunk_by(|a, b| record(a) == record(b)).map(|of_one| match of_one {
-        [one] => (*one).to_owned(),
-        many => format!("{} ({} stretches)", record(many[0]), many.len()),
-    });
-    told.collect::<Vec<_>>().join(", ")
-}
-
 /// What is drawn of the declared model and of that with what was found, each with its name and colour: one curve where the two are the same,
 /// since the second would hide the first; `with` says whether effects were found that merely do not act on this channel.
 pub(crate) fn drawn<T: PartialEq>(before: T, after: T, with: bool) -> Vec<(&'static str, Colour, T)> {
@@ -460,13 +439,5 @@ mod tests {
         assert!(bins.iter().all(|bin| bin.iter().all(|i| *i < 100) || bin.iter().all(|i| *i >= 100)));
         assert!(super::bins(&[]).is_empty());
         assert_eq!(super::bins(&[2.0, f64::NAN, 2.0]).concat(), [0, 2]);
-    }
-
-    #[test]
-    fn records_are_called_by_their_files_where_those_differ() {
-        assert_eq!(labels(["../a/one.csv", "/b/two.csv"].into_iter()), ["one.csv", "two.csv"]);
-        assert_eq!(labels(["a/one.csv", "b/one.csv"].into_iter()), ["a/one.csv", "b/one.csv"]);
-        let stretches = ["run.mcap[1.5..4.5 s]", "run.mcap[4.5..7.4 s]", "run.mcap[7.4..9.0 s]", "other.mcap"];
-        assert_eq!(held(&stretches), "run.mcap (3 stretches), other.mcap");
     }
 }

@@ -10,11 +10,11 @@ use ipc_types::AXES;
 use rig::{CompensationKind, ControlOptions, IdentifiedAxis};
 
 use super::blend::Motion;
+use super::bounds::{soft_sign, within};
 use super::feedforward::friction;
-use super::{AxisLaw, FRICTION_SLEW_S, observer::Disturbance, slave::SlaveOffset, within};
-
-/// Time in which the disturbance observer's output may change by its limit (s).
-pub const OBSERVER_SLEW_S: f64 = 0.02;
+use super::observer::{Disturbance, OBSERVER_SLEW_S};
+use super::slave::SlaveOffset;
+use super::{AxisLaw, FRICTION_SLEW_S};
 
 /// Options of the position law, and the model that they go by.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -88,16 +88,6 @@ impl AxisLaw {
             _ => 0.0,
         }
     }
-}
-
-/// The sign of a speed, smooth while it is below `reversal`: `x (3 - x²) / 2`.
-pub(super) fn soft_sign(speed: f64, reversal: f64) -> f64 {
-    let share = speed / reversal;
-    if share.is_nan() {
-        return 0.0;
-    }
-    let share = share.clamp(-1.0, 1.0);
-    0.5 * share * (3.0 - share * share)
 }
 
 /// Friction beyond the line, as the motor feels it along the reference (V).
@@ -176,12 +166,5 @@ mod tests {
         windup.follow(&model, &fast(0.0));
         assert!((windup.follow(&model, &fast(1.0)) - 0.8).abs() < 1e-12);
         assert!(windup.follow(&model, &fast(f64::INFINITY)).is_nan());
-    }
-
-    #[test]
-    fn the_sign_passes_through_zero_without_a_step() {
-        assert_eq!([soft_sign(0.0, 0.2), soft_sign(0.2, 0.2), soft_sign(-9.0, 0.2)], [0.0, 1.0, -1.0]);
-        assert!((soft_sign(0.1, 0.2) - 0.6875).abs() < 1e-12);
-        assert_eq!([soft_sign(0.0, 0.0), soft_sign(f64::NAN, 1.0)], [0.0, 0.0]);
     }
 }

@@ -11,10 +11,11 @@ use std::f64::consts::TAU;
 
 use rig::Observer;
 
-use super::compensation::OBSERVER_SLEW_S;
+use super::bounds::within;
 use super::feedforward::Slew;
-use super::within;
 
+/// Time in which the observer's output may change by its limit (s).
+pub const OBSERVER_SLEW_S: f64 = 0.02;
 /// Time constant with which the estimate fades while the reference rests (s).
 const FADE_S: f64 = 0.3;
 

@@ -18,8 +18,7 @@ use std::f64::consts::TAU;
 use rig::{IdentifiedAxis, SlaveLoop};
 
 use super::blend::Motion;
-use super::compensation::soft_sign;
-use super::within;
+use super::bounds::{bounded, soft_sign, within};
 
 /// Natural frequency of the filter through which the offset goes (Hz).
 const SHAPING_HZ: f64 = 12.0;
@@ -34,11 +33,6 @@ const CORRECTION: f64 = 0.6;
 const FASTEST: f64 = 3.0;
 /// Time in which the loop comes to its full effect (s).
 const ENGAGE_S: f64 = 1.0;
-
-/// Within ± a limit; what is no number stays none.
-fn bounded(value: f64, limit: f64) -> f64 {
-    if value.is_nan() { value } else { within(value, limit) }
-}
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlaveOffset {

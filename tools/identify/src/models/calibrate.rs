@@ -1,6 +1,6 @@
 //! An effect that was found, held against chance.
 
-use super::transmission::Study;
+use super::transmission_study::Study;
 use crate::forward::chance::{Chance, Drive, chance};
 use crate::outcome::{Calibration, Named};
 
@@ -58,7 +58,7 @@ pub(super) fn sentence(calibration: &Calibration) -> String {
     let Calibration { machines, alarms, .. } = calibration;
     match (&calibration.of, calibration.as_much, calibration.probability) {
         (Some(of), Some(as_much), Some(probability)) => {
-            let words = super::transmission_outcome::words(&of.id);
+            let words = super::transmission_words::words(&of.id);
             let taken = if calibration.withdrawn { "; that is too often, and it is taken back" } else { "" };
             format!(
                 "Of {machines} simulated machines without {words} ({}), {as_much} gave as much by chance (p = {probability:.2}){taken}.",

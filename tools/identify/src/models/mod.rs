@@ -16,6 +16,8 @@ mod transmission;
 mod transmission_maps;
 mod transmission_outcome;
 mod transmission_page;
+mod transmission_study;
+mod transmission_words;
 mod trials;
 
 pub use trials::Stage;

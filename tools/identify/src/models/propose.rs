@@ -10,8 +10,8 @@ use plant::any::Plant;
 use plant::effects::Site;
 use rayon::prelude::*;
 
-use super::transmission::Study;
-use super::transmission_outcome::{rival_words, words};
+use super::transmission_study::Study;
+use super::transmission_words::{rival_words, words};
 use super::trials::{PLAYED_S, PREDICTED_S, Stage, Trial};
 use crate::forward::catalogue::{Candidate, candidates};
 use crate::forward::fit::{Fitted, View};

@@ -8,6 +8,7 @@
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
 use crate::inverse::split::Role;
+use crate::naming;
 
 /// Length that stretches are to have (s).
 pub(super) const LENGTH_S: f64 = 3.0;
@@ -144,18 +145,13 @@ fn bucket(quickness: f64) -> i64 {
     (quickness.max(1e-9).ln() / 0.25f64.ln_1p()).round() as i64
 }
 
-/// The recording that a stretch by this name was cut from.
-pub(super) fn recording_of(stretch: &str) -> &str {
-    stretch.rsplit_once('[').map_or(stretch, |(recording, _)| recording)
-}
-
 fn stretch(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Series {
     let columns = record.columns.iter().map(|(name, values)| {
         let part = values.get(rows.clone()).unwrap_or_default();
         (name.clone(), part.to_vec())
     });
     let (from, to) = (rows.start as f64 * step_s, rows.end as f64 * step_s);
-    Series { file: format!("{}[{from:.1}..{to:.1} s]", record.file), columns: columns.collect(), ..Series::default() }
+    Series { file: naming::stretch(&record.file, from, to), columns: columns.collect(), ..Series::default() }
 }
 
 #[cfg(test)]

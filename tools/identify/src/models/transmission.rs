@@ -7,29 +7,19 @@ use report::Page;
 use rig::{Model as Declared, ModelKind};
 
 use super::calibrate::calibrate;
+use super::transmission_study::Study;
 use super::{Model, Options, stretches, transmission_outcome, transmission_page};
 use crate::error::{IdentifyError, Result};
 use crate::forward::machine::Machine;
 use crate::forward::record::{Record, share_out};
-use crate::forward::search::{Found, search};
+use crate::forward::search::search;
 use crate::input::Series;
 use crate::inverse::split::Role;
-use crate::outcome::{Calibration, Outcome};
+use crate::naming::recording_of;
+use crate::outcome::Outcome;
 
 /// The model kinds `hydrostatic` and `cable`.
 pub(super) struct Transmission(pub(super) ModelKind);
-
-/// A transmission's records, and what they turned out to say.
-pub(super) struct Study {
-    /// Declared model and records.
-    pub(super) machine: Machine,
-    /// What the search found.
-    pub(super) found: Found,
-    /// What a reader should know of the data.
-    pub(super) notes: Vec<String>,
-    /// What chance gives, where that was asked for.
-    pub(super) calibration: Option<Calibration>,
-}
 
 impl Model for Transmission {
     fn kind(&self) -> ModelKind {
@@ -88,7 +78,7 @@ impl Model for Transmission {
 
 /// Whoever holds the handle in one stretch of a recording holds it in all of them, however lightly: what the cell shows is a torque in each.
 fn hold_throughout(records: &mut [Record], stretches: &[Series]) {
-    let of = |stretch: &Series| stretches::recording_of(&stretch.file).to_owned();
+    let of = |stretch: &Series| recording_of(&stretch.file).to_owned();
     let held: Vec<String> =
         records.iter().zip(stretches).filter(|(record, _)| !record.idle).map(|(_, stretch)| of(stretch)).collect();
     for (record, stretch) in records.iter_mut().zip(stretches) {

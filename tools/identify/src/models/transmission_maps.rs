@@ -2,7 +2,7 @@
 
 use report::{Figure, Page, Sheet};
 
-use super::transmission::Study;
+use super::transmission_study::Study;
 use crate::forward::machine::{Channel, Residual};
 use crate::forward::record::Record;
 use crate::page::{banded, drawn};

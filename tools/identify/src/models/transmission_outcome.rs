@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use plant::effects::{LIST, Site};
+use plant::effects::Site;
 use report::Page;
 
 use super::propose::propose;
-use super::transmission::Study;
 use super::transmission_page;
+use super::transmission_study::Study;
+use super::transmission_words::{rival_words, words};
 use super::trials::Stage;
 use crate::forward::fit::View;
 use crate::forward::generic::NODES;
@@ -33,19 +34,6 @@ pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome,
     }
     let page = transmission_page::page(study, &outcome)?;
     Some((outcome, page))
-}
-
-/// What an effect is, in words.
-pub(super) fn words(id: &str) -> &str {
-    LIST.iter().find(|entry| entry.id == id).map_or(id, |entry| entry.what)
-}
-
-/// An effect's rival of the same name: the records do not tell which of two it is.
-pub(super) const OTHER_ENCODER: &str = "the same of the other encoder";
-
-/// What a rival of an effect is, in words.
-pub(super) fn rival_words((own, at): (&str, Site), (rival, there): (&str, Site)) -> String {
-    if own == rival && at == there { OTHER_ENCODER.to_owned() } else { words(rival).to_owned() }
 }
 
 fn outcome(study: &Study) -> Option<Outcome> {

@@ -4,15 +4,16 @@ use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
 
 use super::calibrate;
-use super::transmission::Study;
 use super::transmission_maps::maps;
-use super::transmission_outcome::{OTHER_ENCODER, words};
+use super::transmission_study::Study;
+use super::transmission_words::{OTHER_ENCODER, words};
 use crate::forward::fit::View;
 use crate::forward::judge::{LEAST_T, least_beside};
 use crate::forward::machine::{Channel, Residual};
 use crate::inverse::split::Role;
+use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{drawn, held, labels, parameters, ranking, short};
+use crate::page::{drawn, parameters, ranking, short};
 
 /// Where something acts whose way of acting is not known.
 fn place(site: &str) -> String {

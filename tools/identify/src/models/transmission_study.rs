@@ -1,0 +1,17 @@
+//! What is known of a transmission once it has been searched: what its verdict, page and next experiment are made of.
+
+use crate::forward::machine::Machine;
+use crate::forward::search::Found;
+use crate::outcome::Calibration;
+
+/// A transmission's records, and what they turned out to say.
+pub(super) struct Study {
+    /// Declared model and records.
+    pub(super) machine: Machine,
+    /// What the search found.
+    pub(super) found: Found,
+    /// What a reader should know of the data.
+    pub(super) notes: Vec<String>,
+    /// What chance gives, where that was asked for.
+    pub(super) calibration: Option<Calibration>,
+}
