@@ -5,7 +5,7 @@
 use plant::cable::{Element, Parameters, Plant};
 use report::{Colour, Figure, Sheet};
 
-use super::response::{Curve, bode};
+use super::curve::{Curve, bode};
 use super::style::axes;
 use super::{Common, Drawn, columns};
 use crate::error::Result;

@@ -1,6 +1,7 @@
 //! The figures, one file for each kind; what each shows, drawn and with its numbers.
 
 pub mod cable;
+mod curve;
 pub mod free;
 pub mod friction;
 pub mod hose;

@@ -3,7 +3,8 @@
 use plant::response::{LinearSystem, Response};
 use report::{Colour, Figure, Sheet};
 
-use super::style::{axes, gain, phase};
+use super::curve::{Curve, bode};
+use super::style::axes;
 use super::{Common, Drawn, columns};
 use crate::error::Result;
 use crate::line::Line;
@@ -13,78 +14,10 @@ use crate::published::published;
 use crate::row::{Role, Row};
 use crate::tracing::SHORT_M;
 
-/// Below this gain the slave stands still, and a phase means nothing.
-const STILL: f64 = 0.02;
 /// Points of a drawn curve.
 const POINTS: usize = 90;
 /// Points of a curve that costs nothing.
 const SMOOTH: usize = 600;
-
-/// A curve with its place in the legend.
-pub(super) struct Curve {
-    name: String,
-    colour: Colour,
-    dashed: bool,
-    frequency: Vec<f64>,
-    gain: Vec<f64>,
-    phase: Vec<f64>,
-}
-
-impl Curve {
-    pub(super) fn simulated(name: &str, colour: Colour, dashed: bool, responses: &[Response]) -> Self {
-        let moving = |value: f64, response: &Response| if response.gain < STILL { f64::NAN } else { value };
-        Self {
-            name: name.to_owned(),
-            colour,
-            dashed,
-            frequency: responses.iter().map(|r| r.frequency_hz).collect(),
-            gain: responses.iter().map(|r| r.gain.max(1e-9)).collect(),
-            phase: responses.iter().map(|r| moving(r.phase_rad.to_degrees(), r)).collect(),
-        }
-    }
-
-    fn linear(name: &str, colour: Colour, system: &LinearSystem, frequency: &[f64]) -> Self {
-        // The rational part is given within half a turn either way; it lags by up to a whole one.
-        let phase = |f: &f64| {
-            let phase = system.phase_rad(*f).to_degrees();
-            if phase > 30.0 { phase - 360.0 } else { phase }
-        };
-        Self {
-            name: name.to_owned(),
-            colour,
-            dashed: true,
-            frequency: frequency.to_vec(),
-            gain: frequency.iter().map(|f| system.gain(*f)).collect(),
-            phase: frequency.iter().map(phase).collect(),
-        }
-    }
-}
-
-fn put(figure: Figure, curve: &Curve, values: &[f64]) -> Figure {
-    let figure = figure.colour(curve.colour);
-    if curve.dashed {
-        figure.dashed(&curve.name, &curve.frequency, values)
-    } else {
-        figure.line(&curve.name, &curve.frequency, values)
-    }
-}
-
-/// Gain and phase panels of some curves.
-pub(super) fn bode(
-    label: &str,
-    curves: &[Curve],
-    (low, high): (f64, f64),
-    (floor, ceiling): (f64, f64),
-    lowest_phase: f64,
-) -> [Figure; 2] {
-    let mut gains = gain(&format!("{label}, gain")).x_range(low, high).y_range(floor, ceiling);
-    let mut phases = phase(&format!("{label}, phase")).x_range(low, high).y_range(lowest_phase, 20.0);
-    for curve in curves {
-        gains = put(gains, curve, &curve.gain);
-        phases = put(phases, curve, &curve.phase);
-    }
-    [gains.horizontal("", CUT_OFF_GAIN), phases]
-}
 
 /// Fig. 3.4.
 ///

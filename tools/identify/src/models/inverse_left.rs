@@ -1,7 +1,7 @@
 //! What is left after the last effect and is too small for a name, with its size.
 
-use super::inverse_outcome::effect_parameters;
-use super::inverse_study::Study;
+use super::inverse_found::Study;
+use super::inverse_parameters::effect_parameters;
 use crate::inverse::model::Machine;
 use crate::inverse::search::{Candidate, of};
 use crate::inverse::split::Role;

@@ -1,16 +1,16 @@
 //! What models that are read inversely share: checks of their columns, the split, the study as a whole.
 
-use nalgebra::DVector;
 use report::Page;
 use rig::{Model as Declared, Parameter as DeclaredParameter};
 
 use super::Options;
+use super::inverse_found::Study;
 use super::inverse_outcome::conclude;
 use crate::effects::{Axis, Units};
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::inverse::model::{Column, Fitted, Machine, Parameter};
-use crate::inverse::search::{Found, search};
+use crate::inverse::model::{Column, Machine, Parameter};
+use crate::inverse::search::search;
 use crate::inverse::signals::Balance;
 use crate::inverse::split::{self, Block, Role};
 use crate::outcome::Outcome;
@@ -27,20 +27,6 @@ const FEWEST_BLOCKS: usize = 12;
 const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong guess.
 const UNIT_FACTOR: f64 = 30.0;
-
-/// Records of a machine, prepared, and what they turned out to say.
-pub(super) struct Study {
-    /// Declared model and prepared records.
-    pub(super) machine: Machine,
-    /// Rows by role.
-    pub(super) blocks: Vec<Block>,
-    /// What the search found.
-    pub(super) found: Found,
-    /// Column of the force.
-    pub(super) channel: &'static str,
-    /// What a reader should know of the data.
-    pub(super) notes: Vec<String>,
-}
 
 /// Splits, searches and concludes.
 pub(super) fn study(
@@ -260,15 +246,4 @@ fn shared_out(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Bl
         }
         None => cut(0),
     }
-}
-
-/// Root mean square of the residual over some blocks, and of the force over the same rows.
-pub(super) fn error(machine: &Machine, fitted: &Fitted, blocks: &[Block]) -> (f64, f64) {
-    let (mut e, mut f, mut n) = (0.0, 0.0, 0usize);
-    for block in blocks {
-        e += DVector::from_vec(machine.residual(fitted, block)).norm_squared();
-        f += machine.balances[block.record].force[block.rows.clone()].iter().map(|f| f * f).sum::<f64>();
-        n += block.rows.len();
-    }
-    ((e / n.max(1) as f64).sqrt(), (f / n.max(1) as f64).sqrt())
 }

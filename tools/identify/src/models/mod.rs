@@ -3,8 +3,10 @@
 mod calibrate;
 mod drive;
 mod element;
+mod inverse_found;
 mod inverse_left;
 mod inverse_outcome;
+mod inverse_parameters;
 mod inverse_study;
 mod next_experiment;
 mod oscillator;

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use report::Page;
 
 use super::inverse_left::{shift_note, shows};
-use super::inverse_outcome::{effect_parameters, named, parameters, roles};
+use super::inverse_outcome::{named, roles};
+use super::inverse_parameters::{effect_parameters, parameters};
 use super::next_experiment::Open;
 use super::oscillator_search::Found;
 use crate::inverse::model::{Fitted, Machine, Structure};
