@@ -288,7 +288,9 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
             for run in rows.chunk_by(|a, b| there(*a) == there(*b)).filter(|run| there(run[0])) {
                 let edge = |ys: &[f64]| -> Vec<(i32, i32)> {
                     let points = run.iter().map(|row| (axes.px(s.x[*row]), clamp(ys[*row])));
-                    let inside = |p: &(f64, f64)| p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
+                    // A value below zero has no place on a logarithmic axis.
+                    let inside =
+                        |p: &(f64, f64)| p.1.is_finite() && p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
                     decimate::envelope(&points.filter(inside).map(round).collect::<Vec<_>>(), FINE)
                 };
                 let mut outline = edge(&s.y);

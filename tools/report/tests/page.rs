@@ -62,6 +62,31 @@ fn values_that_are_not_finite_break_the_line() {
     assert_eq!(lines(&broken), lines(&whole) + 1);
 }
 
+/// Corners of each shaded area (fine pixels).
+fn areas(figure: &Figure) -> Vec<Vec<(i32, i32)>> {
+    let html = Page::new("a").figure(figure, "").render().unwrap();
+    let shapes = html.split("<polygon").skip(1).map(|shape| shape.split("points=\"").nth(1).unwrap());
+    let corner = |text: &str| text.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap())).unwrap();
+    shapes.map(|shape| shape.split('"').next().unwrap().split_whitespace().map(corner).collect()).collect()
+}
+
+#[test]
+fn values_that_are_not_finite_break_the_shaded_area() {
+    let (x, gap) = ([0.0, 1.0, f64::NAN, 3.0, 4.0], [1.0, 2.0, f64::NAN, 1.0, 2.0]);
+    let areas = areas(&Figure::new("", "x", "y").band("", &x, &[0.5; 5], &gap));
+    assert_eq!(areas.len(), 2, "{areas:?}");
+    assert!(areas[0].iter().all(|left| areas[1].iter().all(|right| left.0 < right.0)), "{areas:?}");
+}
+
+#[test]
+fn a_shaded_area_that_reaches_below_zero_stays_within_logarithmic_axes() {
+    let x = [1.0, 2.0, 3.0];
+    let figure = Figure::new("", "x", "y").log_y().band("", &x, &[0.5, -1.0, 0.5], &[2.0, 2.0, 2.0]);
+    let areas = areas(&figure);
+    assert_eq!(areas.len(), 1);
+    assert!(areas[0].iter().all(|(x, y)| *x > 0 && *y > 0), "{areas:?}");
+}
+
 #[test]
 fn what_lies_outside_a_fixed_range_is_cut_off() {
     let x: Vec<f64> = (0..1000).map(f64::from).collect();

@@ -177,20 +177,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_same_with_effects_is_drawn_once() {
-        let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
-        assert_eq!(
-            drawn(&one, &other, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
-            ["declared model", "with effects"]
-        );
-        assert_eq!(
-            drawn(&one, &one, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
-            ["declared model, and with effects"]
-        );
-        assert_eq!(drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(), ["declared model"]);
-    }
-
-    #[test]
     fn a_map_over_what_never_happened_is_left_out() {
         let row = vec![0.0, 1.0, 2.0];
         let rows = Rows { before: row.clone(), after: row.clone(), ..Rows::default() };
