@@ -1,5 +1,6 @@
-//! What a laboratory gets wrong, and what a machine refuses, through the real command line: a clear error that says
-//! where, what was expected, what was found; nothing left running, nothing half-written, shared memory clean.
+//! What a laboratory gets wrong, and what a machine refuses, through the real command line: a clear
+//! error that says where, what was expected, what was found; nothing left running, nothing
+//! half-written, shared memory clean.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -64,14 +65,22 @@ fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
             "channel = 0  ",
             "channel = 9  ",
             0,
-            vec!["axes.0.torque.channel", "expected the index of one of [[channels]]", "found the missing channel 9"],
+            vec![
+                "axes.0.torque.channel",
+                "expected the index of one of [[channels]]",
+                "found the missing channel 9",
+            ],
         ),
         (
             "limits the wrong way round",
             "position_min_deg = -120.0",
             "position_min_deg = 120.0",
             1,
-            vec!["axes.0.limits.position_max_deg", "expected more than", "found limits the wrong way round"],
+            vec![
+                "axes.0.limits.position_max_deg",
+                "expected more than",
+                "found limits the wrong way round",
+            ],
         ),
         (
             "a rate that does not divide",
@@ -87,7 +96,13 @@ fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
             0,
             vec!["phases_us.watchdog", "expected at least 20 µs", "found overlapping phases"],
         ),
-        ("no TOML", "name = \"hydrostatic\"", "name = hydrostatic", 0, vec!["expected valid TOML", "found"]),
+        (
+            "no TOML",
+            "name = \"hydrostatic\"",
+            "name = hydrostatic",
+            0,
+            vec!["expected valid TOML", "found"],
+        ),
     ];
     for (what, from, to, further, parts) in cases {
         let (text, line) = edited(from, to);
@@ -96,14 +111,24 @@ fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
         let place = format!("bench.toml:{}: ", line + further);
         let parts: Vec<&str> = parts.into_iter().chain([place.as_str()]).collect();
         let record = rig.path("run.mcap");
-        let output =
-            rig.farreach(["up", "--simulate", "--rig"]).arg(&path).arg("--record").arg(&record).output().unwrap();
+        let output = rig
+            .farreach(["up", "--simulate", "--rig"])
+            .arg(&path)
+            .arg("--record")
+            .arg(&record)
+            .output()
+            .unwrap();
         eprintln!("{what}: {}", String::from_utf8_lossy(&output.stderr));
         assert_refused(&rig, &output, WRONG_FILE, &parts);
         assert!(!record.exists(), "{what}: a recording was begun");
     }
     let output = rig.run(["up", "--simulate", "--rig", "/nowhere/bench.toml"]);
-    assert_refused(&rig, &output, WRONG_FILE, &["/nowhere/bench.toml", "cannot be read", "No such file"]);
+    assert_refused(
+        &rig,
+        &output,
+        WRONG_FILE,
+        &["/nowhere/bench.toml", "cannot be read", "No such file"],
+    );
     let output = rig.run(["up", "--simulate", "--effect", "gremlins"]);
     assert_refused(&rig, &output, WRONG_FILE, &["gremlins"]);
     let output = rig.run(["up"]);
@@ -115,8 +140,11 @@ fn record(edit: impl Fn(usize, &mut Vec<String>)) -> String {
     let mut text = "t_s,master_rad,motor_v\n".to_owned();
     for row in 0..16_000 {
         let t = row as f64 * 5e-4;
-        let mut cells =
-            vec![format!("{t:.4}"), format!("{:.6}", 0.5 * (6.0 * t).sin()), format!("{:.5}", (6.0 * t).cos())];
+        let mut cells = vec![
+            format!("{t:.4}"),
+            format!("{:.6}", 0.5 * (6.0 * t).sin()),
+            format!("{:.5}", (6.0 * t).cos()),
+        ];
         edit(row, &mut cells);
         if !cells.is_empty() {
             writeln!(text, "{}", cells.join(",")).unwrap();
@@ -136,8 +164,16 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
         })
     };
     let cases: Vec<(&str, String, Vec<&str>)> = vec![
-        ("NaN", set(1000, 2, "NaN"), vec!["row 1002", "column `motor_v`", "expected a finite number", "found `NaN`"]),
-        ("text", set(7, 1, "off"), vec!["row 9", "column `master_rad`", "expected a finite number", "found `off`"]),
+        (
+            "NaN",
+            set(1000, 2, "NaN"),
+            vec!["row 1002", "column `motor_v`", "expected a finite number", "found `NaN`"],
+        ),
+        (
+            "text",
+            set(7, 1, "off"),
+            vec!["row 9", "column `master_rad`", "expected a finite number", "found `off`"],
+        ),
         ("a hole", set(7, 1, ""), vec!["row 9", "column `master_rad`", "found an empty cell"]),
         (
             "a gap",
@@ -162,10 +198,18 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
             }),
             vec!["row 13", "expected 3 cells", "found 2"],
         ),
-        ("no header", "0,1,2\n0.1,1,2\n".to_owned(), vec!["row 1", "expected a header", "found the number 0"]),
+        (
+            "no header",
+            "0,1,2\n0.1,1,2\n".to_owned(),
+            vec!["row 1", "expected a header", "found the number 0"],
+        ),
         ("no time", "a,b\n1,2\n".to_owned(), vec!["column `t_s` is missing", "found a, b"]),
         ("nothing", String::new(), vec!["row 1", "expected a header", "found an empty file"]),
-        ("a header only", "t_s,master_rad,motor_v\n".to_owned(), vec!["expected at least 10 rows", "found 0"]),
+        (
+            "a header only",
+            "t_s,master_rad,motor_v\n".to_owned(),
+            vec!["expected at least 10 rows", "found 0"],
+        ),
         (
             "another rate",
             record(|row, cells| {
@@ -189,7 +233,8 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
         std::fs::write(&path, text).unwrap();
         parts.push("bench.csv");
         let out = rig.path("run.mcap");
-        let output = rig.farreach(["up", "--replay"]).arg(&path).arg("--record").arg(&out).output().unwrap();
+        let output =
+            rig.farreach(["up", "--replay"]).arg(&path).arg("--record").arg(&out).output().unwrap();
         eprintln!("{what}: {}", String::from_utf8_lossy(&output.stderr));
         assert_refused(&rig, &output, WRONG_FILE, &parts);
         assert!(!out.exists(), "{what}: a recording was begun");
@@ -202,8 +247,20 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
     let path = rig.path("drive.csv");
     std::fs::write(&path, set(1000, 2, "NaN").replace("master_rad", "position_m")).unwrap();
     let json = rig.path("out.json");
-    let output = rig.farreach(["identify", "--rig"]).arg(&emps).arg(&path).arg("--json").arg(&json).output().unwrap();
-    assert_refused(&rig, &output, 1, &["drive.csv", "row 1002", "motor_v", "expected a finite number", "NaN"]);
+    let output = rig
+        .farreach(["identify", "--rig"])
+        .arg(&emps)
+        .arg(&path)
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .unwrap();
+    assert_refused(
+        &rig,
+        &output,
+        1,
+        &["drive.csv", "row 1002", "motor_v", "expected a finite number", "NaN"],
+    );
     assert!(!json.exists(), "a result of unusable data");
 }
 
@@ -247,7 +304,12 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
     );
     let other = rig.path("other.mcap");
     std::fs::write(&other, "t_s,master_rad\n0,1\n").unwrap();
-    assert_refused(&rig, &replay(&other), WRONG_FILE, &["other.mcap", "not an MCAP file", "found 74 5f 73"]);
+    assert_refused(
+        &rig,
+        &replay(&other),
+        WRONG_FILE,
+        &["other.mcap", "not an MCAP file", "found 74 5f 73"],
+    );
     for command in ["info", "verify"] {
         let output = rig.farreach(["rec", command]).arg(&empty).output().unwrap();
         assert_refused(&rig, &output, 1, &["empty.mcap", "the file is empty"]);
@@ -256,13 +318,19 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
     // As a power cut leaves it.
     let torn = rig.path("torn.mcap");
     std::fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
-    assert_refused(&rig, &replay(&torn), WRONG_FILE, &["torn.mcap", "ends", "farreach rec recover"]);
+    assert_refused(
+        &rig,
+        &replay(&torn),
+        WRONG_FILE,
+        &["torn.mcap", "ends", "farreach rec recover"],
+    );
     let verified = rig.farreach(["rec", "verify"]).arg(&torn).output().unwrap();
     assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));
     assert!(String::from_utf8_lossy(&verified.stdout).contains("DATA LOST"), "{}", told(&verified));
     let mended = rig.path("mended.mcap");
     // Done, and data were lost.
-    let recovered = rig.farreach(["rec", "recover"]).arg(&torn).arg("-o").arg(&mended).output().unwrap();
+    let recovered =
+        rig.farreach(["rec", "recover"]).arg(&torn).arg("-o").arg(&mended).output().unwrap();
     assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
     assert!(Recording::open(&mended).unwrap().tail().complete);
     let output = replay(&mended);
@@ -274,9 +342,18 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
 fn wrong_protocols_and_rigs_that_are_not_up_are_told_without_a_rig() {
     let rig = TestRig::new("verbs");
     let path = rig.path("p.toml");
-    std::fs::write(&path, "[protocol]\nname = \"test\"\n\n[[segments]]\nkind = \"hold\"\nduration = 1.0\n").unwrap();
+    std::fs::write(
+        &path,
+        "[protocol]\nname = \"test\"\n\n[[segments]]\nkind = \"hold\"\nduration = 1.0\n",
+    )
+    .unwrap();
     let output = rig.farreach(["run"]).arg(&path).output().unwrap();
-    assert_refused(&rig, &output, WRONG_FILE, &["p.toml:6: segments.0.duration: ", "did you mean `duration_s`?"]);
+    assert_refused(
+        &rig,
+        &output,
+        WRONG_FILE,
+        &["p.toml:6: segments.0.duration: ", "did you mean `duration_s`?"],
+    );
     for verb in ["reset", "arm", "enable", "disarm", "estop"] {
         assert_refused(&rig, &rig.run([verb]), 1, &["is not up", "farreach up"]);
     }
@@ -298,7 +375,11 @@ fn a_service_without_a_keeper_says_who_is_missing() {
         let output = rig.farreach(["service", service, "--rig"]).arg(&file).output().unwrap();
         assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
     }
-    let output = rig.farreach(["service", "acquisition", "--card", "null", "--rig"]).arg(&file).output().unwrap();
+    let output = rig
+        .farreach(["service", "acquisition", "--card", "null", "--rig"])
+        .arg(&file)
+        .output()
+        .unwrap();
     assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
 }
 
@@ -325,7 +406,8 @@ fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
     assert_told(&output, &["has a keeper already"]);
     let after = rig.launcher_status();
     assert_eq!(before.launcher, after.launcher);
-    let identities = |status: &launch::Status| status.units.iter().map(|unit| unit.process).collect::<Vec<_>>();
+    let identities =
+        |status: &launch::Status| status.units.iter().map(|unit| unit.process).collect::<Vec<_>>();
     assert_eq!(identities(&before), identities(&after), "the first launch runs on");
     assert!(after.units.iter().all(|unit| unit.restarts == 0), "{after:?}");
     rig.down();
@@ -356,11 +438,14 @@ fn private_mounts() -> Option<Command> {
             return Some(command);
         }
     }
-    eprintln!("SKIPPED: neither root nor user namespaces: full disks and full shared memory took no part in this test");
+    eprintln!(
+        "SKIPPED: neither root nor user namespaces: full disks and full shared memory took no part in this test"
+    );
     None
 }
 
-/// Runs a shell script in mounts of its own; `$FARREACH` is the binary, `$DIRECTORY` the rig's directory.
+/// Runs a shell script in mounts of its own; `$FARREACH` is the binary, `$DIRECTORY` the rig's
+/// directory.
 fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
     let mut command = private_mounts()?;
     command
@@ -424,16 +509,23 @@ fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
         "{}",
         told(&output)
     );
-    let read = |name: &str| -> Value { serde_json::from_slice(&std::fs::read(rig.path(name)).unwrap()).unwrap() };
+    let read = |name: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(rig.path(name)).unwrap()).unwrap()
+    };
     let (status, later) = (read("status.json"), read("later.json"));
     let error = status["recording"]["error"].as_str().unwrap();
     assert!(error.contains("run.mcap") && error.contains("the disk is full"), "{status:#}");
     let lost = |status: &Value| status["recording"]["lost"].as_u64().unwrap();
     assert!(lost(&later) > lost(&status), "{} then {}", lost(&status), lost(&later));
-    let sample = later["losses"].as_array().unwrap().iter().find(|loss| loss["topic"] == "sample").unwrap();
+    let sample =
+        later["losses"].as_array().unwrap().iter().find(|loss| loss["topic"] == "sample").unwrap();
     assert!(sample["refused"].as_u64().unwrap() > 0, "{later:#}");
     for process in later["processes"].as_array().unwrap() {
-        assert_eq!((&process["state"], &process["restarts"]), (&"ready".into(), &0.into()), "{later:#}");
+        assert_eq!(
+            (&process["state"], &process["restarts"]),
+            (&"ready".into(), &0.into()),
+            "{later:#}"
+        );
     }
     let text = std::fs::read_to_string(rig.path("status.txt")).unwrap();
     assert!(text.contains("the disk is full") && text.contains("sample"), "{text}");
@@ -450,17 +542,25 @@ fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
     let all = recording.check().unwrap().messages();
     println!("{} messages before the disk was full, {} of them samples", all, samples.len());
     assert!(samples.len() > 1000, "{}", samples.len());
-    // Told as written is what a flush brought to the disk; a chunk that was full and written since the last flush reads
-    // back beyond that.
+    // Told as written is what a flush brought to the disk; a chunk that was full and written since
+    // the last flush reads back beyond that.
     let written = later["recording"]["written"].as_u64().unwrap();
     assert!(written > 0 && written <= all, "told {written} as written, {all} read back");
     assert!(samples.iter().zip(0..).all(|(sample, sequence)| sample.sequence == sequence));
     let verified = rig.farreach(["rec", "verify"]).arg(&path).output().unwrap();
     assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));
     let mended = rig.path("mended.mcap");
-    let recovered = rig.farreach(["rec", "recover"]).arg(&path).arg("-o").arg(&mended).output().unwrap();
+    let recovered =
+        rig.farreach(["rec", "recover"]).arg(&path).arg("-o").arg(&mended).output().unwrap();
     assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
     let kept = Recording::open(&mended).unwrap();
-    assert_eq!(kept.messages::<Sample>(SAMPLE.topic.name).unwrap().flatten().count(), samples.len());
-    assert!(wait_for(Duration::from_secs(5), || rig.processes().is_empty()), "{:?}", rig.processes());
+    assert_eq!(
+        kept.messages::<Sample>(SAMPLE.topic.name).unwrap().flatten().count(),
+        samples.len()
+    );
+    assert!(
+        wait_for(Duration::from_secs(5), || rig.processes().is_empty()),
+        "{:?}",
+        rig.processes()
+    );
 }

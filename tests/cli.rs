@@ -1,6 +1,7 @@
 //! Golden tests of the command line: what a person reads and a script tests, word for word.
 //!
-//! `TRYCMD=overwrite cargo test --test cli` writes them anew; read the difference before it is committed.
+//! `TRYCMD=overwrite cargo test --test cli` writes them anew; read the difference before it is
+//! committed.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::os::unix::process::ExitStatusExt;

@@ -1,5 +1,6 @@
-//! Processes that stop without dying (`SIGSTOP`), wake again (`SIGCONT`), and wake beside their replacement. Requirements:
-//! SR-04, SR-07, SR-09, SR-19, whole-system; hazards H1, H2, H3, H4, H8 of the safety case.
+//! Processes that stop without dying (`SIGSTOP`), wake again (`SIGCONT`), and wake beside their
+//! replacement. Requirements: SR-04, SR-07, SR-09, SR-19, whole-system; hazards H1, H2, H3, H4, H8
+//! of the safety case.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -39,7 +40,11 @@ fn pulse(witness: &Witness, process: &str) -> Life {
 
 fn life_of(witness: &Witness, process: &str, incarnation: u64) -> Life {
     let seen = witness.seen();
-    *seen.streams[topic_of(process)].lives.iter().find(|life| life.incarnation == incarnation).unwrap()
+    *seen.streams[topic_of(process)]
+        .lives
+        .iter()
+        .find(|life| life.incarnation == incarnation)
+        .unwrap()
 }
 
 /// Powered, with volts that flow right now; then all that was seen so far is forgotten.
@@ -52,7 +57,8 @@ fn ready(rig: &TestRig, witness: &Witness) -> u64 {
     }
 }
 
-/// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave again.
+/// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave
+/// again.
 fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64) {
     let lives = witness.lives();
     let seen = witness.seen();
@@ -61,7 +67,10 @@ fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64
     let bound = off_bound(frozen, witness.profile()).unwrap();
     assert!(off <= bound, "{frozen}: volts for {off} ticks, bound {bound}");
     let line_died = tick_of(seen.toggled.0 + lives.line_ns) + 1;
-    assert!(seen.last_power().is_none_or(|power| power <= line_died), "{frozen}: power without a line");
+    assert!(
+        seen.last_power().is_none_or(|power| power <= line_died),
+        "{frozen}: power without a line"
+    );
     let without = seen.tokens.iter().position(|token| !token.enabled).unwrap_or(seen.tokens.len());
     let again = seen.tokens[without..].iter().find(|token| token.enabled);
     assert!(again.is_none(), "{frozen}: enabled by itself: {again:?}");
@@ -84,10 +93,9 @@ fn freeze_shortly(rig: &TestRig, witness: &Witness, unit: &str, ticks: u64) {
     let silent = life_of(witness, unit, known.incarnation);
     kill(before.pid, libc::SIGCONT);
     witness.until("the frozen process speaks again", |seen| {
-        seen.streams[topic_of(unit)]
-            .lives
-            .iter()
-            .any(|life| life.sequence > silent.sequence && { life.incarnation == known.incarnation })
+        seen.streams[topic_of(unit)].lives.iter().any(|life| {
+            life.sequence > silent.sequence && { life.incarnation == known.incarnation }
+        })
     });
     witness.pass_ticks(WATCHED);
     // What woke is the same process, and it changes nothing for the motor.
@@ -113,10 +121,16 @@ fn freeze_until_replaced(rig: &TestRig, witness: &Witness, unit: &str) {
     let replaced = wait_for(LIMIT, || process(rig, unit).is_some_and(|now| now != before));
     assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
     assert!(!before.is_alive(), "the frozen {unit} lives beside its replacement");
-    witness
-        .until("the replacement speaks", |seen| seen.streams[topic_of(unit)].newest().incarnation != known.incarnation);
+    witness.until("the replacement speaks", |seen| {
+        seen.streams[topic_of(unit)].newest().incarnation != known.incarnation
+    });
     witness.pass_ticks(WATCHED);
-    assert_off(witness, unit, struck_ns.max(stopped_ns), life_of(witness, unit, known.incarnation).last_ns);
+    assert_off(
+        witness,
+        unit,
+        struck_ns.max(stopped_ns),
+        life_of(witness, unit, known.incarnation).last_ns,
+    );
     assert_ne!(witness.seen().state(), Some(WatchdogState::Enabled));
     witness.power_up(rig);
 }
@@ -130,7 +144,8 @@ impl Second {
         let environment = std::fs::read(format!("/proc/{}/environ", like.pid)).unwrap();
         let variables = environment.split(|byte| *byte == 0).filter_map(|entry| {
             let (name, value) = std::str::from_utf8(entry).ok()?.split_once('=')?;
-            (!matches!(name, "NOTIFY_SOCKET" | "WATCHDOG_USEC" | "WATCHDOG_PID")).then_some((name, value))
+            (!matches!(name, "NOTIFY_SOCKET" | "WATCHDOG_USEC" | "WATCHDOG_PID"))
+                .then_some((name, value))
         });
         let mut command: Command = rig.farreach(["service", unit]);
         command.env_clear().envs(variables).current_dir("/").stdout(Stdio::null());
@@ -145,15 +160,17 @@ impl Drop for Second {
     }
 }
 
-/// Freezes a process, lets a second one take its place and power, and wakes the first beside it. `false` where the
-/// machine was too slow for the launcher's patience.
+/// Freezes a process, lets a second one take its place and power, and wakes the first beside it.
+/// `false` where the machine was too slow for the launcher's patience.
 fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) -> bool {
     ready(rig, witness);
     let first = process(rig, unit).unwrap();
     let old = pulse(witness, unit);
     kill(first.pid, libc::SIGSTOP);
     let second = Second::of(rig, unit, first);
-    witness.until("the second speaks", |seen| seen.streams[topic_of(unit)].newest().incarnation != old.incarnation);
+    witness.until("the second speaks", |seen| {
+        seen.streams[topic_of(unit)].newest().incarnation != old.incarnation
+    });
     let new = pulse(witness, unit);
     witness.power_up(rig);
     if process(rig, unit) != Some(first) || !witness.volts_flow() {
@@ -164,7 +181,8 @@ fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) ->
     let before = life_of(witness, unit, old.incarnation);
     kill(first.pid, libc::SIGCONT);
     let spoke = wait_for(LIMIT, || {
-        life_of(witness, unit, old.incarnation).sequence > before.sequence || process(rig, unit) != Some(first)
+        life_of(witness, unit, old.incarnation).sequence > before.sequence
+            || process(rig, unit) != Some(first)
     });
     if !spoke || process(rig, unit) != Some(first) {
         return false;
@@ -181,7 +199,8 @@ fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) ->
     assert!(life_of(witness, unit, new.incarnation).sequence > new.sequence);
     for _ in 0..3 {
         let refused = rig.run(["reset"]);
-        let (one, other) = (pulse(witness, unit), witness.seen().streams[topic_of(unit)].lives.len());
+        let (one, other) =
+            (pulse(witness, unit), witness.seen().streams[topic_of(unit)].lives.len());
         assert!(!refused.status.success(), "{unit}: reset although two speak ({one:?}, {other})");
     }
     drop(second);
@@ -199,7 +218,8 @@ fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
     eprintln!("profile {}", witness.profile());
     witness.power_up(&rig);
 
-    // Longer than any life (100 ms without real-time scheduling), shorter than the launcher's patience (2 s).
+    // Longer than any life (100 ms without real-time scheduling), shorter than the launcher's
+    // patience (2 s).
     for unit in ["acquisition", "control", "watchdog"] {
         for ticks in [250, 600, 1500] {
             freeze_shortly(&rig, &witness, unit, ticks);

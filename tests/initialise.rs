@@ -1,11 +1,14 @@
-//! The rig finds the ends of its travel by itself: the whole chain of processes, and what the recording shows of it.
+//! The rig finds the ends of its travel by itself: the whole chain of processes, and what the
+//! recording shows of it.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
 
 use std::path::Path;
 
-use ipc_types::{COMMAND, Event, EventKind, Mode, MotorCommand, Process, SAMPLE, Sample, Severity, event_topic};
+use ipc_types::{
+    COMMAND, Event, EventKind, Mode, MotorCommand, Process, SAMPLE, Sample, Severity, event_topic,
+};
 use recording::mcap_read::Recording;
 
 use common::{TestRig, told};
@@ -36,16 +39,21 @@ duration_s = 4.0
 #[test]
 fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
     let rig = TestRig::patient("initialise");
-    let (rig_file, protocol, record) = (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));
+    let (rig_file, protocol, record) =
+        (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));
     let kept: Vec<&str> = RIG.lines().filter(|line| !line.starts_with("end_stop_")).collect();
-    let keys = format!("[simulation]\nend_stop_min_deg = {:?}\nend_stop_max_deg = {:?}", STOPS_DEG.0, STOPS_DEG.1);
+    let keys = format!(
+        "[simulation]\nend_stop_min_deg = {:?}\nend_stop_max_deg = {:?}",
+        STOPS_DEG.0, STOPS_DEG.1
+    );
     std::fs::write(&rig_file, kept.join("\n").replace("[simulation]", &keys)).unwrap();
     std::fs::write(&protocol, PROTOCOL).unwrap();
     let text = |path: &Path| path.to_str().unwrap().to_owned();
     let (rig_file, protocol, record) = (text(&rig_file), text(&protocol), text(&record));
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &record]);
     let mut last = String::new();
-    // A best-effort rig on a loaded machine may trip, rightly: then a person resets it and begins again.
+    // A best-effort rig on a loaded machine may trip, rightly: then a person resets it and begins
+    // again.
     let played = (1..=20).any(|attempt| {
         rig.power_up();
         let output = rig.run(["run", &protocol]);
@@ -59,12 +67,22 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
 
     let recording = Recording::open(Path::new(&record)).unwrap();
     let topic = event_topic(Process::Experiment).unwrap().topic.name;
-    let events: Vec<Event> = recording.messages::<Event>(topic).unwrap().map(|event| event.unwrap().message).collect();
-    let found: Vec<&Event> = events.iter().filter(|event| event.kind == EventKind::RangeFound.code()).collect();
+    let events: Vec<Event> =
+        recording.messages::<Event>(topic).unwrap().map(|event| event.unwrap().message).collect();
+    let found: Vec<&Event> =
+        events.iter().filter(|event| event.kind == EventKind::RangeFound.code()).collect();
     let [ends, warning] = found[found.len() - 2..] else { panic!("{found:?}") };
     println!("found {:.2}° to {:.2}°: {}", ends.a.to_degrees(), ends.b.to_degrees(), ends.text());
-    println!("motor {:.2}° to {:.2}°: {}", warning.a.to_degrees(), warning.b.to_degrees(), warning.text());
-    assert!((ends.a.to_degrees() - STOPS_DEG.0).abs() < 1.0 && (ends.b.to_degrees() - STOPS_DEG.1).abs() < 1.0);
+    println!(
+        "motor {:.2}° to {:.2}°: {}",
+        warning.a.to_degrees(),
+        warning.b.to_degrees(),
+        warning.text()
+    );
+    assert!(
+        (ends.a.to_degrees() - STOPS_DEG.0).abs() < 1.0
+            && (ends.b.to_degrees() - STOPS_DEG.1).abs() < 1.0
+    );
     assert_eq!((ends.c, ends.severity), (0.0, Severity::Info.code()));
     assert_eq!(warning.severity, Severity::Warning.code(), "the stops are far within the limits");
 
@@ -76,10 +94,14 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
     let of = |mode: Mode| commands.iter().filter(move |command| command.mode == mode.code());
     assert!(of(Mode::Initialise).count() > 1000 && of(Mode::Centre).count() > 500);
     let most = of(Mode::Initialise).map(|command| command.volts[0].abs()).fold(0.0, f64::max);
-    // Another mode's larger output would come down within 50 ms; here the first mode is the gentle one.
+    // Another mode's larger output would come down within 50 ms; here the first mode is the gentle
+    // one.
     assert!(most <= 4.0 + 1e-9, "{most} V");
-    let samples: Vec<Sample> =
-        recording.messages::<Sample>(SAMPLE.topic.name).unwrap().map(|sample| sample.unwrap().message).collect();
+    let samples: Vec<Sample> = recording
+        .messages::<Sample>(SAMPLE.topic.name)
+        .unwrap()
+        .map(|sample| sample.unwrap().message)
+        .collect();
     let ended = of(Mode::Centre).next_back().unwrap().sample_tick;
     let at_the_end = samples.iter().rev().find(|sample| sample.tick <= ended).unwrap();
     let position = at_the_end.master_position[0].to_degrees();

@@ -1,5 +1,6 @@
-//! Every process of a powered rig is killed (`kill -9`) again and again, in the real-time profile under load. Requirements: SR-01,
-//! SR-07, SR-19, SR-20, whole-system; hazards H1, H2, H3, H8 of the safety case.
+//! Every process of a powered rig is killed (`kill -9`) again and again, in the real-time profile
+//! under load. Requirements: SR-01, SR-07, SR-19, SR-20, whole-system; hazards H1, H2, H3, H8 of
+//! the safety case.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -16,8 +17,16 @@ use launch::{ProcessIdentity, UnitState};
 
 /// Rounds; in each, every process is killed once. `FARREACH_KILL_ROUNDS` asks for another number.
 const ROUNDS: usize = 20;
-const VICTIMS: [&str; 8] =
-    ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog", "launcher"];
+const VICTIMS: [&str; 8] = [
+    "keeper",
+    "logger",
+    "simulator",
+    "acquisition",
+    "control",
+    "experiment",
+    "watchdog",
+    "launcher",
+];
 /// What each process publishes all the time, as its pulse.
 const PULSES: [(&str, &str); 6] = [
     ("simulator", "card_scan"),
@@ -35,8 +44,8 @@ const FAST: [&str; 4] = ["card_scan", "sample", "command", "token"];
 const WATCHED: u64 = 400;
 /// What a kill came to.
 struct Struck {
-    /// Ticks from the kill, or the victim's last word if that came later, to the first scan from which on no volts
-    /// reached the motor. `None` where the motor kept its power.
+    /// Ticks from the kill, or the victim's last word if that came later, to the first scan from
+    /// which on no volts reached the motor. `None` where the motor kept its power.
     off_ticks: Option<u64>,
 }
 
@@ -77,18 +86,22 @@ impl Campaign {
         Some(self.witness().seen().streams.get(topic)?.newest())
     }
 
-    /// Kills once. An error is a stall of the machine, shown by loops that nobody touched: the kill is then made again.
+    /// Kills once. An error is a stall of the machine, shown by loops that nobody touched: the kill
+    /// is then made again.
     fn strike(&mut self, victim: &'static str) -> Result<Struck, String> {
         if !self.witness().volts_flow() {
             let causes = self.witness().seen().causes();
             let why = self.witness().stalled(&FAST);
             self.witness().power_up(&self.rig);
-            return Err(why.unwrap_or_else(|| panic!("before {victim}: tripped without a kill: {causes:?}")));
+            return Err(why
+                .unwrap_or_else(|| panic!("before {victim}: tripped without a kill: {causes:?}")));
         }
         let before = self.processes();
         assert_eq!(before.len(), VICTIMS.len(), "not all ready before {victim}: {before:?}");
-        let pulses: BTreeMap<&str, Life> =
-            PULSES.iter().filter_map(|(process, _)| Some((*process, self.pulse(process)?))).collect();
+        let pulses: BTreeMap<&str, Life> = PULSES
+            .iter()
+            .filter_map(|(process, _)| Some((*process, self.pulse(process)?)))
+            .collect();
         let epoch = self.witness().seen().newest_token.unwrap().epoch;
         let struck_ns = self.witness().mark();
         common::kill(before[victim].pid, libc::SIGKILL);
@@ -100,12 +113,15 @@ impl Campaign {
             assert!(adopted.status.success(), "adopting: {}", told(&adopted));
         }
         let come_back = |now: &BTreeMap<String, ProcessIdentity>| {
-            now.len() == VICTIMS.len() && now.get(victim).is_some_and(|process| *process != before[victim])
+            now.len() == VICTIMS.len()
+                && now.get(victim).is_some_and(|process| *process != before[victim])
         };
         let back = wait_for(LIMIT, || come_back(&self.processes()));
         assert!(back, "{victim} did not come back: {:?}", self.rig.launcher_status());
         if let Some(pulse) = pulses.get(victim) {
-            let speaks = wait_for(LIMIT, || self.pulse(victim).is_some_and(|now| now.incarnation != pulse.incarnation));
+            let speaks = wait_for(LIMIT, || {
+                self.pulse(victim).is_some_and(|now| now.incarnation != pulse.incarnation)
+            });
             assert!(speaks, "{victim} says nothing");
         }
         self.witness().pass_ticks(WATCHED);
@@ -120,9 +136,13 @@ impl Campaign {
         }
         for (process, pulse) in &pulses {
             if *process != victim {
-                let came = wait_for(LIMIT, || self.pulse(process).unwrap().sequence > pulse.sequence);
+                let came =
+                    wait_for(LIMIT, || self.pulse(process).unwrap().sequence > pulse.sequence);
                 let now = self.pulse(process).unwrap();
-                assert_eq!(now.incarnation, pulse.incarnation, "{process} after the kill of {victim}");
+                assert_eq!(
+                    now.incarnation, pulse.incarnation,
+                    "{process} after the kill of {victim}"
+                );
                 assert!(came, "{process} stands still after the kill of {victim}");
             }
         }
@@ -151,18 +171,23 @@ impl Campaign {
             }
             let why = self.witness().stalled(&FAST);
             self.witness().power_up(&self.rig);
-            return Err(why.unwrap_or_else(|| panic!("{victim}'s death cut the power: {causes:?}\n{account}")));
+            return Err(why.unwrap_or_else(|| {
+                panic!("{victim}'s death cut the power: {causes:?}\n{account}")
+            }));
         }
         let tripped = self.witness().seen();
-        // The others' word of state: no leave after the first token without, whoever came back meanwhile.
-        let first_without = tripped.tokens.iter().position(|token| !token.enabled).expect("no trip");
+        // The others' word of state: no leave after the first token without, whoever came back
+        // meanwhile.
+        let first_without =
+            tripped.tokens.iter().position(|token| !token.enabled).expect("no trip");
         assert!(
             tripped.tokens[first_without..].iter().all(|token| !token.enabled),
             "{victim}: enabled again by itself: {:?}",
             tripped.tokens
         );
         let state = tripped.state().unwrap();
-        let expected = if victim == "watchdog" { WatchdogState::Faulted } else { WatchdogState::Tripped };
+        let expected =
+            if victim == "watchdog" { WatchdogState::Faulted } else { WatchdogState::Tripped };
         assert_eq!(state, expected, "{victim}: {:?}", tripped.causes());
         let causes = tripped.causes();
         if victim == "launcher"
@@ -182,7 +207,10 @@ impl Campaign {
         // The enable line, whoever died: the card keeps to its life exactly.
         if let Some(power) = tripped.last_power() {
             let line_died = tick_of(tripped.toggled.0 + lives.line_ns) + 1;
-            assert!(power <= line_died, "{victim}: powered until tick {power}, the line died at {line_died}");
+            assert!(
+                power <= line_died,
+                "{victim}: powered until tick {power}, the line died at {line_died}"
+            );
         }
         // Its last word may have come after the clock was read, before the signal reached it.
         let last_word_ns = pulse.map_or(0, |pulse| {
@@ -215,14 +243,21 @@ impl Campaign {
                 Err(stall) => {
                     eprintln!("again: {victim}: {stall}");
                     self.stalls.push(stall);
-                    assert!(attempts < ATTEMPTS, "{victim}: whatever stalls, it does so each time: {:?}", self.stalls);
+                    assert!(
+                        attempts < ATTEMPTS,
+                        "{victim}: whatever stalls, it does so each time: {:?}",
+                        self.stalls
+                    );
                 }
             }
         };
         let Some(off_ticks) = struck.off_ticks else { return };
         self.off.entry(victim).or_default().push(off_ticks);
         let refused = self.rig.run(["enable"]);
-        assert!(!refused.status.success(), "after {victim}'s death: `enable` without `reset` and `arm`");
+        assert!(
+            !refused.status.success(),
+            "after {victim}'s death: `enable` without `reset` and `arm`"
+        );
         self.witness().power_up(&self.rig);
     }
 }
@@ -272,7 +307,11 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
             now = Footprint::of(&name);
             now.size().0 <= files && now.size().1 <= bytes
         });
-        eprintln!("shared memory (entries, bytes) after round 2: {:?}, at the end: {:?}", settled.size(), now.size());
+        eprintln!(
+            "shared memory (entries, bytes) after round 2: {:?}, at the end: {:?}",
+            settled.size(),
+            now.size()
+        );
         assert!(
             shrunk,
             "shared memory grew from {:?} {:?}\nto {:?} {:?}\nof the dead, then: {:#?}\nof the dead, now: {:#?}",
@@ -289,18 +328,32 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
         let domain = runtime::Domain::open(&name).unwrap();
         let node = domain.node("asker").unwrap();
         let logger: LoggerAnswer =
-            runtime::call(&node, &LOGGER_COMMANDS, &LoggerRequest::Status, Duration::from_secs(5)).unwrap();
+            runtime::call(&node, &LOGGER_COMMANDS, &LoggerRequest::Status, Duration::from_secs(5))
+                .unwrap();
         assert!(logger.recording.is_some() && logger.error.is_empty(), "{logger:?}");
     }
-    let restarts: BTreeMap<String, u32> =
-        campaign.rig.launcher_status().units.iter().map(|unit| (unit.name.clone(), unit.restarts)).collect();
+    let restarts: BTreeMap<String, u32> = campaign
+        .rig
+        .launcher_status()
+        .units
+        .iter()
+        .map(|unit| (unit.name.clone(), unit.restarts))
+        .collect();
     assert_eq!(restarts.len(), WORKERS.len());
     assert!(restarts.values().all(|&count| count as usize >= rounds), "{restarts:?}");
-    assert!(campaign.stalls.len() <= rounds * VICTIMS.len() / 4, "too many stalls to conclude: {:?}", campaign.stalls);
+    assert!(
+        campaign.stalls.len() <= rounds * VICTIMS.len() / 4,
+        "too many stalls to conclude: {:?}",
+        campaign.stalls
+    );
 
-    // What makes acquisition's death a test: the DACs went on holding volts, which no longer reached the motor. (A machine that
-    // stalls just then burns the gate first.)
-    assert!(campaign.held * 2 > rounds, "the card held its last volts after {} of {rounds} deaths", campaign.held);
+    // What makes acquisition's death a test: the DACs went on holding volts, which no longer
+    // reached the motor. (A machine that stalls just then burns the gate first.)
+    assert!(
+        campaign.held * 2 > rounds,
+        "the card held its last volts after {} of {rounds} deaths",
+        campaign.held
+    );
 
     campaign.witness = None;
     campaign.rig.down();
@@ -343,7 +396,8 @@ fn report(campaign: &Campaign) {
     eprintln!("stalls of the machine: {:?}", campaign.stalls);
 }
 
-/// Verifies every part. What was lost while the logger was down shows as gaps; nothing else may be wrong.
+/// Verifies every part. What was lost while the logger was down shows as gaps; nothing else may be
+/// wrong.
 fn verify_parts(rig: &TestRig, record: &Path) -> usize {
     let directory = record.parent().unwrap();
     let mut parts: Vec<PathBuf> = std::fs::read_dir(directory)
@@ -357,16 +411,26 @@ fn verify_parts(rig: &TestRig, record: &Path) -> usize {
         assert!(matches!(output.status.code(), Some(0 | 3)), "{}", told(&output));
         let check: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(check["damage"].as_array().unwrap().len(), 0, "{part:?}: {}", check["damage"]);
-        // At most what one flush had not brought to the disk is cut off: a chunk and the head of the next.
-        assert!(check["tail"]["lost_bytes"].as_u64().unwrap() <= 2 << 20, "{part:?}: {}", check["tail"]);
+        // At most what one flush had not brought to the disk is cut off: a chunk and the head of
+        // the next.
+        assert!(
+            check["tail"]["lost_bytes"].as_u64().unwrap() <= 2 << 20,
+            "{part:?}: {}",
+            check["tail"]
+        );
         for topic in check["topics"].as_array().unwrap() {
-            let none = |key: &str| assert_eq!(topic[key].as_u64(), Some(0), "{part:?}: {key}: {topic}");
+            let none =
+                |key: &str| assert_eq!(topic[key].as_u64(), Some(0), "{part:?}: {key}: {topic}");
             none("undecodable");
             none("duplicates");
             none("dropped");
         }
-        let scans = check["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "card_scan");
-        assert!(scans.is_some_and(|scans| scans["count"].as_u64().unwrap() > 0), "{part:?} holds no scans");
+        let scans =
+            check["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "card_scan");
+        assert!(
+            scans.is_some_and(|scans| scans["count"].as_u64().unwrap() > 0),
+            "{part:?} holds no scans"
+        );
     }
     parts.len()
 }

@@ -1,5 +1,5 @@
-//! Learning on the whole rig: a lesson over a `kill -9` of the experiment process, the reference kept and played again, a damaged one
-//! refused.
+//! Learning on the whole rig: a lesson over a `kill -9` of the experiment process, the reference
+//! kept and played again, a damaged one refused.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -48,8 +48,8 @@ law = "none"
 load = "lesson"
 "#;
 
-/// Runs a protocol; `meanwhile` is called while it plays. `None` where the machine was too busy, so that the watchdog rightly
-/// cut the power.
+/// Runs a protocol; `meanwhile` is called while it plays. `None` where the machine was too busy, so
+/// that the watchdog rightly cut the power.
 fn attempt(rig: &TestRig, protocol: &Path, meanwhile: impl FnOnce()) -> Result<Output, String> {
     rig.power_up();
     let mut command = rig.farreach(["run", protocol.to_str().unwrap()]);
@@ -57,7 +57,11 @@ fn attempt(rig: &TestRig, protocol: &Path, meanwhile: impl FnOnce()) -> Result<O
     meanwhile();
     let output = child.wait_with_output().unwrap();
     let text = told(&output);
-    if text.contains("watchdog is tripped") || text.contains("the rig is tripped") { Err(text) } else { Ok(output) }
+    if text.contains("watchdog is tripped") || text.contains("the rig is tripped") {
+        Err(text)
+    } else {
+        Ok(output)
+    }
 }
 
 fn until_it_plays(rig: &TestRig, protocol: &Path, meanwhile: impl Fn()) -> Output {
@@ -98,8 +102,10 @@ fn kill_in_the_middle(rig: &TestRig) {
         // The watchdog cut the power before; the attempt says so.
         return;
     }
-    let pid =
-        rig.launcher_status().unit("experiment").and_then(|unit| unit.process.as_ref().map(|process| process.pid));
+    let pid = rig
+        .launcher_status()
+        .unit("experiment")
+        .and_then(|unit| unit.process.as_ref().map(|process| process.pid));
     kill(pid.unwrap(), libc::SIGKILL);
 }
 
@@ -110,7 +116,8 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     let up = rig
         .farreach(["up", "--simulate", "--record", file.to_str().unwrap()])
         .env("FARREACH_LEARNT", &learnt)
-        // A lesson is long: on a busy machine the shorter patience of the real-time profile would cut it off.
+        // A lesson is long: on a busy machine the shorter patience of the real-time profile would
+        // cut it off.
         .env("FARREACH_PROFILE", "best-effort")
         .output()
         .unwrap();
@@ -121,7 +128,8 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
         path
     });
 
-    // Before anything is learnt there is nothing to play: refused, with a reason, and nothing moves.
+    // Before anything is learnt there is nothing to play: refused, with a reason, and nothing
+    // moves.
     rig.power_up();
     let missing = rig.run(["run", again.to_str().unwrap()]);
     assert_eq!(missing.status.code(), Some(1), "{}", told(&missing));
@@ -156,7 +164,10 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     let events = events(&recording);
     // The last attempt at each protocol.
     let begun = |name: &str| {
-        events.iter().rposition(|event| is(event, EventKind::ProtocolStarted) && event.text() == name).unwrap()
+        events
+            .iter()
+            .rposition(|event| is(event, EventKind::ProtocolStarted) && event.text() == name)
+            .unwrap()
     };
     let (first, second) = (begun("lesson"), begun("again"));
     let blocks = |events: &[Event]| -> Vec<(u32, f64)> {
@@ -168,8 +179,14 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     let numbers: Vec<u32> = of_lesson.iter().map(|block| block.0).collect();
     assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{numbers:?}");
     assert_eq!((numbers[0], *numbers.last().unwrap()), (1, 7));
-    let resumed = events[first..second].iter().find(|event| event.text().starts_with("learning goes on after block"));
-    assert!(resumed.is_some(), "{:?}", events[first..second].iter().map(Event::text).collect::<Vec<_>>());
+    let resumed = events[first..second]
+        .iter()
+        .find(|event| event.text().starts_with("learning goes on after block"));
+    assert!(
+        resumed.is_some(),
+        "{:?}",
+        events[first..second].iter().map(Event::text).collect::<Vec<_>>()
+    );
     let (begins, ends) = (of_lesson[0].1, of_lesson[6].1);
     assert!(ends < 0.5 * begins, "{of_lesson:?}");
     let ended = events[first..second].iter().filter(|event| is(event, EventKind::LearningEnded));
@@ -181,9 +198,9 @@ fn a_lesson_survives_and_what_it_taught_is_kept() {
     println!("{of_again:.2?}");
     assert_eq!(of_again.len(), 2);
     assert!(of_again[0].1 < 0.5 * begins, "{of_again:?} after {of_lesson:?}");
-    let refused = events[second..]
-        .iter()
-        .filter(|event| is(event, EventKind::ProtocolStopped) && event.severity == Severity::Error.code());
+    let refused = events[second..].iter().filter(|event| {
+        is(event, EventKind::ProtocolStopped) && event.severity == Severity::Error.code()
+    });
     let reasons: Vec<&str> = refused.map(Event::text).collect();
     assert_eq!(reasons.len(), 2, "{reasons:?}");
     assert!(reasons.iter().all(|reason| reason.contains("cannot be used")), "{reasons:?}");

@@ -1,5 +1,6 @@
-//! Measured data through the whole rig: a record replayed where the card would be, at its own pace, through shared memory
-//! onto the disk, and from there into `farreach identify`, which must find in it what it finds in the record itself.
+//! Measured data through the whole rig: a record replayed where the card would be, at its own pace,
+//! through shared memory onto the disk, and from there into `farreach identify`, which must find in
+//! it what it finds in the record itself.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -23,7 +24,8 @@ fn rows_of(csv: &Path) -> Vec<[f64; 3]> {
     let text = std::fs::read_to_string(csv).unwrap();
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let at = ["t_s", "position_m", "motor_v"].map(|name| names.iter().position(|found| *found == name).unwrap());
+    let at = ["t_s", "position_m", "motor_v"]
+        .map(|name| names.iter().position(|found| *found == name).unwrap());
     lines
         .map(|line| {
             let cells: Vec<&str> = line.split(',').collect();
@@ -40,7 +42,8 @@ fn replay_done(path: &Path) -> bool {
     events.flatten().any(|event| event.message.kind == EventKind::ReplayDone.code())
 }
 
-/// Replays a record through a rig that logs it, and holds the recording against the record: bit by bit, row by row.
+/// Replays a record through a rig that logs it, and holds the recording against the record: bit by
+/// bit, row by row.
 fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
     let recording = rig.path("replayed.mcap");
     let rows = rows_of(csv);
@@ -66,22 +69,45 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
     let verified = rig.run(["rec".as_ref(), "verify".as_ref(), recording.as_os_str()]);
     assert!(verified.status.success(), "{}", told(&verified));
     let read = Recording::open(&recording).unwrap();
-    let samples: Vec<Sample> =
-        read.messages::<Sample>(SAMPLE.topic.name).unwrap().map(|sample| sample.unwrap().message).collect();
+    let samples: Vec<Sample> = read
+        .messages::<Sample>(SAMPLE.topic.name)
+        .unwrap()
+        .map(|sample| sample.unwrap().message)
+        .collect();
     assert_eq!(samples.len(), rows.len(), "rows");
     let first = samples[0];
     for (index, (sample, [time, position, volts])) in samples.iter().zip(&rows).enumerate() {
         let row = index + 2;
-        assert_eq!(sample.master_position[0].to_bits(), position.to_bits(), "row {row}: position {position}");
+        assert_eq!(
+            sample.master_position[0].to_bits(),
+            position.to_bits(),
+            "row {row}: position {position}"
+        );
         assert_eq!(sample.motor_v[0].to_bits(), volts.to_bits(), "row {row}: motor volts {volts}");
         assert_eq!(sample.record_time_s.to_bits(), time.to_bits(), "row {row}: time {time}");
         assert_eq!((sample.master_present, sample.motor_present), (1, 1), "row {row}");
-        assert_eq!((sample.sequence, sample.tick), (index as u64, first.tick + index as u64), "row {row}");
-        assert_eq!(sample.scan_time_ns, sample.tick * 1_000_000, "row {row}: the record's own kilohertz");
+        assert_eq!(
+            (sample.sequence, sample.tick),
+            (index as u64, first.tick + index as u64),
+            "row {row}"
+        );
+        assert_eq!(
+            sample.scan_time_ns,
+            sample.tick * 1_000_000,
+            "row {row}: the record's own kilohertz"
+        );
         assert!(sample.time_ns >= sample.scan_time_ns, "row {row} came before it was due");
-        assert_eq!((sample.session, sample.incarnation), (first.session, first.incarnation), "row {row}");
+        assert_eq!(
+            (sample.session, sample.incarnation),
+            (first.session, first.incarnation),
+            "row {row}"
+        );
         assert_eq!(sample.backend, Backend::Replay.code(), "row {row}");
-        assert_eq!((sample.gate_state, sample.output_v[0]), (GateState::Closed.code(), 0.0), "row {row}");
+        assert_eq!(
+            (sample.gate_state, sample.output_v[0]),
+            (GateState::Closed.code(), 0.0),
+            "row {row}"
+        );
     }
     recording
 }
@@ -89,18 +115,30 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
 /// What `farreach identify` makes of a record.
 fn identify(rig: &TestRig, record: &Path) -> Value {
     let json = rig.path("identify.json");
-    let output =
-        rig.farreach(["identify", "--rig"]).arg(emps_rig()).arg(record).arg("--json").arg(&json).output().unwrap();
+    let output = rig
+        .farreach(["identify", "--rig"])
+        .arg(emps_rig())
+        .arg(record)
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", told(&output));
     println!("{}:\n{}", record.display(), String::from_utf8_lossy(&output.stdout));
     serde_json::from_slice(&std::fs::read(json).unwrap()).unwrap()
 }
 
 fn ids(outcome: &Value) -> Vec<&str> {
-    outcome["effects"].as_array().unwrap().iter().map(|effect| effect["id"].as_str().unwrap()).collect()
+    outcome["effects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|effect| effect["id"].as_str().unwrap())
+        .collect()
 }
 
-/// Every figure of a result by name: errors of each step, declared parameters, parameters of the effects.
+/// Every figure of a result by name: errors of each step, declared parameters, parameters of the
+/// effects.
 fn figures(outcome: &Value) -> Vec<(String, f64)> {
     let mut figures = Vec::new();
     for step in outcome["steps"].as_array().unwrap() {
@@ -136,15 +174,21 @@ fn assert_agree(record: &Value, recording: &Value, tolerance: f64) {
     }
 }
 
-/// A record with known truth: a carriage of 95 kg with 205 N·s/m and 20 N of Coulomb friction follows sums of sines for 10 s
-/// at 1 kHz. Semi-implicit Euler at 20 kHz, dry friction as an impulse that stops the mass exactly; position in
-/// counts of 5e-8 m, every number written so that it reads back to the last bit.
+/// A record with known truth: a carriage of 95 kg with 205 N·s/m and 20 N of Coulomb friction
+/// follows sums of sines for 10 s at 1 kHz. Semi-implicit Euler at 20 kHz, dry friction as an
+/// impulse that stops the mass exactly; position in counts of 5e-8 m, every number written so that
+/// it reads back to the last bit.
 fn synthetic() -> String {
     const FORCE_PER_VOLT: f64 = 35.15065;
     let (mass, viscous, coulomb) = (95.0, 205.0, 20.0);
-    let wave = |t: f64, f: f64, a: f64, phase: f64| a * ((std::f64::consts::TAU * f * t + phase).sin() - phase.sin());
+    let wave = |t: f64, f: f64, a: f64, phase: f64| {
+        a * ((std::f64::consts::TAU * f * t + phase).sin() - phase.sin())
+    };
     let reference = |t: f64| {
-        wave(t, 0.31, 0.04, 0.3) + wave(t, 0.83, 0.02, 1.7) + wave(t, 2.1, 0.004, 4.0) + wave(t, 4.3, 0.001, 5.1)
+        wave(t, 0.31, 0.04, 0.3)
+            + wave(t, 0.83, 0.02, 1.7)
+            + wave(t, 2.1, 0.004, 4.0)
+            + wave(t, 4.3, 0.001, 5.1)
     };
     let mut text = "t_s,position_m,motor_v\n".to_owned();
     let (h, mut x, mut v) = (5e-5, 0.0f64, 0.0f64);
@@ -154,7 +198,8 @@ fn synthetic() -> String {
         let force = 3e5 * (reference(t) - x) + 8e3 * (speed - v);
         if step % 20 == 0 {
             let position = 0.1 + (x / 5e-8).round() * 5e-8;
-            writeln!(text, "{},{position},{}", f64::from(step / 20) * 1e-3, force / FORCE_PER_VOLT).unwrap();
+            writeln!(text, "{},{position},{}", f64::from(step / 20) * 1e-3, force / FORCE_PER_VOLT)
+                .unwrap();
         }
         let free = v + h / mass * (force - viscous * v);
         v = free.signum() * (free.abs() - h * coulomb / mass).max(0.0);
@@ -188,19 +233,27 @@ fn the_measured_emps_record_goes_through_the_rig_unchanged_and_its_friction_is_n
     let recording = replay(&rig, &csv);
     let from_record = identify(&rig, &csv);
     let from_recording = identify(&rig, &recording);
-    // The record's force has seven digits after the point; the recording's is the declared 35.15065 N/V of the volts.
+    // The record's force has seven digits after the point; the recording's is the declared 35.15065
+    // N/V of the volts.
     assert_agree(&from_record, &from_recording, 1e-4);
     for outcome in [&from_record, &from_recording] {
         assert_eq!(ids(outcome), ["coulomb_friction", "asymmetric_friction"]);
         let steps = outcome["steps"].as_array().unwrap();
-        let all: Vec<f64> = steps.iter().map(|step| step["all_rows_percent"].as_f64().unwrap()).collect();
-        let held_out: Vec<f64> = steps.iter().map(|step| step["report_percent"].as_f64().unwrap()).collect();
-        println!("force residual, all rows {all:.2?} %, held out {held_out:.2?} %; published 4.08 % and 3.11 %");
+        let all: Vec<f64> =
+            steps.iter().map(|step| step["all_rows_percent"].as_f64().unwrap()).collect();
+        let held_out: Vec<f64> =
+            steps.iter().map(|step| step["report_percent"].as_f64().unwrap()).collect();
+        println!(
+            "force residual, all rows {all:.2?} %, held out {held_out:.2?} %; published 4.08 % and 3.11 %"
+        );
         assert_eq!(all.len(), 3);
         // Found: 16.95 %, 3.93 %, 2.91 %; held out 16.90 %, 3.90 %, 2.68 %.
         assert!((all[0] - 16.95).abs() < 0.4, "declared: {all:?}");
         assert!((all[1] - 3.93).abs() < 0.15, "Coulomb friction: {all:?}");
         assert!((all[2] - 2.91).abs() < 0.15, "asymmetric friction: {all:?}");
-        assert!(held_out[2] < 0.85 * held_out[1] && held_out[1] < 0.35 * held_out[0], "held out: {held_out:?}");
+        assert!(
+            held_out[2] < 0.85 * held_out[1] && held_out[1] < 0.35 * held_out[0],
+            "held out: {held_out:?}"
+        );
     }
 }

@@ -1,5 +1,5 @@
-//! A process that others wrote takes control's place. The stand-in below is built from `ipc-types` and `runtime` alone: it
-//! knows the topics, and nothing of our control.
+//! A process that others wrote takes control's place. The stand-in below is built from `ipc-types`
+//! and `runtime` alone: it knows the topics, and nothing of our control.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -114,7 +114,9 @@ fn a_stand_in_for_control_from_the_message_types_alone() {
     witness.mark();
     let process = rig.launcher_status().unit("control").unwrap().process.unwrap();
     kill(process.pid, libc::SIGTERM);
-    let ended = wait_for(LIMIT, || rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive);
+    let ended = wait_for(LIMIT, || {
+        rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive
+    });
     assert!(ended, "{:?}", rig.launcher_status().unit("control"));
     witness.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
     witness.pass_ticks(300);
@@ -127,20 +129,28 @@ fn a_stand_in_for_control_from_the_message_types_alone() {
     let marked_ns = witness.mark();
     let stand_in = StandIn::start(&rig);
     witness.until("the stand-in's commands", |seen| {
-        seen.command.is_some_and(|command| command.incarnation == stand_in.incarnation && command.time_ns > marked_ns)
+        seen.command.is_some_and(|command| {
+            command.incarnation == stand_in.incarnation && command.time_ns > marked_ns
+        })
     });
     witness.pass_ticks(400);
     {
         let seen = witness.seen();
         assert_eq!(seen.state(), Some(WatchdogState::Tripped));
-        assert_eq!((seen.last_volts(), seen.last_power()), (None, None), "power before anybody armed");
+        assert_eq!(
+            (seen.last_volts(), seen.last_power()),
+            (None, None),
+            "power before anybody armed"
+        );
         assert_eq!(seen.last_leave_ns(), None);
     }
 
     // Reset, arm and enable give it power, and the handle goes where it wants it.
     witness.power_up(&rig);
     let position = |seen: &common::witness::Seen| seen.sample.unwrap().master_position[0];
-    witness.until("the handle at the stand-in's target", |seen| (position(seen) - TARGET_RAD).abs() < 0.15);
+    witness.until("the handle at the stand-in's target", |seen| {
+        (position(seen) - TARGET_RAD).abs() < 0.15
+    });
     let seen = witness.seen();
     let sample = seen.sample.unwrap();
     assert_ne!(stand_in.incarnation, ours);

@@ -1,5 +1,5 @@
-//! Three axes at 1 kHz on the real processes: a protocol moves all of them at once, and nothing is lost. How late what was is
-//! printed; a loaded machine decides it, so it is no matter of passing.
+//! Three axes at 1 kHz on the real processes: a protocol moves all of them at once, and nothing is
+//! lost. How late what was is printed; a loaded machine decides it, so it is no matter of passing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -8,7 +8,9 @@ use std::path::Path;
 use std::process::Stdio;
 
 use demo::analysis::Percentiles;
-use ipc_types::{AXES, COMMAND, GateState, LoopTiming, Mode, MotorCommand, Process, SAMPLE, Sample, timing_topic};
+use ipc_types::{
+    AXES, COMMAND, GateState, LoopTiming, Mode, MotorCommand, Process, SAMPLE, Sample, timing_topic,
+};
 use recording::mcap_read::Recording;
 
 use common::{TestRig, told};
@@ -27,7 +29,8 @@ fade_in_s = 1.0
 "#;
 const AMPLITUDE_DEG: f64 = 20.0;
 
-/// Powers up and plays to the end; a best-effort rig on a loaded machine may trip, rightly: then a person begins again.
+/// Powers up and plays to the end; a best-effort rig on a loaded machine may trip, rightly: then a
+/// person begins again.
 fn play(rig: &TestRig, protocol: &str) {
     let mut last = String::new();
     for attempt in 1..=20 {
@@ -39,7 +42,10 @@ fn play(rig: &TestRig, protocol: &str) {
             return;
         }
         last = told(&output);
-        assert!(last.contains("watchdog is tripped") || last.contains("the rig is tripped"), "{last}");
+        assert!(
+            last.contains("watchdog is tripped") || last.contains("the rig is tripped"),
+            "{last}"
+        );
     }
     panic!("never played to its end: {last}");
 }
@@ -57,14 +63,21 @@ fn three_axes_move_together_and_nothing_is_lost() {
     let verified = rig.run(["rec", "verify", file]);
     assert_eq!(verified.status.code(), Some(0), "{}", told(&verified));
     let recording = Recording::open(Path::new(file)).unwrap();
-    let samples: Vec<Sample> =
-        recording.messages::<Sample>(SAMPLE.topic.name).unwrap().map(|sample| sample.unwrap().message).collect();
+    let samples: Vec<Sample> = recording
+        .messages::<Sample>(SAMPLE.topic.name)
+        .unwrap()
+        .map(|sample| sample.unwrap().message)
+        .collect();
     let lost: u64 = samples
         .windows(2)
         .map(|pair| (pair[1].sequence - pair[0].sequence - 1) + (pair[1].tick - pair[0].tick - 1))
         .sum();
     assert_eq!((lost, samples[samples.len() - 1].scans_missed), (0, 0));
-    assert!(samples.iter().all(|sample| (sample.axes, sample.master_present, sample.torque_present) == (3, 7, 7)));
+    assert!(samples.iter().all(|sample| (
+        sample.axes,
+        sample.master_present,
+        sample.torque_present
+    ) == (3, 7, 7)));
 
     let commands: Vec<MotorCommand> = recording
         .messages::<MotorCommand>(COMMAND.topic.name)
@@ -79,13 +92,22 @@ fn three_axes_move_together_and_nothing_is_lost() {
             let values = open.clone().map(|sample| of(sample)[axis].to_degrees());
             (values.clone().fold(f64::MAX, f64::min), values.fold(f64::MIN, f64::max))
         };
-        let (master, slave) = (reached(|sample| sample.master_position), reached(|sample| sample.slave_position));
-        println!("axis {axis}: motor {:.1}° to {:.1}°, handle {:.1}° to {:.1}°", master.0, master.1, slave.0, slave.1);
-        assert!(master.0 < -0.7 * AMPLITUDE_DEG && master.1 > 0.7 * AMPLITUDE_DEG, "axis {axis}: {master:?}");
+        let (master, slave) =
+            (reached(|sample| sample.master_position), reached(|sample| sample.slave_position));
+        println!(
+            "axis {axis}: motor {:.1}° to {:.1}°, handle {:.1}° to {:.1}°",
+            master.0, master.1, slave.0, slave.1
+        );
+        assert!(
+            master.0 < -0.7 * AMPLITUDE_DEG && master.1 > 0.7 * AMPLITUDE_DEG,
+            "axis {axis}: {master:?}"
+        );
         assert!(slave.1 - slave.0 > 0.7 * AMPLITUDE_DEG, "axis {axis}: {slave:?}");
         assert!(samples.iter().any(|sample| sample.output_v[axis].abs() > 0.5));
     }
-    assert!(commands.iter().any(|command| command.mode == Mode::Position.code() && command.axes == 3));
+    assert!(
+        commands.iter().any(|command| command.mode == Mode::Position.code() && command.axes == 3)
+    );
 
     let answers: Vec<u64> = commands
         .windows(2)
@@ -93,12 +115,21 @@ fn three_axes_move_together_and_nothing_is_lost() {
         .map(|pair| pair[1].time_ns.saturating_sub(pair[1].sample_time_ns))
         .collect();
     let answers = Percentiles::of_ns(answers).unwrap();
-    println!("sample to command: p50 {:.0} µs, p99 {:.0} µs, most {:.0} µs", answers.p50, answers.p99, answers.max);
-    for process in [Process::Simulator, Process::Acquisition, Process::Control, Process::Watchdog, Process::Experiment]
-    {
+    println!(
+        "sample to command: p50 {:.0} µs, p99 {:.0} µs, most {:.0} µs",
+        answers.p50, answers.p99, answers.max
+    );
+    for process in [
+        Process::Simulator,
+        Process::Acquisition,
+        Process::Control,
+        Process::Watchdog,
+        Process::Experiment,
+    ] {
         let Some(topic) = timing_topic(process) else { continue };
         let timings = recording.messages::<LoopTiming>(topic.topic.name).unwrap();
-        let missed = timings.flatten().map(|timing| timing.message.missed_periods).max().unwrap_or_default();
+        let missed =
+            timings.flatten().map(|timing| timing.message.missed_periods).max().unwrap_or_default();
         println!("{process}: {missed} missed periods");
     }
 }

@@ -1,5 +1,5 @@
-//! A laboratory's session with the whole rig: up, armed, powered, a protocol played, looked at and recorded on the way, down;
-//! in both timing profiles, and with control at its highest rate.
+//! A laboratory's session with the whole rig: up, armed, powered, a protocol played, looked at and
+//! recorded on the way, down; in both timing profiles, and with control at its highest rate.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::Duration;
 
-use ipc_types::{COMMAND, Event, EventKind, GateState, Mode, MotorCommand, Process, SAMPLE, Sample, event_topic};
+use ipc_types::{
+    COMMAND, Event, EventKind, GateState, Mode, MotorCommand, Process, SAMPLE, Sample, event_topic,
+};
 use recording::mcap_read::Recording;
 use serde_json::Value;
 
@@ -81,33 +83,52 @@ impl Session {
         serde_json::from_str(&self.ok(["status", "--json"])).unwrap()
     }
 
-    /// All processes ready, never restarted, at the rates of the rig file. A loaded machine may take a while to get there.
+    /// All processes ready, never restarted, at the rates of the rig file. A loaded machine may
+    /// take a while to get there.
     fn assert_all_run(&self) {
         let mut last = Value::Null;
-        let nominal: BTreeMap<&str, f64> =
-            BTreeMap::from([("acquisition", 2000.0), ("control", self.control_hz), ("watchdog", 1000.0)]);
+        let nominal: BTreeMap<&str, f64> = BTreeMap::from([
+            ("acquisition", 2000.0),
+            ("control", self.control_hz),
+            ("watchdog", 1000.0),
+        ]);
         let held = wait_for(Duration::from_secs(30), || {
             last = self.status();
             let processes = last["processes"].as_array().unwrap();
-            let rates = processes.iter().all(|process| match nominal.get(process["name"].as_str().unwrap()) {
-                Some(nominal) => process["rate_hz"].as_f64().is_some_and(|rate| (rate / nominal - 1.0).abs() < 0.05),
-                None => true,
+            let rates = processes.iter().all(|process| {
+                match nominal.get(process["name"].as_str().unwrap()) {
+                    Some(nominal) => process["rate_hz"]
+                        .as_f64()
+                        .is_some_and(|rate| (rate / nominal - 1.0).abs() < 0.05),
+                    None => true,
+                }
             });
             rates && processes.iter().all(|process| process["state"] == "ready")
         });
         assert!(held, "{last:#}");
-        let names: Vec<_> = last["processes"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
+        let names: Vec<_> = last["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|p| p["name"].as_str().unwrap())
+            .collect();
         assert_eq!(names, WORKERS);
-        assert!(last["processes"].as_array().unwrap().iter().all(|process| process["restarts"] == 0), "{last:#}");
-        assert_eq!((&last["up"], &last["state"], &last["backend"]), (&true.into(), &"up".into(), &"simulated".into()));
+        assert!(
+            last["processes"].as_array().unwrap().iter().all(|process| process["restarts"] == 0),
+            "{last:#}"
+        );
+        assert_eq!(
+            (&last["up"], &last["state"], &last["backend"]),
+            (&true.into(), &"up".into(), &"simulated".into())
+        );
         if let Some(profile) = self.profile {
             assert_eq!(last["profile"].as_str().unwrap().replace('_', "-"), profile, "{last:#}");
         }
         assert_eq!(last["losses"], Value::Array(Vec::new()), "{last:#}");
     }
 
-    /// Powers up and plays the protocol to its end; `meanwhile` runs while it plays. A best-effort rig on a loaded machine
-    /// may trip, rightly: then a person resets it and begins again.
+    /// Powers up and plays the protocol to its end; `meanwhile` runs while it plays. A best-effort
+    /// rig on a loaded machine may trip, rightly: then a person resets it and begins again.
     fn play(&self, mut meanwhile: impl FnMut()) {
         let protocol = self.file("session.toml");
         std::fs::write(&protocol, PROTOCOL).unwrap();
@@ -126,7 +147,10 @@ impl Session {
                 return;
             }
             last = told(&output);
-            assert!(last.contains("watchdog is tripped") || last.contains("the rig is tripped"), "{last}");
+            assert!(
+                last.contains("watchdog is tripped") || last.contains("the rig is tripped"),
+                "{last}"
+            );
             let status = self.status();
             eprintln!("attempt {attempt}: {last}\n{:#}\n{:#}", status["gate"], status["processes"]);
         }
@@ -141,7 +165,11 @@ impl Session {
 }
 
 fn samples(recording: &Recording) -> Vec<Sample> {
-    recording.messages::<Sample>(SAMPLE.topic.name).unwrap().map(|sample| sample.unwrap().message).collect()
+    recording
+        .messages::<Sample>(SAMPLE.topic.name)
+        .unwrap()
+        .map(|sample| sample.unwrap().message)
+        .collect()
 }
 
 /// Nothing between the first and the last sample is missing: no message, and no tick of the card.
@@ -149,21 +177,26 @@ fn assert_contiguous(samples: &[Sample]) {
     assert!(!samples.is_empty());
     for pair in samples.windows(2) {
         assert_eq!(pair[1].sequence, pair[0].sequence + 1);
-        assert_eq!(pair[1].tick, pair[0].tick + 1, "the card's FIFO bridges what acquisition slept through");
+        assert_eq!(
+            pair[1].tick,
+            pair[0].tick + 1,
+            "the card's FIFO bridges what acquisition slept through"
+        );
         assert_eq!((pair[1].session, pair[1].incarnation), (pair[0].session, pair[0].incarnation));
     }
     assert_eq!(samples[samples.len() - 1].scans_missed, 0);
 }
 
-/// The handle's motor went where control sent it: the movement's span, and the error (rad) against the reference while the
-/// gate was open and no ramp ran.
+/// The handle's motor went where control sent it: the movement's span, and the error (rad) against
+/// the reference while the gate was open and no ramp ran.
 fn assert_followed(samples: &[Sample], recording: &Recording) {
     let at: BTreeMap<u64, &Sample> = samples.iter().map(|sample| (sample.tick, sample)).collect();
     let (mut squares, mut count, mut span) = (0.0, 0u32, [0.0f64; 2]);
     for command in recording.messages::<MotorCommand>(COMMAND.topic.name).unwrap() {
         let command = command.unwrap().message;
         let Some(sample) = at.get(&command.sample_tick) else { continue };
-        let led = command.mode == Mode::Position.code() && command.ramping == 0 && command.lapsed == 0;
+        let led =
+            command.mode == Mode::Position.code() && command.ramping == 0 && command.lapsed == 0;
         if !led || sample.gate_state != GateState::Open.code() {
             continue;
         }
@@ -173,7 +206,9 @@ fn assert_followed(samples: &[Sample], recording: &Recording) {
     }
     let error_deg = (squares / f64::from(count.max(1))).sqrt().to_degrees();
     let [low, high] = span.map(f64::to_degrees);
-    println!("{count} commands led the motor from {low:.1}° to {high:.1}°, {error_deg:.2}° rms off the reference");
+    println!(
+        "{count} commands led the motor from {low:.1}° to {high:.1}°, {error_deg:.2}° rms off the reference"
+    );
     assert!(count > 500, "{count} commands led the motor");
     assert!(high > 0.8 * AMPLITUDE_DEG && low < -0.8 * AMPLITUDE_DEG, "from {low}° to {high}°");
     assert!(high < 1.3 * AMPLITUDE_DEG && low > -1.3 * AMPLITUDE_DEG, "from {low}° to {high}°");
@@ -204,27 +239,44 @@ fn a_session_from_up_to_down() {
     assert!(String::from_utf8_lossy(&again.stderr).contains("already up"), "{}", told(&again));
 
     session.play(|| {
-        let rates: Value =
-            serde_json::from_str(&session.ok(["probe", "hz", "sample", "command", "--seconds", "1", "--json"]))
-                .unwrap();
+        let rates: Value = serde_json::from_str(&session.ok([
+            "probe",
+            "hz",
+            "sample",
+            "command",
+            "--seconds",
+            "1",
+            "--json",
+        ]))
+        .unwrap();
         for (topic, nominal) in [("sample", 2000.0), ("command", 500.0)] {
             let row = rates.as_array().unwrap().iter().find(|row| row["topic"] == topic).unwrap();
             let rate = row["rate_hz"].as_f64().unwrap();
             assert!((rate / nominal - 1.0).abs() < 0.2, "{rates}");
         }
         let echo = session.ok(["probe", "echo", "sample", "--count", "3", "--json"]);
-        let lines: Vec<Value> = echo.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let lines: Vec<Value> =
+            echo.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(lines.len(), 3, "{echo}");
         let tick = |line: &Value| line["fields"]["tick"].as_u64().unwrap();
         assert!(tick(&lines[1]) > tick(&lines[0]) && tick(&lines[2]) > tick(&lines[1]), "{echo}");
-        assert!(lines.iter().all(|line| line["topic"] == "sample" && line["fields"]["master_position"].is_array()));
+        assert!(
+            lines
+                .iter()
+                .all(|line| line["topic"] == "sample"
+                    && line["fields"]["master_position"].is_array())
+        );
 
         // The first recording ends and a second one begins in mid-movement.
         session.ok(["rec", "stop"]);
         assert_eq!(session.status()["recording"]["file"], Value::Null);
         let taken = session.run(["rec", "start", &first]);
         assert_eq!(taken.status.code(), Some(1), "{}", told(&taken));
-        assert!(String::from_utf8_lossy(&taken.stderr).contains("never overwritten"), "{}", told(&taken));
+        assert!(
+            String::from_utf8_lossy(&taken.stderr).contains("never overwritten"),
+            "{}",
+            told(&taken)
+        );
         session.ok(["rec", "start", &second, "--metadata", "subject=S07"]);
         assert_eq!(session.status()["recording"]["file"], second.as_str());
     });
@@ -239,12 +291,24 @@ fn a_session_from_up_to_down() {
         (&false.into(), &false.into()),
         "{status:#}"
     );
-    // Whatever a loop misses or cannot hand on has a place on the screen; nobody died here, so that no connection broke.
+    // Whatever a loop misses or cannot hand on has a place on the screen; nobody died here, so that
+    // no connection broke.
     for process in ["simulator", "acquisition", "control", "watchdog", "experiment"] {
-        let row = status["processes"].as_array().unwrap().iter().find(|row| row["name"] == process).unwrap();
-        let losses = row["losses"].as_object().unwrap_or_else(|| panic!("{process} told no losses: {status:#}"));
+        let row = status["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|row| row["name"] == process)
+            .unwrap();
+        let losses = row["losses"]
+            .as_object()
+            .unwrap_or_else(|| panic!("{process} told no losses: {status:#}"));
         let count = |name: &str| losses[name].as_u64().unwrap();
-        assert_eq!((count("out_of_turn"), count("undelivered"), count("dropped")), (0, 0, 0), "{process}: {losses:?}");
+        assert_eq!(
+            (count("out_of_turn"), count("undelivered"), count("dropped")),
+            (0, 0, 0),
+            "{process}: {losses:?}"
+        );
     }
     session.rig.down();
 
@@ -252,12 +316,17 @@ fn a_session_from_up_to_down() {
     let (early, late) = (samples(&before), samples(&after));
     assert_contiguous(&early);
     assert_contiguous(&late);
-    // One acquisition all along: what lies between the two recordings is what was published meanwhile.
+    // One acquisition all along: what lies between the two recordings is what was published
+    // meanwhile.
     assert_eq!(early[0].incarnation, late[0].incarnation);
     assert_eq!(late[0].sequence - early[0].sequence, late[0].tick - early[0].tick);
-    // The first attempt to play may have ended before it began: on a rig that tripped between the operator's verbs.
+    // The first attempt to play may have ended before it began: on a rig that tripped between the
+    // operator's verbs.
     let started = |recording| tells_of(recording, Process::Experiment, EventKind::ProtocolStarted);
-    assert!(started(&before) || started(&after), "no event \"protocol started\" in either recording");
+    assert!(
+        started(&before) || started(&after),
+        "no event \"protocol started\" in either recording"
+    );
     assert_told_of(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
     assert_eq!(after.metadata("rig"), Some("hydrostatic"));

@@ -195,24 +195,29 @@ codes! {
         Position = 2, "position";
         /// Moves with the hand (force control) and lets it feel the setpoint's force field.
         Impedance = 3, "impedance";
-        /// Drives gently to the ends of the range, to find them: follows the setpoint within its own limit on volts.
+        /// Drives gently to the ends of the range, to find them: follows the setpoint within its
+        /// own limit on volts.
         Initialise = 4, "initialise";
         /// Goes to the setpoint's position, the middle of the range, and rests there under power.
         Centre = 5, "centre";
-        /// Moves with the hand, as [`Self::Impedance`], while the hand keeps a rhythm in the setpoint's force field.
+        /// Moves with the hand, as [`Self::Impedance`], while the hand keeps a rhythm in the
+        /// setpoint's force field.
         Rhythm = 6, "rhythm";
-        /// Follows the setpoint through a movement that repeats, along a reference that is learnt from block to block.
+        /// Follows the setpoint through a movement that repeats, along a reference that is learnt
+        /// from block to block.
         Learning = 7, "learning";
     }
 }
 
 impl Mode {
-    /// Whether the setpoint moves: position, velocity and acceleration are followed, not the position alone.
+    /// Whether the setpoint moves: position, velocity and acceleration are followed, not the
+    /// position alone.
     pub const fn moves(self) -> bool {
         matches!(self, Self::Position | Self::Initialise | Self::Learning)
     }
 
-    /// Whether the hand leads: the machine moves with it, and lets it feel the setpoint's force field.
+    /// Whether the hand leads: the machine moves with it, and lets it feel the setpoint's force
+    /// field.
     pub const fn yields(self) -> bool {
         matches!(self, Self::Impedance | Self::Rhythm)
     }
@@ -289,9 +294,11 @@ codes! {
         CardFault = 14, "card fault";
         /// The ends of the range were found: `a` the lower, `b` the upper, `c` the axis.
         RangeFound = 15, "range found";
-        /// A block of learning is done: `a` its number, `b` the error of its settled cycles, `c` the best so far.
+        /// A block of learning is done: `a` its number, `b` the error of its settled cycles, `c`
+        /// the best so far.
         BlockLearnt = 16, "block learnt";
-        /// Learning ended, with the best reference: `a` the last block, `b` the best block's error; the text says why.
+        /// Learning ended, with the best reference: `a` the last block, `b` the best block's error;
+        /// the text says why.
         LearningEnded = 17, "learning ended";
         /// Control does not follow a setpoint: the text says why; `a` its sequence.
         SetpointRefused = 18, "setpoint refused";

@@ -1,13 +1,15 @@
 //! What crosses a process boundary, and nothing else: fixed-layout messages, the codes that they
 //! carry, the table of topics, and the requests of the command plane.
 //!
-//! Every message is `#[repr(C)]`, flat and padded by hand, so that the bytes in shared memory are at the
-//! same time the body of a valid little-endian CDR message (behind a four-byte header). A recording
-//! therefore holds a copy of those bytes, and readers that know `ros2msg` decode it with no converter.
-//! The `message!` macro asserts every offset at compile time and generates the schema.
+//! Every message is `#[repr(C)]`, flat and padded by hand, so that the bytes in shared memory are
+//! at the same time the body of a valid little-endian CDR message (behind a four-byte header). A
+//! recording therefore holds a copy of those bytes, and readers that know `ros2msg` decode it with
+//! no converter. The `message!` macro asserts every offset at compile time and generates the
+//! schema.
 //!
-//! Units are SI in every field and named in its doc comment: rad or m (the axis's declared unit), N·m or
-//! N, s, V, Pa; times are ns of `CLOCK_MONOTONIC`. A positive master drives the slave positive.
+//! Units are SI in every field and named in its doc comment: rad or m (the axis's declared unit),
+//! N·m or N, s, V, Pa; times are ns of `CLOCK_MONOTONIC`. A positive master drives the slave
+//! positive.
 #![forbid(unsafe_op_in_unsafe_fn)]
 
 mod codes;

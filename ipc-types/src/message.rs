@@ -108,7 +108,9 @@ impl Field {
         raw[..size].copy_from_slice(bytes.get(at..at + size)?);
         let unsigned = u64::from_le_bytes(raw);
         Some(match self.primitive {
-            Primitive::U8 | Primitive::U16 | Primitive::U32 | Primitive::U64 => Value::Unsigned(unsigned),
+            Primitive::U8 | Primitive::U16 | Primitive::U32 | Primitive::U64 => {
+                Value::Unsigned(unsigned)
+            }
             Primitive::I64 => Value::Signed(unsigned as i64),
             Primitive::F64 => Value::Float(f64::from_bits(unsigned)),
         })
@@ -133,9 +135,13 @@ element!(u8 => U8, u16 => U16, u32 => U32, u64 => U64, i64 => I64, f64 => F64);
 ///
 /// # Safety
 /// Only `message!` implements it: the type is `#[repr(C)]`, has no padding, holds only integers and
-/// floats (so that every bit pattern is valid) and begins with `session`, `incarnation`, `sequence`, `time_ns`.
-pub unsafe trait Message: ZeroCopySend + Copy + Send + Sync + std::fmt::Debug + 'static {
-    /// Name of the type in shared memory, with its version: two builds that disagree refuse each other.
+/// floats (so that every bit pattern is valid) and begins with `session`, `incarnation`,
+/// `sequence`, `time_ns`.
+pub unsafe trait Message:
+    ZeroCopySend + Copy + Send + Sync + std::fmt::Debug + 'static
+{
+    /// Name of the type in shared memory, with its version: two builds that disagree refuse each
+    /// other.
     const TYPE_NAME: &'static str;
     /// Name of the type in recordings.
     const ROS_NAME: &'static str;
@@ -158,14 +164,19 @@ pub unsafe trait Message: ZeroCopySend + Copy + Send + Sync + std::fmt::Debug + 
 
     /// The message's bytes: the body of a CDR message.
     fn as_bytes(&self) -> &[u8] {
-        // SAFETY: no padding and only plain numbers (the trait's contract), so every byte is initialised.
-        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast::<u8>(), size_of::<Self>()) }
+        // SAFETY: no padding and only plain numbers (the trait's contract), so every byte is
+        // initialised.
+        unsafe {
+            std::slice::from_raw_parts(std::ptr::from_ref(self).cast::<u8>(), size_of::<Self>())
+        }
     }
 
     /// A message out of its bytes; `None` where the length differs.
     fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        // SAFETY: the length is checked, any bit pattern is valid (the trait's contract), unaligned read.
-        (bytes.len() == size_of::<Self>()).then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
+        // SAFETY: the length is checked, any bit pattern is valid (the trait's contract), unaligned
+        // read.
+        (bytes.len() == size_of::<Self>())
+            .then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
     }
 
     /// The `ros2msg` schema, generated from the field table.

@@ -3,8 +3,8 @@
 use std::marker::PhantomData;
 
 use crate::{
-    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat, LoopTiming, LossCounters,
-    Message, MotorCommand, Process, Sample, Setpoint,
+    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat, LoopTiming,
+    LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
 };
 
 /// How often a topic is published.
@@ -105,19 +105,27 @@ const fn topic<T: Message>(
 pub const CARD_FIFO: usize = 512;
 
 /// Acquisition's samples.
-pub const SAMPLE: TypedTopic<Sample> = topic("sample", Process::Acquisition, Rate::Acquisition, 1024, 0);
+pub const SAMPLE: TypedTopic<Sample> =
+    topic("sample", Process::Acquisition, Rate::Acquisition, 1024, 0);
 /// Control's commands; no history, so that a late joiner never sees an old one.
-pub const COMMAND: TypedTopic<MotorCommand> = topic("command", Process::Control, Rate::Control, 512, 0);
+pub const COMMAND: TypedTopic<MotorCommand> =
+    topic("command", Process::Control, Rate::Control, 512, 0);
 /// The watchdog's tokens; no history, so that a late joiner never sees an old one.
-pub const TOKEN: TypedTopic<EnableToken> = topic("token", Process::Watchdog, Rate::Watchdog, 512, 0);
+pub const TOKEN: TypedTopic<EnableToken> =
+    topic("token", Process::Watchdog, Rate::Watchdog, 512, 0);
 /// The watchdog's enable line; no history.
-pub const ENABLE_LINE: TypedTopic<EnableLine> = topic("enable_line", Process::Watchdog, Rate::Watchdog, 512, 0);
-/// The virtual card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that reads it.
-pub const CARD_SCAN: TypedTopic<CardScan> = topic("card_scan", Process::Simulator, Rate::Acquisition, 1024, CARD_FIFO);
+pub const ENABLE_LINE: TypedTopic<EnableLine> =
+    topic("enable_line", Process::Watchdog, Rate::Watchdog, 512, 0);
+/// The virtual card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that
+/// reads it.
+pub const CARD_SCAN: TypedTopic<CardScan> =
+    topic("card_scan", Process::Simulator, Rate::Acquisition, 1024, CARD_FIFO);
 /// Volts for the virtual card; no history.
-pub const CARD_OUTPUT: TypedTopic<CardOutput> = topic("card_output", Process::Acquisition, Rate::Acquisition, 1024, 0);
+pub const CARD_OUTPUT: TypedTopic<CardOutput> =
+    topic("card_output", Process::Acquisition, Rate::Acquisition, 1024, 0);
 /// The setpoint.
-pub const SETPOINT: TypedTopic<Setpoint> = topic("setpoint", Process::Experiment, Rate::Experiment, 512, 0);
+pub const SETPOINT: TypedTopic<Setpoint> =
+    topic("setpoint", Process::Experiment, Rate::Experiment, 512, 0);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -208,8 +216,8 @@ pub struct CommandService {
     pub name: &'static str,
     /// The process that answers.
     pub owner: Process,
-    /// Longest request or answer (bytes). Kept small where the server shares its process with a real-time loop:
-    /// every client's segment is mapped there.
+    /// Longest request or answer (bytes). Kept small where the server shares its process with a
+    /// real-time loop: every client's segment is mapped there.
     pub bytes: usize,
 }
 
@@ -223,4 +231,5 @@ pub const LOGGER_COMMANDS: CommandService =
 pub const EXPERIMENT_COMMANDS: CommandService =
     CommandService { name: "command/experiment", owner: Process::Experiment, bytes: 65_536 };
 /// All of them.
-pub const COMMAND_SERVICES: &[CommandService] = &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS];
+pub const COMMAND_SERVICES: &[CommandService] =
+    &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS];

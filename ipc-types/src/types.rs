@@ -1,6 +1,6 @@
-//! The messages. The first four fields of each are its identity: session (drawn by the keeper at each cold
-//! start), incarnation (drawn at each process start), sequence (from 0, per incarnation and topic), and the
-//! time of publishing.
+//! The messages. The first four fields of each are its identity: session (drawn by the keeper at
+//! each cold start), incarnation (drawn at each process start), sequence (from 0, per incarnation
+//! and topic), and the time of publishing.
 
 use crate::message::message;
 use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
@@ -30,11 +30,13 @@ message! {
         master_position: [f64; AXES],
         /// position of the slave (rad or m)
         slave_position: [f64; AXES],
-        /// torque (or force) that the hand applies to the slave, positive when it drives the slave positive (N·m or N)
+        /// torque (or force) that the hand applies to the slave, positive when it drives the slave
+        /// positive (N·m or N)
         slave_torque: [f64; AXES],
         /// analog inputs as read (V)
         analog_v: [f64; ANALOG],
-        /// motor volts that were at the card's output when it took this scan (read back, or from the replayed record) (V)
+        /// motor volts that were at the card's output when it took this scan (read back, or from
+        /// the replayed record) (V)
         motor_v: [f64; AXES],
         /// volts that the gate wrote in this cycle (V)
         output_v: [f64; AXES],
@@ -190,8 +192,8 @@ message! {
 }
 
 message! {
-    /// One scan out of the virtual card's FIFO. A link between card and acquisition, recorded as the witness
-    /// of what the motor really got.
+    /// One scan out of the virtual card's FIFO. A link between card and acquisition, recorded as
+    /// the witness of what the motor really got.
     CardScan, "farreach.CardScan.v1", "farreach/msg/CardScan" {
         /// session of the rig
         session: u64,
@@ -255,7 +257,8 @@ message! {
 }
 
 message! {
-    /// Where the handle shall go, from the experiment or the operator; holds until its lease lapses.
+    /// Where the handle shall go, from the experiment or the operator; holds until its lease
+    /// lapses.
     Setpoint, "farreach.Setpoint.v3", "farreach/msg/Setpoint" {
         /// session of the rig
         session: u64,
@@ -277,23 +280,28 @@ message! {
         velocity: [f64; AXES],
         /// acceleration (rad/s² or m/s²)
         acceleration: [f64; AXES],
-        /// peak speed of the movement that it is part of, for the shape of the friction feed-forward; 0 where none (rad/s or m/s)
+        /// peak speed of the movement that it is part of, for the shape of the friction
+        /// feed-forward; 0 where none (rad/s or m/s)
         peak_speed: [f64; AXES],
-        /// force field of mode impedance: stiffness about `position`, row by row; torque = - stiffness (position - centre) (N·m/rad or N/m)
+        /// force field of mode impedance: stiffness about `position`, row by row; torque = -
+        /// stiffness (position - centre) (N·m/rad or N/m)
         stiffness: [f64; MATRIX],
         /// force field: damping, row by row; torque = - damping velocity (N·m·s/rad or N·s/m)
         damping: [f64; MATRIX],
         /// force field: inertia, row by row; torque = - inertia acceleration (kg·m² or kg)
         inertia: [f64; MATRIX],
-        /// force field: torque at evenly spaced positions from `table_position_min` to `table_position_max`, axis by axis (N·m or N)
+        /// force field: torque at evenly spaced positions from `table_position_min` to
+        /// `table_position_max`, axis by axis (N·m or N)
         position_table: [f64; TABLES],
-        /// force field: torque at evenly spaced velocities from - `table_speed` to + `table_speed`, axis by axis (N·m or N)
+        /// force field: torque at evenly spaced velocities from - `table_speed` to + `table_speed`,
+        /// axis by axis (N·m or N)
         velocity_table: [f64; TABLES],
         /// force field: position of the first entry of `position_table` (rad or m)
         table_position_min: [f64; AXES],
         /// force field: position of its last entry; no table where not above the first (rad or m)
         table_position_max: [f64; AXES],
-        /// force field: speed of the last entry of `velocity_table`; no table where not positive (rad/s or m/s)
+        /// force field: speed of the last entry of `velocity_table`; no table where not positive
+        /// (rad/s or m/s)
         table_speed: [f64; AXES],
         /// force field: where the lower wall begins (rad or m)
         wall_min: [f64; AXES],
@@ -301,7 +309,8 @@ message! {
         wall_max: [f64; AXES],
         /// force field: stiffness of the walls; 0 where there are none (N·m/rad or N/m)
         wall_stiffness: [f64; AXES],
-        /// the output stays within ± this, where it is below the rig's own limit; 0 for the rig's (V)
+        /// the output stays within ± this, where it is below the rig's own limit; 0 for the rig's
+        /// (V)
         output_limit_v: [f64; AXES],
         /// index of the protocol's segment
         segment: u32,
@@ -352,8 +361,18 @@ message! {
 
 impl Event {
     /// An event of `kind` from `source`; the text is cut at a character's edge when too long.
-    pub fn new(source: crate::Process, kind: crate::EventKind, severity: crate::Severity, text: &str) -> Self {
-        let mut event = Self { kind: kind.code(), severity: severity.code(), source: source.code(), ..Self::default() };
+    pub fn new(
+        source: crate::Process,
+        kind: crate::EventKind,
+        severity: crate::Severity,
+        text: &str,
+    ) -> Self {
+        let mut event = Self {
+            kind: kind.code(),
+            severity: severity.code(),
+            source: source.code(),
+            ..Self::default()
+        };
         let mut end = text.len().min(TEXT);
         while !text.is_char_boundary(end) {
             end -= 1;

@@ -1,4 +1,5 @@
-//! The messages by which processes say how they fare: alive, punctual, without loss. Their first four fields are those of every message.
+//! The messages by which processes say how they fare: alive, punctual, without loss. Their first
+//! four fields are those of every message.
 
 use crate::message::message;
 
@@ -31,8 +32,8 @@ message! {
 }
 
 message! {
-    /// How punctual a periodic process was, once a second: over the last second, and since it started; and what it missed or could not
-    /// hand on.
+    /// How punctual a periodic process was, once a second: over the last second, and since it
+    /// started; and what it missed or could not hand on.
     LoopTiming, "farreach.LoopTiming.v2", "farreach/msg/LoopTiming" {
         /// session of the rig
         session: u64,

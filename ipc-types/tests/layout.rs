@@ -8,7 +8,10 @@ use proptest::prelude::*;
 #[test]
 fn schema_lists_every_field_with_type_and_unit() {
     let schema = Sample::schema();
-    assert!(schema.contains("# position of the master (rad or m)\nfloat64[3] master_position\n"), "{schema}");
+    assert!(
+        schema.contains("# position of the master (rad or m)\nfloat64[3] master_position\n"),
+        "{schema}"
+    );
     assert!(schema.contains("uint64 tick\n"));
     assert!(schema.contains("int64[3] slave_counts\n"));
     let lines = schema.lines().filter(|line| !line.starts_with('#')).count();
@@ -41,7 +44,11 @@ fn topic_names_are_unique_and_types_carry_a_version() {
         assert!(topic.history <= topic.buffer, "{}", topic.name);
     }
     for topic in [COMMAND.topic, TOKEN.topic, ENABLE_LINE.topic, CARD_OUTPUT.topic] {
-        assert_eq!(topic.history, 0, "{} must not hand an old message to a late joiner", topic.name);
+        assert_eq!(
+            topic.history, 0,
+            "{} must not hand an old message to a late joiner",
+            topic.name
+        );
     }
 }
 

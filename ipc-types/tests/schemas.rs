@@ -1,6 +1,7 @@
 //! `docs/schemas/*.msg` and `docs/topics.md` are generated from the code; here they are held true.
 //!
-//! After a change of a message or of the table of topics: `UPDATE_SCHEMAS=1 cargo test -p ipc-types --test schemas`.
+//! After a change of a message or of the table of topics: `UPDATE_SCHEMAS=1 cargo test -p ipc-types
+//! --test schemas`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -21,14 +22,16 @@ fn updating() -> bool {
     std::env::var_os("UPDATE_SCHEMAS").is_some_and(|value| value == "1")
 }
 
-/// Writes `expected` when asked to, else holds the file against it. A changed schema must be read by whoever commits it.
+/// Writes `expected` when asked to, else holds the file against it. A changed schema must be read
+/// by whoever commits it.
 fn hold(path: &Path, expected: &str) {
     if updating() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, expected).unwrap();
         return;
     }
-    let found = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}; {HOW}", path.display()));
+    let found = fs::read_to_string(path)
+        .unwrap_or_else(|error| panic!("{}: {error}; {HOW}", path.display()));
     let difference = found
         .lines()
         .map(Some)

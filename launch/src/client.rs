@@ -35,19 +35,21 @@ pub struct Running {
 
 /// Starts the launcher in a process and session of its own, and waits until all units are ready.
 ///
-/// Processes that outlived an earlier launcher of this directory are adopted if they were started with the same
-/// configuration. `config.foreground` is not for this call; see [`crate::supervise`].
+/// Processes that outlived an earlier launcher of this directory are adopted if they were started
+/// with the same configuration. `config.foreground` is not for this call; see [`crate::supervise`].
 ///
 /// # Errors
-/// When the rig is up already, living processes run with other settings, a unit file is wrong, or a unit could not be
-/// brought up: then all is stopped, and the error has the end of the unit's log.
+/// When the rig is up already, living processes run with other settings, a unit file is wrong, or a
+/// unit could not be brought up: then all is stopped, and the error has the end of the unit's log.
 pub fn start(mut config: Config) -> Result<Running, Error> {
     config.foreground = false;
     let config = config.checked()?;
     let run_dir = RunDir::new(&config.run_dir);
     let lock = prepare(&config, &run_dir)?;
     let output = log::open(&run_dir.launcher_log())?;
-    let errors = output.try_clone().map_err(|source| Error::io("open the log", &run_dir.launcher_log(), source))?;
+    let errors = output
+        .try_clone()
+        .map_err(|source| Error::io("open the log", &run_dir.launcher_log(), source))?;
     let mut command = Command::new(&config.executable);
     command
         .args(["service", "launcher", "--run-dir"])
@@ -63,7 +65,8 @@ pub fn start(mut config: Config) -> Result<Running, Error> {
             Ok(())
         });
     }
-    let mut child = command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
+    let mut child =
+        command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
     drop(command);
     // Reaped whenever it ends, so that a caller that lives longer than the rig keeps no zombie.
     let (sender, ended) = mpsc::channel();
@@ -89,7 +92,11 @@ fn wait_until_up(
         let Ok(Some(status)) = run_dir.last_status() else { continue };
         // An earlier launcher's status says `up` as well; this one's has a living launcher.
         if status.state == RigState::Up && status.launcher.is_alive() {
-            return Ok(Running { run_dir: run_dir.path().to_path_buf(), launcher: status.launcher, status });
+            return Ok(Running {
+                run_dir: run_dir.path().to_path_buf(),
+                launcher: status.launcher,
+                status,
+            });
         }
     }
 }
@@ -99,18 +106,25 @@ fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitS
     let _ = std::fs::remove_file(run_dir.failure_json());
     match words {
         Some(LastWords { start_failure: Some(failure), .. }) => Error::Start(failure),
-        Some(LastWords { broken_off: Some(cause), .. }) => Error::BrokenOff { rig: config.rig_name.clone(), cause },
+        Some(LastWords { broken_off: Some(cause), .. }) => {
+            Error::BrokenOff { rig: config.rig_name.clone(), cause }
+        }
         Some(words) => Error::Launcher { message: words.message },
         None => {
             let exit = status.map_or_else(|error| error.to_string(), |status| status.to_string());
             let tail = log::tail(&run_dir.launcher_log(), 20);
-            Error::Launcher { message: format!("{exit}. Last lines of {}:\n{tail}", run_dir.launcher_log().display()) }
+            Error::Launcher {
+                message: format!(
+                    "{exit}. Last lines of {}:\n{tail}",
+                    run_dir.launcher_log().display()
+                ),
+            }
         }
     }
 }
 
-/// What is up in this directory. When the launcher is dead, its last word with what is true of it: the living are
-/// `unsupervised`, the rig is `abandoned`.
+/// What is up in this directory. When the launcher is dead, its last word with what is true of it:
+/// the living are `unsupervised`, the rig is `abandoned`.
 ///
 /// # Errors
 /// [`Error::NotUp`] when there is neither a launcher nor a living process.
@@ -124,7 +138,8 @@ pub fn status(run_dir: &Path) -> Result<Status, Error> {
     status.state = RigState::Abandoned;
     for unit in &mut status.units {
         unit.process = unit.process.filter(ProcessIdentity::is_alive);
-        unit.state = if unit.process.is_some() { UnitState::Unsupervised } else { UnitState::Inactive };
+        unit.state =
+            if unit.process.is_some() { UnitState::Unsupervised } else { UnitState::Inactive };
     }
     if status.units.iter().all(|unit| unit.process.is_none()) {
         return Err(not_up());
@@ -132,13 +147,14 @@ pub fn status(run_dir: &Path) -> Result<Status, Error> {
     Ok(status)
 }
 
-/// Stops all units in the reverse of the order of their start, and the launcher. Where the launcher is dead, or hangs,
-/// the living are found by pid and start time and stopped by this process.
+/// Stops all units in the reverse of the order of their start, and the launcher. Where the launcher
+/// is dead, or hangs, the living are found by pid and start time and stopped by this process.
 ///
 /// # Errors
 /// [`Error::NotUp`] when there is nothing to stop.
 pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
-    let path = std::path::absolute(run_dir).map_err(|source| Error::io("make absolute", run_dir, source))?;
+    let path = std::path::absolute(run_dir)
+        .map_err(|source| Error::io("make absolute", run_dir, source))?;
     let directory = RunDir::new(path);
     if directory.is_held()? {
         match ask_to_stop(&directory) {
@@ -177,10 +193,12 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
     }
 }
 
-/// Without unit files nobody knows an order or a patience: the last started goes first, and at once.
+/// Without unit files nobody knows an order or a patience: the last started goes first, and at
+/// once.
 fn kill_leftovers(directory: &RunDir, leftovers: Vec<Leftover>, cause: &str) -> StopReport {
     let status = directory.last_status().ok().flatten();
-    let strays: Vec<ProcessIdentity> = leftovers.into_iter().rev().map(|leftover| leftover.process).collect();
+    let strays: Vec<ProcessIdentity> =
+        leftovers.into_iter().rev().map(|leftover| leftover.process).collect();
     for process in &strays {
         process.signal(Signal::KILL);
     }
@@ -199,7 +217,8 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
         Answer::Done => {}
         other => return Err(unexpected(&other)),
     }
-    // It takes the units' time. But it writes its status all the while: one that does not has come to hang since.
+    // It takes the units' time. But it writes its status all the while: one that does not has come
+    // to hang since.
     let updated = || directory.last_status().ok().flatten().map(|status| status.updated_unix_ms);
     let mut before = updated();
     let report = loop {
@@ -215,7 +234,8 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
     Ok(report)
 }
 
-/// Has one unit started again; stopped first if it runs. A unit that had been given up gets a new chance.
+/// Has one unit started again; stopped first if it runs. A unit that had been given up gets a new
+/// chance.
 ///
 /// # Errors
 /// When no launcher lives, there is no such unit, or the rig is not up.
@@ -254,18 +274,23 @@ impl Connection {
             .map_err(|source| Error::io("read", &directory.launcher_pid(), source))?;
         let mut numbers = text.split_whitespace();
         let launcher = (|| {
-            Some(ProcessIdentity { pid: numbers.next()?.parse().ok()?, start_time: numbers.next()?.parse().ok()? })
+            Some(ProcessIdentity {
+                pid: numbers.next()?.parse().ok()?,
+                start_time: numbers.next()?.parse().ok()?,
+            })
         })()
         .ok_or_else(|| Error::File {
             path: directory.launcher_pid(),
             message: format!("found `{}`, expected pid and start time", text.trim()),
         })?;
-        let stream = UnixStream::connect(&socket).map_err(|source| Error::io("connect to", &socket, source))?;
+        let stream = UnixStream::connect(&socket)
+            .map_err(|source| Error::io("connect to", &socket, source))?;
         Ok(Self { stream: BufReader::new(stream), line: String::new(), launcher, socket })
     }
 
     fn ask(&mut self, request: &Request) -> Result<Answer, Error> {
-        send(self.stream.get_mut(), request).map_err(|source| Error::io("write to", &self.socket, source))?;
+        send(self.stream.get_mut(), request)
+            .map_err(|source| Error::io("write to", &self.socket, source))?;
         self.receive("answer")
     }
 
@@ -277,8 +302,10 @@ impl Connection {
         match self.stream.read_line(&mut self.line) {
             Ok(_) => {
                 let line = std::mem::take(&mut self.line);
-                serde_json::from_str(&line)
-                    .map_err(|error| Error::File { path: self.socket.clone(), message: format!("`{line}`: {error}") })
+                serde_json::from_str(&line).map_err(|error| Error::File {
+                    path: self.socket.clone(),
+                    message: format!("`{line}`: {error}"),
+                })
             }
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {
                 Err(Error::Silent { launcher: self.launcher, what, seconds: patience.as_secs() })

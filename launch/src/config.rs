@@ -13,7 +13,8 @@ use crate::units::{Unit, UnitSet};
 pub struct Config {
     /// Name of the rig: the instance `%i` of every unit.
     pub rig_name: String,
-    /// The rig's directory: sockets, status, logs. Made with mode 0700 if absent. Short: a socket's path has 107 bytes.
+    /// The rig's directory: sockets, status, logs. Made with mode 0700 if absent. Short: a socket's
+    /// path has 107 bytes.
     pub run_dir: PathBuf,
     /// What stands for the first word of every `ExecStart=`; also the launcher's own executable.
     pub executable: PathBuf,
@@ -31,7 +32,11 @@ pub struct Config {
 
 impl Config {
     /// A configuration with no units and no variables yet.
-    pub fn new(rig_name: impl Into<String>, run_dir: impl Into<PathBuf>, executable: impl Into<PathBuf>) -> Self {
+    pub fn new(
+        rig_name: impl Into<String>,
+        run_dir: impl Into<PathBuf>,
+        executable: impl Into<PathBuf>,
+    ) -> Self {
         Self {
             rig_name: rig_name.into(),
             run_dir: run_dir.into(),
@@ -59,8 +64,12 @@ impl Config {
 
     /// Checks names and paths, and makes the paths absolute.
     pub(crate) fn checked(mut self) -> Result<Self, Error> {
-        let allowed = |character: char| character.is_ascii_alphanumeric() || "-_.".contains(character);
-        if self.rig_name.is_empty() || self.rig_name.starts_with('.') || !self.rig_name.chars().all(allowed) {
+        let allowed =
+            |character: char| character.is_ascii_alphanumeric() || "-_.".contains(character);
+        if self.rig_name.is_empty()
+            || self.rig_name.starts_with('.')
+            || !self.rig_name.chars().all(allowed)
+        {
             return Err(Error::RigName { found: self.rig_name });
         }
         self.run_dir = absolute(&self.run_dir)?;

@@ -54,22 +54,32 @@ struct Client {
 impl ControlServer {
     pub(crate) fn bind(path: &Path) -> Result<Self, Error> {
         let _ = std::fs::remove_file(path);
-        let listener = UnixListener::bind(path).map_err(|source| Error::io("bind", path, source))?;
+        let listener =
+            UnixListener::bind(path).map_err(|source| Error::io("bind", path, source))?;
         listener.set_nonblocking(true).map_err(|source| Error::io("set up", path, source))?;
         Ok(Self { listener, clients: Vec::new() })
     }
 
     /// What to wait for: the listener, then the clients.
     pub(crate) fn handles(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
-        std::iter::once(self.listener.as_fd()).chain(self.clients.iter().map(|client| client.stream.as_fd()))
+        std::iter::once(self.listener.as_fd())
+            .chain(self.clients.iter().map(|client| client.stream.as_fd()))
     }
 
     /// Accepts whoever is there and reads what they ask: (client, question).
     pub(crate) fn receive(&mut self) -> Vec<(usize, Result<Request, String>)> {
         self.clients.retain(|client| !client.gone);
         while let Ok((stream, _)) = self.listener.accept() {
-            if self.clients.len() < CLIENTS && stream.set_nonblocking(true).is_ok() && is_ours(&stream) {
-                self.clients.push(Client { stream, received: Vec::new(), wants_report: false, gone: false });
+            if self.clients.len() < CLIENTS
+                && stream.set_nonblocking(true).is_ok()
+                && is_ours(&stream)
+            {
+                self.clients.push(Client {
+                    stream,
+                    received: Vec::new(),
+                    wants_report: false,
+                    gone: false,
+                });
             }
         }
         let mut requests = Vec::new();
@@ -91,7 +101,8 @@ impl ControlServer {
             }
             while let Some(end) = client.received.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = client.received.drain(..=end).collect();
-                let request = serde_json::from_slice(&line).map_err(|error| format!("not a request: {error}"));
+                let request = serde_json::from_slice(&line)
+                    .map_err(|error| format!("not a request: {error}"));
                 client.wants_report |= request == Ok(Request::Stop);
                 requests.push((index, request));
             }

@@ -42,13 +42,17 @@ pub enum Error {
     #[error(transparent)]
     Unit(#[from] UnitError),
     /// The rig's name cannot be an instance name or a directory.
-    #[error("rig name `{found}`: expected letters, digits, `-`, `_` and `.`, not beginning with a dot")]
+    #[error(
+        "rig name `{found}`: expected letters, digits, `-`, `_` and `.`, not beginning with a dot"
+    )]
     RigName {
         /// The name found.
         found: String,
     },
     /// The rig is up.
-    #[error("rig {rig} is already up (launcher {launcher}, {since}); bring it down first: farreach down")]
+    #[error(
+        "rig {rig} is already up (launcher {launcher}, {since}); bring it down first: farreach down"
+    )]
     AlreadyUp {
         /// The rig.
         rig: String,

@@ -29,8 +29,10 @@ impl ProcessIdentity {
         let (state, start_time) = state_and_start_time(&stat)?;
         let dead = match state {
             'X' | 'x' => true,
-            // The first thread is a zombie; the process lives, and holds its files and locks, until its last has ended.
-            'Z' => pidfd_open(Pid::from_raw(pid)?, PidfdFlags::NONBLOCK).map_or(true, |handle| has_ended(&handle)),
+            // The first thread is a zombie; the process lives, and holds its files and locks, until
+            // its last has ended.
+            'Z' => pidfd_open(Pid::from_raw(pid)?, PidfdFlags::NONBLOCK)
+                .map_or(true, |handle| has_ended(&handle)),
             _ => false,
         };
         (!dead).then_some(Self { pid, start_time })
@@ -65,7 +67,8 @@ pub(crate) fn has_ended(handle: impl AsFd) -> bool {
     matches!(poll(&mut [PollFd::new(&handle, PollFlags::IN)], Some(&at_once)), Ok(1))
 }
 
-/// Fields 3 and 22 of `/proc/PID/stat`. The name in field 2 may hold blanks and brackets: what counts is the last `)`.
+/// Fields 3 and 22 of `/proc/PID/stat`. The name in field 2 may hold blanks and brackets: what
+/// counts is the last `)`.
 fn state_and_start_time(stat: &str) -> Option<(char, u64)> {
     let mut fields = stat[stat.rfind(')')? + 1..].split_whitespace();
     let state = fields.next()?.chars().next()?;
@@ -73,9 +76,12 @@ fn state_and_start_time(stat: &str) -> Option<(char, u64)> {
     Some((state, start_time))
 }
 
-/// Identity of this boot of the machine: start times of another one mean nothing. Empty when it cannot be read.
+/// Identity of this boot of the machine: start times of another one mean nothing. Empty when it
+/// cannot be read.
 pub fn boot_id() -> String {
-    std::fs::read_to_string("/proc/sys/kernel/random/boot_id").map(|text| text.trim().to_owned()).unwrap_or_default()
+    std::fs::read_to_string("/proc/sys/kernel/random/boot_id")
+        .map(|text| text.trim().to_owned())
+        .unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -84,7 +90,8 @@ mod tests {
 
     #[test]
     fn a_name_with_brackets_does_not_shift_the_fields() {
-        let stat = "42 (a) b (c)) S 1 42 42 0 -1 4194304 1 0 0 0 0 0 0 0 20 0 1 0 987654 1000 1 2 3";
+        let stat =
+            "42 (a) b (c)) S 1 42 42 0 -1 4194304 1 0 0 0 0 0 0 0 20 0 1 0 987654 1000 1 2 3";
         assert_eq!(state_and_start_time(stat), Some(('S', 987_654)));
         assert_eq!(state_and_start_time("42 (a"), None);
     }
@@ -104,7 +111,11 @@ mod tests {
         let mut child = std::process::Command::new("true").spawn().unwrap();
         let pid = child.id() as i32;
         let handle = pidfd_open(Pid::from_raw(pid).unwrap(), PidfdFlags::empty()).unwrap();
-        rustix::event::poll(&mut [rustix::event::PollFd::new(&handle, rustix::event::PollFlags::IN)], None).unwrap();
+        rustix::event::poll(
+            &mut [rustix::event::PollFd::new(&handle, rustix::event::PollFlags::IN)],
+            None,
+        )
+        .unwrap();
         assert_eq!(ProcessIdentity::of(pid), None);
         child.wait().unwrap();
     }

@@ -1,8 +1,9 @@
 //! The launcher for machines without systemd, and the unit files.
 //!
-//! It reads the same unit files as systemd does ([`units`]) and keeps the processes that they name running:
-//! started in the order of `After=`, waited for until `READY=1`, watched, started again with growing pauses, stopped
-//! in the reverse order. It knows unit files only: neither shared memory nor messages.
+//! It reads the same unit files as systemd does ([`units`]) and keeps the processes that they name
+//! running: started in the order of `After=`, waited for until `READY=1`, watched, started again
+//! with growing pauses, stopped in the reverse order. It knows unit files only: neither shared
+//! memory nor messages.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), launch::Error> {
@@ -19,8 +20,8 @@
 //! # }
 //! ```
 //!
-//! The launcher process is `EXECUTABLE service launcher --run-dir DIR`, whose body is [`launcher_main`]; `up
-//! --foreground` calls [`supervise`] instead of [`start`].
+//! The launcher process is `EXECUTABLE service launcher --run-dir DIR`, whose body is
+//! [`launcher_main`]; `up --foreground` calls [`supervise`] instead of [`start`].
 
 mod client;
 mod config;

@@ -1,8 +1,8 @@
 //! Log files: bounded, and their tails.
 //!
-//! A process writes its log file itself, through a descriptor opened for appending: a pipe to the launcher would kill
-//! it when the launcher dies. So a log that has grown too long is copied aside and cut to nothing in place; lines
-//! written between the copy and the cut are lost.
+//! A process writes its log file itself, through a descriptor opened for appending: a pipe to the
+//! launcher would kill it when the launcher dies. So a log that has grown too long is copied aside
+//! and cut to nothing in place; lines written between the copy and the cut are lost.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 
 use crate::Error;
 
-/// Longest log, in bytes; one earlier stretch of about that length is kept beside it as `NAME.log.1`.
+/// Longest log, in bytes; one earlier stretch of about that length is kept beside it as
+/// `NAME.log.1`.
 pub(crate) const LIMIT: u64 = 1 << 20;
 
 /// Opens a log for appending.
@@ -55,7 +56,8 @@ pub(crate) fn tail(path: &Path, lines: usize) -> String {
     all[all.len().saturating_sub(lines)..].join("\n")
 }
 
-/// The launcher's own log: each line with the time, to `launcher.log` and, if wanted, to standard error.
+/// The launcher's own log: each line with the time, to `launcher.log` and, if wanted, to standard
+/// error.
 pub(crate) struct Journal {
     path: PathBuf,
     file: Option<File>,

@@ -1,5 +1,5 @@
-//! When to start, kill, restart and stop: a pure state machine. Time (monotonic, from any origin) and what happened
-//! go in, [`Action`]s come out; no clock, no process, no file.
+//! When to start, kill, restart and stop: a pure state machine. Time (monotonic, from any origin)
+//! and what happened go in, [`Action`]s come out; no clock, no process, no file.
 //!
 //! | what happens | what is done | cleared by |
 //! |---|---|---|
@@ -12,8 +12,9 @@
 //! | an exit code in `RestartPreventExitStatus=` | given up, as above | a person |
 //! | a unit that this one wants and comes after is not ready | its next start waits (`Gated`) | by itself |
 //!
-//! The n-th restart in a row waits `RestartSec=` × 2ⁿ, at most [`BACK_OFF_CAP`] (or `RestartSec=`, if that is longer). A
-//! process that was ready for [`HEALTHY_AFTER`] begins again at `RestartSec=`.
+//! The n-th restart in a row waits `RestartSec=` × 2ⁿ, at most [`BACK_OFF_CAP`] (or `RestartSec=`,
+//! if that is longer). A process that was ready for [`HEALTHY_AFTER`] begins again at
+//! `RestartSec=`.
 
 mod policy;
 #[cfg(test)]
@@ -52,7 +53,9 @@ impl Exit {
     pub fn is_clean(self) -> bool {
         match self {
             Self::Code(code) => code == 0,
-            Self::Signal(signal) => [libc::SIGHUP, libc::SIGINT, libc::SIGTERM, libc::SIGPIPE].contains(&signal),
+            Self::Signal(signal) => {
+                [libc::SIGHUP, libc::SIGINT, libc::SIGTERM, libc::SIGPIPE].contains(&signal)
+            }
             Self::Unknown => false,
         }
     }
@@ -166,8 +169,8 @@ impl Machine {
         Self { slots, phase: Phase::BringUp, failure: None }
     }
 
-    /// Takes a living process over. One that had not been ready gets the time of a start to show a sign of life; its
-    /// `READY=1` may have been lost, so a `WATCHDOG=1` counts as well.
+    /// Takes a living process over. One that had not been ready gets the time of a start to show a
+    /// sign of life; its `READY=1` may have been lost, so a `WATCHDOG=1` counts as well.
     pub fn adopt(&mut self, unit: usize, was_ready: bool, restarts: u32, now: Duration) {
         let slot = &mut self.slots[unit];
         slot.restarts = restarts;
@@ -257,7 +260,11 @@ impl Machine {
             State::Starting { .. } => {
                 slot.failed_starts += 1;
                 slot.reason = Some(format!("it ended before it was ready: {exit}"));
-                if slot.policy.prevents(exit) { self.give_up(unit) } else { self.start_again(unit, now) }
+                if slot.policy.prevents(exit) {
+                    self.give_up(unit)
+                } else {
+                    self.start_again(unit, now)
+                }
             }
             State::Ready { since, .. } => {
                 slot.reason = Some(format!("it ended: {exit}"));
@@ -278,7 +285,8 @@ impl Machine {
         }
     }
 
-    /// A person wants this unit started again; it is stopped first if it runs. Clears what was counted against it.
+    /// A person wants this unit started again; it is stopped first if it runs. Clears what was
+    /// counted against it.
     ///
     /// # Errors
     /// While the rig is not up.
@@ -293,8 +301,11 @@ impl Machine {
         slot.reason = Some("a restart was asked for".to_owned());
         Ok(match slot.state {
             State::Ready { .. } | State::Starting { .. } => {
-                slot.state =
-                    State::Stopping { deadline: now + slot.policy.timeout_stop, killed: false, then_start: true };
+                slot.state = State::Stopping {
+                    deadline: now + slot.policy.timeout_stop,
+                    killed: false,
+                    then_start: true,
+                };
                 vec![Action::AskToStop(unit)]
             }
             State::Inactive | State::BackOff { .. } | State::Failed => {
@@ -332,8 +343,12 @@ impl Machine {
             .filter_map(|unit| match self.slots[unit].state {
                 State::Starting { deadline } | State::Stopping { deadline, .. } => Some(deadline),
                 State::Killing { deadline } if self.phase == Phase::Stopping => Some(deadline),
-                State::Ready { pinged, .. } => self.slots[unit].policy.watchdog.map(|watchdog| pinged + watchdog),
-                State::BackOff { until } if self.gates_open(unit) || self.gates_ended(unit) => Some(until),
+                State::Ready { pinged, .. } => {
+                    self.slots[unit].policy.watchdog.map(|watchdog| pinged + watchdog)
+                }
+                State::BackOff { until } if self.gates_open(unit) || self.gates_ended(unit) => {
+                    Some(until)
+                }
                 _ => None,
             })
             .min()
@@ -346,12 +361,17 @@ impl Machine {
         match slot.state {
             State::Starting { deadline } if now >= deadline && !stopping => {
                 slot.failed_starts += 1;
-                slot.reason = Some(format!("it was not ready within {:?}", slot.policy.timeout_start));
+                slot.reason =
+                    Some(format!("it was not ready within {:?}", slot.policy.timeout_start));
                 slot.state = State::Killing { deadline: now + slot.policy.timeout_stop };
                 actions.push(Action::Kill(unit));
             }
             State::Ready { since, pinged } if !stopping => {
-                let Some(watchdog) = slot.policy.watchdog.filter(|watchdog| now >= pinged + *watchdog) else { return };
+                let Some(watchdog) =
+                    slot.policy.watchdog.filter(|watchdog| now >= pinged + *watchdog)
+                else {
+                    return;
+                };
                 if now.saturating_sub(since) >= HEALTHY_AFTER.max(watchdog * 2) {
                     slot.back_off_steps = 0;
                 }
@@ -364,7 +384,11 @@ impl Machine {
                     slot.outlived();
                 } else {
                     slot.stop_killed = true;
-                    slot.state = State::Stopping { deadline: now + slot.policy.timeout_stop, killed: true, then_start };
+                    slot.state = State::Stopping {
+                        deadline: now + slot.policy.timeout_stop,
+                        killed: true,
+                        then_start,
+                    };
                     actions.push(Action::Kill(unit));
                 }
             }
@@ -373,7 +397,8 @@ impl Machine {
         }
     }
 
-    /// What was ended in good order comes again for those that need it, as `Wants=` has it: nobody else would start it.
+    /// What was ended in good order comes again for those that need it, as `Wants=` has it: nobody
+    /// else would start it.
     fn start_gates(&mut self, now: Duration) {
         for unit in 0..self.slots.len() {
             if !matches!(self.slots[unit].state, State::BackOff { until } if now >= until) {
@@ -420,14 +445,19 @@ impl Machine {
             }
         }
         for unit in 0..self.slots.len() {
-            let running = matches!(self.slots[unit].state, State::Starting { .. } | State::Ready { .. });
-            let blocked = (0..self.slots.len())
-                .any(|later| self.slots[later].policy.after.contains(&unit) && self.has_process(later));
+            let running =
+                matches!(self.slots[unit].state, State::Starting { .. } | State::Ready { .. });
+            let blocked = (0..self.slots.len()).any(|later| {
+                self.slots[later].policy.after.contains(&unit) && self.has_process(later)
+            });
             if running && !blocked {
                 let slot = &mut self.slots[unit];
                 slot.stop_asked = Some(now);
-                slot.state =
-                    State::Stopping { deadline: now + slot.policy.timeout_stop, killed: false, then_start: false };
+                slot.state = State::Stopping {
+                    deadline: now + slot.policy.timeout_stop,
+                    killed: false,
+                    then_start: false,
+                };
                 actions.push(Action::AskToStop(unit));
             }
         }
@@ -450,7 +480,11 @@ impl Machine {
 
     /// Whether a gate was ended in good order, and is to come again.
     fn gates_ended(&self, unit: usize) -> bool {
-        self.slots[unit].policy.gates.iter().any(|&gate| matches!(self.slots[gate].state, State::Inactive))
+        self.slots[unit]
+            .policy
+            .gates
+            .iter()
+            .any(|&gate| matches!(self.slots[gate].state, State::Inactive))
     }
 
     /// Plans the next start, or gives up.
@@ -465,7 +499,8 @@ impl Machine {
         let pause = policy.restart_delay.saturating_mul(1 << slot.back_off_steps.min(16));
         let until = now + pause.min(BACK_OFF_CAP.max(policy.restart_delay));
         slot.starts.retain(|&start| start + policy.start_limit_interval > until);
-        let limited = policy.start_limit_burst > 0 && slot.starts.len() >= policy.start_limit_burst as usize;
+        let limited =
+            policy.start_limit_burst > 0 && slot.starts.len() >= policy.start_limit_burst as usize;
         if limited {
             let last = slot.reason.take().unwrap_or_default();
             slot.reason = Some(format!(
@@ -473,7 +508,10 @@ impl Machine {
                 policy.start_limit_burst, policy.start_limit_interval
             ));
         }
-        if limited || policy.restart == Restart::No || (bring_up && slot.failed_starts >= START_ATTEMPTS) {
+        if limited
+            || policy.restart == Restart::No
+            || (bring_up && slot.failed_starts >= START_ATTEMPTS)
+        {
             self.give_up(unit);
             return;
         }

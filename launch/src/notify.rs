@@ -24,12 +24,14 @@ pub(crate) enum Word {
 pub(crate) struct NotifySocket(UnixDatagram);
 
 impl NotifySocket {
-    /// Binds the path anew. Processes that look the path up for each datagram, as sd_notify does, reach this one.
+    /// Binds the path anew. Processes that look the path up for each datagram, as sd_notify does,
+    /// reach this one.
     pub(crate) fn bind(path: &Path) -> Result<Self, Error> {
         let _ = std::fs::remove_file(path);
         let socket = UnixDatagram::bind(path).map_err(|source| Error::io("bind", path, source))?;
         socket.set_nonblocking(true).map_err(|source| Error::io("set up", path, source))?;
-        sockopt::set_socket_passcred(&socket, true).map_err(|source| Error::io("set up", path, source))?;
+        sockopt::set_socket_passcred(&socket, true)
+            .map_err(|source| Error::io("set up", path, source))?;
         Ok(Self(socket))
     }
 
@@ -40,10 +42,16 @@ impl NotifySocket {
     /// The next datagram: the sender's pid and its words; `None` when there is none.
     pub(crate) fn receive(&self) -> Option<(i32, Vec<Word>)> {
         let mut bytes = [0u8; 4096];
-        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1), ScmRights(8))];
+        let mut space =
+            [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1), ScmRights(8))];
         let mut ancillary = RecvAncillaryBuffer::new(&mut space);
-        let received =
-            recvmsg(&self.0, &mut [IoSliceMut::new(&mut bytes)], &mut ancillary, RecvFlags::CMSG_CLOEXEC).ok()?;
+        let received = recvmsg(
+            &self.0,
+            &mut [IoSliceMut::new(&mut bytes)],
+            &mut ancillary,
+            RecvFlags::CMSG_CLOEXEC,
+        )
+        .ok()?;
         let mut pid = 0;
         for message in ancillary.drain() {
             // Descriptors that somebody sent along are closed as they are dropped.

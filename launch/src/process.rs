@@ -1,4 +1,5 @@
-//! One process of a unit: started or adopted, watched through a pidfd, so that a recycled pid is never hit.
+//! One process of a unit: started or adopted, watched through a pidfd, so that a recycled pid is
+//! never hit.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +16,8 @@ use crate::scheduling::ChildSetup;
 use crate::units::Unit;
 use crate::{Config, Error, ProcessIdentity, RunDir, log};
 
-/// In every process's environment: by these two a process is known as the rig's even if no status names it.
+/// In every process's environment: by these two a process is known as the rig's even if no status
+/// names it.
 const UNIT_VARIABLE: &str = "FARREACH_UNIT";
 const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 
@@ -26,12 +28,14 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    /// Starts the process of a unit: output to its log, a process group of its own, its limits and its class.
+    /// Starts the process of a unit: output to its log, a process group of its own, its limits and
+    /// its class.
     pub(crate) fn start(unit: &Unit, config: &Config, run_dir: &RunDir) -> Result<Self, Error> {
         let log_path = run_dir.log(&unit.name);
         let _ = log::rotate(&log_path, log::LIMIT);
         let output = log::open(&log_path)?;
-        let errors = output.try_clone().map_err(|source| Error::io("open the log", &log_path, source))?;
+        let errors =
+            output.try_clone().map_err(|source| Error::io("open the log", &log_path, source))?;
         let mut command = Command::new(&config.executable);
         command
             .args(&unit.exec_start[1..])
@@ -41,20 +45,23 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(output)
             .stderr(errors)
-            // So that Ctrl-C at a terminal reaches the launcher alone, which then stops them in their order.
+            // So that Ctrl-C at a terminal reaches the launcher alone, which then stops them in
+            // their order.
             .process_group(0);
         if unit.watchdog.is_none() {
             command.env_remove("WATCHDOG_USEC");
         }
         let setup = ChildSetup::of(unit);
-        // SAFETY: `apply` makes system calls on numbers that it owns; it neither allocates nor locks.
+        // SAFETY: `apply` makes system calls on numbers that it owns; it neither allocates nor
+        // locks.
         unsafe {
             command.pre_exec(move || {
                 setup.apply();
                 Ok(())
             });
         }
-        let child = command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
+        let child =
+            command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
         let pid = i32::try_from(child.id()).unwrap_or(i32::MAX);
         if let Some(score) = unit.oom_score_adjust {
             // Refused to lower it without CAP_SYS_RESOURCE; the status says so.
@@ -73,9 +80,11 @@ impl Process {
     }
 
     fn of_child(pid: i32) -> Result<(ProcessIdentity, OwnedFd), Error> {
-        let raw = Pid::from_raw(pid).ok_or_else(|| Error::system("read a pid", io::Error::other("pid 0")))?;
-        let handle = pidfd_open(raw, PidfdFlags::NONBLOCK)
-            .map_err(|source| Error::system("open a pidfd (Linux 5.10 or later is needed)", source))?;
+        let raw = Pid::from_raw(pid)
+            .ok_or_else(|| Error::system("read a pid", io::Error::other("pid 0")))?;
+        let handle = pidfd_open(raw, PidfdFlags::NONBLOCK).map_err(|source| {
+            Error::system("open a pidfd (Linux 5.10 or later is needed)", source)
+        })?;
         // A child that has ended already is a zombie, which has no identity; its handle tells.
         let identity = ProcessIdentity::of(pid).unwrap_or(ProcessIdentity { pid, start_time: 0 });
         Ok((identity, handle))
@@ -101,11 +110,13 @@ impl Process {
         let _ = pidfd_send_signal(&self.handle, Signal::KILL);
     }
 
-    /// How it ended. Call when [`Process::handle`] is readable. What it left in its process group is killed.
+    /// How it ended. Call when [`Process::handle`] is readable. What it left in its process group
+    /// is killed.
     pub(crate) fn exit(self) -> Exit {
         let Some(mut child) = self.child else { return Exit::Unknown };
         if let Some(group) = Pid::from_raw(self.identity.pid) {
-            // Before the child is reaped: until then nobody else can have its pid, or a group of that number.
+            // Before the child is reaped: until then nobody else can have its pid, or a group of
+            // that number.
             let _ = kill_process_group(group, Signal::KILL);
         }
         match child.wait() {
@@ -119,7 +130,11 @@ impl Process {
     }
 }
 
-fn environment(unit: &Unit, config: &Config, run_dir: &RunDir) -> BTreeMap<String, std::ffi::OsString> {
+fn environment(
+    unit: &Unit,
+    config: &Config,
+    run_dir: &RunDir,
+) -> BTreeMap<String, std::ffi::OsString> {
     let mut variables: BTreeMap<String, std::ffi::OsString> = BTreeMap::new();
     let installed = unit.runtime_directory.as_ref().map(|relative| format!("/run/{relative}"));
     for (name, value) in &unit.environment {
@@ -143,16 +158,19 @@ fn environment(unit: &Unit, config: &Config, run_dir: &RunDir) -> BTreeMap<Strin
     variables
 }
 
-/// Living processes of this rig by their environment, with their units. It finds one whose launcher died between
-/// starting it and writing that down.
+/// Living processes of this rig by their environment, with their units. It finds one whose launcher
+/// died between starting it and writing that down.
 pub(crate) fn find(run_dir: &RunDir) -> Vec<(String, ProcessIdentity)> {
     let mut socket = format!("{SOCKET_VARIABLE}=").into_bytes();
     socket.extend(run_dir.notify_socket().as_os_str().as_bytes());
     let own = i32::try_from(std::process::id()).unwrap_or(0);
     let mut found = Vec::new();
     let Ok(entries) = fs::read_dir("/proc") else { return found };
-    for pid in entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok()) {
-        let Some(identity) = ProcessIdentity::of(pid).filter(|identity| identity.pid != own) else { continue };
+    for pid in entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok())
+    {
+        let Some(identity) = ProcessIdentity::of(pid).filter(|identity| identity.pid != own) else {
+            continue;
+        };
         // Those of other users cannot be read, and are not ours.
         let Ok(environment) = fs::read(format!("/proc/{pid}/environ")) else { continue };
         let mut variables = environment.split(|byte| *byte == 0);

@@ -36,7 +36,8 @@ impl RunDir {
         &self.0
     }
 
-    /// Held locked by the launcher as long as it lives: whoever can lock it knows that there is none.
+    /// Held locked by the launcher as long as it lives: whoever can lock it knows that there is
+    /// none.
     pub fn lock_file(&self) -> PathBuf {
         self.0.join("launcher.lock")
     }
@@ -94,7 +95,8 @@ impl RunDir {
             .mode(0o700)
             .create(&self.0)
             .map_err(|source| Error::io("make the run directory", &self.0, source))?;
-        let metadata = fs::metadata(&self.0).map_err(|source| Error::io("read the mode of", &self.0, source))?;
+        let metadata = fs::metadata(&self.0)
+            .map_err(|source| Error::io("read the mode of", &self.0, source))?;
         let wrong = |found| Error::RunDirectory { path: self.0.clone(), found };
         let own = rustix::process::geteuid().as_raw();
         if metadata.uid() != own {
@@ -109,7 +111,8 @@ impl RunDir {
     /// Takes the launcher's lock; `None` when a launcher has it.
     pub(crate) fn lock(&self) -> Result<Option<File>, Error> {
         let path = self.lock_file();
-        // One who only looks (`is_held`) has it for a moment: a launcher is there only if it stays locked.
+        // One who only looks (`is_held`) has it for a moment: a launcher is there only if it stays
+        // locked.
         let mut tries_left = 10;
         loop {
             let file = OpenOptions::new()
@@ -129,18 +132,22 @@ impl RunDir {
                 Err(rustix::io::Errno::WOULDBLOCK) => return Ok(None),
                 Err(source) => return Err(Error::io("lock", &path, source)),
             }
-            // A launcher that ends removes the file while it holds the lock: what was locked may be no longer there.
+            // A launcher that ends removes the file while it holds the lock: what was locked may be
+            // no longer there.
             if self.is_lock_file(&file)? {
                 return Ok(Some(file));
             }
         }
     }
 
-    /// Takes over the lock that `start` holds and hands on as standard input, so that nobody gets in between.
+    /// Takes over the lock that `start` holds and hands on as standard input, so that nobody gets
+    /// in between.
     pub(crate) fn inherited_lock(&self) -> Result<Option<OwnedFd>, Error> {
         let stdin = io::stdin();
-        let handle =
-            stdin.as_fd().try_clone_to_owned().map_err(|source| Error::system("read standard input", source))?;
+        let handle = stdin
+            .as_fd()
+            .try_clone_to_owned()
+            .map_err(|source| Error::system("read standard input", source))?;
         let file = File::from(handle);
         if !self.is_lock_file(&file)? {
             return Ok(None);
@@ -161,7 +168,8 @@ impl RunDir {
         }
     }
 
-    /// Whether a launcher holds this directory. For those who only look: the lock is given back at once.
+    /// Whether a launcher holds this directory. For those who only look: the lock is given back at
+    /// once.
     ///
     /// # Errors
     /// When the lock file can be neither opened nor locked.
@@ -182,8 +190,10 @@ impl RunDir {
 
     /// Replaces a file in one step: a reader sees the old one or the new one.
     pub(crate) fn write_json<T: Serialize>(&self, path: &Path, value: &T) -> Result<(), Error> {
-        let text = serde_json::to_vec_pretty(value)
-            .map_err(|error| Error::File { path: path.to_path_buf(), message: error.to_string() })?;
+        let text = serde_json::to_vec_pretty(value).map_err(|error| Error::File {
+            path: path.to_path_buf(),
+            message: error.to_string(),
+        })?;
         self.write(path, &text)
     }
 
@@ -200,9 +210,10 @@ impl RunDir {
         match fs::read(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(Error::io("read", path, source)),
-            Ok(text) => serde_json::from_slice(&text)
-                .map(Some)
-                .map_err(|error| Error::File { path: path.to_path_buf(), message: error.to_string() }),
+            Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|error| Error::File {
+                path: path.to_path_buf(),
+                message: error.to_string(),
+            }),
         }
     }
 
@@ -241,7 +252,8 @@ impl RunDir {
             self.lock_file(),
         ];
         for file in files {
-            // Absent is as good as removed, and what cannot be removed is found stale by the next start.
+            // Absent is as good as removed, and what cannot be removed is found stale by the next
+            // start.
             let _ = fs::remove_file(file);
         }
     }

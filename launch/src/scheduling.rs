@@ -1,4 +1,5 @@
-//! Scheduling class, cores and limits: asked for between fork and exec, read back from the kernel afterwards.
+//! Scheduling class, cores and limits: asked for between fork and exec, read back from the kernel
+//! afterwards.
 
 use std::fs;
 
@@ -21,7 +22,8 @@ pub struct Scheduling {
     pub refused: Vec<String>,
 }
 
-/// What the child does to itself between fork and exec. Plain numbers: nothing there may allocate or lock.
+/// What the child does to itself between fork and exec. Plain numbers: nothing there may allocate
+/// or lock.
 #[derive(Clone, Copy)]
 pub(crate) struct ChildSetup {
     memlock: Option<Limit>,
@@ -48,7 +50,8 @@ impl ChildSetup {
         }
     }
 
-    /// Asks for everything and goes on without what is refused. System calls only: it runs between fork and exec.
+    /// Asks for everything and goes on without what is refused. System calls only: it runs between
+    /// fork and exec.
     pub(crate) fn apply(&self) {
         raise(Resource::Memlock, self.memlock);
         raise(Resource::Rtprio, self.rtprio);
@@ -57,7 +60,8 @@ impl ChildSetup {
             SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
             SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
         };
-        // Without its class a loop had better be moved to whatever core is free than wait in line on one.
+        // Without its class a loop had better be moved to whatever core is free than wait in line
+        // on one.
         if let (true, Some(cores)) = (granted, &self.cores) {
             let _ = sched_setaffinity(None, cores);
         }
@@ -84,14 +88,16 @@ fn raise(resource: Resource, limit: Option<Limit>) {
 
 fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
-    // SAFETY: the pointer is to a live, initialised sched_param that the kernel only reads; pid 0 is the caller.
+    // SAFETY: the pointer is to a live, initialised sched_param that the kernel only reads; pid 0
+    // is the caller.
     unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
 }
 
 /// What the kernel says of a process. The caller sees to it that the pid is still the process's.
 fn granted(pid: i32) -> Option<SchedulingPolicy> {
     let mut parameters = libc::sched_param { sched_priority: 0 };
-    // SAFETY: the pointer is to a live sched_param that the kernel writes; a pid that is gone gives an error.
+    // SAFETY: the pointer is to a live sched_param that the kernel writes; a pid that is gone gives
+    // an error.
     let policy = unsafe {
         if libc::sched_getparam(pid, &raw mut parameters) != 0 {
             return None;
@@ -122,7 +128,9 @@ impl Scheduling {
     pub(crate) fn read(unit: &Unit, pid: i32) -> Self {
         let mut refused = Vec::new();
         let granted = granted(pid);
-        if unit.scheduling.is_realtime() && granted.is_none_or(|granted| granted.rank() < unit.scheduling.rank()) {
+        if unit.scheduling.is_realtime()
+            && granted.is_none_or(|granted| granted.rank() < unit.scheduling.rank())
+        {
             let has = granted.map_or_else(|| "unknown".to_owned(), |granted| granted.to_string());
             refused.push(format!("CPUSchedulingPolicy={}: it has {has}", unit.scheduling));
         }

@@ -50,7 +50,10 @@ pub enum UnitState {
 impl UnitState {
     /// Whether there is, or may be, a process.
     pub fn has_process(self) -> bool {
-        matches!(self, Self::Starting | Self::Ready | Self::Killing | Self::Stopping | Self::Unsupervised)
+        matches!(
+            self,
+            Self::Starting | Self::Ready | Self::Killing | Self::Stopping | Self::Unsupervised
+        )
     }
 }
 
@@ -131,7 +134,8 @@ pub struct StopReport {
     pub cause: String,
     /// The units.
     pub units: Vec<UnitStop>,
-    /// Processes of the rig that no status knew of (their launcher died while starting them), ended as well.
+    /// Processes of the rig that no status knew of (their launcher died while starting them), ended
+    /// as well.
     pub strays: Vec<ProcessIdentity>,
 }
 

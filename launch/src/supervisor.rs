@@ -28,37 +28,52 @@ const STATUS_PERIOD: Duration = Duration::from_millis(200);
 /// Log lengths are looked at this often.
 const ROTATE_PERIOD: Duration = Duration::from_secs(1);
 
-/// Body of `service launcher --run-dir DIR`: reads `launch.json` of that directory and supervises until stopped.
+/// Body of `service launcher --run-dir DIR`: reads `launch.json` of that directory and supervises
+/// until stopped.
 ///
 /// # Errors
 /// As [`supervise`]; the cause is also left in `failure.json` for [`crate::start`].
 pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
-    let run_dir =
-        RunDir::new(std::path::absolute(run_dir).map_err(|source| Error::io("make absolute", run_dir, source))?);
+    let run_dir = RunDir::new(
+        std::path::absolute(run_dir)
+            .map_err(|source| Error::io("make absolute", run_dir, source))?,
+    );
     let lock = match run_dir.inherited_lock()? {
         Some(lock) => lock,
         None => run_dir.lock()?.ok_or_else(|| run_dir.already_up("of this directory"))?.into(),
     };
     let supervised = || {
-        let config = run_dir.config()?.ok_or_else(|| Error::NotUp { run_dir: run_dir.path().to_path_buf() })?;
+        let config = run_dir
+            .config()?
+            .ok_or_else(|| Error::NotUp { run_dir: run_dir.path().to_path_buf() })?;
         Supervisor::open(config, &run_dir, lock)?.until_stopped()
     };
     supervised().map(|_| ()).inspect_err(|error| {
         let words = LastWords {
             message: error.to_string(),
-            start_failure: if let Error::Start(failure) = error { Some(failure.clone()) } else { None },
-            broken_off: if let Error::BrokenOff { cause, .. } = error { Some(cause.clone()) } else { None },
+            start_failure: if let Error::Start(failure) = error {
+                Some(failure.clone())
+            } else {
+                None
+            },
+            broken_off: if let Error::BrokenOff { cause, .. } = error {
+                Some(cause.clone())
+            } else {
+                None
+            },
         };
         // If that cannot be written, `start` falls back on the log.
         let _ = run_dir.write_json(&run_dir.failure_json(), &words);
     })
 }
 
-/// Launches in this very process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or [`crate::stop`]
-/// ends it. For `up --foreground`; [`crate::start`] does it in a process of its own.
+/// Launches in this very process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or
+/// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] does it in a process of its
+/// own.
 ///
 /// # Errors
-/// When the rig is up already, a unit file is wrong, or a unit cannot be brought up (all is stopped then).
+/// When the rig is up already, a unit file is wrong, or a unit cannot be brought up (all is stopped
+/// then).
 pub fn supervise(config: Config) -> Result<StopReport, Error> {
     let config = config.checked()?;
     let run_dir = RunDir::new(&config.run_dir);
@@ -124,8 +139,9 @@ impl Supervisor {
     /// Opens the sockets and adopts whom an earlier launcher left alive.
     pub(crate) fn open(config: Config, run_dir: &RunDir, lock: OwnedFd) -> Result<Self, Error> {
         let units = config.load_units()?;
-        let identity = ProcessIdentity::own()
-            .ok_or_else(|| Error::system("read /proc/self/stat", std::io::Error::other("/proc is not there")))?;
+        let identity = ProcessIdentity::own().ok_or_else(|| {
+            Error::system("read /proc/self/stat", std::io::Error::other("/proc is not there"))
+        })?;
         let pid_line = format!("{} {}\n", identity.pid, identity.start_time);
         run_dir.write(&run_dir.launcher_pid(), pid_line.as_bytes())?;
         let mut supervisor = Self {
@@ -161,7 +177,9 @@ impl Supervisor {
             status_unwritten: false,
             rotated: Duration::ZERO,
         };
-        supervisor.journal.say(&format!("launcher of rig {}, {identity}", supervisor.config.rig_name));
+        supervisor
+            .journal
+            .say(&format!("launcher of rig {}, {identity}", supervisor.config.rig_name));
         supervisor.adopt()?;
         supervisor.write_status();
         Ok(supervisor)
@@ -169,13 +187,17 @@ impl Supervisor {
 
     /// Runs until all is stopped. Signals that ask to end stop all first.
     pub(crate) fn until_stopped(self) -> Result<StopReport, Error> {
-        let (reader, writer) = UnixStream::pair().map_err(|source| Error::system("make a socket pair", source))?;
+        let (reader, writer) =
+            UnixStream::pair().map_err(|source| Error::system("make a socket pair", source))?;
         for stream in [&reader, &writer] {
-            stream.set_nonblocking(true).map_err(|source| Error::system("set up a socket pair", source))?;
+            stream
+                .set_nonblocking(true)
+                .map_err(|source| Error::system("set up a socket pair", source))?;
         }
         let mut registered = Vec::new();
         for signal in [SIGTERM, SIGINT, SIGHUP] {
-            let writer = writer.try_clone().map_err(|source| Error::system("copy a socket", source))?;
+            let writer =
+                writer.try_clone().map_err(|source| Error::system("copy a socket", source))?;
             let id = signal_hook::low_level::pipe::register(signal, writer)
                 .map_err(|source| Error::system("listen for signals", source))?;
             registered.push(id);
@@ -203,7 +225,9 @@ impl Supervisor {
         let earlier = self.run_dir.last_status()?;
         for status in earlier.into_iter().flat_map(|status| status.units) {
             let Some(process) = status.process.and_then(Process::adopt) else { continue };
-            let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == status.name) else {
+            let Some(index) =
+                self.units.iter().position(|supervised| supervised.unit.name == status.name)
+            else {
                 continue;
             };
             let supervised = &mut self.units[index];
@@ -223,8 +247,10 @@ impl Supervisor {
     /// Ends processes that carry this rig's marks, but belong to no unit's process that is known.
     fn end_strays(&mut self) {
         for (unit, identity) in process::find(&self.run_dir) {
-            let known =
-                self.units.iter().any(|supervised| supervised.unit.name == unit && supervised.process.is_some());
+            let known = self
+                .units
+                .iter()
+                .any(|supervised| supervised.unit.name == unit && supervised.process.is_some());
             if !known && identity.signal(Signal::KILL) {
                 self.journal.say(&format!("{unit}: {identity} was in no status: killed"));
                 self.strays.push(identity);
@@ -242,7 +268,11 @@ impl Supervisor {
                 self.perform(action);
             }
             if self.machine.phase() != phase {
-                self.journal.say(&format!("rig {}: {:?}", self.config.rig_name, self.machine.phase()));
+                self.journal.say(&format!(
+                    "rig {}: {:?}",
+                    self.config.rig_name,
+                    self.machine.phase()
+                ));
             }
             let changed = self.follow_states() || acted || self.machine.phase() != phase;
             if changed || self.written.is_none_or(|written| self.now() >= written + STATUS_PERIOD) {
@@ -277,8 +307,12 @@ impl Supervisor {
                 supervised.status_text = None;
                 match Process::start(&supervised.unit, &self.config, &self.run_dir) {
                     Ok(process) => {
-                        self.journal.say(&format!("{}: started, {}", supervised.unit.name, process.identity));
-                        supervised.scheduling = Some(Scheduling::read(&supervised.unit, process.identity.pid));
+                        self.journal.say(&format!(
+                            "{}: started, {}",
+                            supervised.unit.name, process.identity
+                        ));
+                        supervised.scheduling =
+                            Some(Scheduling::read(&supervised.unit, process.identity.pid));
                         supervised.process = Some(process);
                     }
                     Err(error) => {
@@ -316,10 +350,12 @@ impl Supervisor {
     fn wait(&self, signals: Option<&UnixStream>) -> Result<(), Error> {
         let now = self.now();
         let status_due = self.written.map_or(now, |written| written + STATUS_PERIOD);
-        let due = self.machine.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
+        let due =
+            self.machine.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
         // One millisecond more, so that what is due is due when it wakes.
         let left = due.saturating_sub(now) + Duration::from_millis(1);
-        let timeout = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
+        let timeout =
+            Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
         let processes = self.units.iter().filter_map(|supervised| supervised.process.as_ref());
         let mut handles: Vec<PollFd<'_>> = std::iter::once(self.notify.handle())
             .chain(signals.map(AsFd::as_fd))
@@ -343,10 +379,9 @@ impl Supervisor {
 
     fn hear_notifications(&mut self) {
         while let Some((pid, words)) = self.notify.receive() {
-            let sender = self
-                .units
-                .iter()
-                .position(|supervised| supervised.process.as_ref().is_some_and(|process| process.identity.pid == pid));
+            let sender = self.units.iter().position(|supervised| {
+                supervised.process.as_ref().is_some_and(|process| process.identity.pid == pid)
+            });
             // NotifyAccess=main: the word of anybody else does not count.
             let Some(index) = sender else { continue };
             let now = self.now();
@@ -384,7 +419,8 @@ impl Supervisor {
                     name: supervised.unit.name.clone(),
                     exit: Some(exit.to_string()),
                     killed,
-                    took_ms: u64::try_from(now.saturating_sub(asked).as_millis()).unwrap_or(u64::MAX),
+                    took_ms: u64::try_from(now.saturating_sub(asked).as_millis())
+                        .unwrap_or(u64::MAX),
                 });
             }
         }
@@ -406,9 +442,13 @@ impl Supervisor {
     }
 
     fn restart(&mut self, name: &str) -> Answer {
-        let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == name) else {
-            let known: Vec<&str> = self.units.iter().map(|supervised| supervised.unit.name.as_str()).collect();
-            return Answer::Refused { reason: format!("no unit `{name}`; there are: {}", known.join(", ")) };
+        let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == name)
+        else {
+            let known: Vec<&str> =
+                self.units.iter().map(|supervised| supervised.unit.name.as_str()).collect();
+            return Answer::Refused {
+                reason: format!("no unit `{name}`; there are: {}", known.join(", ")),
+            };
         };
         let now = self.now();
         match self.machine.restart(index, now) {

@@ -23,7 +23,10 @@ fn all() -> Vec<launch::units::Unit> {
 #[test]
 fn the_order_of_start_has_the_keeper_first_and_the_watchdog_last() {
     let names: Vec<String> = all().into_iter().map(|unit| unit.name).collect();
-    assert_eq!(names, ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"]);
+    assert_eq!(
+        names,
+        ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"]
+    );
 }
 
 #[test]
@@ -50,7 +53,8 @@ fn the_watchdog_comes_after_everything_that_it_watches() {
     }
 }
 
-/// A process that starts at its loop's priority holds the loops below it up for as long as it takes to start.
+/// A process that starts at its loop's priority holds the loops below it up for as long as it takes
+/// to start.
 #[test]
 fn a_process_starts_below_every_loop_and_may_raise_itself() {
     let units = all();
@@ -76,11 +80,15 @@ fn every_unit_is_restarted_soon_enough_for_the_card() {
 #[test]
 fn an_unknown_key_names_file_line_key_and_what_is_supported() {
     let error = parse(&format!("{MINIMAL}WatchdgSec=2s\n")).unwrap_err();
-    let UnitError::Key { line: 6, ref section, ref key, ref supported, .. } = error else { panic!("{error:?}") };
+    let UnitError::Key { line: 6, ref section, ref key, ref supported, .. } = error else {
+        panic!("{error:?}")
+    };
     assert_eq!((section.as_str(), key.as_str()), ("Service", "WatchdgSec"));
     assert!(supported.contains("WatchdogSec"));
     let text = error.to_string();
-    assert!(text.starts_with("units/farreach-control@.service:6: key `WatchdgSec` in [Service] is not supported"));
+    assert!(text.starts_with(
+        "units/farreach-control@.service:6: key `WatchdgSec` in [Service] is not supported"
+    ));
 }
 
 #[test]
@@ -108,11 +116,20 @@ fn what_is_not_honoured_is_refused() {
         value(line);
     }
     assert!(matches!(parse("[Servce]\n"), Err(UnitError::Section { line: 1, .. })));
-    assert!(matches!(parse("[Unit]\nRequires=farreach-keeper@%i.service\n"), Err(UnitError::Key { .. })));
-    assert!(matches!(parse(&format!("[Unit]\nAfter=network.target\n{MINIMAL}")), Err(UnitError::Value { .. })));
+    assert!(matches!(
+        parse("[Unit]\nRequires=farreach-keeper@%i.service\n"),
+        Err(UnitError::Key { .. })
+    ));
+    assert!(matches!(
+        parse(&format!("[Unit]\nAfter=network.target\n{MINIMAL}")),
+        Err(UnitError::Value { .. })
+    ));
     assert!(matches!(parse("Type=notify\n"), Err(UnitError::Syntax { line: 1, .. })));
     assert!(matches!(parse("[Unit]\nnonsense\n"), Err(UnitError::Syntax { line: 2, .. })));
-    assert!(matches!(parse("[Service]\nExecStart=/a \\\n b\n"), Err(UnitError::Syntax { line: 2, .. })));
+    assert!(matches!(
+        parse("[Service]\nExecStart=/a \\\n b\n"),
+        Err(UnitError::Syntax { line: 2, .. })
+    ));
     assert!(matches!(
         parse(&format!("{MINIMAL}WatchdogSec=1s\nWatchdogSec=2s\n")),
         Err(UnitError::Repeated { line: 7, first: 6, .. })
@@ -125,14 +142,22 @@ fn what_is_not_honoured_is_refused() {
         parse(&format!("{MINIMAL}CPUSchedulingPolicy=fifo\n")),
         Err(UnitError::Missing { key: "CPUSchedulingPriority", .. })
     ));
-    assert!(matches!(parse(&MINIMAL.replace("/usr/local/bin/", "")), Err(UnitError::Value { line: 3, .. })));
+    assert!(matches!(
+        parse(&MINIMAL.replace("/usr/local/bin/", "")),
+        Err(UnitError::Value { line: 3, .. })
+    ));
 }
 
 #[test]
 fn install_and_specifiers_are_accepted() {
-    let text = format!("{MINIMAL}Environment=RIG=%i SHARE=90%%\n\n[Install]\nWantedBy=farreach@%i.target\n");
+    let text = format!(
+        "{MINIMAL}Environment=RIG=%i SHARE=90%%\n\n[Install]\nWantedBy=farreach@%i.target\n"
+    );
     let unit = parse(&text).unwrap();
-    assert_eq!(unit.environment, [("RIG".to_owned(), "bench".to_owned()), ("SHARE".to_owned(), "90%".to_owned())]);
+    assert_eq!(
+        unit.environment,
+        [("RIG".to_owned(), "bench".to_owned()), ("SHARE".to_owned(), "90%".to_owned())]
+    );
 }
 
 #[test]
@@ -143,18 +168,25 @@ fn a_ring_and_an_unknown_unit_are_errors() {
         std::fs::write(directory.path().join(format!("farreach-{name}@.service")), text).unwrap();
     }
     let set = UnitSet::from_directory(directory.path()).unwrap();
-    assert_eq!(set.load(&["a".to_owned()], "bench").map(|units| units.len()), Ok(1), "only what is asked for counts");
+    assert_eq!(
+        set.load(&["a".to_owned()], "bench").map(|units| units.len()),
+        Ok(1),
+        "only what is asked for counts"
+    );
     let ring = set.load(&["a".to_owned(), "b".to_owned()], "bench").unwrap_err();
     assert_eq!(ring, UnitError::Ring("a, b".to_owned()));
     let unknown = set.load(&["c".to_owned()], "bench").unwrap_err();
     assert!(unknown.to_string().contains("there are: a, b"), "{unknown}");
 }
 
-/// systemd-analyze exits with 0 even on a key that it does not know: what counts is that it prints nothing.
+/// systemd-analyze exits with 0 even on a key that it does not know: what counts is that it prints
+/// nothing.
 #[test]
 fn systemd_analyze_verify_prints_nothing() {
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
-        eprintln!("SKIPPED: systemd-analyze is not on this machine, so the unit files were not verified");
+        eprintln!(
+            "SKIPPED: systemd-analyze is not on this machine, so the unit files were not verified"
+        );
         return;
     }
     let directory = tempfile::tempdir().unwrap();
@@ -169,10 +201,22 @@ fn systemd_analyze_verify_prints_nothing() {
             std::fs::write(&path, text).unwrap();
             files.push(path);
         }
-        let output = Command::new("systemd-analyze").arg("verify").arg("--man=no").args(files).output().unwrap();
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+        let output = Command::new("systemd-analyze")
+            .arg("verify")
+            .arg("--man=no")
+            .args(files)
+            .output()
+            .unwrap();
+        format!(
+            "{}{}",
+            String::from_utf8_lossy(&output.stdout),
+            String::from_utf8_lossy(&output.stderr)
+        )
     };
     let spoilt = verify(true);
-    assert!(spoilt.contains("Unknown key"), "this systemd-analyze does not see a wrong key: {spoilt}");
+    assert!(
+        spoilt.contains("Unknown key"),
+        "this systemd-analyze does not see a wrong key: {spoilt}"
+    );
     assert_eq!(verify(false), "");
 }

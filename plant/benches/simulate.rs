@@ -20,7 +20,10 @@ fn simulate(criterion: &mut Criterion) {
     let cases = [
         ("traced", Plant::new(Parameters::traced(), Vec::new()).unwrap()),
         ("traced, four effects", Plant::new(Parameters::traced(), effects).unwrap()),
-        ("printed, 0.5 m", Plant::new(Parameters::printed().with_hose_length(0.5), Vec::new()).unwrap()),
+        (
+            "printed, 0.5 m",
+            Plant::new(Parameters::printed().with_hose_length(0.5), Vec::new()).unwrap(),
+        ),
     ];
     let mut group = criterion.benchmark_group("30 s at 2 kHz");
     group.sample_size(10);

@@ -1,7 +1,9 @@
-//! The transmission beside the same scheme in plain C, compiled with `cc -O3` and run in turn with it; and many parameter
-//! sets at once on all cores. Prints ns per internal step, the ratio with its spread, and records per second.
+//! The transmission beside the same scheme in plain C, compiled with `cc -O3` and run in turn with
+//! it; and many parameter sets at once on all cores. Prints ns per internal step, the ratio with
+//! its spread, and records per second.
 //!
-//! Both run the same record (30 s at 2 kHz) and must end in the same state, or the comparison is void.
+//! Both run the same record (30 s at 2 kHz) and must end in the same state, or the comparison is
+//! void.
 #![allow(missing_docs)]
 
 use std::hint::black_box;
@@ -21,7 +23,10 @@ type Failure = Box<dyn std::error::Error>;
 
 fn input(index: usize) -> Input {
     let index = index as f64;
-    Input { motor_v: VOLTS * (index * 0.003).sin(), hand_torque_nm: HAND_NM * (index * 0.0007).sin() }
+    Input {
+        motor_v: VOLTS * (index * 0.003).sin(),
+        hand_torque_nm: HAND_NM * (index * 0.0007).sin(),
+    }
 }
 
 fn rust(parameters: &Parameters) -> Result<(f64, Plant), Failure> {
@@ -39,16 +44,25 @@ fn arguments(parameters: &Parameters, longest_step_s: f64) -> Vec<f64> {
     let area = parameters.hose_area_m2;
     let (length, diameter) = (parameters.hose_length_m, parameters.hose_diameter_m);
     let (piston, friction) = (parameters.master_piston_friction(), parameters.slave_friction());
-    let law = |law: plant::friction::Stribeck| [law.at_rest, law.falling, law.corner, law.above_corner, law.rising];
+    let law = |law: plant::friction::Stribeck| {
+        [law.at_rest, law.falling, law.corner, law.above_corner, law.rising]
+    };
     let mut numbers = vec![1.0, STEPS as f64, master, slave];
-    numbers.extend([parameters.master_displacement_m_per_rad(), parameters.slave_displacement_m_per_rad()]);
+    numbers.extend([
+        parameters.master_displacement_m_per_rad(),
+        parameters.slave_displacement_m_per_rad(),
+    ]);
     numbers.extend([parameters.master_inertia_kg_m2(), parameters.slave_inertia_kg_m2()]);
     numbers.extend([parameters.fluid_mass_kg(), parameters.port_damping_n_s_per_m]);
     numbers.push(32.0 * parameters.fluid_viscosity_pa_s * length * area / (diameter * diameter));
     numbers.push(parameters.fluid_density_kg_m3 * diameter / parameters.fluid_viscosity_pa_s);
     numbers.push(parameters.fluid_density_kg_m3 * area * length / (2.0 * diameter));
     numbers.push(parameters.hose_roughness_m / diameter);
-    numbers.extend([parameters.motor_torque_per_volt_nm, parameters.motor_coulomb_nm, parameters.motor_viscous_nm_s]);
+    numbers.extend([
+        parameters.motor_torque_per_volt_nm,
+        parameters.motor_coulomb_nm,
+        parameters.motor_viscous_nm_s,
+    ]);
     numbers.extend(law(piston));
     numbers.extend(law(friction));
     numbers.extend([longest_step_s, VOLTS, HAND_NM]);
@@ -57,11 +71,16 @@ fn arguments(parameters: &Parameters, longest_step_s: f64) -> Vec<f64> {
 
 /// One run of the C program: its ns, and what its state ended in.
 fn c(program: &PathBuf, numbers: &[f64]) -> Result<(f64, Vec<f64>), Failure> {
-    let output = Command::new(program).args(numbers.iter().map(|number| format!("{number:.17e}"))).output()?;
+    let output = Command::new(program)
+        .args(numbers.iter().map(|number| format!("{number:.17e}")))
+        .output()?;
     let text = String::from_utf8(output.stdout)?;
     let mut lines = text.lines();
     let time = lines.next().ok_or("the C program printed nothing")?.parse()?;
-    let state = lines.next().and_then(|line| line.strip_prefix("state ")).ok_or("the C program printed no state")?;
+    let state = lines
+        .next()
+        .and_then(|line| line.strip_prefix("state "))
+        .ok_or("the C program printed no state")?;
     Ok((time, state.split(' ').map(str::parse).collect::<Result<_, _>>()?))
 }
 
@@ -76,12 +95,19 @@ fn beside_c(name: &str, parameters: &Parameters, program: &PathBuf) -> Result<()
     let numbers = arguments(parameters, plant.longest_step_s());
     let (_, state) = c(program, &numbers)?;
     let energy = plant.energy();
-    let ours =
-        [plant.state().master_position_rad, plant.state().slave_position_rad, energy.dissipated_j, energy.input_j];
+    let ours = [
+        plant.state().master_position_rad,
+        plant.state().slave_position_rad,
+        energy.dissipated_j,
+        energy.input_j,
+    ];
     for (ours, theirs) in ours.into_iter().zip(state) {
         // The last bits may differ: sums in another order, stuck or moving a step apart.
         if (ours - theirs).abs() > 1e-6 * (1.0 + theirs.abs()) {
-            return Err(format!("{name}: the two programs computed different things: {ours} and {theirs}").into());
+            return Err(format!(
+                "{name}: the two programs computed different things: {ours} and {theirs}"
+            )
+            .into());
         }
     }
     let (mut rust_ns, mut c_ns, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
@@ -109,7 +135,10 @@ fn beside_c(name: &str, parameters: &Parameters, program: &PathBuf) -> Result<()
 
 fn in_batch() -> Result<(), Failure> {
     let sets: Vec<_> = (0..64)
-        .map(|index| Parameters { slave_static_friction_nm: 1.5 + 0.02 * f64::from(index), ..Parameters::traced() })
+        .map(|index| Parameters {
+            slave_static_friction_nm: 1.5 + 0.02 * f64::from(index),
+            ..Parameters::traced()
+        })
         .collect();
     let inputs: Vec<_> = (0..STEPS).map(input).collect();
     let mut rates = [Vec::new(), Vec::new()];

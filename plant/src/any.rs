@@ -15,7 +15,9 @@
 use crate::effects::Effect;
 use crate::friction::{Advance, Load};
 use crate::shared::Shared;
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
+use crate::transmission::{
+    Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission,
+};
 use crate::{ParameterError, ParameterInfo, ParameterSet, cable, hydrostatic};
 
 /// Constants of a transmission of either kind, SI.
@@ -66,7 +68,8 @@ impl Parameters {
     /// Fixes an inertia to the handle (kg·m²): that of the hand that holds it.
     ///
     /// # Errors
-    /// [`ParameterError::OutOfRange`] where handle and hand together are beyond what the model stands for.
+    /// [`ParameterError::OutOfRange`] where handle and hand together are beyond what the model
+    /// stands for.
     pub fn load_handle(&mut self, inertia_kg_m2: f64) -> Result<(), ParameterError> {
         match self {
             Self::Hydrostatic(own) => {
@@ -119,7 +122,9 @@ impl Parameters {
     /// [`ParameterError::EffectNotApplicable`] for an effect that has no meaning in this kind.
     pub fn plant(self, effects: Vec<Box<dyn Effect>>) -> Result<Plant, ParameterError> {
         Ok(match self {
-            Self::Hydrostatic(own) => Plant::Hydrostatic(Box::new(hydrostatic::Plant::new(own, effects)?)),
+            Self::Hydrostatic(own) => {
+                Plant::Hydrostatic(Box::new(hydrostatic::Plant::new(own, effects)?))
+            }
             Self::Cable(own) => Plant::Cable(Box::new(cable::Plant::new(own, effects)?)),
         })
     }
@@ -135,8 +140,9 @@ pub enum Plant {
 }
 
 impl Plant {
-    /// Puts the plant to rest with the master there (rad), and the slave there or, for `None`, where the line at
-    /// rest would have it. The middle of each line stands midway between what its two ends ask of it.
+    /// Puts the plant to rest with the master there (rad), and the slave there or, for `None`,
+    /// where the line at rest would have it. The middle of each line stands midway between what its
+    /// two ends ask of it.
     pub fn rest_at(&mut self, master_rad: f64, slave_rad: Option<f64>) {
         let radii = match self {
             Self::Hydrostatic(plant) => {
@@ -172,7 +178,9 @@ impl Plant {
     #[must_use]
     pub fn with_longest_step(self, longest_s: f64) -> Self {
         match self {
-            Self::Hydrostatic(plant) => Self::Hydrostatic(Box::new(plant.with_longest_step(longest_s))),
+            Self::Hydrostatic(plant) => {
+                Self::Hydrostatic(Box::new(plant.with_longest_step(longest_s)))
+            }
             Self::Cable(plant) => Self::Cable(Box::new(plant.with_longest_step(longest_s))),
         }
     }
@@ -180,12 +188,15 @@ impl Plant {
     /// Sets the clock by which effects change (s); nothing moves.
     pub fn set_time(&mut self, time_s: f64) {
         match self {
-            Self::Hydrostatic(plant) => plant.set_state(hydrostatic::State { time_s, ..*plant.state() }),
+            Self::Hydrostatic(plant) => {
+                plant.set_state(hydrostatic::State { time_s, ..*plant.state() })
+            }
             Self::Cable(plant) => plant.set_state(cable::State { time_s, ..*plant.state() }),
         }
     }
 
-    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a measurement.
+    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a
+    /// measurement.
     pub fn correct(&mut self, correction: Correction) {
         match self {
             Self::Hydrostatic(plant) => plant.correct(correction),
@@ -228,8 +239,12 @@ impl Shared for Plant {
 
     fn complete(&mut self, stage: Stage, slave: Advance) {
         match (self, stage) {
-            (Self::Hydrostatic(plant), Stage::Hydrostatic(stage)) => Shared::complete(plant.as_mut(), stage, slave),
-            (Self::Cable(plant), Stage::Cable(stage)) => Shared::complete(plant.as_mut(), stage, slave),
+            (Self::Hydrostatic(plant), Stage::Hydrostatic(stage)) => {
+                Shared::complete(plant.as_mut(), stage, slave)
+            }
+            (Self::Cable(plant), Stage::Cable(stage)) => {
+                Shared::complete(plant.as_mut(), stage, slave)
+            }
             // A stage comes back to the plant that began it.
             _ => debug_assert!(false, "a stage of another kind of plant"),
         }
@@ -282,7 +297,8 @@ mod tests {
     #[test]
     fn it_moves_as_the_plant_inside_does() {
         let input = Input { motor_v: 5.0, hand_torque_nm: 0.1 };
-        let mut oil = hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
+        let mut oil =
+            hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
         let mut cable = cable::Plant::new(cable::Parameters::traced(), Vec::new()).unwrap();
         let [mut any_oil, mut any_cable] = kinds().map(|kind| kind.plant(Vec::new()).unwrap());
         for _ in 0..400 {
@@ -291,9 +307,18 @@ mod tests {
             any_oil.step(input, 5e-4);
             any_cable.step(input, 5e-4);
         }
-        assert_eq!((any_oil.motion(), any_oil.reading()), (Motion::from(oil.state()), *oil.reading()));
-        assert_eq!((any_cable.motion(), any_cable.reading()), (Motion::from(cable.state()), *cable.reading()));
-        assert!(any_oil.motion().slave_position_rad > 0.01 && any_cable.motion().slave_position_rad > 0.01);
+        assert_eq!(
+            (any_oil.motion(), any_oil.reading()),
+            (Motion::from(oil.state()), *oil.reading())
+        );
+        assert_eq!(
+            (any_cable.motion(), any_cable.reading()),
+            (Motion::from(cable.state()), *cable.reading())
+        );
+        assert!(
+            any_oil.motion().slave_position_rad > 0.01
+                && any_cable.motion().slave_position_rad > 0.01
+        );
     }
 
     #[test]
@@ -332,7 +357,10 @@ mod tests {
             plant.step(Input::default(), 1.0);
             let after = plant.motion();
             assert!((after.master_position_rad - 0.8).abs() < 1e-9, "{after:?}");
-            assert!((after.slave_position_rad - before.slave_position_rad).abs() < 1e-9, "{after:?}");
+            assert!(
+                (after.slave_position_rad - before.slave_position_rad).abs() < 1e-9,
+                "{after:?}"
+            );
             plant.rest_at(0.8, Some(0.5));
             assert_eq!(plant.motion().slave_position_rad, 0.5);
         }

@@ -1,17 +1,19 @@
 //! One to three transmissions at one handle.
 //!
-//! Each axis has a transmission of its own. What they share is the handle: its inertia matrix is constant and symmetric, its
-//! diagonal stands in the axes' own constants, and [`HandleCoupling`] is the rest (a product of inertia, a link that turns
-//! about two axes). With the slaves' inertia `I_i`, the coupling `C` and all other torque on slave `i`, friction included, `τ_i`:
+//! Each axis has a transmission of its own. What they share is the handle: its inertia matrix is
+//! constant and symmetric, its diagonal stands in the axes' own constants, and [`HandleCoupling`]
+//! is the rest (a product of inertia, a link that turns about two axes). With the slaves' inertia
+//! `I_i`, the coupling `C` and all other torque on slave `i`, friction included, `τ_i`:
 //!
 //! ```text
 //! I_i q̈_i + Σ_j C_ij q̈_j = τ_i          (i ≠ j)
 //! ```
 //!
-//! In each internal step the masters move first, then all slaves together, then the lines. The torque that an axis feels
-//! from the others is taken with the accelerations of the same step, so nothing lags and no energy is made: each slave in turn
-//! is moved by [`crate::friction::advance`], with exact stick, until none changes any more. As each such move is the
-//! minimum of a convex function and the inertia matrix is positive definite, the turns converge to the one solution;
+//! In each internal step the masters move first, then all slaves together, then the lines. The
+//! torque that an axis feels from the others is taken with the accelerations of the same step, so
+//! nothing lags and no energy is made: each slave in turn is moved by [`crate::friction::advance`],
+//! with exact stick, until none changes any more. As each such move is the minimum of a convex
+//! function and the inertia matrix is positive definite, the turns converge to the one solution;
 //! how fast depends on the matrix alone, and [`LEAST_EIGENVALUE`] bounds it.
 //!
 //! ```
@@ -36,10 +38,12 @@ use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, s
 
 /// Most axes.
 pub const AXES: usize = 3;
-/// Least eigenvalue of the handle's inertia matrix, each row and column divided by the root of its own axis's inertia. 1 is no
-/// coupling, 0 a handle that moves along some direction without any inertia. With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
+/// Least eigenvalue of the handle's inertia matrix, each row and column divided by the root of its
+/// own axis's inertia. 1 is no coupling, 0 a handle that moves along some direction without any
+/// inertia. With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
 pub const LEAST_EIGENVALUE: f64 = 0.2;
-/// Most turns in which the slaves are moved; at the strongest coupling that is allowed, some 60 are needed.
+/// Most turns in which the slaves are moved; at the strongest coupling that is allowed, some 60 are
+/// needed.
 const TURNS: usize = 200;
 /// The slaves have moved when none changes its speed by more than this part of the fastest one's...
 const PRECISION: f64 = 1e-13;
@@ -90,7 +94,8 @@ impl HandleCoupling {
         Self::default()
     }
 
-    /// One number a pair, in kg·m²: first and second axis, first and third, second and third. None at all is no coupling.
+    /// One number a pair, in kg·m²: first and second axis, first and third, second and third. None
+    /// at all is no coupling.
     ///
     /// # Errors
     /// [`CouplingError::Axes`], [`CouplingError::Pairs`].
@@ -110,7 +115,8 @@ impl HandleCoupling {
         Ok(Self(matrix))
     }
 
-    /// Least eigenvalue of the handle's inertia matrix in units of the axes' own inertia (kg·m²); NaN where a number is none.
+    /// Least eigenvalue of the handle's inertia matrix in units of the axes' own inertia (kg·m²);
+    /// NaN where a number is none.
     pub fn least_eigenvalue(&self, inertia_kg_m2: &[f64]) -> f64 {
         let axes = inertia_kg_m2.len().min(AXES);
         if inertia_kg_m2.iter().chain(self.0.iter()).any(|value| !value.is_finite()) {
@@ -165,7 +171,8 @@ impl Plant {
         let least = coupling.check(&inertia[..axes.len()])?;
         let longest = axes.iter().map(Shared::longest_step_s).fold(f64::INFINITY, f64::min);
         let mut plant = Self {
-            // A handle that is lighter in some direction swings faster there, at most by the root of what it lacks.
+            // A handle that is lighter in some direction swings faster there, at most by the root
+            // of what it lacks.
             longest_step_s: longest * least.min(1.0).sqrt(),
             coupled: axes.len() > 1 && coupling.0.iter().any(|&value| value != 0.0),
             axes,
@@ -202,8 +209,8 @@ impl Plant {
         self.axes.get(axis).map_or_else(Reading::default, Transmission::reading)
     }
 
-    /// Moves all axes on by `dt_s` with their inputs held, one for each axis; an axis without one has 0 V and no hand. `dt_s` not
-    /// positive does nothing. Allocates nothing.
+    /// Moves all axes on by `dt_s` with their inputs held, one for each axis; an axis without one
+    /// has 0 V and no hand. `dt_s` not positive does nothing. Allocates nothing.
     pub fn step(&mut self, inputs: &[Input], dt_s: f64) {
         let input = |axis: usize| inputs.get(axis).copied().unwrap_or_default();
         if !self.coupled {
@@ -235,8 +242,14 @@ impl Plant {
         }
     }
 
-    /// All slaves over one internal step, each with the torque that the others' accelerations in it make.
-    fn move_slaves(&self, speeds: &[f64; AXES], loads: &[Load; AXES], step: f64) -> [Advance; AXES] {
+    /// All slaves over one internal step, each with the torque that the others' accelerations in it
+    /// make.
+    fn move_slaves(
+        &self,
+        speeds: &[f64; AXES],
+        loads: &[Load; AXES],
+        step: f64,
+    ) -> [Advance; AXES] {
         let count = self.axes.len();
         let mut slaves: [Advance; AXES] = std::array::from_fn(|axis| Advance {
             velocity: speeds[axis] + self.increments[axis],
@@ -268,12 +281,18 @@ impl Plant {
     fn coupled_j(&self) -> f64 {
         let speed = |axis: usize| self.motion(axis).slave_velocity_rad_s;
         let pairs = [(0, 1), (0, 2), (1, 2)];
-        pairs.iter().map(|&(row, column)| self.coupling.0[(row, column)] * speed(row) * speed(column)).sum()
+        pairs
+            .iter()
+            .map(|&(row, column)| self.coupling.0[(row, column)] * speed(row) * speed(column))
+            .sum()
     }
 
     /// Where the energy of all axes went since the start, the handle's coupling included.
     pub fn energy(&self) -> EnergyBalance {
-        let start = EnergyBalance { stored_j: self.coupled_j() - self.coupled_at_start_j, ..EnergyBalance::default() };
+        let start = EnergyBalance {
+            stored_j: self.coupled_j() - self.coupled_at_start_j,
+            ..EnergyBalance::default()
+        };
         self.axes.iter().map(Transmission::energy).fold(start, |sum, axis| EnergyBalance {
             input_j: sum.input_j + axis.input_j,
             stored_j: sum.stored_j + axis.stored_j,

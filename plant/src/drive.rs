@@ -1,7 +1,7 @@
 //! One mass with friction: `M ẍ = F - F_v ẋ - offset - friction`.
 //!
-//! Dry friction and the rest come as effects, at the sites drive (before the mass), slave or master (the mass) and
-//! sensor. Positions are m and forces N; a rotary drive reads rad and N·m.
+//! Dry friction and the rest come as effects, at the sites drive (before the mass), slave or master
+//! (the mass) and sensor. Positions are m and forces N; a rotary drive reads rad and N·m.
 
 use crate::effects::{Effect, Moment, Side, SideLoad, Site};
 use crate::friction::{Load, advance};
@@ -56,8 +56,12 @@ impl Plant {
     /// A drive at rest at zero.
     ///
     /// # Errors
-    /// [`ParameterError::OutOfRange`]; [`ParameterError::EffectNotApplicable`] for an effect at the line.
-    pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
+    /// [`ParameterError::OutOfRange`]; [`ParameterError::EffectNotApplicable`] for an effect at the
+    /// line.
+    pub fn new(
+        parameters: Parameters,
+        effects: Vec<Box<dyn Effect>>,
+    ) -> Result<Self, ParameterError> {
         parameters.check()?;
         let (mut drive, mut mass, mut sensor) = (Vec::new(), Vec::new(), Vec::new());
         let mut inertia_kg = parameters.mass_kg;
@@ -103,7 +107,8 @@ impl Plant {
         &self.state
     }
 
-    /// What the instruments would read: `motor_v` is the commanded force, `master_rad` the position.
+    /// What the instruments would read: `motor_v` is the commanded force, `master_rad` the
+    /// position.
     pub fn reading(&self) -> &Reading {
         &self.reading
     }
@@ -161,8 +166,10 @@ impl Plant {
                 force_n: force,
             };
         }
-        self.reading = Reading { motor_v: force_n, master_rad: self.state.position_m, ..Reading::default() };
-        let moment = self.moment(self.state.time_s, 0.0, self.state.position_m, self.state.velocity_m_s);
+        self.reading =
+            Reading { motor_v: force_n, master_rad: self.state.position_m, ..Reading::default() };
+        let moment =
+            self.moment(self.state.time_s, 0.0, self.state.position_m, self.state.velocity_m_s);
         for effect in &mut self.sensor {
             effect.sense(&mut self.reading, &moment);
         }

@@ -7,10 +7,11 @@ pub const TURBULENT_START: f64 = 4000.0;
 
 /// Darcy's friction factor `f`.
 ///
-/// Laminar `64/Re` (§ 3.1.1); turbulent after Haaland (J. Fluids Eng. 105, 1983), an explicit form of Colebrook's
-/// equation, which § 3.1.1 calls "simplified" without naming it:
-/// `1/√f = -1.8 log10((ε/3.7)^1.11 + 6.9/Re)`. Between `Re` 2000 and 4000 the two ends are joined linearly, so that
-/// the force is continuous and grows with speed. `relative_roughness` is wall roughness over diameter.
+/// Laminar `64/Re` (§ 3.1.1); turbulent after Haaland (J. Fluids Eng. 105, 1983), an explicit form
+/// of Colebrook's equation, which § 3.1.1 calls "simplified" without naming it: `1/√f = -1.8
+/// log10((ε/3.7)^1.11 + 6.9/Re)`. Between `Re` 2000 and 4000 the two ends are joined linearly, so
+/// that the force is continuous and grows with speed. `relative_roughness` is wall roughness over
+/// diameter.
 pub fn friction_factor(reynolds: f64, relative_roughness: f64) -> f64 {
     let haaland = |reynolds: f64| {
         let root = -1.8 * ((relative_roughness / 3.7).powf(1.11) + 6.9 / reynolds).log10();
@@ -36,10 +37,11 @@ pub struct Pipe {
 }
 
 impl Pipe {
-    /// A pipe of `length_m`, `diameter_m`, `area_m2` and wall roughness `roughness_m`, full of a fluid of
-    /// `viscosity_pa_s` (dynamic) and `density_kg_m3`.
+    /// A pipe of `length_m`, `diameter_m`, `area_m2` and wall roughness `roughness_m`, full of a
+    /// fluid of `viscosity_pa_s` (dynamic) and `density_kg_m3`.
     ///
-    /// Area and diameter are separate because the print contradicts itself there (`docs/errata.md`).
+    /// Area and diameter are separate because the print contradicts itself there
+    /// (`docs/errata.md`).
     pub fn new(
         length_m: f64,
         diameter_m: f64,
@@ -56,8 +58,8 @@ impl Pipe {
         }
     }
 
-    /// Force over speed, N·s/m, at a speed in m/s: `F_lf / v = f L |v| ρ A / (2 d)`, which is `32 ν L A / d²` while the
-    /// flow is laminar.
+    /// Force over speed, N·s/m, at a speed in m/s: `F_lf / v = f L |v| ρ A / (2 d)`, which is `32 ν
+    /// L A / d²` while the flow is laminar.
     #[inline]
     pub fn coefficient(&self, speed_m_s: f64) -> f64 {
         let reynolds = self.reynolds_per_speed * speed_m_s.abs();
@@ -67,8 +69,8 @@ impl Pipe {
         self.beyond_laminar(reynolds, speed_m_s.abs())
     }
 
-    /// Out of line: the optimiser takes powers and logarithms for so harmless that it computes them ahead of the question whether
-    /// they are needed, in every step.
+    /// Out of line: the optimiser takes powers and logarithms for so harmless that it computes them
+    /// ahead of the question whether they are needed, in every step.
     #[cold]
     #[inline(never)]
     fn beyond_laminar(&self, reynolds: f64, speed_m_s: f64) -> f64 {
@@ -88,8 +90,10 @@ mod tests {
     #[test]
     fn factor_is_continuous_and_known() {
         for reynolds in [LAMINAR_END, TURBULENT_START] {
-            let (below, above) =
-                (friction_factor(reynolds * (1.0 - 1e-9), 0.0), friction_factor(reynolds * (1.0 + 1e-9), 0.0));
+            let (below, above) = (
+                friction_factor(reynolds * (1.0 - 1e-9), 0.0),
+                friction_factor(reynolds * (1.0 + 1e-9), 0.0),
+            );
             assert!((below - above).abs() < 1e-8, "{reynolds}: {below} {above}");
         }
         // Colebrook, smooth, Re = 1e5: f = 0.01799; Haaland is within 2 %.

@@ -1,7 +1,8 @@
 //! The physics: transmissions, friction, sensors.
 //!
-//! Pure: no clock, no files, no threads, no randomness but what a caller seeds. Time and inputs are arguments.
-//! SI units throughout (rad, m, N·m, N, s, Pa, V); a positive master movement drives the slave positive.
+//! Pure: no clock, no files, no threads, no randomness but what a caller seeds. Time and inputs are
+//! arguments. SI units throughout (rad, m, N·m, N, s, Pa, V); a positive master movement drives the
+//! slave positive.
 //!
 //! ```
 //! use plant::hydrostatic::{Input, Parameters, Plant};
@@ -18,10 +19,12 @@
 //! - [`cable`] is the transmission of chapter 5;
 //! - [`any`] is either of them, for whoever knows the kind at run time only;
 //! - [`axes`] is one to three of them at one handle;
-//! - [`transmission`] is what all transmissions have in common, [`response`] their frequency response;
+//! - [`transmission`] is what all transmissions have in common, [`response`] their frequency
+//!   response;
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick, each law by name;
-//! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant by name;
+//! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant
+//!   by name;
 //! - [`sensors`] turn the true state into counts and volts;
 //! - [`stability`] tells whether a sampled control law keeps a transmission stable.
 

@@ -1,11 +1,13 @@
-//! Undamped modes of four masses in a ring: master, slave and the middles of two lines. They set the internal step.
+//! Undamped modes of four masses in a ring: master, slave and the middles of two lines. They set
+//! the internal step.
 
 use nalgebra::Matrix4;
 
 /// Angular frequencies, rad/s, ascending; the first is the movement of the whole.
 ///
-/// `inertia` of master and slave, kg·m²; `line_mass_kg` of each line; `half_line_n_per_m`, the stiffness between a line's
-/// middle and the master's, the slave's end; `displacement_m_per_rad` of the line per angle of master and slave.
+/// `inertia` of master and slave, kg·m²; `line_mass_kg` of each line; `half_line_n_per_m`, the
+/// stiffness between a line's middle and the master's, the slave's end; `displacement_m_per_rad` of
+/// the line per angle of master and slave.
 pub(crate) fn modes(
     inertia: [f64; 2],
     line_mass_kg: f64,
@@ -23,8 +25,9 @@ pub(crate) fn modes(
             stiffness[(line, side)] -= half_line * displacement;
         }
     }
-    let scaled =
-        Matrix4::<f64>::from_fn(|row, column| stiffness[(row, column)] / (masses[row] * masses[column]).sqrt());
+    let scaled = Matrix4::<f64>::from_fn(|row, column| {
+        stiffness[(row, column)] / (masses[row] * masses[column]).sqrt()
+    });
     let mut squares: [f64; 4] = scaled.symmetric_eigenvalues().into();
     squares.sort_by(f64::total_cmp);
     squares.map(|square| square.max(0.0).sqrt())

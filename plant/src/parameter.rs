@@ -74,7 +74,8 @@ pub trait ParameterSet {
         Err(unknown(name, self.infos()))
     }
 
-    /// Checks that every value is finite and in range (fields are public, so any may have been written).
+    /// Checks that every value is finite and in range (fields are public, so any may have been
+    /// written).
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`] for the first that is not.
@@ -106,8 +107,8 @@ pub(crate) fn unknown(name: &str, infos: &[ParameterInfo]) -> ParameterError {
     ParameterError::Unknown { name: name.to_owned(), known }
 }
 
-/// Declares a struct of `f64` parameters with its table and [`ParameterSet`]; `state` adds private fields that are no
-/// parameters.
+/// Declares a struct of `f64` parameters with its table and [`ParameterSet`]; `state` adds private
+/// fields that are no parameters.
 macro_rules! parameter_set {
     (
         $(#[$meta:meta])*

@@ -1,4 +1,5 @@
-//! The step of a transmission, cut in two where its slave moves: for a handle that several transmissions share.
+//! The step of a transmission, cut in two where its slave moves: for a handle that several
+//! transmissions share.
 
 use crate::friction::{Advance, Load};
 use crate::transmission::Input;

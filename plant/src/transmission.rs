@@ -19,7 +19,8 @@ pub struct ImposedMotion {
 }
 
 impl ImposedMotion {
-    /// Position and speed `part` of the way (0 to 1) along the cubic that leads here from another position and speed.
+    /// Position and speed `part` of the way (0 to 1) along the cubic that leads here from another
+    /// position and speed.
     pub fn approach(self, from: f64, speed_from: f64, duration: f64, part: f64) -> (f64, f64) {
         let (one, two) = (duration * speed_from, duration * self.velocity_rad_s);
         let change = self.position_rad - from;
@@ -65,7 +66,8 @@ pub struct EnergyBalance {
     pub stored_j: f64,
     /// Lost to friction and damping, J.
     pub dissipated_j: f64,
-    /// Taken by effects that are not friction (a nonlinear spring's share, a hand, gravity, a disturbance), J.
+    /// Taken by effects that are not friction (a nonlinear spring's share, a hand, gravity, a
+    /// disturbance), J.
     pub effects_j: f64,
     /// Magnitude of all work of motor and hand, J: the scale against which the balance is read.
     pub throughput_j: f64,
@@ -122,8 +124,8 @@ pub trait Transmission: Clone + Send {
     fn energy(&self) -> EnergyBalance;
 }
 
-/// How many internal steps of at most `longest_s` an output step takes, and how long each is; none for a step that is not
-/// positive.
+/// How many internal steps of at most `longest_s` an output step takes, and how long each is; none
+/// for a step that is not positive.
 pub(crate) fn sub_steps(dt_s: f64, longest_s: f64) -> (usize, f64) {
     if dt_s.is_nan() || dt_s <= 0.0 {
         return (0, 0.0);

@@ -41,7 +41,10 @@ fn a_step_allocates_nothing() {
     let before = COUNT.with(Cell::get);
     assert!(before > 0, "the counter counts");
     for index in 0..2000 {
-        plant.step(Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 }, 0.5e-3);
+        plant.step(
+            Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 },
+            0.5e-3,
+        );
     }
     assert_eq!(COUNT.with(Cell::get), before);
     assert!(plant.state().slave_position_rad.is_finite());
@@ -51,13 +54,19 @@ fn a_step_allocates_nothing() {
 fn friction_laws_and_sensors_allocate_nothing() {
     use plant::friction::{LAWS, OperatingPoint, resistance};
     use plant::sensors::{
-        Drift, EdgePeriod, Emg, EmgParameters, EncoderCounter, EncoderCounterParameters, TorqueCell,
-        TorqueCellParameters,
+        Drift, EdgePeriod, Emg, EmgParameters, EncoderCounter, EncoderCounterParameters,
+        TorqueCell, TorqueCellParameters,
     };
     let mut laws: Vec<_> = LAWS.iter().map(plant::friction::LawEntry::build).collect();
-    let cell =
-        TorqueCellParameters { volts_per_nm: 1.0, offset_v: 0.0, noise_v: 0.1, bandwidth_hz: 100.0, limit_v: 10.0 };
-    let mut cell = TorqueCell::new(cell, 1).with_drift(Drift { ramp_v_per_s: 0.1, walk_v_per_sqrt_s: 0.1 });
+    let cell = TorqueCellParameters {
+        volts_per_nm: 1.0,
+        offset_v: 0.0,
+        noise_v: 0.1,
+        bandwidth_hz: 100.0,
+        limit_v: 10.0,
+    };
+    let mut cell =
+        TorqueCell::new(cell, 1).with_drift(Drift { ramp_v_per_s: 0.1, walk_v_per_sqrt_s: 0.1 });
     let mut emg = Emg::new(EmgParameters::default(), 0.5e-3, 1).unwrap();
     let mut counter = EncoderCounter::new(&EncoderCounterParameters::default()).unwrap();
     let mut period = EdgePeriod::new(counter.encoder(), 1.0);
@@ -66,10 +75,13 @@ fn friction_laws_and_sensors_allocate_nothing() {
     for index in 0..2000 {
         let position = (f64::from(index) * 0.01).sin();
         for law in &mut laws {
-            let at = OperatingPoint { position, velocity: position, transmitted: 1.0, step: 0.5e-3 };
+            let at =
+                OperatingPoint { position, velocity: position, transmitted: 1.0, step: 0.5e-3 };
             sum += resistance(law.as_mut(), &at);
         }
-        sum += cell.read(position, 0.5e-3) + emg.read(position)[0] + f64::from(counter.read(position).latches);
+        sum += cell.read(position, 0.5e-3)
+            + emg.read(position)[0]
+            + f64::from(counter.read(position).latches);
         sum += period.update(position, f64::from(index) * 0.5e-3).velocity;
     }
     assert_eq!(COUNT.with(Cell::get), before);
@@ -87,7 +99,10 @@ fn a_step_of_the_cable_transmission_allocates_nothing() {
     let mut plant = cable::Plant::new(cable::Parameters::traced(), all).unwrap();
     let before = COUNT.with(Cell::get);
     for index in 0..2000 {
-        plant.step(Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 }, 0.5e-3);
+        plant.step(
+            Input { motor_v: 12.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 },
+            0.5e-3,
+        );
     }
     assert_eq!(COUNT.with(Cell::get), before);
     assert!(plant.state().slave_position_rad.is_finite());
@@ -98,7 +113,8 @@ fn a_step_of_three_coupled_axes_allocates_nothing() {
     use plant::{any, axes};
     let handle = Parameters::traced().slave_inertia_kg_m2();
     let axis = || any::Parameters::from(Parameters::traced()).plant(Vec::new()).unwrap();
-    let coupling = axes::HandleCoupling::of_pairs(3, &[0.3 * handle, -0.2 * handle, 0.2 * handle]).unwrap();
+    let coupling =
+        axes::HandleCoupling::of_pairs(3, &[0.3 * handle, -0.2 * handle, 0.2 * handle]).unwrap();
     let mut plant = axes::Plant::new(vec![axis(), axis(), axis()], &coupling).unwrap();
     let before = COUNT.with(Cell::get);
     for index in 0..2000 {

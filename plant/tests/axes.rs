@@ -29,7 +29,8 @@ fn volts<const N: usize>(volts: [f64; N]) -> [Input; N] {
     volts.map(|motor_v| Input { motor_v, hand_torque_nm: 0.0 })
 }
 
-/// With nothing but the handle's inertia, a hand's torque accelerates as the inverse of the matrix says.
+/// With nothing but the handle's inertia, a hand's torque accelerates as the inverse of the matrix
+/// says.
 #[test]
 fn a_free_handle_accelerates_as_its_inertia_matrix_says() {
     let parameters = loose(frictionless(traced()));
@@ -49,7 +50,11 @@ fn a_free_handle_accelerates_as_its_inertia_matrix_says() {
     let expected = matrix.try_inverse().unwrap() * nalgebra::Vector3::from(torque) * 0.05;
     for axis in 0..3 {
         let speed = plant.motion(axis).slave_velocity_rad_s;
-        assert!((speed / expected[axis] - 1.0).abs() < 1e-4, "axis {axis}: {speed} against {}", expected[axis]);
+        assert!(
+            (speed / expected[axis] - 1.0).abs() < 1e-4,
+            "axis {axis}: {speed} against {}",
+            expected[axis]
+        );
     }
 }
 
@@ -67,7 +72,10 @@ fn without_coupling_every_axis_moves_as_if_alone() {
             plant.step(&inputs, DT_S);
             for (axis, single) in alone.iter_mut().enumerate() {
                 single.step(inputs[axis], DT_S);
-                assert_eq!((plant.motion(axis), plant.reading(axis)), (single.motion(), single.reading()));
+                assert_eq!(
+                    (plant.motion(axis), plant.reading(axis)),
+                    (single.motion(), single.reading())
+                );
             }
         }
         assert!(plant.motion(0).slave_position_rad.abs() > 0.1);
@@ -114,8 +122,8 @@ fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_change_places() {
     assert!((first - plain[0]).abs() < 1e-8 && (second - plain[1]).abs() < 1e-8);
 }
 
-/// A slave that sticks stands exactly still while the other accelerates beside it, and breaks away when the other's
-/// inertial torque is too much for it.
+/// A slave that sticks stands exactly still while the other accelerates beside it, and breaks away
+/// when the other's inertial torque is too much for it.
 #[test]
 fn stick_is_exact_on_every_axis() {
     let strong = hydrostatic::Parameters { slave_static_friction_nm: 2.3, ..traced() };
@@ -142,7 +150,10 @@ fn the_steps_error_falls_with_its_square() {
     let parameters = frictionless(traced());
     let own = parameters.slave_inertia_kg_m2();
     let path = |step: f64| {
-        let mut plant = coupled(vec![oil(&parameters), oil(&parameters.clone().with_hose_length(7.0))], &[0.6 * own]);
+        let mut plant = coupled(
+            vec![oil(&parameters), oil(&parameters.clone().with_hose_length(7.0))],
+            &[0.6 * own],
+        );
         assert!(step <= plant.longest_step_s(), "{step} {}", plant.longest_step_s());
         let count = (1e-3 / step).round() as usize;
         (0..200)
@@ -167,8 +178,8 @@ fn the_steps_error_falls_with_its_square() {
     }
 }
 
-/// A handle that is heavier to turn about both axes at once swings at other frequencies: the stiffness is the lines', the
-/// inertia `I ± C`.
+/// A handle that is heavier to turn about both axes at once swings at other frequencies: the
+/// stiffness is the lines', the inertia `I ± C`.
 #[test]
 fn sum_and_difference_of_two_equal_axes_move_as_single_axes_of_other_inertia() {
     let parameters = frictionless(traced());
@@ -176,7 +187,10 @@ fn sum_and_difference_of_two_equal_axes_move_as_single_axes_of_other_inertia() {
     let mut plant = coupled(vec![oil(&parameters), oil(&parameters)], &[shared]);
     for (sign, inertia) in [(1.0, shared), (-1.0, -shared)] {
         let handle = parameters.slave_handle_inertia_kg_m2 + inertia;
-        let mut single = oil(&hydrostatic::Parameters { slave_handle_inertia_kg_m2: handle, ..parameters.clone() });
+        let mut single = oil(&hydrostatic::Parameters {
+            slave_handle_inertia_kg_m2: handle,
+            ..parameters.clone()
+        });
         for index in 0..400 {
             let motor_v = 2.0 * (f64::from(index) * 0.05).sin();
             plant.step(&volts([motor_v, sign * motor_v]), 1e-4);
@@ -193,13 +207,19 @@ fn what_cannot_be_is_refused() {
     let own = traced().slave_inertia_kg_m2();
     let axes = || vec![oil(&traced()), oil(&traced())];
     let refusal = |axes: Vec<any::Plant>, pairs: &[f64]| {
-        HandleCoupling::of_pairs(axes.len(), pairs).and_then(|coupling| Plant::new(axes, &coupling)).unwrap_err()
+        HandleCoupling::of_pairs(axes.len(), pairs)
+            .and_then(|coupling| Plant::new(axes, &coupling))
+            .unwrap_err()
     };
     assert!(matches!(refusal(axes(), &[0.81 * own]), CouplingError::TooStrong { .. }));
     assert!(matches!(refusal(axes(), &[-0.81 * own]), CouplingError::TooStrong { .. }));
     assert!(matches!(refusal(axes(), &[f64::NAN]), CouplingError::TooStrong { .. }));
     assert!(matches!(refusal(axes(), &[f64::INFINITY]), CouplingError::TooStrong { .. }));
-    assert!(refusal(axes(), &[0.81 * own]).to_string().contains("0.190"), "{}", refusal(axes(), &[0.81 * own]));
+    assert!(
+        refusal(axes(), &[0.81 * own]).to_string().contains("0.190"),
+        "{}",
+        refusal(axes(), &[0.81 * own])
+    );
     assert_eq!(refusal(axes(), &[0.0; 3]), CouplingError::Pairs { axes: 2, expected: 1, found: 3 });
     assert_eq!(refusal(Vec::new(), &[]), CouplingError::Axes { found: 0 });
     assert_eq!(refusal([axes(), axes()].concat(), &[]), CouplingError::Axes { found: 4 });
@@ -208,14 +228,22 @@ fn what_cannot_be_is_refused() {
     assert!(matches!(refusal(three(), &[-0.5 * own; 3]), CouplingError::TooStrong { .. }));
     assert!(Plant::new(three(), &HandleCoupling::of_pairs(3, &[0.5 * own; 3]).unwrap()).is_ok());
     // Inertia that an effect adds to the slave makes room for more.
-    let heavier = any::Parameters::from(traced()).plant(effects(&["extra_inertia@slave=0.01"])).unwrap();
-    assert!(Plant::new(vec![heavier, oil(&traced())], &HandleCoupling::of_pairs(2, &[0.9 * own]).unwrap()).is_ok());
+    let heavier =
+        any::Parameters::from(traced()).plant(effects(&["extra_inertia@slave=0.01"])).unwrap();
+    assert!(
+        Plant::new(
+            vec![heavier, oil(&traced())],
+            &HandleCoupling::of_pairs(2, &[0.9 * own]).unwrap()
+        )
+        .is_ok()
+    );
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
 
-    /// Energy balances with any handle that is allowed, with and without friction, and friction only takes.
+    /// Energy balances with any handle that is allowed, with and without friction, and friction
+    /// only takes.
     #[test]
     fn balance_closes(
         pairs in prop::array::uniform3(-1.0_f64..1.0),

@@ -1,4 +1,5 @@
-//! The cable transmission against closed forms, a fine reference, symmetry and the balance of energy.
+//! The cable transmission against closed forms, a fine reference, symmetry and the balance of
+//! energy.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -41,25 +42,32 @@ fn plain(parameters: &Parameters) -> Plant {
 
 /// Where a hand's torque holds the slave, the master held.
 fn held(parameters: Parameters, torque: f64) -> f64 {
-    let mut plant = Plant::new(Parameters { cable_damping_n_s_per_m: 60.0, ..parameters }, Vec::new()).unwrap();
+    let mut plant =
+        Plant::new(Parameters { cable_damping_n_s_per_m: 60.0, ..parameters }, Vec::new()).unwrap();
     for _ in 0..3000 {
         plant.step_imposed(ImposedMotion::default(), torque, DT_S);
     }
     plant.state().slave_position_rad
 }
 
-/// Slave and cables against a held master. With the slave as a mass `μ = I_s / 2r²` per line and `k = 2K`:
-/// `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
+/// Slave and cables against a held master. With the slave as a mass `μ = I_s / 2r²` per line and `k
+/// = 2K`: `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
 #[test]
 fn mode_against_held_master_has_the_closed_form_frequency() {
     let parameters = linear(Parameters::traced());
     let (radius, mass) = (parameters.slave_pulley_radius_m(), parameters.middle_mass_kg());
-    let (k, mu) =
-        (2.0 * parameters.line_stiffness_n_per_m(), parameters.total_slave_inertia_kg_m2() / (2.0 * radius * radius));
+    let (k, mu) = (
+        2.0 * parameters.line_stiffness_n_per_m(),
+        parameters.total_slave_inertia_kg_m2() / (2.0 * radius * radius),
+    );
     let square = k * ((2.0 * mu + mass) - (4.0 * mu * mu + mass * mass).sqrt()) / (2.0 * mass * mu);
     let mut plant = plain(&parameters);
     let slave = 1e-3 * (k / mu) / (k / mu - square) / radius;
-    plant.set_state(State { slave_position_rad: slave, line_position_m: [1e-3; 2], ..State::default() });
+    plant.set_state(State {
+        slave_position_rad: slave,
+        line_position_m: [1e-3; 2],
+        ..State::default()
+    });
     let (mut crossings, mut first, mut last, mut before) = (0, 0.0, 0.0, slave);
     for index in 1..=20_000 {
         plant.step_imposed(ImposedMotion::default(), 0.0, DT_S);
@@ -79,12 +87,18 @@ fn mode_against_held_master_has_the_closed_form_frequency() {
     close(frequency, square.sqrt() / TAU, 5e-4);
 }
 
-/// Master and slave against each other: with cables of hardly any mass `ω² = 2K (r_m²/I_m + r_s²/I_s)`.
+/// Master and slave against each other: with cables of hardly any mass `ω² = 2K (r_m²/I_m +
+/// r_s²/I_s)`.
 #[test]
 fn two_mass_mode() {
-    let light = Parameters { cable_mass_kg_per_m: 1e-6, support_mass_kg: 0.0, ..linear(Parameters::printed()) };
+    let light = Parameters {
+        cable_mass_kg_per_m: 1e-6,
+        support_mass_kg: 0.0,
+        ..linear(Parameters::printed())
+    };
     let (r_m, r_s) = (light.master_pulley_radius_m, light.slave_pulley_radius_m());
-    let per_inertia = r_m * r_m / light.total_master_inertia_kg_m2() + r_s * r_s / light.total_slave_inertia_kg_m2();
+    let per_inertia = r_m * r_m / light.total_master_inertia_kg_m2()
+        + r_s * r_s / light.total_slave_inertia_kg_m2();
     let expected = (2.0 * light.line_stiffness_n_per_m() * per_inertia).sqrt();
     close(light.modes_rad_s()[1], expected, 1e-4);
     assert!(light.modes_rad_s()[0] < 1e-2 * expected, "the whole moves freely");
@@ -97,14 +111,22 @@ fn held_slave_deflects_as_a_pair_of_springs_until_one_goes_slack() {
     close(held(parameters.clone(), 0.5), 0.5 / (2.0 * k * radius * radius), 1e-3);
     // Beyond twice the pretension one cable is slack and the other bears all: τ/r = T_0 + K x.
     let torque = 3.0 * parameters.pretension_n * radius;
-    close(held(parameters.clone(), torque), (torque / radius - parameters.pretension_n) / k / radius, 1e-3);
+    close(
+        held(parameters.clone(), torque),
+        (torque / radius - parameters.pretension_n) / k / radius,
+        1e-3,
+    );
 }
 
 /// Two tight cables with sag: `1/K_eff = 1/K + 3 w² ℓ³/(12 T³)` each.
 #[test]
 fn sag_softens_as_the_parabola_says() {
     for tension in [1.0, 2.0, 4.0, 60.0] {
-        let parameters = Parameters { pretension_n: tension, gravity_m_s2: 9.81, ..linear(Parameters::printed()) };
+        let parameters = Parameters {
+            pretension_n: tension,
+            gravity_m_s2: 9.81,
+            ..linear(Parameters::printed())
+        };
         let weight: f64 = 7.9e-4 * 9.81;
         let sag = 3.0 * weight.powi(2) * 27.0 / (12.0 * tension.powi(3));
         let effective = 1.0 / (1.0 / parameters.line_stiffness_n_per_m() + sag);
@@ -126,19 +148,26 @@ fn support_friction_grows_with_tension_and_saturates() {
         assert!(at(tension) > last.0 && slope < last.1, "grows ever less, at {tension} N");
         last = (at(tension), slope);
     }
-    assert!(at(1e6) > 0.999 * parameters.support_friction_limit_n && at(1e9) <= parameters.support_friction_limit_n);
+    assert!(
+        at(1e6) > 0.999 * parameters.support_friction_limit_n
+            && at(1e9) <= parameters.support_friction_limit_n
+    );
     assert_eq!(at(-1.0), 0.0);
     // Far from saturation, proportional.
     close(at(0.02) / at(0.01), 2.0, 1e-3);
     // More cables at the same tension each: as many times the friction; sharing the tension: less.
     let level = |set: &Parameters| set.support_friction_n(set.cables * set.pretension_n);
-    let (four, shared) = (parameters.clone().with_cables(4.0), parameters.clone().with_cables_sharing_pretension(4.0));
+    let (four, shared) = (
+        parameters.clone().with_cables(4.0),
+        parameters.clone().with_cables_sharing_pretension(4.0),
+    );
     close(level(&four), 4.0 * level(&parameters), 1e-12);
     assert!(level(&shared) < 0.5 * level(&four) && level(&shared) > level(&parameters));
 }
 
-/// The plant's own friction at the motor, wound up slowly until the slave follows: far from saturation every
-/// support takes the same part of the tension, `c`, so that tension grows from support to support.
+/// The plant's own friction at the motor, wound up slowly until the slave follows: far from
+/// saturation every support takes the same part of the tension, `c`, so that tension grows from
+/// support to support.
 #[test]
 fn unsaturated_friction_multiplies_along_the_line() {
     let share = 0.1;
@@ -173,7 +202,8 @@ fn unsaturated_friction_multiplies_along_the_line() {
 
 #[test]
 fn mirrored_input_gives_the_mirrored_movement() {
-    let parameters = Parameters { friction_asymmetry: 0.0, bedding_tension_n: 70.0, ..Parameters::traced() };
+    let parameters =
+        Parameters { friction_asymmetry: 0.0, bedding_tension_n: 70.0, ..Parameters::traced() };
     let (mut forward, mut backward) = (plain(&parameters), plain(&parameters));
     let mut most = 0.0_f64;
     for index in 0..4000 {
@@ -194,7 +224,11 @@ fn mirrored_input_gives_the_mirrored_movement() {
 #[test]
 fn directions_differ_as_declared() {
     // Breakaway at the slave with the line loose: bearing and both cables' end supports.
-    let parameters = Parameters { cable_stiffness_factor: 1e-4, fibre_friction_ratio: 0.0, ..Parameters::printed() };
+    let parameters = Parameters {
+        cable_stiffness_factor: 1e-4,
+        fibre_friction_ratio: 0.0,
+        ..Parameters::printed()
+    };
     let radius = parameters.slave_pulley_radius_m();
     let level = 2.0 * radius * parameters.support_friction_n(60.0) * 1.1;
     for (sign, factor) in [(1.0, 1.061), (-1.0, 0.939)] {
@@ -202,17 +236,25 @@ fn directions_differ_as_declared() {
         for (part, moves) in [(0.999, false), (1.001, true)] {
             let mut plant = plain(&parameters);
             plant.step(Input { motor_v: 0.0, hand_torque_nm: sign * part * expected }, DT_S);
-            assert_eq!(plant.state().slave_velocity_rad_s != 0.0, moves, "{sign} {part} {expected}");
+            assert_eq!(
+                plant.state().slave_velocity_rad_s != 0.0,
+                moves,
+                "{sign} {part} {expected}"
+            );
         }
     }
 }
 
-/// Neither creep nor chatter under an alternating torque below breakaway, wherever the slave stopped.
+/// Neither creep nor chatter under an alternating torque below breakaway, wherever the slave
+/// stopped.
 #[test]
 fn stick_never_drifts() {
     let mut plant = plain(&Parameters::traced());
     for index in 0..2000 {
-        plant.step(Input { motor_v: if index < 400 { 4.0 } else { 0.0 }, hand_torque_nm: 0.0 }, DT_S);
+        plant.step(
+            Input { motor_v: if index < 400 { 4.0 } else { 0.0 }, hand_torque_nm: 0.0 },
+            DT_S,
+        );
     }
     for _ in 0..4000 {
         plant.step(Input::default(), DT_S);
@@ -234,13 +276,20 @@ fn stick_never_drifts() {
 /// However it is torn about, no cable ever has a tension below zero.
 #[test]
 fn cables_never_push() {
-    let loose = Parameters { pretension_n: 3.0, cable_damping_n_s_per_m: 20.0, ..Parameters::traced() };
-    let mut plant = Plant::new(loose, effects(&["nonlinear_stiffness@line=2", "viscoelastic_line=2"])).unwrap();
+    let loose =
+        Parameters { pretension_n: 3.0, cable_damping_n_s_per_m: 20.0, ..Parameters::traced() };
+    let mut plant =
+        Plant::new(loose, effects(&["nonlinear_stiffness@line=2", "viscoelastic_line=2"])).unwrap();
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
     for index in 0..6000 {
         let time = f64::from(index) * DT_S;
-        plant.step(Input { motor_v: 8.0 * (23.0 * time).sin(), hand_torque_nm: 4.0 * (31.0 * time).cos() }, DT_S);
-        for tension in plant.state().line_tension_master_n.iter().chain(&plant.state().line_tension_slave_n) {
+        plant.step(
+            Input { motor_v: 8.0 * (23.0 * time).sin(), hand_torque_nm: 4.0 * (31.0 * time).cos() },
+            DT_S,
+        );
+        for tension in
+            plant.state().line_tension_master_n.iter().chain(&plant.state().line_tension_slave_n)
+        {
             least = least.min(*tension);
             most = most.max(*tension);
         }
@@ -248,7 +297,8 @@ fn cables_never_push() {
     assert!((0.0..0.5).contains(&least) && most > 30.0, "{least} {most}");
 }
 
-/// A cable that was never loaded beyond its pretension gets longer by the first hard pull, and stays slacker.
+/// A cable that was never loaded beyond its pretension gets longer by the first hard pull, and
+/// stays slacker.
 #[test]
 fn an_overload_takes_pretension_away() {
     let tension_after = |bedding_tension_n: f64| {
@@ -263,7 +313,8 @@ fn an_overload_takes_pretension_away() {
         plant.state().line_tension_slave_n[0]
     };
     close(tension_after(200.0), 60.0, 1e-3);
-    // 4 N·m over 60 mm add half of 67 N to each; the set is a quarter of what that stretches, at either cable.
+    // 4 N·m over 60 mm add half of 67 N to each; the set is a quarter of what that stretches, at
+    // either cable.
     let (added, set) = (0.5 * 4.0 / 0.06, 0.25);
     let expected = 60.0 - set * added / (1.0 + 0.5 * set);
     let found = tension_after(1.0);
@@ -277,7 +328,11 @@ fn trajectory(parameters: &Parameters, dt: f64, amplitude_v: f64) -> Vec<[f64; 3
     let radius = plant.parameters().slave_pulley_radius_m();
     common::trajectory(plant, dt, amplitude_v, |plant| {
         let state = plant.state();
-        [state.master_position_rad / 6.0, state.slave_position_rad, state.line_position_m[0] / radius]
+        [
+            state.master_position_rad / 6.0,
+            state.slave_position_rad,
+            state.line_position_m[0] / radius,
+        ]
     })
 }
 
@@ -378,13 +433,17 @@ fn correction_stays_out_of_the_balance() {
     for index in 0..4000 {
         let time = f64::from(index) * DT_S;
         plant.step(Input { motor_v: 5.0 * (8.0 * time).sin(), hand_torque_nm: 0.0 }, DT_S);
-        plant.correct(Correction { slave_position_rad: 1e-4 * (3.0 * time).sin(), ..Correction::default() });
+        plant.correct(Correction {
+            slave_position_rad: 1e-4 * (3.0 * time).sin(),
+            ..Correction::default()
+        });
     }
     let energy = plant.energy();
     assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{energy:?}");
 }
 
-/// Every effect but the one that needs a fluid: the plant stays finite, differs, and the energy is accounted for.
+/// Every effect but the one that needs a fluid: the plant stays finite, differs, and the energy is
+/// accounted for.
 #[test]
 fn every_effect_acts_here_too() {
     let run = |names: &[&str]| {
@@ -392,7 +451,10 @@ fn every_effect_acts_here_too() {
         let mut readings = Vec::new();
         for index in 0..4000 {
             let time = f64::from(index) * DT_S;
-            let input = Input { motor_v: 6.0 * (9.0 * time).sin(), hand_torque_nm: 2.0 * (4.0 * time).cos() };
+            let input = Input {
+                motor_v: 6.0 * (9.0 * time).sin(),
+                hand_torque_nm: 2.0 * (4.0 * time).cos(),
+            };
             plant.step(input, DT_S);
             let reading = plant.reading();
             readings.push([reading.master_rad, reading.slave_rad, reading.slave_torque_nm]);
@@ -405,14 +467,21 @@ fn every_effect_acts_here_too() {
             let name = format!("{}@{}", entry.id, place.site);
             if entry.id == "leakage" {
                 let error = Plant::new(Parameters::traced(), effects(&[&name])).unwrap_err();
-                assert!(matches!(error, ParameterError::EffectNotApplicable { id: "leakage", .. }), "{error}");
+                assert!(
+                    matches!(error, ParameterError::EffectNotApplicable { id: "leakage", .. }),
+                    "{error}"
+                );
                 continue;
             }
             let (with, readings) = run(&[&name]);
-            let change = readings.iter().flatten().zip(without.iter().flatten()).map(|(a, b)| (a - b).abs());
+            let change =
+                readings.iter().flatten().zip(without.iter().flatten()).map(|(a, b)| (a - b).abs());
             let change = change.sum::<f64>() / without.len() as f64;
             let energy = with.energy();
-            println!("{name}: {change:.2e}, energy open {:.1e}", energy.defect_j() / energy.throughput_j);
+            println!(
+                "{name}: {change:.2e}, energy open {:.1e}",
+                energy.defect_j() / energy.throughput_j
+            );
             assert!(change.is_finite() && change > 1e-5, "{name}: {change}");
             assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{name}: {energy:?}");
         }
@@ -422,10 +491,16 @@ fn every_effect_acts_here_too() {
 #[test]
 fn effects_change_the_line() {
     let softer = Plant::new(Parameters::printed(), effects(&["line_compliance=35"])).unwrap();
-    close(softer.parameters().line_stiffness_n_per_m(), Parameters::traced().line_stiffness_n_per_m(), 1e-9);
+    close(
+        softer.parameters().line_stiffness_n_per_m(),
+        Parameters::traced().line_stiffness_n_per_m(),
+        1e-9,
+    );
     let damped = Plant::new(Parameters::printed(), effects(&["line_damping=20"])).unwrap();
     close(damped.parameters().cable_damping_n_s_per_m, 20.6, 1e-12);
-    let mut late = Plant::new(frictionless(Parameters::traced()), effects(&["transport_delay@line=0.02"])).unwrap();
+    let mut late =
+        Plant::new(frictionless(Parameters::traced()), effects(&["transport_delay@line=0.02"]))
+            .unwrap();
     for index in 1..=160 {
         late.step_imposed(ImposedMotion { position_rad: 0.5, velocity_rad_s: 0.0 }, 0.0, DT_S);
         if index < 40 {

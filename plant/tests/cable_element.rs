@@ -26,7 +26,8 @@ fn ramp(element: &mut Element, from: f64, to: f64) -> (f64, f64) {
 #[test]
 fn slope_is_the_printed_one_above_the_toe() {
     let parameters = Parameters::printed();
-    let (mut element, _) = Element::bedded(ElementLaw { sag_n2_m: 0.0, ..parameters.element_law(9.0) }, 200.0, 1e-6);
+    let (mut element, _) =
+        Element::bedded(ElementLaw { sag_n2_m: 0.0, ..parameters.element_law(9.0) }, 200.0, 1e-6);
     let zero = element.set_m();
     let mut points = Vec::new();
     for index in 0..=200 {
@@ -36,8 +37,10 @@ fn slope_is_the_printed_one_above_the_toe() {
     // Least squares between 0.02 mm and 1.0 mm, as § 5.2.1 has it.
     let range: Vec<_> = points.iter().filter(|(x, _)| (2e-5..=1e-3).contains(x)).collect();
     let count = range.len() as f64;
-    let (mean_x, mean_y) =
-        (range.iter().map(|p| p.0).sum::<f64>() / count, range.iter().map(|p| p.1).sum::<f64>() / count);
+    let (mean_x, mean_y) = (
+        range.iter().map(|p| p.0).sum::<f64>() / count,
+        range.iter().map(|p| p.1).sum::<f64>() / count,
+    );
     let slope = range.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum::<f64>()
         / range.iter().map(|p| (p.0 - mean_x).powi(2)).sum::<f64>();
     println!("{slope} N/m");
@@ -58,7 +61,9 @@ fn second_loading_is_stiffer_and_every_cycle_is_a_loop() {
     let (second_up, second_slope) = ramp(&mut specimen, 0.0, top);
     let (second_down, _) = ramp(&mut specimen, top, 0.0);
     let (first_loop, second_loop) = (first_up + first_down, second_up + second_down);
-    println!("slopes {first_slope} {second_slope}, loops {first_loop} {second_loop} J, set {set} m");
+    println!(
+        "slopes {first_slope} {second_slope}, loops {first_loop} {second_loop} J, set {set} m"
+    );
     close(second_slope / first_slope, 1.25, 1e-2);
     assert!(first_loop > second_loop && second_loop > 0.0, "{first_loop} {second_loop}");
     close(set, 0.25 / 1.25 * top, 1e-6);
@@ -68,8 +73,11 @@ fn second_loading_is_stiffer_and_every_cycle_is_a_loop() {
 
 #[test]
 fn work_is_stored_or_lost_along_any_path() {
-    let sagging = ElementLaw { sag_n2_m: 1e-4, toe_tension_n: 3.0, ..Parameters::traced().element_law(4.5) };
-    for (law, start) in [(Parameters::traced().specimen(4.5).law().to_owned(), 0.0), (sagging, -1e-5)] {
+    let sagging =
+        ElementLaw { sag_n2_m: 1e-4, toe_tension_n: 3.0, ..Parameters::traced().element_law(4.5) };
+    for (law, start) in
+        [(Parameters::traced().specimen(4.5).law().to_owned(), 0.0), (sagging, -1e-5)]
+    {
         let mut element = Element::new(law);
         element.extend(start);
         let (stored, lost) = (element.stored_j(), element.dissipated_j());
@@ -95,8 +103,8 @@ fn never_pushes_and_hangs_by_its_weight() {
     assert_eq!(light.tension_n(), 0.0);
     let mut heavy = Element::new(Parameters::printed().element_law(9.0));
     heavy.extend(-0.01);
-    // Slack by 1 cm over three spans: each hangs by √(3 ℓ Δ/8), T = w ℓ²/8 over that; let out, the fibres' friction bears
-    // a twentieth.
+    // Slack by 1 cm over three spans: each hangs by √(3 ℓ Δ/8), T = w ℓ²/8 over that; let out, the
+    // fibres' friction bears a twentieth.
     let hang = (3.0_f64 * 3.0 * 0.01 / 3.0 / 8.0).sqrt();
     close(heavy.tension_n(), 7.9e-4 * 9.81 * 9.0 / (8.0 * hang) * 0.95, 1e-2);
 }

@@ -1,5 +1,6 @@
-//! What chapter 5 measured, against the model with one value fitted: the cables' stiffness in place, by the peak at 8 Hz.
-//! All else is predicted, well or badly; the limits below are what was seen.
+//! What chapter 5 measured, against the model with one value fitted: the cables' stiffness in
+//! place, by the peak at 8 Hz. All else is predicted, well or badly; the limits below are what was
+//! seen.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -11,7 +12,8 @@ use plant::response::{Response, frequency_response};
 use plant::transmission::{ImposedMotion, Transmission};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// The gain is normalised by the mechanical ratio, as in fig. 5.7; the amplitude is the slave's with rigid cables.
+/// The gain is normalised by the mechanical ratio, as in fig. 5.7; the amplitude is the slave's
+/// with rigid cables.
 fn at(parameters: &Parameters, frequency_hz: f64, slave_deg: f64) -> Response {
     let mut plant = Plant::new(parameters.clone(), Vec::new()).unwrap();
     let ratio = parameters.mechanical_ratio;
@@ -20,11 +22,19 @@ fn at(parameters: &Parameters, frequency_hz: f64, slave_deg: f64) -> Response {
 }
 
 /// Peak, its gain, and where the gain falls below 0.707 above it.
-fn peak_and_cutoff(parameters: &Parameters, to_hz: f64, step_hz: f64, slave_deg: f64) -> (f64, f64, f64) {
+fn peak_and_cutoff(
+    parameters: &Parameters,
+    to_hz: f64,
+    step_hz: f64,
+    slave_deg: f64,
+) -> (f64, f64, f64) {
     let count = ((to_hz - 4.0) / step_hz) as usize;
-    let curve: Vec<_> = (0..=count).map(|index| at(parameters, 4.0 + step_hz * index as f64, slave_deg)).collect();
+    let curve: Vec<_> =
+        (0..=count).map(|index| at(parameters, 4.0 + step_hz * index as f64, slave_deg)).collect();
     let peak = curve.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap();
-    let cutoff = curve.iter().find(|point| point.frequency_hz > peak.frequency_hz && point.gain < FRAC_1_SQRT_2);
+    let cutoff = curve
+        .iter()
+        .find(|point| point.frequency_hz > peak.frequency_hz && point.gain < FRAC_1_SQRT_2);
     (peak.frequency_hz, peak.gain, cutoff.map_or(f64::INFINITY, |point| point.frequency_hz))
 }
 
@@ -38,14 +48,16 @@ fn plateau(mut plant: impl Transmission, master_rad: f64) -> (f64, f64) {
         let (sine, cosine) = (TAU * time).sin_cos();
         let target = ImposedMotion {
             position_rad: growth * master_rad * sine,
-            velocity_rad_s: master_rad * (growth * TAU * cosine + if time < 2.0 { 0.5 * sine } else { 0.0 }),
+            velocity_rad_s: master_rad
+                * (growth * TAU * cosine + if time < 2.0 { 0.5 * sine } else { 0.0 }),
         };
         plant.step_imposed(target, 0.0, 1.0 / f64::from(steps));
         if index > 3 * steps {
             angles.push(plant.motion().slave_position_rad);
         }
     }
-    let (least, most) = angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    let (least, most) =
+        angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let (mut longest, mut run, mut level) = (0, 0, f64::NAN);
     for angle in angles {
         if (angle - level).abs() < 0.01 * (most - least) {
@@ -58,7 +70,8 @@ fn plateau(mut plant: impl Transmission, master_rad: f64) -> (f64, f64) {
     (f64::from(longest) / f64::from(steps), most - least)
 }
 
-/// § 5.2.2's experiment: a slow sine (0.008 Hz, ±30° of the slave); mean motor torque forward and backward.
+/// § 5.2.2's experiment: a slow sine (0.008 Hz, ±30° of the slave); mean motor torque forward and
+/// backward.
 fn slow_sine_torque(parameters: &Parameters) -> [f64; 2] {
     let mut plant = Plant::new(parameters.clone(), Vec::new()).unwrap();
     let (amplitude, omega) = (30f64.to_radians() * parameters.mechanical_ratio, TAU * 0.008);
@@ -66,7 +79,10 @@ fn slow_sine_torque(parameters: &Parameters) -> [f64; 2] {
     let interval = 5e-3;
     for index in 1..=31_250 {
         let (sine, cosine) = (omega * f64::from(index) * interval).sin_cos();
-        let target = ImposedMotion { position_rad: amplitude * sine, velocity_rad_s: amplitude * omega * cosine };
+        let target = ImposedMotion {
+            position_rad: amplitude * sine,
+            velocity_rad_s: amplitude * omega * cosine,
+        };
         plant.step_imposed(target, 0.0, interval);
         // One cycle after the start, away from the turns.
         if index > 6250 && sine.abs() < 0.8 {
@@ -122,14 +138,16 @@ fn predicted_plateau_is_longer_than_the_hydrostatic_line_s() {
     let ratio = hydrostatic::Parameters::traced().transmission_ratio();
     let same = hydrostatic_plateau(30.0 / ratio);
     let same_master = hydrostatic_plateau(30.0);
-    println!("cable {cable:?}, hydrostatic for the same rigid slave {same:?}, at 30 deg of the master {same_master:?}");
+    println!(
+        "cable {cable:?}, hydrostatic for the same rigid slave {same:?}, at 30 deg of the master {same_master:?}"
+    );
     close(cable.1, same.1, 0.1);
     assert!(cable.0 > 1.1 * same.0, "{cable:?} {same:?}");
 }
 
-/// The level is declared from § 5.2.2. That the experiment finds it again with stiff cables is a check of the model, not a
-/// prediction. With the fitted cables the slave moves in stick-slip, and the mean torque, which § 5.2.2 takes for the static
-/// friction, lies a quarter below it.
+/// The level is declared from § 5.2.2. That the experiment finds it again with stiff cables is a
+/// check of the model, not a prediction. With the fitted cables the slave moves in stick-slip, and
+/// the mean torque, which § 5.2.2 takes for the static friction, lies a quarter below it.
 #[test]
 fn slow_sine_and_the_declared_friction() {
     close(Parameters::printed().static_friction_at_motor_nm(), 0.475, 1e-2);
@@ -144,19 +162,23 @@ fn slow_sine_and_the_declared_friction() {
     }
 }
 
-/// The stiffness as printed, with the slave's inertia fitted to 8 Hz in its stead: nothing else comes out.
+/// The stiffness as printed, with the slave's inertia fitted to 8 Hz in its stead: nothing else
+/// comes out.
 #[test]
 fn a_heavier_slave_would_not_explain_it() {
     let heavy = Parameters { slave_inertia_kg_m2: 0.0405, ..Parameters::printed() };
     let (peak, gain, cutoff) = peak_and_cutoff(&heavy, 12.0, 0.25, 30.0);
     let (lag, sticking) = (at(&heavy, 1.0, 30.0).lag_s(), cable_plateau(&heavy, 30.0).0);
-    println!("heavy slave: peak {peak} Hz (gain {gain}), cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s");
+    println!(
+        "heavy slave: peak {peak} Hz (gain {gain}), cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s"
+    );
     assert!((7.5..=8.5).contains(&peak), "{peak}");
     let hydrostatic = hydrostatic_plateau(30.0 / 0.854).0;
     assert!(lag < 0.005 && sticking < 0.6 * hydrostatic, "{lag} {sticking} {hydrostatic}");
 }
 
-/// As printed (9 m of 3.725e4 N/m): no peak near 8 Hz. As the slope of the 20 cm of fig. 5.4: 0.2/9 of it.
+/// As printed (9 m of 3.725e4 N/m): no peak near 8 Hz. As the slope of the 20 cm of fig. 5.4: 0.2/9
+/// of it.
 #[test]
 fn printed_stiffness_belongs_to_a_shorter_piece() {
     let printed = Parameters::printed();
@@ -168,7 +190,9 @@ fn printed_stiffness_belongs_to_a_shorter_piece() {
     close(piece.apparent_modulus_pa(), 9.5e9, 1e-2);
     let (peak, _, cutoff) = peak_and_cutoff(&piece, 15.0, 0.25, 30.0);
     let (lag, sticking) = (at(&piece, 1.0, 30.0).lag_s(), cable_plateau(&piece, 30.0).0);
-    println!("slope of 20 cm: peak {peak} Hz, cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s");
+    println!(
+        "slope of 20 cm: peak {peak} Hz, cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s"
+    );
     assert!((7.0..=8.0).contains(&peak) && (12.5..=14.5).contains(&cutoff), "{peak} {cutoff}");
     assert!((0.035..0.055).contains(&lag) && (0.2..0.26).contains(&sticking), "{lag} {sticking}");
 }

@@ -13,9 +13,11 @@ fn hand(torque: f64) -> Input {
     Input { motor_v: 0.0, hand_torque_nm: torque }
 }
 
-/// Where a hand holds a slave without dry friction, the master held; with enough damping to come to rest.
+/// Where a hand holds a slave without dry friction, the master held; with enough damping to come to
+/// rest.
 fn held(names: &[&str], torque: f64) -> f64 {
-    let parameters = Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+    let parameters =
+        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
     settle(plant(parameters, names), torque, 4000)
 }
 
@@ -26,7 +28,8 @@ fn settle(mut plant: Plant, torque: f64, steps: usize) -> f64 {
     plant.state().slave_position_rad
 }
 
-/// Smallest hand torque, to 1 mN·m, at which the slave of a loose line moves from `position`, after `wait` seconds.
+/// Smallest hand torque, to 1 mN·m, at which the slave of a loose line moves from `position`, after
+/// `wait` seconds.
 fn breakaway(names: &[&str], position: f64, sign: f64, wait: f64) -> f64 {
     let (mut low, mut high) = (0.0, 10.0);
     while high - low > 1e-3 {
@@ -75,12 +78,17 @@ fn line_compliance() {
     close(held(&["line_compliance=1"], 1.0), 2.0 / held_stiffness(), 1e-3);
     let mut traced = plant(Parameters::printed(), &["line_compliance=13"]);
     traced.step(volts(1.0), DT_S);
-    close(traced.parameters().line_stiffness_n_per_m(), Parameters::traced().line_stiffness_n_per_m(), 1e-9);
+    close(
+        traced.parameters().line_stiffness_n_per_m(),
+        Parameters::traced().line_stiffness_n_per_m(),
+        1e-9,
+    );
 }
 
 #[test]
 fn nonlinear_stiffness() {
-    // At 20 N·(1 + c) per line the deflection is the reference, per end; the line has two ends, the slave one.
+    // At 20 N·(1 + c) per line the deflection is the reference, per end; the line has two ends, the
+    // slave one.
     let a = Parameters::traced().slave_displacement_m_per_rad();
     let reference = 20.0 / (2.0 * Parameters::traced().line_stiffness_n_per_m());
     let torque = 2.0 * a * 20.0 * 1.5;
@@ -91,7 +99,8 @@ fn nonlinear_stiffness() {
     let mut even = effects::parse("nonlinear_stiffness@line=0").unwrap();
     even.set("even", 0.5).unwrap();
     let at = |torque: f64| {
-        let parameters = Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+        let parameters =
+            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
         settle(Plant::new(parameters, vec![even.clone()]).unwrap(), torque, 4000)
     };
     assert!((at(1.0) + at(-1.0)).abs() > 0.1 * at(1.0).abs());
@@ -102,7 +111,8 @@ fn viscoelastic_line() {
     let with = |relaxation: f64| {
         let mut effect = effects::parse("viscoelastic_line=0.5").unwrap();
         effect.set("relaxation_s", relaxation).unwrap();
-        let parameters = Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+        let parameters =
+            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
         settle(Plant::new(parameters, vec![effect]).unwrap(), 1.0, 2000)
     };
     // Long relaxation: stiffer by half. Short: as declared.
@@ -112,7 +122,8 @@ fn viscoelastic_line() {
 
 #[test]
 fn leakage() {
-    let parameters = Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+    let parameters =
+        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
     let (a, area) = (parameters.slave_displacement_m_per_rad(), parameters.hose_area_m2);
     let mut plant = plant(parameters, &["leakage=1e-12"]);
     let torque = 1.0;
@@ -133,9 +144,11 @@ fn leakage() {
 fn backlash() {
     let a = Parameters::traced().slave_displacement_m_per_rad();
     let am = Parameters::traced().master_displacement_m_per_rad();
-    for (name, play) in
-        [("backlash@slave=0.02", 0.02), ("backlash@line=0.001", 1e-3 / a), ("backlash@master=0.02", 0.02 * am / a)]
-    {
+    for (name, play) in [
+        ("backlash@slave=0.02", 0.02),
+        ("backlash@line=0.001", 1e-3 / a),
+        ("backlash@master=0.02", 0.02 * am / a),
+    ] {
         let found = held(&[name], 1.0) - held(&[name], -1.0) - 2.0 * held(&[], 1.0);
         close(found, play, 1e-2);
     }
@@ -143,12 +156,18 @@ fn backlash() {
 
 #[test]
 fn line_damping() {
-    // Free swing of the slave against the held master: the mode's decay is the sum of fluid's and ports'.
+    // Free swing of the slave against the held master: the mode's decay is the sum of fluid's and
+    // ports'.
     let rate = |damping: f64, names: &[&str]| {
-        let parameters = Parameters { port_damping_n_s_per_m: damping, ..frictionless(Parameters::traced()) };
+        let parameters =
+            Parameters { port_damping_n_s_per_m: damping, ..frictionless(Parameters::traced()) };
         let a = parameters.slave_displacement_m_per_rad();
         let mut plant = plant(parameters, names);
-        plant.set_state(State { slave_position_rad: 0.1, line_position_m: [0.05 * a; 2], ..State::default() });
+        plant.set_state(State {
+            slave_position_rad: 0.1,
+            line_position_m: [0.05 * a; 2],
+            ..State::default()
+        });
         let mut peaks = [0.0_f64; 2];
         for index in 0..1600 {
             plant.step_imposed(ImposedMotion::default(), 0.0, DT_S);
@@ -165,7 +184,8 @@ fn line_damping() {
 fn coulomb_friction() {
     close(breakaway(&["coulomb_friction@slave=0.3"], 0.0, 1.0, 0.0), 2.6, 1e-3);
     // At the master: free run at 1 V less 0.3 N·m.
-    let mut free = plant(frictionless(loose(Parameters::printed())), &["coulomb_friction@master=0.3"]);
+    let mut free =
+        plant(frictionless(loose(Parameters::printed())), &["coulomb_friction@master=0.3"]);
     for _ in 0..100 {
         free.step(volts(1.0), DT_S);
     }
@@ -193,14 +213,22 @@ fn asymmetric_friction() {
     close(breakaway(&["asymmetric_friction@slave=0.2"], 0.0, 1.0, 0.0), 2.5, 1e-3);
     close(breakaway(&["asymmetric_friction@slave=0.2"], 0.0, -1.0, 0.0), 2.1, 1e-3);
     // The viscous part: terminal speed forward under 0.2 N·m of dry and 0.02 N·m·s/rad.
-    close(free_slave(&["asymmetric_friction@slave=0.2"], 0.6, 2.0).slave_velocity_rad_s, 20.0, 1e-3);
+    close(
+        free_slave(&["asymmetric_friction@slave=0.2"], 0.6, 2.0).slave_velocity_rad_s,
+        20.0,
+        1e-3,
+    );
 }
 
 #[test]
 fn position_dependent_friction() {
     for position in [-1.0, 0.0, 0.7] {
         let expected = 2.3 * (1.0 + 0.3 * (position + 0.785_f64).sin());
-        close(breakaway(&["position_dependent_friction@slave=0.3"], position, 1.0, 0.0), expected, 1e-3);
+        close(
+            breakaway(&["position_dependent_friction@slave=0.3"], position, 1.0, 0.0),
+            expected,
+            1e-3,
+        );
     }
 }
 
@@ -212,7 +240,11 @@ fn load_dependent_friction() {
         for index in 1..20_000 {
             let position = f64::from(index) * 1e-5;
             let before = plant.state().transmitted_torque_nm;
-            plant.step_imposed(ImposedMotion { position_rad: position, velocity_rad_s: 0.02 }, 0.0, DT_S);
+            plant.step_imposed(
+                ImposedMotion { position_rad: position, velocity_rad_s: 0.02 },
+                0.0,
+                DT_S,
+            );
             if plant.state().slave_velocity_rad_s != 0.0 {
                 return before;
             }
@@ -225,7 +257,8 @@ fn load_dependent_friction() {
 
 #[test]
 fn presliding_hysteresis() {
-    // Torque rises slowly to 2 N·m of 2.3: half is dry (1.15), the bristles hold 0.85 of their 1.15.
+    // Torque rises slowly to 2 N·m of 2.3: half is dry (1.15), the bristles hold 0.85 of their
+    // 1.15.
     let flat = Parameters {
         slave_falling_slope_nm_s: 0.0,
         slave_kinetic_friction_nm: 2.3,
@@ -248,14 +281,19 @@ fn presliding_hysteresis() {
 
 #[test]
 fn gravity_imbalance() {
-    let state = free_slave(&["gravity_imbalance@slave=0.2", "viscous_friction@slave=0.02"], 0.1, 4.0);
+    let state =
+        free_slave(&["gravity_imbalance@slave=0.2", "viscous_friction@slave=0.02"], 0.1, 4.0);
     close(state.slave_position_rad, 0.5_f64.asin(), 1e-3);
 }
 
 #[test]
 fn extra_inertia() {
     let expected = 0.01 * 0.1 / (slave_inertia() + 1e-3);
-    close(free_slave(&["extra_inertia@slave=0.001"], 0.01, 0.1).slave_velocity_rad_s, expected, 1e-3);
+    close(
+        free_slave(&["extra_inertia@slave=0.001"], 0.01, 0.1).slave_velocity_rad_s,
+        expected,
+        1e-3,
+    );
 }
 
 #[test]
@@ -287,13 +325,21 @@ fn amplifier() {
     close(torque("amplifier_deadzone=0.1", 0.5, DT_S), 1.8 * 0.4, 1e-12);
     assert_eq!(torque("amplifier_deadzone=0.1", -0.09, DT_S), 0.0);
     // The torque is that of the middle of the last internal step of 0.25 ms.
-    close(torque("amplifier_lag=0.005", 1.0, 5e-3), 1.8 * (1.0 - (-(5e-3 - 0.125e-3) / 5e-3_f64).exp()), 1e-9);
+    close(
+        torque("amplifier_lag=0.005", 1.0, 5e-3),
+        1.8 * (1.0 - (-(5e-3 - 0.125e-3) / 5e-3_f64).exp()),
+        1e-9,
+    );
 }
 
 #[test]
 fn thermal_drift() {
     close(breakaway(&["thermal_drift@slave=0.5"], 0.0, 1.0, 0.0), 2.3 * 1.5, 1e-3);
-    close(breakaway(&["thermal_drift@slave=0.5"], 0.0, 1.0, 20.0), 2.3 * (1.0 + 0.5 * (-1.0_f64).exp()), 1e-3);
+    close(
+        breakaway(&["thermal_drift@slave=0.5"], 0.0, 1.0, 20.0),
+        2.3 * (1.0 + 0.5 * (-1.0_f64).exp()),
+        1e-3,
+    );
     // Twice the loss when cold: the flow decays twice as fast.
     let decay = |names: &[&str]| {
         let mut plant = plant(frictionless(loose(Parameters::printed())), names);
@@ -308,7 +354,8 @@ fn thermal_drift() {
 
 #[test]
 fn periodic_disturbance() {
-    let mut shaken = plant(frictionless(loose(Parameters::printed())), &["periodic_disturbance@slave=0.2"]);
+    let mut shaken =
+        plant(frictionless(loose(Parameters::printed())), &["periodic_disturbance@slave=0.2"]);
     let mut fastest = 0.0_f64;
     for _ in 0..400 {
         shaken.step(hand(0.0), DT_S);
@@ -321,7 +368,11 @@ fn periodic_disturbance() {
 fn sensors() {
     let reading = |name: &str, torque: f64| {
         let mut plant = plant(Parameters::printed(), &[name]);
-        plant.set_state(State { slave_position_rad: 0.5, master_position_rad: 0.6, ..State::default() });
+        plant.set_state(State {
+            slave_position_rad: 0.5,
+            master_position_rad: 0.6,
+            ..State::default()
+        });
         for _ in 0..20 {
             plant.step(Input { motor_v: 0.1, hand_torque_nm: torque }, DT_S);
         }
@@ -340,7 +391,8 @@ fn sensors() {
     assert_eq!(read.master_rad, state.master_position_rad);
 }
 
-/// Every effect at every site: the plant stays finite, differs from the plain one, and the energy is accounted for.
+/// Every effect at every site: the plant stays finite, differs from the plain one, and the energy
+/// is accounted for.
 #[test]
 fn every_effect_changes_something_and_breaks_nothing() {
     let run = |names: &[&str]| {
@@ -348,7 +400,10 @@ fn every_effect_changes_something_and_breaks_nothing() {
         let mut readings = Vec::new();
         for index in 0..4000 {
             let time = f64::from(index) * DT_S;
-            let input = Input { motor_v: 3.5 * (9.0 * time).sin(), hand_torque_nm: 1.0 * (4.0 * time).cos() };
+            let input = Input {
+                motor_v: 3.5 * (9.0 * time).sin(),
+                hand_torque_nm: 1.0 * (4.0 * time).cos(),
+            };
             plant.step(input, DT_S);
             readings.push(*plant.reading());
         }
@@ -364,11 +419,19 @@ fn every_effect_changes_something_and_breaks_nothing() {
                     + (a.slave_rad - b.slave_rad).abs()
                     + (a.slave_torque_nm - b.slave_torque_nm).abs()
             };
-            let change: f64 = readings.iter().zip(&plain).map(difference).sum::<f64>() / plain.len() as f64;
-            println!("{name}: {change:.2e}, energy open {:.1e}", with.energy().defect_j() / with.energy().throughput_j);
+            let change: f64 =
+                readings.iter().zip(&plain).map(difference).sum::<f64>() / plain.len() as f64;
+            println!(
+                "{name}: {change:.2e}, energy open {:.1e}",
+                with.energy().defect_j() / with.energy().throughput_j
+            );
             assert!(change.is_finite() && change > 1e-5, "{name}: {change}");
             let energy = with.energy();
-            assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{name}: {} {energy:?}", energy.defect_j());
+            assert!(
+                energy.defect_j().abs() < 2e-3 * energy.throughput_j,
+                "{name}: {} {energy:?}",
+                energy.defect_j()
+            );
             let copy = with.clone();
             assert_eq!(copy.state(), with.state());
         }
@@ -386,7 +449,9 @@ fn names_and_sites_are_those_of_the_interface() {
             assert_eq!(effect.site(), place.site);
             let size = effect.infos()[0].name;
             assert_eq!(effect.get(size), Some(place.size));
-            let effect = effects::parse(&format!("{}@{}={}", entry.id, place.site, 0.5 * place.size)).unwrap();
+            let effect =
+                effects::parse(&format!("{}@{}={}", entry.id, place.site, 0.5 * place.size))
+                    .unwrap();
             assert_eq!(effect.get(size), Some(0.5 * place.size));
         }
     }
@@ -403,7 +468,13 @@ fn errors_name_what_is_allowed() {
     assert!(number.to_string().contains("`much`"), "{number}");
     for bad in ["backlash=-1", "backlash=NaN", "backlash=inf"] {
         let range = effects::parse(bad).unwrap_err();
-        assert!(matches!(range, EffectError::Size { error: ParameterError::OutOfRange { .. }, .. }), "{bad}: {range}");
+        assert!(
+            matches!(range, EffectError::Size { error: ParameterError::OutOfRange { .. }, .. }),
+            "{bad}: {range}"
+        );
     }
-    assert!(matches!(effects::make("leakage", Site::Slave, 1e-12), Err(EffectError::WrongSite { .. })));
+    assert!(matches!(
+        effects::make("leakage", Site::Slave, 1e-12),
+        Err(EffectError::WrongSite { .. })
+    ));
 }

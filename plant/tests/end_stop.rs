@@ -30,7 +30,11 @@ fn a_hand_that_pushes_comes_to_the_stop_and_no_further() {
             for _ in 0..8000 {
                 plant.step(input, STEP_S);
                 farthest = farthest.max((plant.motion().slave_position_rad - end) * side);
-                assert_eq!(plant.reading().slave_torque_nm, 4.0 * side, "the torque cell measures the hand alone");
+                assert_eq!(
+                    plant.reading().slave_torque_nm,
+                    4.0 * side,
+                    "the torque cell measures the hand alone"
+                );
             }
             let beyond = (plant.motion().slave_position_rad - end) * side;
             assert!(beyond > 0.0 && beyond < 0.06, "{beyond} rad beyond the stop");
@@ -59,8 +63,8 @@ fn away_from_the_stops_nothing_changes() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
-    /// Thrown against the stops by any input: the balance closes, and once nobody drives, what is stored in machine and
-    /// stop only falls.
+    /// Thrown against the stops by any input: the balance closes, and once nobody drives, what is
+    /// stored in machine and stop only falls.
     #[test]
     fn a_stop_gives_no_energy(
         levels in prop::collection::vec((-6.0_f64..6.0, -4.0_f64..4.0), 5..20),

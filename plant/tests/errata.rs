@@ -30,24 +30,35 @@ fn linear_fits_are_not_what_the_text_says() {
         let grid = || (1..200_000).map(|index| f64::from(index) * 1e-3);
         let found = grid().max_by(|a, b| gain(formula, *a).total_cmp(&gain(formula, *b))).unwrap();
         close(found, peak, 1e-3);
-        close(grid().find(|hz| *hz > peak && gain(formula, *hz) < FRAC_1_SQRT_2).unwrap(), cutoff, 1e-3);
+        close(
+            grid().find(|hz| *hz > peak && gain(formula, *hz) < FRAC_1_SQRT_2).unwrap(),
+            cutoff,
+            1e-3,
+        );
     }
 }
 
-/// A slave that sticks, a line that the master winds up slowly: what the lines store is what the motor gave. With the
-/// torque of eq. 3.1.12 as printed, `r F`, the motor would have given 1/1.780 of what was stored.
+/// A slave that sticks, a line that the master winds up slowly: what the lines store is what the
+/// motor gave. With the torque of eq. 3.1.12 as printed, `r F`, the motor would have given 1/1.780
+/// of what was stored.
 #[test]
 fn torques_without_area_ratio_do_not_balance() {
     let parameters = common::frictionless(Parameters::printed());
-    let parameters = Parameters { slave_static_friction_nm: 40.0, slave_kinetic_friction_nm: 40.0, ..parameters };
+    let parameters = Parameters {
+        slave_static_friction_nm: 40.0,
+        slave_kinetic_friction_nm: 40.0,
+        ..parameters
+    };
     let mut plant = Plant::new(parameters, Vec::new()).unwrap();
     let mut printed_work = 0.0;
     for index in 1..=4000 {
         let before = plant.state().master_position_rad;
         // Slow at both ends, so that the fluid hardly swings.
         let angle = PI * f64::from(index) / 4000.0;
-        let target =
-            ImposedMotion { position_rad: 0.05 * (1.0 - angle.cos()), velocity_rad_s: 0.05 * PI / 2.0 * angle.sin() };
+        let target = ImposedMotion {
+            position_rad: 0.05 * (1.0 - angle.cos()),
+            velocity_rad_s: 0.05 * PI / 2.0 * angle.sin(),
+        };
         plant.step_imposed(target, 0.0, 0.5e-3);
         let state = plant.state();
         let force = -(state.line_force_master_n[0] + state.line_force_master_n[1]);
@@ -59,13 +70,17 @@ fn torques_without_area_ratio_do_not_balance() {
     close(energy.stored_j / printed_work, 1.780, 2e-2);
 }
 
-/// The linear part of ch. 3 (master held, fluid friction, port damping), explicit Euler at 2 kHz, as § 3.2 has it.
+/// The linear part of ch. 3 (master held, fluid friction, port damping), explicit Euler at 2 kHz,
+/// as § 3.2 has it.
 #[test]
 fn explicit_euler_at_2_khz_diverges() {
     let printed = Parameters::printed();
     let (k, damping) = (2.0 * printed.line_stiffness_n_per_m(), printed.port_damping_n_s_per_m);
-    let (a, mass, inertia) =
-        (printed.slave_displacement_m_per_rad(), printed.fluid_mass_kg(), printed.slave_inertia_kg_m2());
+    let (a, mass, inertia) = (
+        printed.slave_displacement_m_per_rad(),
+        printed.fluid_mass_kg(),
+        printed.slave_inertia_kg_m2(),
+    );
     let loss = printed.pipe().coefficient(0.0);
     let (mut s, mut s_dot, mut q, mut q_dot) = (1e-3_f64, 0.0, 0.0, 0.0);
     for _ in 0..2000 {

@@ -1,12 +1,13 @@
-//! Every friction law: loses energy and never gives any, holds at rest, is mirrored, converges, and has its closed form.
+//! Every friction law: loses energy and never gives any, holds at rest, is mirrored, converges, and
+//! has its closed form.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
 
 use common::{close, frictionless, loose, plant};
 use plant::friction::{
-    self, Asymmetric, Coulomb, Dahl, FrictionLaw, LAWS, LawEntry, Load, LoadDependent, LuGre, OperatingPoint,
-    PositionDependent, StribeckCurve, Viscous, resistance,
+    self, Asymmetric, Coulomb, Dahl, FrictionLaw, LAWS, LawEntry, Load, LoadDependent, LuGre,
+    OperatingPoint, PositionDependent, StribeckCurve, Viscous, resistance,
 };
 use proptest::prelude::*;
 
@@ -25,7 +26,15 @@ struct Mass {
 impl Mass {
     fn new(law: Box<dyn FrictionLaw>) -> Self {
         let (inertia, transmitted) = (2e-3, 0.0);
-        Self { law, inertia, position: 0.0, velocity: 0.0, increment: 0.0, transmitted, lost_and_stored: 0.0 }
+        Self {
+            law,
+            inertia,
+            position: 0.0,
+            velocity: 0.0,
+            increment: 0.0,
+            transmitted,
+            lost_and_stored: 0.0,
+        }
     }
 
     /// One step; returns what the law lost, J.
@@ -43,7 +52,10 @@ impl Mass {
         load.force += force;
         let moved = friction::advance(self.velocity, step, &load);
         self.law.settle(moved.displacement, step);
-        let kinetic = 0.5 * self.inertia * (moved.velocity - self.velocity) * (moved.velocity + self.velocity);
+        let kinetic = 0.5
+            * self.inertia
+            * (moved.velocity - self.velocity)
+            * (moved.velocity + self.velocity);
         self.increment = if moved.velocity == 0.0 { 0.0 } else { moved.velocity - self.velocity };
         self.position += moved.displacement;
         self.velocity = moved.velocity;
@@ -53,7 +65,8 @@ impl Mass {
     }
 }
 
-/// A law with its parameters multiplied: `parts` from 0 to 1 stand for a third to three times the default.
+/// A law with its parameters multiplied: `parts` from 0 to 1 stand for a third to three times the
+/// default.
 fn varied(entry: &LawEntry, parts: &[f64]) -> Box<dyn FrictionLaw> {
     let mut law = entry.build();
     for (info, part) in entry.parameters.iter().zip(parts.iter().cycle()) {
@@ -92,9 +105,15 @@ fn the_list_says_what_the_laws_are() {
         assert!(!entry.what.is_empty() && !entry.source.is_empty());
         assert_eq!(friction::find(entry.name).unwrap().name, entry.name);
         // Symmetry as declared: the same speed either way from upright bristles.
-        let at = |velocity: f64| OperatingPoint { position: 0.3, velocity, transmitted: 1.0, step: 1e-3 };
+        let at = |velocity: f64| OperatingPoint {
+            position: 0.3,
+            velocity,
+            transmitted: 1.0,
+            step: 1e-3,
+        };
         let (mut one, mut other) = (entry.build(), entry.build());
-        let (forward, backward) = (resistance(one.as_mut(), &at(2.0)), resistance(other.as_mut(), &at(-2.0)));
+        let (forward, backward) =
+            (resistance(one.as_mut(), &at(2.0)), resistance(other.as_mut(), &at(-2.0)));
         assert!(forward > 0.0 && backward < 0.0, "{}: against movement", entry.name);
         assert!(!entry.symmetric || forward == -backward, "{}: {forward} {backward}", entry.name);
     }
@@ -127,7 +146,8 @@ proptest! {
         prop_assert!(mass.lost_and_stored.is_finite());
     }
 
-    /// Round a closed path, whatever its shape and steps, a law takes at least what its bristles come to hold.
+    /// Round a closed path, whatever its shape and steps, a law takes at least what its bristles
+    /// come to hold.
     #[test]
     fn a_closed_cycle_loses_energy(
         (entry, parts) in any_law(),
@@ -175,7 +195,8 @@ proptest! {
         }
     }
 
-    /// Once stopped by a force that cannot move it, a mass never moves again; before, it turns at most once.
+    /// Once stopped by a force that cannot move it, a mass never moves again; before, it turns at
+    /// most once.
     #[test]
     fn no_chatter_under_a_constant_force(
         (entry, parts) in law_of(|entry| !entry.presliding && entry.name != "viscous"),
@@ -219,10 +240,12 @@ fn stick_never_drifts() {
         let mut farthest = 0.0_f64;
         let mut late = (f64::INFINITY, f64::NEG_INFINITY);
         for index in 0..100_000 {
-            // Slowly to 0.4 of what holds; a law with exact stick is shaken besides, by half of what holds.
+            // Slowly to 0.4 of what holds; a law with exact stick is shaken besides, by half of
+            // what holds.
             let constant = (f64::from(index) * 1e-4).min(0.4);
             let shake = (f64::from(index) * 0.37).sin() * (f64::from(index) * 1e-4).min(0.5);
-            // Dahl's bristle swings nearly for ever, and creeps as it swings: the mass has some damping of its own.
+            // Dahl's bristle swings nearly for ever, and creeps as it swings: the mass has some
+            // damping of its own.
             let own = if entry.presliding { -0.1 * mass.velocity } else { held * shake };
             mass.step(held * constant + own, 5e-4);
             farthest = farthest.max(mass.position.abs());
@@ -233,7 +256,11 @@ fn stick_never_drifts() {
             }
         }
         if entry.presliding {
-            println!("{}: farthest {farthest:.4} rad, over the last 25 s {:.1e} rad", entry.name, late.1 - late.0);
+            println!(
+                "{}: farthest {farthest:.4} rad, over the last 25 s {:.1e} rad",
+                entry.name,
+                late.1 - late.0
+            );
             let elastic = held / entry.build().get("stiffness").unwrap();
             assert!(farthest < elastic, "{}: {farthest}", entry.name);
             assert!(late.1 - late.0 < 1e-3 * elastic, "{}: creeps", entry.name);
@@ -241,7 +268,8 @@ fn stick_never_drifts() {
     }
 }
 
-/// What the documentation of both bristle laws warns of; the rigid laws are held to the opposite above.
+/// What the documentation of both bristle laws warns of; the rigid laws are held to the opposite
+/// above.
 #[test]
 fn bristles_creep_when_shaken() {
     for entry in LAWS.iter().filter(|entry| entry.presliding) {
@@ -256,7 +284,11 @@ fn bristles_creep_when_shaken() {
             *position = mass.position;
         }
         println!("{}: shaken at 20 Hz, at {positions:.4?} rad after 1, 2, 3 s", entry.name);
-        assert!(positions[1] > positions[0] && positions[2] > positions[1], "{}: {positions:?}", entry.name);
+        assert!(
+            positions[1] > positions[0] && positions[2] > positions[1],
+            "{}: {positions:?}",
+            entry.name
+        );
     }
 }
 
@@ -270,7 +302,8 @@ fn second_order() {
         let (mut time, mut trace) = (0.0, Vec::new());
         for _ in 0..100 {
             for _ in 0..(2e-3 / step).round() as usize {
-                // With a start that is no whole number of steps away, so that kinks fall anywhere within one.
+                // With a start that is no whole number of steps away, so that kinks fall anywhere
+                // within one.
                 mass.step(3.3 * (21.7 * (time + 0.5 * step) + 0.3).sin(), step);
                 time += step;
             }
@@ -281,7 +314,8 @@ fn second_order() {
     for entry in LAWS {
         let fine = run(entry, 2e-3 / 2048.0);
         let error = |step: f64| {
-            let square: f64 = run(entry, step).iter().zip(&fine).map(|(one, two)| (one - two).powi(2)).sum();
+            let square: f64 =
+                run(entry, step).iter().zip(&fine).map(|(one, two)| (one - two).powi(2)).sum();
             (square / fine.len() as f64).sqrt()
         };
         let errors = [8.0, 16.0, 32.0].map(|parts| error(2e-3 / parts));
@@ -337,7 +371,11 @@ fn breakaway_is_the_declared() {
     close(pushed(&asymmetric, 0.0, -1.0), 1.0, 1e-5);
     let curve = || -> Box<dyn FrictionLaw> { Box::new(StribeckCurve::default()) };
     close(pushed(&curve, 0.0, -1.0), 2.3, 1e-5);
-    let wave = PositionDependent { overtone_amplitude: 0.2, overtone_phase: 0.4, ..PositionDependent::default() };
+    let wave = PositionDependent {
+        overtone_amplitude: 0.2,
+        overtone_phase: 0.4,
+        ..PositionDependent::default()
+    };
     for position in [-2.0, 0.0, 0.7_f64] {
         let factor = 1.0 + 0.3 * (position + 0.785).sin() + 0.2 * (2.0 * position + 0.4).sin();
         close(pushed(&|| Box::new(wave), position, 1.0), 0.95 * factor, 1e-5);
@@ -370,7 +408,9 @@ fn load_dependent_friction_saturates() {
 /// Force over a travel at constant speed, from upright bristles.
 fn slide(law: &mut dyn FrictionLaw, speed: f64, travel: f64, steps: usize) -> f64 {
     let step = travel / speed.abs() / steps as f64;
-    (0..steps).fold(0.0, |_, _| resistance(law, &OperatingPoint { velocity: speed, step, ..OperatingPoint::default() }))
+    (0..steps).fold(0.0, |_, _| {
+        resistance(law, &OperatingPoint { velocity: speed, step, ..OperatingPoint::default() })
+    })
 }
 
 #[test]
@@ -384,7 +424,11 @@ fn dahl_starts_with_its_stiffness_and_ends_at_its_level() {
         let middle = travel * (1.0 - 0.5 / 1000.0);
         let expected = 0.9 * (1.0 - (-50.0 * middle / 0.9_f64).exp());
         close(slide(&mut law, speed, travel, steps), expected * speed.signum(), 1e-6);
-        close(law.deflection(), speed.signum() * 0.9 / 50.0 * (1.0 - (-50.0 * travel / 0.9_f64).exp()), 1e-9);
+        close(
+            law.deflection(),
+            speed.signum() * 0.9 / 50.0 * (1.0 - (-50.0 * travel / 0.9_f64).exp()),
+            1e-9,
+        );
     }
     // In one coarse step, too, the deflection is exact.
     let mut law = Dahl::new(0.9, 50.0);
@@ -404,8 +448,8 @@ fn lugre_slides_on_its_stribeck_curve() {
     }
 }
 
-/// Canudas de Wit et al. 1995, § III: friction lags behind speed, so that it is higher while speed rises than while it
-/// falls; the more, the faster it varies.
+/// Canudas de Wit et al. 1995, § III: friction lags behind speed, so that it is higher while speed
+/// rises than while it falls; the more, the faster it varies.
 #[test]
 fn lugre_friction_lags_behind_speed() {
     let loop_width = |frequency: f64| {
@@ -417,8 +461,12 @@ fn lugre_friction_lags_behind_speed() {
         for index in 0..2 * parts {
             let angle = std::f64::consts::TAU * f64::from(index) / f64::from(parts);
             let velocity = 2.0 - 1.5 * angle.cos();
-            let found = resistance(&mut law, &OperatingPoint { velocity, step, ..OperatingPoint::default() });
-            // Speed 2 rad/s comes a quarter into the last period, rising, and three quarters in, falling.
+            let found = resistance(
+                &mut law,
+                &OperatingPoint { velocity, step, ..OperatingPoint::default() },
+            );
+            // Speed 2 rad/s comes a quarter into the last period, rising, and three quarters in,
+            // falling.
             match index - parts {
                 1000 => at_two[0] = found,
                 3000 => at_two[1] = found,
@@ -429,10 +477,14 @@ fn lugre_friction_lags_behind_speed() {
     };
     let widths = [0.1, 1.0, 10.0].map(loop_width);
     println!("friction at 2 rad/s, rising less falling, at 0.1, 1, 10 Hz: {widths:.4?} N m");
-    assert!(widths[0] > 0.0 && widths[1] > 5.0 * widths[0] && widths[2] > 3.0 * widths[1], "{widths:?}");
+    assert!(
+        widths[0] > 0.0 && widths[1] > 5.0 * widths[0] && widths[2] > 3.0 * widths[1],
+        "{widths:?}"
+    );
 }
 
-/// The effect is the law: a slave on its own with all of its dry friction as bristles moves as a mass under Dahl's law.
+/// The effect is the law: a slave on its own with all of its dry friction as bristles moves as a
+/// mass under Dahl's law.
 #[test]
 fn presliding_effect_is_dahl_s_law() {
     let parameters = plant::hydrostatic::Parameters {

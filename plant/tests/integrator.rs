@@ -6,18 +6,26 @@ mod common;
 use common::{DT_S, close, frictionless, loose, plant};
 use plant::hydrostatic::{Correction, ImposedMotion, Input, Parameters, Plant, State};
 
-/// Slave and lines against a held master. With the slave as a mass `μ = I_s / 2a²` per line and `k = 2K`:
-/// `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
+/// Slave and lines against a held master. With the slave as a mass `μ = I_s / 2a²` per line and `k
+/// = 2K`: `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
 #[test]
 fn mode_against_held_master_has_the_closed_form_frequency() {
-    let parameters = Parameters { fluid_viscosity_pa_s: 1e-5, ..frictionless(Parameters::printed()) };
+    let parameters =
+        Parameters { fluid_viscosity_pa_s: 1e-5, ..frictionless(Parameters::printed()) };
     let (a, mass) = (parameters.slave_displacement_m_per_rad(), parameters.fluid_mass_kg());
-    let (k, mu) = (2.0 * parameters.line_stiffness_n_per_m(), parameters.slave_inertia_kg_m2() / (2.0 * a * a));
+    let (k, mu) = (
+        2.0 * parameters.line_stiffness_n_per_m(),
+        parameters.slave_inertia_kg_m2() / (2.0 * a * a),
+    );
     let square = k * ((2.0 * mu + mass) - (4.0 * mu * mu + mass * mass).sqrt()) / (2.0 * mass * mu);
     let mut plant = Plant::new(parameters, Vec::new()).unwrap();
     // The mode's shape: the slave's equation gives a q / s.
     let slave = 1e-6 * (k / mu) / (k / mu - square) / a;
-    plant.set_state(State { slave_position_rad: slave, line_position_m: [1e-6; 2], ..State::default() });
+    plant.set_state(State {
+        slave_position_rad: slave,
+        line_position_m: [1e-6; 2],
+        ..State::default()
+    });
     let (mut crossings, mut first, mut last, mut before) = (0, 0.0, 0.0, slave);
     for index in 1..=20_000 {
         plant.step_imposed(ImposedMotion::default(), 0.0, DT_S);
@@ -41,7 +49,8 @@ fn mode_against_held_master_has_the_closed_form_frequency() {
 fn modes_of_the_free_plant() {
     let modes = Parameters::printed().modes_rad_s();
     assert!(modes[0] < 1e-2, "the whole moves freely: {modes:?}");
-    // The antisymmetric movement of the two lines against each other: both ends stand still, ω² = 4K/m.
+    // The antisymmetric movement of the two lines against each other: both ends stand still, ω² =
+    // 4K/m.
     let printed = Parameters::printed();
     let against = (4.0 * printed.line_stiffness_n_per_m() / printed.fluid_mass_kg()).sqrt();
     assert!(modes.iter().any(|mode| (mode / against - 1.0).abs() < 1e-6), "{modes:?} {against}");
@@ -177,8 +186,11 @@ fn observed_errors(parameters: &Parameters, amplitude_v: f64) -> Vec<f64> {
 
 #[test]
 fn second_order_without_dry_friction() {
-    let parameters =
-        Parameters { port_damping_n_s_per_m: 20.0, motor_viscous_nm_s: 0.05, ..frictionless(Parameters::traced()) };
+    let parameters = Parameters {
+        port_damping_n_s_per_m: 20.0,
+        motor_viscous_nm_s: 0.05,
+        ..frictionless(Parameters::traced())
+    };
     let errors = observed_errors(&parameters, 1.0);
     println!("{errors:?}");
     for pair in errors.windows(2) {
@@ -213,7 +225,8 @@ fn mirrored_input_gives_the_mirrored_movement() {
     assert!(forward.state().slave_position_rad != 0.0);
 }
 
-/// Length and diameter over the whole range of the studies: bounded, and the same with half the step.
+/// Length and diameter over the whole range of the studies: bounded, and the same with half the
+/// step.
 #[test]
 fn stable_over_the_range_of_hoses() {
     for length in [0.5, 1.0, 5.0, 10.0, 20.0] {
@@ -238,7 +251,10 @@ fn stable_over_the_range_of_hoses() {
                 let scale = range.max(0.1);
                 let error = (coarse.master_position_rad - fine.master_position_rad).abs() / scale;
                 assert!(error < 2e-3, "{length} {diameter}: {error} {coarse:?} {fine:?}");
-                assert!(energy.defect_j().abs() < 1e-3 * energy.throughput_j, "{length} {diameter}: {energy:?}");
+                assert!(
+                    energy.defect_j().abs() < 1e-3 * energy.throughput_j,
+                    "{length} {diameter}: {energy:?}"
+                );
             }
         }
     }
@@ -268,7 +284,10 @@ fn smoothed_friction_tends_to_the_exact_one() {
         let mut plant = Plant::new(parameters, Vec::new()).unwrap();
         let mut most = 0.0_f64;
         for index in 0..2000 {
-            plant.step(Input { motor_v: 3.0 * (f64::from(index) * 0.006).sin(), hand_torque_nm: 0.0 }, DT_S);
+            plant.step(
+                Input { motor_v: 3.0 * (f64::from(index) * 0.006).sin(), hand_torque_nm: 0.0 },
+                DT_S,
+            );
             most = most.max(plant.state().slave_position_rad.abs());
         }
         most
@@ -278,12 +297,17 @@ fn smoothed_friction_tends_to_the_exact_one() {
     assert!(near < 5e-3 * exact && far > near, "{exact} {near} {far}");
 }
 
-/// A model that starts elsewhere and is pulled toward another, as an observer does, ends where that one is.
+/// A model that starts elsewhere and is pulled toward another, as an observer does, ends where that
+/// one is.
 #[test]
 fn correction_pulls_one_plant_to_another() {
     let mut truth = plant(Parameters::traced(), &[]);
     let mut model = plant(Parameters::traced(), &[]);
-    model.set_state(State { master_position_rad: 0.2, slave_position_rad: -0.1, ..State::default() });
+    model.set_state(State {
+        master_position_rad: 0.2,
+        slave_position_rad: -0.1,
+        ..State::default()
+    });
     let omega = 60.0;
     let mut gaps = Vec::new();
     for index in 0..4000 {
@@ -291,8 +315,10 @@ fn correction_pulls_one_plant_to_another() {
         truth.step(input, DT_S);
         model.step(input, DT_S);
         let (a, b) = (truth.state(), *model.state());
-        let (master, slave) =
-            (a.master_position_rad - b.master_position_rad, a.slave_position_rad - b.slave_position_rad);
+        let (master, slave) = (
+            a.master_position_rad - b.master_position_rad,
+            a.slave_position_rad - b.slave_position_rad,
+        );
         model.correct(Correction {
             master_position_rad: 1.4 * omega * DT_S * master,
             master_velocity_rad_s: omega * omega * DT_S * master,

@@ -35,7 +35,8 @@ fn by_name() {
         parameters.set(info.name, info.minimum).unwrap();
         assert_eq!(parameters.get(info.name), Some(info.minimum));
         parameters.set(info.name, info.printed).unwrap();
-        let beyond = if info.maximum.is_finite() { info.maximum * 1.1 + 1.0 } else { info.minimum - 1.0 };
+        let beyond =
+            if info.maximum.is_finite() { info.maximum * 1.1 + 1.0 } else { info.minimum - 1.0 };
         let error = parameters.set(info.name, beyond).unwrap_err();
         assert!(error.to_string().contains(info.name), "{error}");
         assert!(parameters.set(info.name, f64::NAN).is_err());
@@ -52,7 +53,11 @@ fn another_hose_leaves_the_cylinders() {
     let thin = Parameters::printed().with_hose_diameter(0.005);
     let printed = Parameters::printed();
     close(thin.hose_area_m2, std::f64::consts::PI * 0.0025 * 0.0025, 1e-12);
-    close(thin.master_area_ratio * thin.hose_area_m2, printed.master_area_ratio * printed.hose_area_m2, 1e-12);
+    close(
+        thin.master_area_ratio * thin.hose_area_m2,
+        printed.master_area_ratio * printed.hose_area_m2,
+        1e-12,
+    );
     close(thin.transmission_ratio(), printed.transmission_ratio(), 1e-12);
 }
 
@@ -70,8 +75,13 @@ fn encoder_floors() {
 
 #[test]
 fn torque_cell_noise_is_seeded_and_sized() {
-    let parameters =
-        TorqueCellParameters { volts_per_nm: 2.0, offset_v: 0.1, noise_v: 0.01, bandwidth_hz: 100.0, limit_v: 10.0 };
+    let parameters = TorqueCellParameters {
+        volts_per_nm: 2.0,
+        offset_v: 0.1,
+        noise_v: 0.01,
+        bandwidth_hz: 100.0,
+        limit_v: 10.0,
+    };
     let read = |seed: u64| {
         let mut cell = TorqueCell::new(parameters, seed);
         (0..20_000).map(|_| cell.read(1.0, 0.5e-3)).collect::<Vec<_>>()
@@ -81,21 +91,34 @@ fn torque_cell_noise_is_seeded_and_sized() {
     assert_ne!(first, other);
     let settled = &first[1000..];
     let mean = settled.iter().sum::<f64>() / settled.len() as f64;
-    let deviation = (settled.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / settled.len() as f64).sqrt();
+    let deviation =
+        (settled.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / settled.len() as f64).sqrt();
     close(mean, 2.1, 1e-3);
     close(deviation, 0.01, 0.03);
     // The low pass, without noise: 63 % after 1 / (2π f).
     let quiet = TorqueCellParameters { noise_v: 0.0, offset_v: 0.0, ..parameters };
     let mut cell = TorqueCell::new(quiet, 0);
-    close(cell.read(1.0, 1.0 / (std::f64::consts::TAU * 100.0)), 2.0 * (1.0 - (-1.0_f64).exp()), 1e-9);
-    let mut cell = TorqueCell::new(TorqueCellParameters { bandwidth_hz: f64::INFINITY, limit_v: 1.0, ..quiet }, 0);
+    close(
+        cell.read(1.0, 1.0 / (std::f64::consts::TAU * 100.0)),
+        2.0 * (1.0 - (-1.0_f64).exp()),
+        1e-9,
+    );
+    let mut cell = TorqueCell::new(
+        TorqueCellParameters { bandwidth_hz: f64::INFINITY, limit_v: 1.0, ..quiet },
+        0,
+    );
     assert_eq!(cell.read(100.0, 0.5e-3), 1.0);
 }
 
 #[test]
 fn drive_approaches_its_terminal_speed_and_stops_with_coulomb_friction() {
-    let parameters = drive::Parameters { mass_kg: 95.0, viscous_friction_n_s_per_m: 200.0, force_offset_n: -3.0 };
-    let mut plant = drive::Plant::new(parameters.clone(), effects(&["coulomb_friction@slave=20"])).unwrap();
+    let parameters = drive::Parameters {
+        mass_kg: 95.0,
+        viscous_friction_n_s_per_m: 200.0,
+        force_offset_n: -3.0,
+    };
+    let mut plant =
+        drive::Plant::new(parameters.clone(), effects(&["coulomb_friction@slave=20"])).unwrap();
     let tau: f64 = 95.0 / 200.0;
     for _ in 0..1000 {
         plant.step(117.0, 1e-3);

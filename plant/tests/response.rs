@@ -12,9 +12,12 @@ fn at(parameters: &Parameters, frequency_hz: f64, amplitude_deg: f64) -> Respons
 /// Frequency of the largest gain, and where the gain falls below 0.707 above it.
 fn peak_and_cutoff_hz(parameters: &Parameters, from: f64, to: f64, step: f64) -> (f64, f64) {
     let count = ((to - from) / step).round() as usize;
-    let curve: Vec<_> = (0..=count).map(|index| at(parameters, from + step * index as f64, 30.0)).collect();
+    let curve: Vec<_> =
+        (0..=count).map(|index| at(parameters, from + step * index as f64, 30.0)).collect();
     let peak = curve.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap().frequency_hz;
-    let cutoff = curve.iter().find(|point| point.frequency_hz > peak && point.gain < std::f64::consts::FRAC_1_SQRT_2);
+    let cutoff = curve
+        .iter()
+        .find(|point| point.frequency_hz > peak && point.gain < std::f64::consts::FRAC_1_SQRT_2);
     (peak, cutoff.map_or(f64::INFINITY, |point| point.frequency_hz))
 }
 
@@ -50,7 +53,8 @@ fn traced_line_of_one_metre_gives_the_short_hose() {
     assert!((70.0..=80.0).contains(&cutoff), "cut-off {cutoff} Hz, eq. 3.3.2 has 72.7");
 }
 
-/// The lag at 1 Hz is made by dry friction across a soft line: less amplitude, more lag; less friction, less lag.
+/// The lag at 1 Hz is made by dry friction across a soft line: less amplitude, more lag; less
+/// friction, less lag.
 #[test]
 fn lag_depends_on_amplitude_and_friction() {
     let traced = Parameters::traced();

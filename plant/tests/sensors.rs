@@ -6,8 +6,9 @@ mod common;
 use common::{DT_S, close};
 use plant::ParameterSet;
 use plant::sensors::{
-    Drift, EMG_CHANNELS, EdgePeriod, Emg, EmgParameters, Encoder, EncoderCounter, EncoderCounterParameters,
-    FilteredDifference, Muscle, Phases, QuadratureDecoder, ScannerTrigger, TorqueCell, TorqueCellParameters, Unwrap,
+    Drift, EMG_CHANNELS, EdgePeriod, Emg, EmgParameters, Encoder, EncoderCounter,
+    EncoderCounterParameters, FilteredDifference, Muscle, Phases, QuadratureDecoder,
+    ScannerTrigger, TorqueCell, TorqueCellParameters, Unwrap,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -15,7 +16,8 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
 proptest! {
-    /// What an instrument makes of a quantity, its own inverse makes the quantity again, within what it must lose.
+    /// What an instrument makes of a quantity, its own inverse makes the quantity again, within
+    /// what it must lose.
     #[test]
     fn units_come_back(
         counts_per_turn in 100.0_f64..1e5,
@@ -115,12 +117,16 @@ fn decoder_counts_what_it_missed() {
 
 #[test]
 fn counter_wraps_latches_and_refuses() {
-    let parameters =
-        EncoderCounterParameters { counts_per_turn: 100.0, bits: 8.0, ..EncoderCounterParameters::default() };
+    let parameters = EncoderCounterParameters {
+        counts_per_turn: 100.0,
+        bits: 8.0,
+        ..EncoderCounterParameters::default()
+    };
     let mut counter = EncoderCounter::new(&parameters).unwrap();
     let position = |counts: f64| (counts + 0.5) * TAU / 100.0;
     assert_eq!(counter.read(position(-1.0)).raw, 255);
-    // Up over 0, 100 and 200: three latches, the last at 200; back into 200 is one more, out of it none.
+    // Up over 0, 100 and 200: three latches, the last at 200; back into 200 is one more, out of it
+    // none.
     let up = counter.read(position(257.0));
     assert_eq!((up.raw, up.latched, up.latches), (1, 200, 3));
     assert_eq!(counter.read(position(200.0)).latches, 4);
@@ -131,7 +137,8 @@ fn counter_wraps_latches_and_refuses() {
     assert_eq!(counter.read(f64::NAN), back);
     counter.read(f64::INFINITY);
     counter.read(f64::NEG_INFINITY);
-    let reversed = EncoderCounterParameters { direction: -1.0, ..EncoderCounterParameters::default() };
+    let reversed =
+        EncoderCounterParameters { direction: -1.0, ..EncoderCounterParameters::default() };
     let mut counter = EncoderCounter::new(&reversed).unwrap();
     counter.read(0.0);
     assert_eq!(Unwrap::new(32).update(counter.read(-TAU).raw), 20_000);
@@ -184,7 +191,8 @@ fn filtered_difference_has_the_documented_noise() {
     let mut generator = Pcg64Mcg::seed_from_u64(4);
     let (mut square, count) = (0.0, 200_000);
     for _ in 0..count {
-        square += estimate.update(1e-4 * generator.random::<f64>()).velocity.powi(2) / f64::from(count);
+        square +=
+            estimate.update(1e-4 * generator.random::<f64>()).velocity.powi(2) / f64::from(count);
     }
     close(square.sqrt(), 0.1 * gain / (6.0 * (2.0 - gain)).sqrt(), 0.01);
 }
@@ -193,7 +201,8 @@ fn filtered_difference_has_the_documented_noise() {
 fn edge_period_lags_as_it_says() {
     let encoder = Encoder::per_turn(4000.0);
     let pitch = TAU / 4000.0;
-    // Constant speed, from far fewer to far more than an edge a reading, both ways: no error but rounding.
+    // Constant speed, from far fewer to far more than an edge a reading, both ways: no error but
+    // rounding.
     for speed in [0.05, -0.5, 3.0, -40.0] {
         let mut estimate = EdgePeriod::new(encoder, 1.0);
         let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
@@ -206,10 +215,18 @@ fn edge_period_lags_as_it_says() {
             }
         }
         let period = pitch / f64::abs(speed);
-        let (low, high) = if period < DT_S { (0.5 * DT_S, 0.5 * DT_S + period) } else { (0.5 * period, 1.5 * period) };
-        assert!(least >= low * 0.999 && most <= high * 1.001, "{speed}: {least} {most}, {low} {high}");
+        let (low, high) = if period < DT_S {
+            (0.5 * DT_S, 0.5 * DT_S + period)
+        } else {
+            (0.5 * period, 1.5 * period)
+        };
+        assert!(
+            least >= low * 0.999 && most <= high * 1.001,
+            "{speed}: {least} {most}, {low} {high}"
+        );
     }
-    // Constant acceleration: the speed of `lag` ago. Edges are interpolated, so to second order in the step.
+    // Constant acceleration: the speed of `lag` ago. Edges are interpolated, so to second order in
+    // the step.
     let mut estimate = EdgePeriod::new(encoder, 1.0);
     for index in 0..4000 {
         let time = f64::from(index) * DT_S;
@@ -244,7 +261,13 @@ fn edge_period_sees_no_speed_in_a_trembling_edge() {
 }
 
 fn cell() -> TorqueCellParameters {
-    TorqueCellParameters { volts_per_nm: 2.0, offset_v: 0.1, noise_v: 0.0, bandwidth_hz: f64::INFINITY, limit_v: 10.0 }
+    TorqueCellParameters {
+        volts_per_nm: 2.0,
+        offset_v: 0.1,
+        noise_v: 0.0,
+        bandwidth_hz: f64::INFINITY,
+        limit_v: 10.0,
+    }
 }
 
 #[test]
@@ -274,17 +297,24 @@ fn torque_cell_drifts_as_declared() {
     }
     // Drift leaves the noise as it was, and clips with the rest.
     let noisy = TorqueCellParameters { noise_v: 0.01, ..cell() };
-    let (mut plain, mut with) = (TorqueCell::new(noisy, 9), TorqueCell::new(noisy, 9).with_drift(ramp));
+    let (mut plain, mut with) =
+        (TorqueCell::new(noisy, 9), TorqueCell::new(noisy, 9).with_drift(ramp));
     for _ in 0..100 {
         let difference = with.read(0.0, DT_S) - plain.read(0.0, DT_S);
         assert!((difference - with.wandered_v()).abs() < 1e-12);
     }
-    let mut far = TorqueCell::new(cell(), 1).with_drift(Drift { ramp_v_per_s: 1e3, ..Drift::default() });
+    let mut far =
+        TorqueCell::new(cell(), 1).with_drift(Drift { ramp_v_per_s: 1e3, ..Drift::default() });
     assert_eq!(far.read(0.0, 1.0), 10.0);
 }
 
 /// Readings of all channels under a constant torque, after the muscles have settled.
-fn emg(parameters: EmgParameters, torque: f64, count: usize, seed: u64) -> Vec<[f64; EMG_CHANNELS]> {
+fn emg(
+    parameters: EmgParameters,
+    torque: f64,
+    count: usize,
+    seed: u64,
+) -> Vec<[f64; EMG_CHANNELS]> {
     let mut emg = Emg::new(parameters, DT_S, seed).unwrap();
     for _ in 0..4000 {
         emg.read(torque);
@@ -293,15 +323,18 @@ fn emg(parameters: EmgParameters, torque: f64, count: usize, seed: u64) -> Vec<[
 }
 
 fn rms(readings: &[[f64; EMG_CHANNELS]], channel: usize) -> f64 {
-    (readings.iter().map(|volts| volts[channel].powi(2)).sum::<f64>() / readings.len() as f64).sqrt()
+    (readings.iter().map(|volts| volts[channel].powi(2)).sum::<f64>() / readings.len() as f64)
+        .sqrt()
 }
 
 /// Power density over frequency bins: Hann windows of `length` samples, averaged.
 fn spectrum(signal: &[f64], length: usize) -> Vec<f64> {
-    let table: Vec<(f64, f64)> = (0..length).map(|index| (TAU * index as f64 / length as f64).sin_cos()).collect();
+    let table: Vec<(f64, f64)> =
+        (0..length).map(|index| (TAU * index as f64 / length as f64).sin_cos()).collect();
     let mut power = vec![0.0; length / 2];
     for part in signal.chunks_exact(length) {
-        let windowed: Vec<f64> = part.iter().zip(&table).map(|(value, (_, cosine))| value * (1.0 - cosine)).collect();
+        let windowed: Vec<f64> =
+            part.iter().zip(&table).map(|(value, (_, cosine))| value * (1.0 - cosine)).collect();
         for (bin, power) in power.iter_mut().enumerate() {
             let (mut real, mut imaginary) = (0.0, 0.0);
             for (index, value) in windowed.iter().enumerate() {
@@ -339,7 +372,11 @@ fn emg_amplitude_is_proportional_to_activation() {
         let readings = emg(parameters.clone(), torque, 60_000, 5);
         let agonist = usize::from(torque < 0.0);
         for channel in 0..EMG_CHANNELS {
-            let excited = if channel % 2 == agonist { part } else { (torque.abs() / 5.0 * 0.15_f64).min(1.0) };
+            let excited = if channel % 2 == agonist {
+                part
+            } else {
+                (torque.abs() / 5.0 * 0.15_f64).min(1.0)
+            };
             close(rms(&readings, channel), 0.2 * excited, 0.025);
         }
     }
@@ -363,7 +400,8 @@ fn emg_channels_are_independent_and_seeded() {
     let readings = emg(EmgParameters::default(), 3.0, 60_000, 11);
     for one in 0..EMG_CHANNELS {
         for other in 0..one {
-            let product: f64 = readings.iter().map(|volts| volts[one] * volts[other]).sum::<f64>() / 60_000.0;
+            let product: f64 =
+                readings.iter().map(|volts| volts[one] * volts[other]).sum::<f64>() / 60_000.0;
             let correlation = product / (rms(&readings, one) * rms(&readings, other));
             assert!(correlation.abs() < 0.025, "{one} {other}: {correlation}");
         }
@@ -393,7 +431,8 @@ fn activation_follows_excitation() {
 fn emg_electrodes_can_be_placed() {
     let mut placed = [(Muscle::Flexor, 1.0); EMG_CHANNELS];
     placed[5] = (Muscle::Extensor, 0.5);
-    let parameters = EmgParameters { floor_rms_v: 0.0, cocontraction: 0.0, ..EmgParameters::default() };
+    let parameters =
+        EmgParameters { floor_rms_v: 0.0, cocontraction: 0.0, ..EmgParameters::default() };
     let mut emg = Emg::new(parameters.clone(), DT_S, 1).unwrap().with_channels(placed);
     let readings: Vec<_> = (0..20_000).map(|_| emg.read(-5.0)).collect();
     assert_eq!(rms(&readings, 1), 0.0);
@@ -404,12 +443,15 @@ fn emg_electrodes_can_be_placed() {
 
 #[test]
 fn scanner_trigger_pulses_once_a_volume() {
-    let trigger = ScannerTrigger { start_s: 1.0, volumes: 3.0, ..ScannerTrigger::default() }.checked().unwrap();
+    let trigger = ScannerTrigger { start_s: 1.0, volumes: 3.0, ..ScannerTrigger::default() }
+        .checked()
+        .unwrap();
     assert_eq!(
         [0.0, 0.999, 1.0, 2.999, 3.0, 6.999, 7.0].map(|time| trigger.volume(time)),
         [None, None, Some(0), Some(0), Some(1), Some(2), None]
     );
-    // At 2 kHz, with times as a loop adds them up: 20 samples low in each of three pulses, each begins on its sample.
+    // At 2 kHz, with times as a loop adds them up: 20 samples low in each of three pulses, each
+    // begins on its sample.
     let (mut time, mut low, mut starts, mut before) = (0.0, 0, Vec::new(), false);
     for index in 0..20_000 {
         let pulse = trigger.is_pulse(trigger.volts(time));

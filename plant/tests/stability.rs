@@ -10,11 +10,22 @@ const SPEED: f64 = 26.18;
 const NONE: Hand = HANDS[0];
 
 fn sampling(hz: f64) -> Sampling {
-    Sampling { period_s: 1.0 / hz, answer_s: 1e-3, velocity_hz: 40.0, acceleration_hz: 10.0, cell_hz: 200.0 }
+    Sampling {
+        period_s: 1.0 / hz,
+        answer_s: 1e-3,
+        velocity_hz: 40.0,
+        acceleration_hz: 10.0,
+        cell_hz: 200.0,
+    }
 }
 
 fn axis(parameters: hydrostatic::Parameters, hz: f64, law: Law) -> Loop {
-    Loop { machine: Machine::new(&parameters.into(), SPEED), sampling: sampling(hz), gear: 1.0, law }
+    Loop {
+        machine: Machine::new(&parameters.into(), SPEED),
+        sampling: sampling(hz),
+        gear: 1.0,
+        law,
+    }
 }
 
 fn force(hz: f64) -> Law {
@@ -43,8 +54,9 @@ fn frictionless(mut parameters: hydrostatic::Parameters) -> hydrostatic::Paramet
     parameters
 }
 
-/// Growth of a real, frictionless plant under the sampled position law, by simulation from a small push (1/s): from the envelope of the
-/// slave's movement over two windows, when faster modes are gone.
+/// Growth of a real, frictionless plant under the sampled position law, by simulation from a small
+/// push (1/s): from the envelope of the slave's movement over two windows, when faster modes are
+/// gone.
 fn simulated_growth(parameters: hydrostatic::Parameters, law: Law, seconds: f64) -> f64 {
     let Law::Position { proportional, derivative } = law else { panic!("a position law") };
     let mut plant = any::Parameters::from(parameters).plant(Vec::new()).unwrap();
@@ -73,7 +85,8 @@ fn simulated_growth(parameters: hydrostatic::Parameters, law: Law, seconds: f64)
 
 #[test]
 fn growth_is_that_of_the_plant_itself() {
-    // Stable and unstable, soft line and stiff: the poles say what the simulation without friction does.
+    // Stable and unstable, soft line and stiff: the poles say what the simulation without friction
+    // does.
     for (parameters, raised) in [
         (hydrostatic::Parameters::traced(), 1.0),
         (hydrostatic::Parameters::traced(), 3.0),
@@ -81,19 +94,33 @@ fn growth_is_that_of_the_plant_itself() {
         (hydrostatic::Parameters::printed(), 0.5),
     ] {
         let parameters = frictionless(parameters);
-        let expected = growth(&[axis(parameters.clone(), 500.0, position(raised))], &Field::default(), &NONE, 1.0);
+        let expected = growth(
+            &[axis(parameters.clone(), 500.0, position(raised))],
+            &Field::default(),
+            &NONE,
+            1.0,
+        );
         // Long enough for the mode that grows to leave all others behind.
         let seconds = (20.0 / expected.abs()).clamp(0.05, 6.0);
         let found = simulated_growth(parameters, position(raised), seconds);
         println!("P and D times {raised}: poles {expected:.2}/s, simulated {found:.2}/s");
-        assert!((found - expected).abs() < 0.15 * expected.abs() + 0.1, "poles {expected}/s, simulated {found}/s");
+        assert!(
+            (found - expected).abs() < 0.15 * expected.abs() + 0.1,
+            "poles {expected}/s, simulated {found}/s"
+        );
     }
 }
 
 #[test]
 fn raised_gains_are_gains_raised() {
-    let at =
-        |law, raised| growth(&[axis(hydrostatic::Parameters::traced(), 500.0, law)], &Field::default(), &NONE, raised);
+    let at = |law, raised| {
+        growth(
+            &[axis(hydrostatic::Parameters::traced(), 500.0, law)],
+            &Field::default(),
+            &NONE,
+            raised,
+        )
+    };
     assert!((at(position(1.0), MARGIN) - at(position(MARGIN), 1.0)).abs() < 1e-9);
 }
 
@@ -104,7 +131,11 @@ fn a_free_handle_stands_and_what_is_no_number_passes_nothing() {
     assert!(still.abs() < 1e-3, "{still}");
     assert!(check(&[free], &Field::default()).is_ok());
     for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        for field in [Field::of_one(wrong, 0.0, 0.0), Field::of_one(0.0, wrong, 0.0), Field::of_one(0.0, 0.0, wrong)] {
+        for field in [
+            Field::of_one(wrong, 0.0, 0.0),
+            Field::of_one(0.0, wrong, 0.0),
+            Field::of_one(0.0, 0.0, wrong),
+        ] {
             assert!(check(&[free], &field).is_err(), "{field:?}");
         }
         let law = Law::Position { proportional: wrong, derivative: 0.0 };
@@ -115,12 +146,21 @@ fn a_free_handle_stands_and_what_is_no_number_passes_nothing() {
 
 #[test]
 fn both_rates_agree_where_the_answer_comes_as_late() {
-    for field in
-        [Field::default(), Field::of_one(5.0, 0.0, 0.0), Field::of_one(0.0, 0.5, 0.0), Field::of_one(0.0, 0.0, 0.005)]
-    {
+    for field in [
+        Field::default(),
+        Field::of_one(5.0, 0.0, 0.0),
+        Field::of_one(0.0, 0.5, 0.0),
+        Field::of_one(0.0, 0.0, 0.005),
+    ] {
         for hand in HANDS {
-            let [slow, fast, faster] = [500.0, 1000.0, 2000.0]
-                .map(|hz| growth(&[axis(hydrostatic::Parameters::traced(), hz, force(hz))], &field, &hand, 1.0));
+            let [slow, fast, faster] = [500.0, 1000.0, 2000.0].map(|hz| {
+                growth(
+                    &[axis(hydrostatic::Parameters::traced(), hz, force(hz))],
+                    &field,
+                    &hand,
+                    1.0,
+                )
+            });
             assert!(
                 (slow - fast).abs() < 0.5 && (fast - faster).abs() < 0.5,
                 "{field:?} {hand:?}: {slow} {fast} {faster}"
@@ -144,7 +184,8 @@ fn two_axes_without_coupling_are_as_stable_as_one_and_a_curl_couples_them() {
         let single = growth(&[one], &Field::of_one(2.0, 0.1, 0.001), &hand, 1.0);
         let mut both = Field::default();
         for at in 0..2 {
-            (both.stiffness[at][at], both.damping[at][at], both.inertia[at][at]) = (2.0, 0.1, 0.001);
+            (both.stiffness[at][at], both.damping[at][at], both.inertia[at][at]) =
+                (2.0, 0.1, 0.001);
         }
         assert!((growth(&[one, one], &both, &hand, 1.0) - single).abs() < 1e-6, "{hand:?}");
     }

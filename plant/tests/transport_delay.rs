@@ -35,7 +35,8 @@ fn transport_delay_of_drive_and_sensor() {
     }
 }
 
-/// Nothing reaches the slave before the dead time; afterwards it does, and the element makes no energy of its own.
+/// Nothing reaches the slave before the dead time; afterwards it does, and the element makes no
+/// energy of its own.
 #[test]
 fn transport_delay_of_line() {
     let mut late = plant(frictionless(Parameters::traced()), &["transport_delay@line=0.02"]);
@@ -55,12 +56,16 @@ fn transport_delay_of_line() {
     }
     let rest = *damped.state();
     assert_eq!(rest.slave_velocity_rad_s, 0.0);
-    assert!((rest.slave_position_rad - Parameters::traced().transmission_ratio()).abs() < 0.2, "{rest:?}");
+    assert!(
+        (rest.slave_position_rad - Parameters::traced().transmission_ratio()).abs() < 0.2,
+        "{rest:?}"
+    );
 }
 
 #[test]
 fn transport_delay_of_line_bears_strong_damping() {
-    let mut strong = plant(Parameters::printed(), &["transport_delay@line=0.01", "line_damping=900"]);
+    let mut strong =
+        plant(Parameters::printed(), &["transport_delay@line=0.01", "line_damping=900"]);
     let mut farthest = 0.0_f64;
     for index in 0..4000 {
         strong.step(volts(4.0 * (f64::from(index) * 0.01).sin()), DT_S);
@@ -71,11 +76,13 @@ fn transport_delay_of_line_bears_strong_damping() {
     assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{energy:?}");
 }
 
-/// Whatever the dead time, the element gives back no more than it took: not even after thousands of reflections.
+/// Whatever the dead time, the element gives back no more than it took: not even after thousands of
+/// reflections.
 #[test]
 fn transport_delay_of_line_makes_no_energy() {
     for delay_ms in [0.3, 0.5, 1.0, 2.0, 5.0, 7.0, 20.0] {
-        for parameters in [frictionless(Parameters::printed()), frictionless(Parameters::traced())] {
+        for parameters in [frictionless(Parameters::printed()), frictionless(Parameters::traced())]
+        {
             let name = format!("transport_delay@line={}", delay_ms * 1e-3);
             let mut late = plant(parameters, &[&name]);
             let mut farthest = [0.0_f64; 2];
@@ -84,14 +91,26 @@ fn transport_delay_of_line_makes_no_energy() {
                 let rate = std::f64::consts::TAU * 6.0;
                 let (sine, cosine) = (rate * f64::from(index.min(4000)) * DT_S).sin_cos();
                 let velocity_rad_s = if index < 4000 { 0.3 * rate * cosine } else { 0.0 };
-                late.step_imposed(ImposedMotion { position_rad: 0.3 * sine, velocity_rad_s }, 0.0, DT_S);
-                // What is in masses, springs and waves: the balance counts the declared springs as stored.
+                late.step_imposed(
+                    ImposedMotion { position_rad: 0.3 * sine, velocity_rad_s },
+                    0.0,
+                    DT_S,
+                );
+                // What is in masses, springs and waves: the balance counts the declared springs as
+                // stored.
                 let EnergyBalance { stored_j, effects_j, throughput_j, .. } = late.energy();
-                assert!(stored_j + effects_j > -1e-3 * throughput_j, "{name}, step {index}: {:?}", late.energy());
+                assert!(
+                    stored_j + effects_j > -1e-3 * throughput_j,
+                    "{name}, step {index}: {:?}",
+                    late.energy()
+                );
                 let moved = &mut farthest[usize::from(index > 4000)];
                 *moved = moved.max(late.state().slave_position_rad.abs());
             }
-            assert!(farthest[0] > 0.2 && farthest[1] < 1.2 * farthest[0], "{name}: {farthest:?} rad");
+            assert!(
+                farthest[0] > 0.2 && farthest[1] < 1.2 * farthest[0],
+                "{name}: {farthest:?} rad"
+            );
             let energy = late.energy();
             assert!(energy.defect_j().abs() < 1e-4 * energy.throughput_j, "{name}: {energy:?}");
         }

@@ -1,8 +1,8 @@
 //! A rig of real processes for one test: own name, own directory, taken down whatever happens.
 //!
-//! Whole-system tests take turns through a file lock, because two cores bear one rig in real time, not several.
-//! A test process can join one rig only (the library's configuration is process-wide): a test that
-//! subscribes or publishes itself has a test binary of its own.
+//! Whole-system tests take turns through a file lock, because two cores bear one rig in real time,
+//! not several. A test process can join one rig only (the library's configuration is process-wide):
+//! a test that subscribes or publishes itself has a test binary of its own.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod host;
@@ -17,7 +17,8 @@ use runtime::RigName;
 use rustix::fs::{FlockOperation, flock};
 
 /// The units of a simulated rig.
-pub const WORKERS: [&str; 7] = ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
+pub const WORKERS: [&str; 7] =
+    ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
 
 /// A rig under test.
 pub struct TestRig {
@@ -28,8 +29,9 @@ pub struct TestRig {
 }
 
 impl TestRig {
-    /// Waits for its turn. `tag` makes the rig's name together with the process id. On a machine that cannot run a rig in real time
-    /// ([`host::stalls`]) it takes the best-effort profile, and says so.
+    /// Waits for its turn. `tag` makes the rig's name together with the process id. On a machine
+    /// that cannot run a rig in real time ([`host::stalls`]) it takes the best-effort profile, and
+    /// says so.
     pub fn new(tag: &str) -> Self {
         let user = rustix::process::geteuid().as_raw();
         let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
@@ -40,13 +42,15 @@ impl TestRig {
         let best_effort = host::stalls();
         if best_effort {
             let longest = host::longest_delay().unwrap_or_default();
-            eprintln!("this machine takes its processors away for up to {longest:.1?}: best-effort profile");
+            eprintln!(
+                "this machine takes its processors away for up to {longest:.1?}: best-effort profile"
+            );
         }
         Self { name, best_effort, directory, _turn: turn }
     }
 
-    /// The same in the best-effort profile, for what has nothing to do with timing: a machine that is held up for milliseconds then
-    /// does not trip the rig.
+    /// The same in the best-effort profile, for what has nothing to do with timing: a machine that
+    /// is held up for milliseconds then does not trip the rig.
     pub fn patient(tag: &str) -> Self {
         let mut rig = Self::new(tag);
         rig.best_effort = true;
@@ -63,7 +67,10 @@ impl TestRig {
     }
 
     /// The binary, with the rig's name in its environment.
-    pub fn farreach<I: AsRef<std::ffi::OsStr>>(&self, arguments: impl IntoIterator<Item = I>) -> Command {
+    pub fn farreach<I: AsRef<std::ffi::OsStr>>(
+        &self,
+        arguments: impl IntoIterator<Item = I>,
+    ) -> Command {
         let mut command = farreach();
         command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
         if self.best_effort {
@@ -89,8 +96,9 @@ impl TestRig {
         self.ok(["up", "--simulate"]);
     }
 
-    /// `reset`, `arm`, `enable`, in this order until the last is done: a fault may still stand, the machine still move, and a machine
-    /// that is held up trips the rig between two of them, rightly; then a person begins again.
+    /// `reset`, `arm`, `enable`, in this order until the last is done: a fault may still stand, the
+    /// machine still move, and a machine that is held up trips the rig between two of them,
+    /// rightly; then a person begins again.
     pub fn power_up(&self) {
         let mut last = String::new();
         let done = wait_for(Duration::from_secs(60), || {
@@ -119,7 +127,10 @@ impl TestRig {
         let Some(unit) = status.unit(unit) else { return status.launcher.to_string() };
         let log = std::fs::read_to_string(&unit.log).unwrap_or_default();
         let tail: Vec<&str> = log.lines().rev().take(12).collect();
-        format!("{:?}, {:?}; its log, last line first: {tail:#?}", unit.restart_reason, unit.last_exit)
+        format!(
+            "{:?}, {:?}; its log, last line first: {tail:#?}",
+            unit.restart_reason, unit.last_exit
+        )
     }
 
     /// Where the launcher keeps its files.
@@ -153,7 +164,11 @@ impl Drop for TestRig {
         }
         std::thread::sleep(Duration::from_millis(50));
         for path in self.remains() {
-            let _removed = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+            let _removed = if path.is_dir() {
+                std::fs::remove_dir_all(path)
+            } else {
+                std::fs::remove_file(path)
+            };
         }
     }
 }
@@ -180,13 +195,16 @@ pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = std::fs::read_dir("/dev/shm")
         .unwrap()
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| *path == directory || path.file_name().unwrap().to_string_lossy().starts_with(&mark))
+        .filter(|path| {
+            *path == directory || path.file_name().unwrap().to_string_lossy().starts_with(&mark)
+        })
         .collect();
     found.sort();
     found
 }
 
-/// What a rig holds in shared memory, without its run directory (logs and status, which are no segments).
+/// What a rig holds in shared memory, without its run directory (logs and status, which are no
+/// segments).
 #[derive(Clone, Debug, Default)]
 pub struct Footprint {
     /// Each file and folder, with its bytes.
@@ -217,27 +235,36 @@ impl Footprint {
         }
     }
 
-    /// Number of entries, and their bytes without those of `.details`, a text in which process ids stand in full length.
+    /// Number of entries, and their bytes without those of `.details`, a text in which process ids
+    /// stand in full length.
     pub fn size(&self) -> (usize, u64) {
         let counts = |path: &Path| path.extension().is_none_or(|kind| kind != "details");
-        (self.entries.len(), self.entries.iter().filter(|(path, _)| counts(path)).map(|(_, bytes)| bytes).sum())
+        (
+            self.entries.len(),
+            self.entries.iter().filter(|(path, _)| counts(path)).map(|(_, bytes)| bytes).sum(),
+        )
     }
 
     /// Number of entries of each kind (the extension).
     pub fn kinds(&self) -> std::collections::BTreeMap<String, usize> {
         let mut kinds = std::collections::BTreeMap::new();
         for path in self.entries.keys() {
-            let kind = path.extension().map_or_else(|| "folder or plain".into(), |kind| kind.to_string_lossy());
+            let kind = path
+                .extension()
+                .map_or_else(|| "folder or plain".into(), |kind| kind.to_string_lossy());
             *kinds.entry(kind.into_owned()).or_default() += 1;
         }
         kinds
     }
 
-    /// Entries that name a process which is dead: the library's identifiers hold the process id in bits 64 to 95.
+    /// Entries that name a process which is dead: the library's identifiers hold the process id in
+    /// bits 64 to 95.
     pub fn of_the_dead(&self) -> Vec<String> {
         let dead = |digits: &str| {
             digits.len() >= 20
-                && digits.parse::<u128>().is_ok_and(|id| !Path::new(&format!("/proc/{}", (id >> 64) as u32)).exists())
+                && digits
+                    .parse::<u128>()
+                    .is_ok_and(|id| !Path::new(&format!("/proc/{}", (id >> 64) as u32)).exists())
         };
         self.entries
             .keys()
@@ -256,8 +283,9 @@ pub fn processes_of(name: &RigName) -> Vec<i32> {
         .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse::<i32>().ok())
         .filter(|pid| *pid != own)
         .filter(|pid| {
-            std::fs::read(format!("/proc/{pid}/environ"))
-                .is_ok_and(|text| text.split(|byte| *byte == 0).any(|entry| entry == mark.as_bytes()))
+            std::fs::read(format!("/proc/{pid}/environ")).is_ok_and(|text| {
+                text.split(|byte| *byte == 0).any(|entry| entry == mark.as_bytes())
+            })
         })
         .collect()
 }
@@ -270,7 +298,8 @@ pub fn kill(pid: i32, signal: i32) {
     }
 }
 
-/// Waits until something holds; `false` if it never did. The limit only ends a test that has failed.
+/// Waits until something holds; `false` if it never did. The limit only ends a test that has
+/// failed.
 pub fn wait_for(limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
     let started = Instant::now();
     loop {
@@ -284,7 +313,8 @@ pub fn wait_for(limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
     }
 }
 
-/// A measured record beside the project, where it is there. The test that gets `None` must skip, and says so.
+/// A measured record beside the project, where it is there. The test that gets `None` must skip,
+/// and says so.
 pub fn measured(file: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(file);
     if path.exists() {

@@ -1,8 +1,9 @@
-//! A member of the rig under test: reads all topics, and leads the handle through a slow sine, so that volts flow whenever
-//! there is power.
+//! A member of the rig under test: reads all topics, and leads the handle through a slow sine, so
+//! that volts flow whenever there is power.
 //!
-//! Time is counted in ticks of the card (0.5 ms): the virtual card clocks every tick, also those for which it was late, so
-//! that its scans tell what the motor got and when, however loaded the machine is.
+//! Time is counted in ticks of the card (0.5 ms): the virtual card clocks every tick, also those
+//! for which it was late, so that its scans tell what the motor got and when, however loaded the
+//! machine is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
@@ -12,8 +13,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, ENABLE_LINE, EnableLine, EnableToken, Message, Mode, MotorCommand, Process, Profile,
-    SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TOPICS, TripCause, WatchdogState,
+    CARD_SCAN, COMMAND, CardScan, ENABLE_LINE, EnableLine, EnableToken, Message, Mode,
+    MotorCommand, Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TOPICS, TripCause,
+    WatchdogState,
 };
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
 use runtime::{Domain, Lives, RawSubscriber, RigName, Service, lives, open_raw};
@@ -33,8 +35,8 @@ pub fn tick_of(time_ns: u64) -> u64 {
     time_ns / TICK_NS
 }
 
-/// Ticks from a process's last word within which volts must no longer reach the motor, by the safety case's bounds and one
-/// cycle of each party that passes it on; `None` where it has none.
+/// Ticks from a process's last word within which volts must no longer reach the motor, by the
+/// safety case's bounds and one cycle of each party that passes it on; `None` where it has none.
 pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
     let lives = lives(profile);
     let bound_ns = match process {
@@ -45,7 +47,8 @@ pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
         // The line pauses (SR-24).
         "acquisition" if profile == Profile::Realtime => 10 * MILLISECOND_NS,
         "acquisition" => 60 * MILLISECOND_NS,
-        // The gate is quicker, but without real-time scheduling it may be late itself: then the line ends it.
+        // The gate is quicker, but without real-time scheduling it may be late itself: then the
+        // line ends it.
         "control" => lives.peer_lost_ns + lives.line_ns,
         _ => return None,
     };
@@ -125,7 +128,8 @@ pub struct Seen {
 
 impl Seen {
     fn take_in(&mut self, topic: &'static str, bytes: &[u8]) {
-        let word = |index: usize| u64::from_le_bytes(bytes[8 * index..8 * index + 8].try_into().unwrap());
+        let word =
+            |index: usize| u64::from_le_bytes(bytes[8 * index..8 * index + 8].try_into().unwrap());
         // Every message begins with session, incarnation, sequence, time.
         let (incarnation, sequence, time_ns) = (word(1), word(2), word(3));
         let stream = self.streams.entry(topic).or_default();
@@ -197,17 +201,24 @@ impl Seen {
 
     /// Causes that the watchdog named since the mark while it was tripped or faulted.
     pub fn causes(&self) -> BTreeSet<TripCause> {
-        let faulted = |token: &&Token| matches!(token.state, WatchdogState::Tripped | WatchdogState::Faulted);
+        let faulted =
+            |token: &&Token| matches!(token.state, WatchdogState::Tripped | WatchdogState::Faulted);
         self.tokens.iter().filter(faulted).map(|token| token.cause).collect()
     }
 
-    /// When power, volts and leave came and went since the mark, and the longest pauses, for messages.
+    /// When power, volts and leave came and went since the mark, and the longest pauses, for
+    /// messages.
     pub fn account(&self) -> String {
         let mut text = String::new();
         let mut before = None;
         for scan in &self.scans {
-            if before.replace((scan.incarnation, scan.power)) != Some((scan.incarnation, scan.power)) {
-                text += &format!("card {:x} tick {} power {}\n", scan.incarnation, scan.tick, scan.power);
+            if before.replace((scan.incarnation, scan.power))
+                != Some((scan.incarnation, scan.power))
+            {
+                text += &format!(
+                    "card {:x} tick {} power {}\n",
+                    scan.incarnation, scan.tick, scan.power
+                );
             }
         }
         let mut before = None;
@@ -221,7 +232,10 @@ impl Seen {
         text += &format!("line last toggled at tick {toggled}, toggle {}\n", self.toggled.1);
         for (topic, stream) in &self.streams {
             let pause_ms = stream.pause_ns as f64 * 1e-6;
-            text += &format!("{topic}: pause {pause_ms:.1} ms, missed by this reader {}\n", stream.lost);
+            text += &format!(
+                "{topic}: pause {pause_ms:.1} ms, missed by this reader {}\n",
+                stream.lost
+            );
         }
         text
     }
@@ -255,12 +269,15 @@ impl Witness {
             }
         });
         let witness = Self { seen, domain, stop, leads, threads: vec![reader] };
-        witness.until("all fast topics speak", |seen| seen.newest_token.is_some() && seen.command.is_some());
+        witness.until("all fast topics speak", |seen| {
+            seen.newest_token.is_some() && seen.command.is_some()
+        });
         witness
     }
 
-    /// Keeps this many cores busy, at normal priority, for as long as the witness lives; a rig of the best-effort profile is
-    /// spared: that others' work does not hold a rig up is what the real-time class is for.
+    /// Keeps this many cores busy, at normal priority, for as long as the witness lives; a rig of
+    /// the best-effort profile is spared: that others' work does not hold a rig up is what the
+    /// real-time class is for.
     pub fn load(&mut self, cores: usize) {
         if self.profile() == Profile::BestEffort {
             return;
@@ -271,7 +288,9 @@ impl Witness {
                 let mut state = 1u64;
                 while !stop.load(Ordering::Relaxed) {
                     for _ in 0..10_000 {
-                        state = std::hint::black_box(state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+                        state = std::hint::black_box(
+                            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1),
+                        );
                     }
                 }
             }));
@@ -312,17 +331,25 @@ impl Witness {
     /// Waits until something was seen.
     pub fn until(&self, what: &str, mut holds: impl FnMut(&Seen) -> bool) {
         let came = wait_for(LIMIT, || holds(&self.seen()));
-        assert!(came, "never came: {what}; token {:?}, {:?}", self.seen().newest_token, self.seen().newest_scan);
+        assert!(
+            came,
+            "never came: {what}; token {:?}, {:?}",
+            self.seen().newest_token,
+            self.seen().newest_scan
+        );
     }
 
     /// Lets this many ticks of the card pass.
     pub fn pass_ticks(&self, ticks: u64) {
         let from = tick_of(now_ns());
-        self.until("ticks of the card", |seen| seen.newest_scan.is_some_and(|scan| scan.tick >= from + ticks));
+        self.until("ticks of the card", |seen| {
+            seen.newest_scan.is_some_and(|scan| scan.tick >= from + ticks)
+        });
     }
 
-    /// `reset`, `arm`, `enable` on the command line, each as the state asks for it, until volts flow. A loaded machine may
-    /// stall for longer than a life and trip again: then from the beginning.
+    /// `reset`, `arm`, `enable` on the command line, each as the state asks for it, until volts
+    /// flow. A loaded machine may stall for longer than a life and trip again: then from the
+    /// beginning.
     pub fn power_up(&self, rig: &TestRig) {
         let mut last = String::new();
         let done = wait_for(LIMIT, || {
@@ -337,7 +364,8 @@ impl Witness {
             last = format!("{verb}: {}", told(&output));
             // The token that shows it is on its way.
             if output.status.success() {
-                let _shown = wait_for(Duration::from_millis(300), || self.seen().state() != Some(state));
+                let _shown =
+                    wait_for(Duration::from_millis(300), || self.seen().state() != Some(state));
             }
             false
         });
@@ -348,21 +376,25 @@ impl Witness {
     pub fn volts_flow(&self) -> bool {
         wait_for(LIMIT, || {
             let seen = self.seen();
-            seen.state() != Some(WatchdogState::Enabled) || seen.newest_scan.is_some_and(|scan| scan.volts)
+            seen.state() != Some(WatchdogState::Enabled)
+                || seen.newest_scan.is_some_and(|scan| scan.volts)
         }) && self.seen().state() == Some(WatchdogState::Enabled)
     }
 
-    /// The longest pause since the mark in any of these topics, where it is one that makes the watchdog's line pause (SR-24): the
-    /// machine did not run a loop that nobody had touched, and then power may go.
+    /// The longest pause since the mark in any of these topics, where it is one that makes the
+    /// watchdog's line pause (SR-24): the machine did not run a loop that nobody had touched, and
+    /// then power may go.
     pub fn stalled(&self, topics: &[&str]) -> Option<String> {
         let seen = self.seen();
         let line_pause_ns = match self.profile() {
             Profile::Realtime => 3 * MILLISECOND_NS,
             Profile::BestEffort => 15 * MILLISECOND_NS,
         };
-        let pauses = topics.iter().filter_map(|topic| Some((topic, seen.streams.get(topic)?.pause_ns)));
+        let pauses =
+            topics.iter().filter_map(|topic| Some((topic, seen.streams.get(topic)?.pause_ns)));
         let (topic, pause_ns) = pauses.max_by_key(|(_, pause_ns)| *pause_ns)?;
-        (pause_ns > line_pause_ns).then(|| format!("{topic} paused for {:.1} ms", pause_ns as f64 * 1e-6))
+        (pause_ns > line_pause_ns)
+            .then(|| format!("{topic} paused for {:.1} ms", pause_ns as f64 * 1e-6))
     }
 
     /// Opens every topic anew, as a program that comes now would.

@@ -90,8 +90,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
     }
 }
 
-/// Lets a closed pipe end the program (`| head`), as it does other Unix tools. For commands that print with `println!` and
-/// look after nothing else.
+/// Lets a closed pipe end the program (`| head`), as it does other Unix tools. For commands that
+/// print with `println!` and look after nothing else.
 fn end_with_the_reader() {
     // SAFETY: called before there is a second thread; the default action is not our code.
     unsafe {

@@ -47,7 +47,9 @@ fn code_of(error: &anyhow::Error) -> i32 {
 
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
-        cause.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+        cause
+            .downcast_ref::<std::io::Error>()
+            .is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
             || cause
                 .downcast_ref::<serde_json::Error>()
                 .is_some_and(|error| error.io_error_kind() == Some(ErrorKind::BrokenPipe))
@@ -63,8 +65,13 @@ mod tests {
     #[test]
     fn a_cause_is_told_once() {
         let full = || std::io::Error::from(ErrorKind::StorageFull);
-        assert_eq!(in_words(&anyhow::Error::new(full()).context("out.json")), format!("out.json: {}", full()));
-        let told = Err::<(), _>(full()).with_context(|| format!("out.json: {}; free space", full())).unwrap_err();
+        assert_eq!(
+            in_words(&anyhow::Error::new(full()).context("out.json")),
+            format!("out.json: {}", full())
+        );
+        let told = Err::<(), _>(full())
+            .with_context(|| format!("out.json: {}; free space", full()))
+            .unwrap_err();
         assert_eq!(in_words(&told), format!("out.json: {}; free space", full()));
     }
 }

@@ -1,5 +1,5 @@
-//! `farreach`: one binary for everything. Each service is a process of its own (`farreach service control`); the rest
-//! is what people run.
+//! `farreach`: one binary for everything. Each service is a process of its own (`farreach service
+//! control`); the rest is what people run.
 
 mod cli;
 mod failure;

@@ -61,10 +61,14 @@ pub(crate) enum Service {
         looped: bool,
     },
     /// The control law
-    #[command(after_help = "Example:\n  farreach service control --rig launch/rigs/hydrostatic.toml")]
+    #[command(
+        after_help = "Example:\n  farreach service control --rig launch/rigs/hydrostatic.toml"
+    )]
     Control(RigArgument),
     /// Interlocks and the motor's enable line
-    #[command(after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml")]
+    #[command(
+        after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml"
+    )]
     Watchdog(RigArgument),
     /// Writes all topics to disk
     #[command(
@@ -81,7 +85,9 @@ pub(crate) enum Service {
         metadata: Vec<(String, String)>,
     },
     /// Plays protocols
-    #[command(after_help = "Example:\n  farreach service experiment --rig launch/rigs/hydrostatic.toml")]
+    #[command(
+        after_help = "Example:\n  farreach service experiment --rig launch/rigs/hydrostatic.toml"
+    )]
     Experiment {
         #[command(flatten)]
         rig: RigArgument,
@@ -90,7 +96,9 @@ pub(crate) enum Service {
         learnt: Option<PathBuf>,
     },
     /// Starts the others and starts them again, where there is no systemd; `farreach up` calls it
-    #[command(after_help = "Example:\n  farreach service launcher --run-dir /dev/shm/farreach-1000-bench/run")]
+    #[command(
+        after_help = "Example:\n  farreach service launcher --run-dir /dev/shm/farreach-1000-bench/run"
+    )]
     Launcher {
         /// The rig's run directory, with launch.json
         #[arg(long, value_name = "DIR")]
@@ -122,8 +130,8 @@ fn given(text: Option<String>) -> Option<PathBuf> {
     text.filter(|text| !text.is_empty()).map(PathBuf::from)
 }
 
-/// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: no restart mends it, and exit code 2 tells the
-/// service manager so.
+/// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: no restart mends it,
+/// and exit code 2 tells the service manager so.
 pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
     let rig_name = rig_name.to_string();
     match service {
@@ -142,29 +150,33 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
                 CardKind::Simulated => acquisition::Card::Simulated,
                 CardKind::Null => acquisition::Card::Null,
                 CardKind::Replay => {
-                    let record =
-                        given(replay).ok_or_else(|| Usage("--card replay: --replay RECORD is missing".to_owned()))?;
+                    let record = given(replay).ok_or_else(|| {
+                        Usage("--card replay: --replay RECORD is missing".to_owned())
+                    })?;
                     acquisition::Card::Replay { record, looped }
                 }
             };
-            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card }).map_err(
-                |error| match error {
+            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card })
+                .map_err(|error| match error {
                     AcquisitionError::Rig(_) | AcquisitionError::Replay(_) => usage(&error),
                     other => other.into(),
-                },
-            )?;
+                })?;
         }
         Service::Control(rig) => {
-            control::run(&control::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
-                ControlError::Rig(_) => usage(&error),
-                other => other.into(),
+            control::run(&control::Options { rig_name, rig_file: rig.file }).map_err(|error| {
+                match error {
+                    ControlError::Rig(_) => usage(&error),
+                    other => other.into(),
+                }
             })?;
         }
         Service::Watchdog(rig) => {
-            watchdog::run(&watchdog::Options { rig_name, rig_file: rig.file }).map_err(|error| match error {
-                WatchdogError::Rig(_) => usage(&error),
-                other => other.into(),
-            })?;
+            watchdog::run(&watchdog::Options { rig_name, rig_file: rig.file }).map_err(
+                |error| match error {
+                    WatchdogError::Rig(_) => usage(&error),
+                    other => other.into(),
+                },
+            )?;
         }
         Service::Logger { rig, record, metadata } => {
             let options = logger::Options {
@@ -180,12 +192,11 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
         }
         Service::Experiment { rig, learnt } => {
             let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
-            experiment::run(&experiment::Options { rig_name, rig_file: rig.file, learnt }).map_err(
-                |error| match error {
+            experiment::run(&experiment::Options { rig_name, rig_file: rig.file, learnt })
+                .map_err(|error| match error {
                     ExperimentError::Rig(_) => usage(&error),
                     other => other.into(),
-                },
-            )?;
+                })?;
         }
     }
     Ok(operator::DONE)

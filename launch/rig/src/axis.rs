@@ -60,7 +60,8 @@ impl AxisUnit {
 pub struct Encoder {
     /// Counts per rad or per m of the axis, positive (1/rad or 1/m).
     pub counts_per_unit: f64,
-    /// Turns of what the encoder sits on per turn of the handle, positive; 1 where there is no gear.
+    /// Turns of what the encoder sits on per turn of the handle, positive; 1 where there is no
+    /// gear.
     pub turns_per_handle_turn: f64,
     /// Whether it counts down when the axis moves positive.
     pub inverted: bool,
@@ -82,7 +83,8 @@ impl Encoder {
     }
 }
 
-/// The sensor of the torque (or force) that the hand applies to the slave, positive when it drives the slave positive.
+/// The sensor of the torque (or force) that the hand applies to the slave, positive when it drives
+/// the slave positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueChannel {
     /// Analog input, index into `Sample::analog_v`.
@@ -219,10 +221,12 @@ impl Unit {
     }
 }
 
-const COUNTS_PER_TURN: Bounds = bounds(100.0, 1e7, "counts of one whole turn, all four edges of each line");
+const COUNTS_PER_TURN: Bounds =
+    bounds(100.0, 1e7, "counts of one whole turn, all four edges of each line");
 const GEAR: Bounds = bounds(0.05, 50.0, "how often the motor turns while the handle turns once");
 const COUNTS_PER_METRE: Bounds = bounds(1e3, 1e10, "counts of one metre; 5e-8 m per count are 2e7");
-const POSITION_DEG: Bounds = bounds(-120.0, 120.0, "the thesis moves within ±120° (§ 4.2); the value is in degrees");
+const POSITION_DEG: Bounds =
+    bounds(-120.0, 120.0, "the thesis moves within ±120° (§ 4.2); the value is in degrees");
 const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 const SPEED_DEG: Bounds = bounds(
     30.0,
@@ -231,7 +235,8 @@ const SPEED_DEG: Bounds = bounds(
 );
 const SPEED_M: Bounds = bounds(1e-3, 10.0, "the value is in m/s");
 const VOLTS: Bounds = bounds(0.1, 10.0, "the card puts out ±10 V");
-const TORQUE: Bounds = bounds(0.1, 20.0, "the value is in N·m; a hand at the handle stays below 20 N·m");
+const TORQUE: Bounds =
+    bounds(0.1, 20.0, "the value is in N·m; a hand at the handle stays below 20 N·m");
 const FORCE: Bounds = bounds(0.1, 5000.0, "the value is in N");
 const SENSITIVITY: Bounds = bounds(-100.0, 100.0, "volts per N·m or N, with the sensor's sign");
 
@@ -241,7 +246,12 @@ impl Axis {
         let words = &[("rad", AxisUnit::Radian), ("m", AxisUnit::Metre)];
         let unit = Unit::new(section.word("unit", words).unwrap_or(AxisUnit::Radian));
         if !section.has("master") {
-            section.problem("master", "the encoder at the motor", "nothing", "control needs the master's position");
+            section.problem(
+                "master",
+                "the encoder at the motor",
+                "nothing",
+                "control needs the master's position",
+            );
         }
         let master = Encoder::read(section.section("master"), &unit, true);
         let slave = section.section("slave");
@@ -271,51 +281,103 @@ impl Axis {
     }
 
     /// What can only be seen with the other sections at hand; `at` is the axis's index.
-    pub(crate) fn check(&self, at: usize, channels: &[Channel], rates: &Rates, source: &Source<'_>) {
+    pub(crate) fn check(
+        &self,
+        at: usize,
+        channels: &[Channel],
+        rates: &Rates,
+        source: &Source<'_>,
+    ) {
         let path = |key: &str| format!("axes.{at}.{key}");
         let (limits, unit) = (&self.limits, Unit::new(self.unit));
         let file = |si: f64| si / self.unit.si_per_file_unit();
         if limits.position_min >= limits.position_max {
-            let expected = format!("more than {} ({})", unit.keys.position_min, file(limits.position_min).round());
-            let found = format!("limits the wrong way round: {}", file(limits.position_max).round());
-            source.problem(&path(&format!("limits.{}", unit.keys.position_max)), expected, found, "swap the two");
-        } else if self.unit == AxisUnit::Radian && file(limits.position_max - limits.position_min) < 5.0 {
+            let expected = format!(
+                "more than {} ({})",
+                unit.keys.position_min,
+                file(limits.position_min).round()
+            );
+            let found =
+                format!("limits the wrong way round: {}", file(limits.position_max).round());
+            source.problem(
+                &path(&format!("limits.{}", unit.keys.position_max)),
+                expected,
+                found,
+                "swap the two",
+            );
+        } else if self.unit == AxisUnit::Radian
+            && file(limits.position_max - limits.position_min) < 5.0
+        {
             let key = path(&format!("limits.{}", unit.keys.position_max));
             let span = file(limits.position_max - limits.position_min);
             let advice = "limits this close look like radians; the values are in degrees";
-            source.problem(&key, "a range of at least 5 degrees", format!("{span:.2} degrees"), advice);
+            source.problem(
+                &key,
+                "a range of at least 5 degrees",
+                format!("{span:.2} degrees"),
+                advice,
+            );
         }
         // The watchdog holds both encoders to it.
-        let finest = self.slave.as_ref().map_or(0.0, |slave| slave.counts_per_unit).max(self.master.counts_per_unit);
+        let finest = self
+            .slave
+            .as_ref()
+            .map_or(0.0, |slave| slave.counts_per_unit)
+            .max(self.master.counts_per_unit);
         let per_scan = limits.speed_max * finest / f64::from(rates.acquisition_hz);
         if (limits.encoder_jump_counts as f64) < 2.0 * per_scan {
-            let expected =
-                format!("at least {:.0}, twice what the speed limit allows in one scan", (2.0 * per_scan).ceil());
+            let expected = format!(
+                "at least {:.0}, twice what the speed limit allows in one scan",
+                (2.0 * per_scan).ceil()
+            );
             let advice = "a lower value takes a fast movement for a broken encoder";
-            source.problem(&path("limits.encoder_jump_counts"), expected, limits.encoder_jump_counts, advice);
+            source.problem(
+                &path("limits.encoder_jump_counts"),
+                expected,
+                limits.encoder_jump_counts,
+                advice,
+            );
         }
         if self.control.output_limit_v > limits.volts_max {
             let expected = format!("at most limits.volts_max ({} V)", limits.volts_max);
             let advice = "control must stay below where the watchdog trips";
-            source.problem(&path("control.output_limit_v"), expected, self.control.output_limit_v, advice);
+            source.problem(
+                &path("control.output_limit_v"),
+                expected,
+                self.control.output_limit_v,
+                advice,
+            );
         }
         let Some(torque) = &self.torque else { return };
         let key = path("torque.channel");
-        let Some((index, channel)) = channels.iter().enumerate().find(|(_, channel)| channel.index == torque.channel)
+        let Some((index, channel)) =
+            channels.iter().enumerate().find(|(_, channel)| channel.index == torque.channel)
         else {
-            let present: Vec<_> = channels.iter().map(|channel| channel.index.to_string()).collect();
+            let present: Vec<_> =
+                channels.iter().map(|channel| channel.index.to_string()).collect();
             let expected = format!("the index of one of [[channels]] ({})", present.join(", "));
             let advice = format!("add [[channels]] with index = {}", torque.channel);
-            source.problem(&key, expected, format!("the missing channel {}", torque.channel), advice);
+            source.problem(
+                &key,
+                expected,
+                format!("the missing channel {}", torque.channel),
+                advice,
+            );
             return;
         };
         if channel.kind != ChannelKind::Torque {
             let found = format!("channels.{index} (\"{}\") of another kind", channel.name);
-            source.problem(&key, "a channel of kind \"torque\"", found, "point to the torque sensor, or mend its kind");
+            source.problem(
+                &key,
+                "a channel of kind \"torque\"",
+                found,
+                "point to the torque sensor, or mend its kind",
+            );
         }
         let full_scale = (channel.range_v - torque.offset_v.abs()) / torque.volts_per_unit.abs();
         if limits.torque_max.is_some_and(|most| most > full_scale) {
-            let expected = format!("at most {full_scale:.2}, where the channel's ±{} V end", channel.range_v);
+            let expected =
+                format!("at most {full_scale:.2}, where the channel's ±{} V end", channel.range_v);
             let advice = "the sensor saturates before the limit acts";
             let key = path(&format!("limits.{}", unit.keys.torque));
             source.problem(&key, expected, limits.torque_max.unwrap_or_default(), advice);
@@ -344,13 +406,20 @@ impl Encoder {
 
 impl TorqueChannel {
     fn read(section: Section<'_>, unit: &Unit) -> Self {
-        let channel = section.whole("channel", 0, ANALOG as u64 - 1, "an index of [[channels]]") as usize;
+        let channel =
+            section.whole("channel", 0, ANALOG as u64 - 1, "an index of [[channels]]") as usize;
         let key = unit.key(&section, |keys| keys.sensitivity);
         let volts_per_unit = section.number(key, SENSITIVITY);
         if volts_per_unit.abs() < 1e-6 {
-            section.problem(key, "a sensitivity", volts_per_unit, "a sensor without sensitivity measures nothing");
+            section.problem(
+                key,
+                "a sensitivity",
+                volts_per_unit,
+                "a sensor without sensitivity measures nothing",
+            );
         }
-        let offset_v = section.number_or("offset_v", 0.0, bounds(-10.0, 10.0, "the reading at no torque"));
+        let offset_v =
+            section.number_or("offset_v", 0.0, bounds(-10.0, 10.0, "the reading at no torque"));
         section.finish();
         Self { channel, volts_per_unit, offset_v }
     }
@@ -358,9 +427,11 @@ impl TorqueChannel {
 
 impl Limits {
     fn read(section: Section<'_>, unit: &Unit, torque: bool) -> Self {
-        let (position, speed) = (unit.choose(POSITION_DEG, POSITION_M), unit.choose(SPEED_DEG, SPEED_M));
+        let (position, speed) =
+            (unit.choose(POSITION_DEG, POSITION_M), unit.choose(SPEED_DEG, SPEED_M));
         let scale = unit.unit.si_per_file_unit();
-        let (min, max) = (unit.key(&section, |k| k.position_min), unit.key(&section, |k| k.position_max));
+        let (min, max) =
+            (unit.key(&section, |k| k.position_min), unit.key(&section, |k| k.position_max));
         let torque_key = unit.key(&section, |k| k.torque);
         let torque_bounds = unit.choose(TORQUE, FORCE);
         if !torque && section.has(torque_key) {
@@ -402,24 +473,32 @@ impl AxisControl {
         let gain = |key, printed| {
             let bounds = bounds(0.0, 1.0, "volts per count: § 4.1 has P = 4.5e-3 and D = 7e-4");
             match unit.unit {
-                AxisUnit::Radian => section.number_or(key, printed, bounds) * master.counts_per_unit,
+                AxisUnit::Radian => {
+                    section.number_or(key, printed, bounds) * master.counts_per_unit
+                }
                 // the thesis's gains belong to its encoder, and no axis in m has that
                 AxisUnit::Metre => section.number(key, bounds) * master.counts_per_unit,
             }
         };
         let nyquist = f64::from(rates.control_hz) / 2.0;
-        let filter = bounds(1.0, nyquist, "at most half the rate of control, or it does not filter");
+        let filter =
+            bounds(1.0, nyquist, "at most half the rate of control, or it does not filter");
         let control = Self {
             position_gain: gain("p_v_per_count", 4.5e-3),
             velocity_gain: gain("d_v_s_per_count", 7e-4),
-            velocity_filter_hz: section.number_or("velocity_filter_hz", 40.0_f64.min(nyquist), filter),
+            velocity_filter_hz: section.number_or(
+                "velocity_filter_hz",
+                40.0_f64.min(nyquist),
+                filter,
+            ),
             output_limit_v: section.number_or("output_limit_v", limits.volts_max, VOLTS),
             feedforward: Feedforward::read(section.section("feedforward"), unit),
             ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
             accept_unstable: section.flag_or("accept_unstable", false),
             force: torque.map(|torque| {
                 let force = section.section("force");
-                let control = ForceControl::read(&force, master, torque, way, unit.unit.si_per_file_unit());
+                let control =
+                    ForceControl::read(&force, master, torque, way, unit.unit.si_per_file_unit());
                 force.finish();
                 control
             }),
@@ -441,13 +520,21 @@ impl Feedforward {
             AxisUnit::Radian => (1.5, 1.2),
             AxisUnit::Metre => (0.0, 0.0),
         };
-        let peak = section.number_or("friction_peak_v", peak, bounds(0.0, 5.0, "ch. 4 measured 1.5 ± 0.3 V"));
+        let peak = section.number_or(
+            "friction_peak_v",
+            peak,
+            bounds(0.0, 5.0, "ch. 4 measured 1.5 ± 0.3 V"),
+        );
         let floor = section.number_or(
             "friction_floor_v",
             f64::min(floor, peak),
             bounds(0.0, peak, "at most friction_peak_v: friction falls with speed (§ 4.1)"),
         );
-        let inertia_v = section.number_or(inertia, 0.0, bounds(0.0, 10.0, "inertia divided by torque per volt"));
+        let inertia_v = section.number_or(
+            inertia,
+            0.0,
+            bounds(0.0, 10.0, "inertia divided by torque per volt"),
+        );
         section.finish();
         Self { friction_peak_v: peak, friction_floor_v: floor, inertia_v }
     }

@@ -34,18 +34,31 @@ pub enum ChannelKind {
 }
 
 impl ChannelKind {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("torque", Self::Torque), ("emg", Self::Emg), ("trigger", Self::Trigger), ("other", Self::Other)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("torque", Self::Torque),
+        ("emg", Self::Emg),
+        ("trigger", Self::Trigger),
+        ("other", Self::Other),
+    ];
 }
 
 impl Channel {
     pub(crate) fn read(section: Section<'_>) -> Self {
         let channel = Self {
-            index: section.whole("index", 0, ANALOG as u64 - 1, "the card has 16 inputs, counted from 0") as usize,
+            index: section.whole(
+                "index",
+                0,
+                ANALOG as u64 - 1,
+                "the card has 16 inputs, counted from 0",
+            ) as usize,
             name: section.text("name"),
             kind: section.word("kind", ChannelKind::WORDS).unwrap_or(ChannelKind::Other),
             unit: section.text_or_none("unit").unwrap_or_else(|| "V".to_owned()),
-            range_v: section.number_or("range_v", 10.0, bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V")),
+            range_v: section.number_or(
+                "range_v",
+                10.0,
+                bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V"),
+            ),
         };
         section.finish();
         channel
@@ -56,9 +69,17 @@ impl Channel {
         for (at, channel) in channels.iter().enumerate() {
             for (before, other) in channels[..at].iter().enumerate() {
                 if other.index == channel.index {
-                    let expected = format!("an input of its own (channels.{before} has {} already)", other.index);
+                    let expected = format!(
+                        "an input of its own (channels.{before} has {} already)",
+                        other.index
+                    );
                     let advice = "each input appears once";
-                    source.problem(&format!("channels.{at}.index"), expected, channel.index, advice);
+                    source.problem(
+                        &format!("channels.{at}.index"),
+                        expected,
+                        channel.index,
+                        advice,
+                    );
                 }
                 if other.name == channel.name {
                     let expected = format!("a name of its own (channels.{before} has it already)");

@@ -1,5 +1,6 @@
-//! Options of the position law: which friction compensation, a disturbance observer, a loop on the slave; and what the declared model
-//! says of friction, inertia and compliance, in volts and as the law needs it.
+//! Options of the position law: which friction compensation, a disturbance observer, a loop on the
+//! slave; and what the declared model says of friction, inertia and compliance, in volts and as the
+//! law needs it.
 
 use plant::friction::StribeckCurve;
 use plant::{any, cable, hydrostatic};
@@ -27,7 +28,8 @@ pub struct Compensation {
     pub kind: CompensationKind,
     /// Share of the model's friction that is compensated, 0 to 1.
     pub share: f64,
-    /// Speed below which the friction of the motor passes through its change of sign (rad/s or m/s).
+    /// Speed below which the friction of the motor passes through its change of sign (rad/s or
+    /// m/s).
     pub reversal_speed: f64,
 }
 
@@ -88,7 +90,8 @@ impl Default for SlaveLoop {
 /// Points of a [`FrictionCurve`].
 pub const CURVE_POINTS: usize = 65;
 
-/// Magnitude of friction over speed (V), linear between evenly spaced speeds, and level beyond the last.
+/// Magnitude of friction over speed (V), linear between evenly spaced speeds, and level beyond the
+/// last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionCurve {
     /// Distance of two points (rad/s or m/s), positive.
@@ -131,12 +134,13 @@ pub struct IdentifiedAxis {
     pub near: FrictionCurve,
     /// Friction of line and slave, which the motor feels through the line (V).
     pub far: FrictionCurve,
-    /// What of it winds the line up, each part by the share of the line that it pulls on (V); over `line_v`, how far the master is
-    /// ahead of the slave.
+    /// What of it winds the line up, each part by the share of the line that it pulls on (V); over
+    /// `line_v`, how far the master is ahead of the slave.
     pub windup: FrictionCurve,
     /// Stiffness of the line: volts per how far the master is ahead of the slave (V/rad or V/m).
     pub line_v: f64,
-    /// Movement of the handle per movement of the master with a rigid line, both in the handle's coordinates (1).
+    /// Movement of the handle per movement of the master with a rigid line, both in the handle's
+    /// coordinates (1).
     pub ratio: f64,
 }
 
@@ -153,7 +157,11 @@ impl Compensation {
             AxisUnit::Radian => ("reversal_deg_s", 10.0),
             AxisUnit::Metre => ("reversal_m_s", 0.01),
         };
-        let speeds = bounds(1e-4, 1e3, "far below the movement's peak speed, above what the encoder resolves");
+        let speeds = bounds(
+            1e-4,
+            1e3,
+            "far below the movement's peak speed, above what the encoder resolves",
+        );
         Self {
             kind: section.word_or_none("kind", words).unwrap_or_default(),
             share: section.number_or("share", 1.0, SHARE),
@@ -169,7 +177,11 @@ impl Observer {
         Self {
             cutoff_hz: section.number_or("cutoff_hz", own.cutoff_hz, cutoff),
             share: section.number_or("share", own.share, SHARE),
-            limit_v: section.number_or("limit_v", own.limit_v, bounds(0.0, 10.0, "about the friction, in V")),
+            limit_v: section.number_or(
+                "limit_v",
+                own.limit_v,
+                bounds(0.0, 10.0, "about the friction, in V"),
+            ),
         }
     }
 }
@@ -184,13 +196,19 @@ impl SlaveLoop {
         let scale = unit.si_per_file_unit();
         let half_way = (0.5 * way / scale * 1e6).round() * 1e-6;
         let most = bounds(0.0, half_way, "at most half the axis's range");
-        let number = |key, own, most, advice| section.number_or(key, own, bounds(0.0, most, advice));
+        let number =
+            |key, own, most, advice| section.number_or(key, own, bounds(0.0, most, advice));
         let own = Self::default();
         let filter = bounds(0.1, 20.0, "below the line's resonance, in Hz");
         Self {
             limit: section.number_or(key, f64::min(limit, 0.5 * half_way), most) * scale,
             windup_share: section.number_or("windup_share", own.windup_share, SHARE),
-            proportional_gain: number("proportional_gain", own.proportional_gain, 2.0, "reference per error"),
+            proportional_gain: number(
+                "proportional_gain",
+                own.proportional_gain,
+                2.0,
+                "reference per error",
+            ),
             integral_gain: number("integral_gain_per_s", own.integral_gain, 20.0, "1/s"),
             filter_hz: section.number_or("filter_hz", own.filter_hz, filter),
             lead_s: number("lead_s", own.lead_s, 0.1, "the lag of line and loop, in s"),
@@ -199,11 +217,13 @@ impl SlaveLoop {
 }
 
 impl RigFile {
-    /// What the declared model says of an axis; `None` where it is no transmission, or there is no such axis.
+    /// What the declared model says of an axis; `None` where it is no transmission, or there is no
+    /// such axis.
     ///
-    /// The friction of a hydrostatic transmission is that of § 3.2.1 with the loss in both hoses; that of a cable is at
-    /// pretension, mean of both directions and all positions. `line_v` is the stiffness of both lines at rest. What declared effects change of
-    /// them is in ([`RigFile::control_parameters`]).
+    /// The friction of a hydrostatic transmission is that of § 3.2.1 with the loss in both hoses;
+    /// that of a cable is at pretension, mean of both directions and all positions. `line_v` is the
+    /// stiffness of both lines at rest. What declared effects change of them is in
+    /// ([`RigFile::control_parameters`]).
     pub fn identified(&self, axis: usize) -> Option<IdentifiedAxis> {
         let axis = self.axes.get(axis)?;
         let gear = axis.master.turns_per_handle_turn;
@@ -217,7 +237,8 @@ impl RigFile {
 
 fn hydrostatic_axis(model: &hydrostatic::Parameters, gear: f64, speed_max: f64) -> IdentifiedAxis {
     let per_volt = model.motor_torque_per_volt_nm;
-    let (piston, slave, pipe) = (model.master_piston_friction(), model.slave_friction(), model.pipe());
+    let (piston, slave, pipe) =
+        (model.master_piston_friction(), model.slave_friction(), model.pipe());
     let (displacement, ratio) = (model.master_displacement_m_per_rad(), model.transmission_ratio());
     let near = |speed: f64| {
         let motor = gear * speed;
@@ -238,7 +259,8 @@ fn hydrostatic_axis(model: &hydrostatic::Parameters, gear: f64, speed_max: f64) 
         near: FrictionCurve::new(speed_max, near),
         far: FrictionCurve::new(speed_max, |speed| far(speed, 1.0)),
         windup: FrictionCurve::new(speed_max, |speed| far(speed, 0.5)),
-        line_v: gear * 2.0 * displacement * displacement * model.line_stiffness_n_per_m() / per_volt,
+        line_v: gear * 2.0 * displacement * displacement * model.line_stiffness_n_per_m()
+            / per_volt,
         ratio: gear * ratio,
     }
 }
@@ -254,8 +276,11 @@ fn cable_axis(model: &cable::Parameters, gear: f64, speed_max: f64) -> Identifie
         exponent: 1.0,
     };
     let viscous = model.cables * model.support_viscous_n_s_per_m;
-    // Two lines; of each, one support stands at the master, one at the slave, and the others in the model's middle.
-    let supports = |speed: f64| 2.0 * radius * (support * falling.level(radius * speed) + viscous * radius * speed);
+    // Two lines; of each, one support stands at the master, one at the slave, and the others in the
+    // model's middle.
+    let supports = |speed: f64| {
+        2.0 * radius * (support * falling.level(radius * speed) + viscous * radius * speed)
+    };
     let near = |speed: f64| {
         let motor = gear * speed;
         (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + supports(motor)) / per_volt
@@ -289,8 +314,14 @@ pub struct ControlOptions {
 }
 
 impl ControlOptions {
-    /// From the section `control`; `slave` is the slave's encoder, `way` the width of the axis's range (rad or m).
-    pub(crate) fn read(control: &Section<'_>, unit: AxisUnit, slave: Option<&Encoder>, way: f64) -> Self {
+    /// From the section `control`; `slave` is the slave's encoder, `way` the width of the axis's
+    /// range (rad or m).
+    pub(crate) fn read(
+        control: &Section<'_>,
+        unit: AxisUnit,
+        slave: Option<&Encoder>,
+        way: f64,
+    ) -> Self {
         let section = control.section("compensation");
         let compensation = Compensation::read(&section, unit);
         section.finish();
@@ -302,7 +333,11 @@ impl ControlOptions {
         section.finish();
         if slave.is_none() {
             let advice = "add the axis's slave encoder, or take the section out";
-            control.misplaced("slave", "no loop on the slave where its position is not measured", advice);
+            control.misplaced(
+                "slave",
+                "no loop on the slave where its position is not measured",
+                advice,
+            );
         }
         Self { compensation, observer, slave: loop_on_slave }
     }
@@ -315,6 +350,7 @@ impl ControlOptions {
         if self.observer.is_some() {
             return Some("control.observer");
         }
-        (self.compensation.kind == CompensationKind::Identified).then_some("control.compensation.kind")
+        (self.compensation.kind == CompensationKind::Identified)
+            .then_some("control.compensation.kind")
     }
 }

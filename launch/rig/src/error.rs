@@ -27,7 +27,8 @@ pub enum FileError {
         /// What there is.
         known: Vec<&'static str>,
     },
-    /// The file was read and says something that it must not; all problems that were found, in the order of their lines.
+    /// The file was read and says something that it must not; all problems that were found, in the
+    /// order of their lines.
     #[error("{}", Lines(problems))]
     Invalid {
         /// At least one.

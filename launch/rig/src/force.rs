@@ -6,8 +6,10 @@ use crate::read::{Section, bounds};
 /// Period to which the printed forgetting factor belongs (s): 500 Hz.
 const PRINTED_PERIOD_S: f64 = 2e-3;
 
-/// Cut-off of the low pass behind the second difference of the handle's encoder, from which an inertia field is computed (Hz). The velocity, whose
-/// own low pass is the axis's `velocity_filter_hz`, comes before: one count of 4,000 a turn, at 500 Hz, is then some 20 rad/s².
+/// Cut-off of the low pass behind the second difference of the handle's encoder, from which an
+/// inertia field is computed (Hz). The velocity, whose own low pass is the axis's
+/// `velocity_filter_hz`, comes before: one count of 4,000 a turn, at 500 Hz, is then some 20
+/// rad/s².
 pub const ACCELERATION_HZ: f64 = 10.0;
 
 /// Gains of force control (§ 4.2, eq. 4.2.1-4.2.3), in SI and for speeds of the axis.
@@ -41,13 +43,14 @@ impl ForceControl {
         1.0 - (1.0 - self.forgetting).powf(elapsed_s / PRINTED_PERIOD_S)
     }
 
-    /// What the output gains per torque of hand and field, the offset left out: `P₁` times the cell's sensitivity (V/(N·m) or V/N).
+    /// What the output gains per torque of hand and field, the offset left out: `P₁` times the
+    /// cell's sensitivity (V/(N·m) or V/N).
     pub fn volts_per_hand_torque(&self) -> f64 {
         self.torque_gain * self.volts_per_torque
     }
 
-    /// The section `control.force` of an axis with a torque cell; `way` is the width of the axis's range (rad or m), `per_file_unit`
-    /// the SI value of a degree (or of a metre).
+    /// The section `control.force` of an axis with a torque cell; `way` is the width of the axis's
+    /// range (rad or m), `per_file_unit` the SI value of a degree (or of a metre).
     pub(crate) fn read(
         section: &Section<'_>,
         master: &Encoder,
@@ -55,21 +58,32 @@ impl ForceControl {
         way: f64,
         per_file_unit: f64,
     ) -> Self {
-        let volts = |key, printed, advice| section.number_or(key, printed, bounds(0.0, 5.0, advice));
+        let volts =
+            |key, printed, advice| section.number_or(key, printed, bounds(0.0, 5.0, advice));
         let slow = volts("offset_slow_v", 1.5, "eq. 4.2.3 has 1.5 V below the threshold speed");
         let fast = volts("offset_fast_v", 1.2, "eq. 4.2.3 has 1.2 V from the threshold speed on");
         let counts = master.counts_per_unit;
         let threshold = bounds(0.0, 1e9, "C of eq. 4.2.3, in counts/s");
         let slope = bounds(0.0, 1.0, "P2 of eq. 4.2.3, in V·s/count");
-        // A wide axis has room for 10 degrees (of a slide: 0.1 m) at each end, a narrow one for a twentieth of its way.
+        // A wide axis has room for 10 degrees (of a slide: 0.1 m) at each end, a narrow one for a
+        // twentieth of its way.
         let stop = if per_file_unit < 1.0 { 10.0 * per_file_unit } else { 0.1 };
         Self {
             volts_per_torque: torque.volts_per_unit.abs(),
-            torque_gain: section.number_or("p1", 0.333, bounds(0.0, 20.0, "P1 of eq. 4.2.2, in V/V")),
-            forgetting: section.number_or("forgetting", 0.4, bounds(0.01, 1.0, "beta of eq. 4.2.1, at 500 Hz")),
+            torque_gain: section.number_or(
+                "p1",
+                0.333,
+                bounds(0.0, 20.0, "P1 of eq. 4.2.2, in V/V"),
+            ),
+            forgetting: section.number_or(
+                "forgetting",
+                0.4,
+                bounds(0.01, 1.0, "beta of eq. 4.2.1, at 500 Hz"),
+            ),
             offset_slow_v: slow,
             offset_fast_v: fast,
-            threshold_speed: section.number_or("threshold_counts_per_s", 1000.0, threshold) / counts,
+            threshold_speed: section.number_or("threshold_counts_per_s", 1000.0, threshold)
+                / counts,
             offset_slope: section.number_or("p2_v_s_per_count", 1.11e-4, slope) * counts,
             torque_threshold_v: section.number_or(
                 "torque_threshold_v",

@@ -2,9 +2,9 @@
 
 /// FNV-1a, 64 bit, of the text's bytes: names a rig file or a protocol in messages and recordings.
 ///
-/// Chosen because it is the same in every release and on every machine (the standard library's hasher promises
-/// neither) and fits in ten lines. It tells texts apart; it does not protect against a forger.
-/// Source: Fowler, Noll, Vo, <http://www.isthe.com/chongo/tech/comp/fnv/>.
+/// Chosen because it is the same in every release and on every machine (the standard library's
+/// hasher promises neither) and fits in ten lines. It tells texts apart; it does not protect
+/// against a forger. Source: Fowler, Noll, Vo, <http://www.isthe.com/chongo/tech/comp/fnv/>.
 pub const fn identity(text: &str) -> u64 {
     identity_of_bytes(text.as_bytes())
 }

@@ -18,8 +18,9 @@ pub struct Model {
     pub parameters: Vec<Parameter>,
     /// What every axis's transmission has beyond its equations, as measured records showed it.
     pub effects: Vec<ModelEffect>,
-    /// What the axes' handle has of inertia beside each axis's own, a number a pair: first and second axis, first and third,
-    /// second and third (kg·m²). Empty where the axes move as if alone.
+    /// What the axes' handle has of inertia beside each axis's own, a number a pair: first and
+    /// second axis, first and third, second and third (kg·m²). Empty where the axes move as if
+    /// alone.
     pub handle_coupling: Vec<f64>,
 }
 
@@ -52,7 +53,8 @@ impl ModelKind {
         Self::WORDS.iter().find(|(_, kind)| *kind == self).map_or("", |(word, _)| word)
     }
 
-    /// Whether it is a transmission between a motor that takes volts and a handle: what the virtual card can simulate.
+    /// Whether it is a transmission between a motor that takes volts and a handle: what the virtual
+    /// card can simulate.
     pub fn is_transmission(self) -> bool {
         matches!(self, Self::Hydrostatic | Self::Cable)
     }
@@ -67,7 +69,8 @@ pub struct Parameter {
     pub value: f64,
     /// How well it is known, as a fraction of the value: 0.05 is ±5 %.
     pub tolerance: f64,
-    /// How well it is known in its own unit (SI); takes the place of `tolerance`, for values near 0.
+    /// How well it is known in its own unit (SI); takes the place of `tolerance`, for values near
+    /// 0.
     pub tolerance_absolute: Option<f64>,
     /// Where it comes from.
     pub source: ParameterSource,
@@ -106,7 +109,8 @@ const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
     source: "EMPS: Janot, Gautier, Brunot 2019",
 };
 
-/// How far a turn of the motor moves a drive; what repeats with the motor's angle is told by it. It need not be declared.
+/// How far a turn of the motor moves a drive; what repeats with the motor's angle is told by it. It
+/// need not be declared.
 const MOTOR_TURN: ParameterInfo = ParameterInfo {
     name: "motor_turn_m",
     unit: "m",
@@ -148,16 +152,22 @@ impl Model {
     }
 
     /// The declared constants of one axis's transmission.
-    pub(crate) fn of_axis(&self, own: &[Parameter], file: &str) -> Result<any::Parameters, RigError> {
+    pub(crate) fn of_axis(
+        &self,
+        own: &[Parameter],
+        file: &str,
+    ) -> Result<any::Parameters, RigError> {
         self.with(own).transmission(file)
     }
 
-    /// The declared constants of a hydrostatic transmission; those that the file leaves out are as printed.
+    /// The declared constants of a hydrostatic transmission; those that the file leaves out are as
+    /// printed.
     pub(crate) fn hydrostatic(&self, file: &str) -> Result<hydrostatic::Parameters, RigError> {
         self.fill(ModelKind::Hydrostatic, hydrostatic::Parameters::printed(), file)
     }
 
-    /// The declared constants of a cable transmission; those that the file leaves out are as printed.
+    /// The declared constants of a cable transmission; those that the file leaves out are as
+    /// printed.
     pub(crate) fn cable(&self, file: &str) -> Result<cable::Parameters, RigError> {
         self.fill(ModelKind::Cable, cable::Parameters::printed(), file)
     }
@@ -173,7 +183,12 @@ impl Model {
                     ModelKind::Hydrostatic.name(),
                     ModelKind::Cable.name()
                 );
-                Err(unfit(file, "model.kind".to_owned(), expected, format!("\"{}\"", self.kind.name())))
+                Err(unfit(
+                    file,
+                    "model.kind".to_owned(),
+                    expected,
+                    format!("\"{}\"", self.kind.name()),
+                ))
             }
         }
     }
@@ -183,13 +198,21 @@ impl Model {
         self.fill(ModelKind::Drive, drive::Parameters::default(), file)
     }
 
-    fn fill<P: ParameterSet>(&self, kind: ModelKind, mut parameters: P, file: &str) -> Result<P, RigError> {
+    fn fill<P: ParameterSet>(
+        &self,
+        kind: ModelKind,
+        mut parameters: P,
+        file: &str,
+    ) -> Result<P, RigError> {
         let problem = |key, expected, found| unfit(file, key, expected, found);
         if self.kind != kind {
-            let (expected, found) = (format!("the model \"{}\"", kind.name()), format!("\"{}\"", self.kind.name()));
+            let (expected, found) =
+                (format!("the model \"{}\"", kind.name()), format!("\"{}\"", self.kind.name()));
             return Err(problem("model.kind".to_owned(), expected, found));
         }
-        for declared in self.parameters.iter().filter(|declared| !is_of_the_motor(kind, &declared.name)) {
+        for declared in
+            self.parameters.iter().filter(|declared| !is_of_the_motor(kind, &declared.name))
+        {
             parameters.set(&declared.name, declared.value).map_err(|error| {
                 let key = format!("model.parameters.{}", declared.name);
                 problem(key, "a value that the model stands for".to_owned(), error.to_string())
@@ -205,7 +228,12 @@ impl Model {
             let table = format!("axes.{at}.model");
             if !axis.model.is_empty() && !self.kind.is_transmission() {
                 let found = format!("the model \"{}\"", self.kind.name());
-                source.problem(&table, "a transmission of the axis's own", found, "take the section out");
+                source.problem(
+                    &table,
+                    "a transmission of the axis's own",
+                    found,
+                    "take the section out",
+                );
             } else {
                 self.check_parameters(&table, &axis.model, source);
             }
@@ -226,12 +254,19 @@ impl Model {
     /// Whether the effects can act in each axis's transmission.
     fn check_effects(&self, axes: &[Axis], source: &Source<'_>) {
         for (at, effect) in self.effects.iter().enumerate() {
-            if let Some(before) =
-                self.effects[..at].iter().position(|other| (other.id, other.site) == (effect.id, effect.site))
+            if let Some(before) = self.effects[..at]
+                .iter()
+                .position(|other| (other.id, other.site) == (effect.id, effect.site))
             {
-                let expected = format!("an effect of its own (model.effects.{before} has it already)");
+                let expected =
+                    format!("an effect of its own (model.effects.{before} has it already)");
                 let found = format!("{} at {}", effect.id, effect.site);
-                source.problem(&format!("model.effects.{at}.id"), expected, found, "take one of the two out");
+                source.problem(
+                    &format!("model.effects.{at}.id"),
+                    expected,
+                    found,
+                    "take one of the two out",
+                );
             }
             for axis in axes {
                 effect.check(at, self.of_axis(&axis.model, "").ok().as_ref(), source);
@@ -245,25 +280,36 @@ impl Model {
     /// Whether a handle can have this inertia.
     fn check_coupling(&self, axes: &[Axis], source: &Source<'_>) {
         let key = "model.handle_coupling_kg_m2";
-        let inertia = |axis: &Axis| self.of_axis(&axis.model, "").map(|own| own.slave_inertia_kg_m2());
+        let inertia =
+            |axis: &Axis| self.of_axis(&axis.model, "").map(|own| own.slave_inertia_kg_m2());
         let Ok(inertia) = axes.iter().map(inertia).collect::<Result<Vec<_>, _>>() else {
             let found = format!("the model \"{}\"", self.kind.name());
-            source.problem(key, "a transmission, whose slave is at the handle", found, "take the key out");
+            source.problem(
+                key,
+                "a transmission, whose slave is at the handle",
+                found,
+                "take the key out",
+            );
             return;
         };
         let pairs = axes.len() * (axes.len() - 1) / 2;
-        match HandleCoupling::of_pairs(axes.len(), &self.handle_coupling).and_then(|handle| handle.check(&inertia)) {
+        match HandleCoupling::of_pairs(axes.len(), &self.handle_coupling)
+            .and_then(|handle| handle.check(&inertia))
+        {
             Ok(_) => {}
             Err(CouplingError::TooStrong { found }) => {
-                let expected =
-                    format!("a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every direction");
+                let expected = format!(
+                    "a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every direction"
+                );
                 let found = format!("{:?} with a least of {found:.3}", self.handle_coupling);
                 let advice = "for two axes: at most 0.8 times the root of the product of their slaves' inertia";
                 source.problem(key, expected, found, advice);
             }
             Err(_) => {
-                let expected = format!("{pairs} numbers, one for each pair of the {} axes", axes.len());
-                let advice = "in the order first and second axis, first and third, second and third";
+                let expected =
+                    format!("{pairs} numbers, one for each pair of the {} axes", axes.len());
+                let advice =
+                    "in the order first and second axis, first and third, second and third";
                 source.problem(key, expected, self.handle_coupling.len(), advice);
             }
         }
@@ -277,7 +323,8 @@ impl Model {
             ModelKind::Oscillator => one_channel::OSCILLATOR,
             ModelKind::Element => one_channel::ELEMENT,
         };
-        let extra: &[ParameterInfo] = if self.kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
+        let extra: &[ParameterInfo] =
+            if self.kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
         let infos = || infos.iter().chain(extra);
         for parameter in parameters {
             let key = format!("{table}.{}", parameter.name);
@@ -325,18 +372,25 @@ impl Parameter {
     fn read(table: &Section<'_>, name: String) -> Self {
         let value = bounds(f64::MIN, f64::MAX, "");
         match table.number_or_section(&name, value) {
-            NumberOrSection::Number(value) => {
-                Self { name, value, tolerance: TOLERANCE, tolerance_absolute: None, source: ParameterSource::Assumed }
-            }
+            NumberOrSection::Number(value) => Self {
+                name,
+                value,
+                tolerance: TOLERANCE,
+                tolerance_absolute: None,
+                source: ParameterSource::Assumed,
+            },
             NumberOrSection::Section(section) => {
-                let fraction = bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
+                let fraction =
+                    bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
                 let absolute = bounds(0.0, f64::MAX, "half the range, in the parameter's unit");
                 let parameter = Self {
                     name,
                     value: section.number("value", value),
                     tolerance: section.number_or("tolerance", TOLERANCE, fraction),
                     tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
-                    source: section.word_or_none("source", ParameterSource::WORDS).unwrap_or(ParameterSource::Assumed),
+                    source: section
+                        .word_or_none("source", ParameterSource::WORDS)
+                        .unwrap_or(ParameterSource::Assumed),
                 };
                 if section.has("tolerance") && section.has("tolerance_absolute") {
                     let advice = "keep the fraction, or the absolute one for a value near 0";

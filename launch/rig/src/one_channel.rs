@@ -1,4 +1,5 @@
-//! Parameters of the models of one channel that no plant simulates: an oscillator, and a part tested by itself.
+//! Parameters of the models of one channel that no plant simulates: an oscillator, and a part
+//! tested by itself.
 
 use plant::ParameterInfo;
 
@@ -14,7 +15,12 @@ const fn info(
 /// `mass ÿ + damping ẏ + stiffness y + offset = input`, input and output in volts.
 pub(crate) const OSCILLATOR: &[ParameterInfo] = &[
     info("mass_s2", "s^2", (1e-18, 1e6), (5.17e-6, "Silverbox: natural frequency near 70 Hz")),
-    info("damping_s", "s", (0.0, 1e6), (2.3e-4, "Silverbox, assumed: a twentieth of critical damping")),
+    info(
+        "damping_s",
+        "s",
+        (0.0, 1e6),
+        (2.3e-4, "Silverbox, assumed: a twentieth of critical damping"),
+    ),
     info("stiffness", "1", (1e-9, 1e9), (1.0, "Silverbox: a volt holds about a volt")),
     info("coulomb_friction_v", "V", (0.0, 1e6), (0.0, "none")),
     info("input_offset_v", "V", (-1e6, 1e6), (0.0, "none")),

@@ -11,7 +11,8 @@
 //! duration_s = 20.0
 //! ```
 //!
-//! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and limits.
+//! A protocol alone knows no machine; [`Protocol::check_against`] holds it against a rig's axes and
+//! limits.
 
 mod excitation;
 mod field;
@@ -90,7 +91,8 @@ impl Protocol {
     /// Reads and checks the file.
     ///
     /// # Errors
-    /// [`ProtocolError::Unreadable`] where there is no such file or it is no UTF-8, else as [`Protocol::parse`].
+    /// [`ProtocolError::Unreadable`] where there is no such file or it is no UTF-8, else as
+    /// [`Protocol::parse`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ProtocolError> {
         Self::load_with::<&str>(path, &[])
     }
@@ -99,7 +101,10 @@ impl Protocol {
     ///
     /// # Errors
     /// As [`Protocol::load`] and [`with_overrides`].
-    pub fn load_with<S: AsRef<str>>(path: impl AsRef<Path>, overrides: &[S]) -> Result<Self, ProtocolError> {
+    pub fn load_with<S: AsRef<str>>(
+        path: impl AsRef<Path>,
+        overrides: &[S],
+    ) -> Result<Self, ProtocolError> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path)
             .map_err(|source| ProtocolError::Unreadable { path: path.to_owned(), source })?;
@@ -124,9 +129,11 @@ impl Protocol {
         let head = root.section("protocol");
         let name = head.text("name");
         let description = head.text_or_none("description").unwrap_or_default();
-        let repeat = head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
+        let repeat =
+            head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
         head.finish();
-        let segments: Vec<_> = root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
+        let segments: Vec<_> =
+            root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
         if segments.is_empty() {
             root.problem("segments", "at least one segment", "none", "write each as [[segments]]");
         }
@@ -142,11 +149,21 @@ impl Protocol {
         let (count, duration) = (protocol.count(), protocol.duration_s());
         if count > SEGMENTS {
             let advice = "repeat less often";
-            root.problem("segments", format!("at most {SEGMENTS} segments, repeats counted"), count, advice);
+            root.problem(
+                "segments",
+                format!("at most {SEGMENTS} segments, repeats counted"),
+                count,
+                advice,
+            );
         }
         if duration > LONGEST_S {
             let found = format!("{duration} s");
-            root.problem("segments", format!("at most {LONGEST_S} s in all"), found, "split the protocol");
+            root.problem(
+                "segments",
+                format!("at most {LONGEST_S} s in all"),
+                found,
+                "split the protocol",
+            );
         }
         root.finish();
         protocol
@@ -154,12 +171,14 @@ impl Protocol {
 
     /// Number of segments that are played, repeats counted.
     pub fn count(&self) -> usize {
-        self.segments.iter().map(|segment| segment.repeat as usize).sum::<usize>() * self.repeat as usize
+        self.segments.iter().map(|segment| segment.repeat as usize).sum::<usize>()
+            * self.repeat as usize
     }
 
     /// Time that it takes, repeats counted (s).
     pub fn duration_s(&self) -> f64 {
-        let once: f64 = self.segments.iter().map(|s| s.movement.duration_s() * f64::from(s.repeat)).sum();
+        let once: f64 =
+            self.segments.iter().map(|s| s.movement.duration_s() * f64::from(s.repeat)).sum();
         once * f64::from(self.repeat)
     }
 
@@ -173,13 +192,15 @@ impl Protocol {
         })
     }
 
-    /// Holds the protocol against a machine: axes and units, positions and speeds within the limits.
+    /// Holds the protocol against a machine: axes and units, positions and speeds within the
+    /// limits.
     ///
-    /// The speed of a movement depends on where it begins. At the protocol's start and after a rest that is unknown, and
-    /// the farthest position that the limits allow is taken.
+    /// The speed of a movement depends on where it begins. At the protocol's start and after a rest
+    /// that is unknown, and the farthest position that the limits allow is taken.
     ///
     /// # Errors
-    /// [`ProtocolError::Invalid`] with every segment that does not fit, by line of the protocol's file.
+    /// [`ProtocolError::Invalid`] with every segment that does not fit, by line of the protocol's
+    /// file.
     pub fn check_against(&self, rig: &RigFile) -> Result<(), ProtocolError> {
         let source = Source::new(&self.text, &self.file_name);
         let table = source.parse()?;
@@ -189,7 +210,8 @@ impl Protocol {
         let mut ends: Vec<Option<f64>> = vec![None; rig.axes.len()];
         for (index, segment) in self.sequence() {
             let start = ends.get(segment.axis).copied().flatten();
-            // repeats may begin elsewhere than the first turn, so each turn is checked; one complaint is enough
+            // repeats may begin elsewhere than the first turn, so each turn is checked; one
+            // complaint is enough
             if !misfits[index] {
                 misfits[index] = !segment.check(index, start, rig, &source)
                     || segment.companions.iter().any(|companion| {
@@ -231,12 +253,13 @@ impl Segment {
         let (movement, unit) = Movement::read(&section);
         let (axis, movement, companions) = together::read(&section, movement);
         let segment = Self {
-            label: section
-                .text_or_none("label")
-                .unwrap_or_else(|| format!("{} {}", movement.kind().name().replace('_', " "), index + 1)),
+            label: section.text_or_none("label").unwrap_or_else(|| {
+                format!("{} {}", movement.kind().name().replace('_', " "), index + 1)
+            }),
             axis,
             unit,
-            repeat: section.whole_or("repeat", 1, 1, 1000, "how often the segment is played") as u32,
+            repeat: section.whole_or("repeat", 1, 1, 1000, "how often the segment is played")
+                as u32,
             movement,
             companions,
         };
@@ -261,18 +284,22 @@ impl Segment {
         // the key that a person would change
         let place = || {
             let stems = ["amplitude", "amplitudes", "positions", "position"];
-            let keys = stems.iter().flat_map(|stem| [key(&format!("{stem}_deg")), key(&format!("{stem}_m"))]);
+            let keys = stems
+                .iter()
+                .flat_map(|stem| [key(&format!("{stem}_deg")), key(&format!("{stem}_m"))]);
             keys.into_iter().find(|key| source.has(key)).unwrap_or_else(|| key("kind"))
         };
         let kind = self.movement.kind().name();
         let Some(axis) = rig.axes.get(self.axis) else {
-            let expected = format!("an axis of the rig \"{}\" (0 to {})", rig.name, rig.axes.len() - 1);
+            let expected =
+                format!("an axis of the rig \"{}\" (0 to {})", rig.name, rig.axes.len() - 1);
             let place = if source.has(&key("axes")) { key("axes") } else { key("axis") };
             source.problem(&place, expected, self.axis, "move an axis that the rig has");
             return false;
         };
         if self.unit.is_some_and(|unit| unit != axis.unit) {
-            let expected = format!("positions in the unit of axis \"{}\" ({})", axis.name, axis.unit.symbol());
+            let expected =
+                format!("positions in the unit of axis \"{}\" ({})", axis.name, axis.unit.symbol());
             let advice = "keys end in _deg for axes in rad, in _m for axes in m";
             source.problem(&place(), expected, "the other unit", advice);
             return false;
@@ -307,9 +334,18 @@ impl Segment {
         if let Some((least, most)) = range
             && (least < limits.position_min || most > limits.position_max)
         {
-            let expected = format!("positions from {} to {}", show(limits.position_min), show(limits.position_max));
+            let expected = format!(
+                "positions from {} to {}",
+                show(limits.position_min),
+                show(limits.position_max)
+            );
             let found = format!("a {kind} from {} to {}", show(least), show(most));
-            source.problem(&place(), expected, found, "move less, or elsewhere; the limits are the rig file's");
+            source.problem(
+                &place(),
+                expected,
+                found,
+                "move less, or elsewhere; the limits are the rig file's",
+            );
             return false;
         }
         if let Movement::Ramp(ramp) = &self.movement {
@@ -318,7 +354,12 @@ impl Segment {
             if needed > ramp.duration_s {
                 let expected = format!("at least {needed:.1} s, what the way takes at that speed");
                 let advice = "take more time, move faster, or put a hold before it";
-                source.problem(&key("duration_s"), expected, format!("{} s", ramp.duration_s), advice);
+                source.problem(
+                    &key("duration_s"),
+                    expected,
+                    format!("{} s", ramp.duration_s),
+                    advice,
+                );
                 return false;
             }
         }
@@ -326,7 +367,10 @@ impl Segment {
             Some(start) => (self.movement.peak_speed_from(start), "where the segment before ends"),
             None => {
                 let far = |end: f64| self.movement.peak_speed_from(end);
-                (far(limits.position_min).max(far(limits.position_max)), "any position within the limits")
+                (
+                    far(limits.position_min).max(far(limits.position_max)),
+                    "any position within the limits",
+                )
             }
         };
         if from > limits.speed_max {
@@ -339,14 +383,29 @@ impl Segment {
     }
 }
 
-/// Whether the rig has the axes of a field's matrices, each with force control and a limit on the torque that they keep.
-fn check_matrix(field: &Field, rig: &RigFile, key: impl Fn(&str) -> String, source: &Source<'_>) -> bool {
+/// Whether the rig has the axes of a field's matrices, each with force control and a limit on the
+/// torque that they keep.
+fn check_matrix(
+    field: &Field,
+    rig: &RigFile,
+    key: impl Fn(&str) -> String,
+    source: &Source<'_>,
+) -> bool {
     let Some(matrix) = &field.matrix else { return true };
     let key = matrix.keys().map(&key).find(|key| source.has(key)).unwrap_or_else(|| key("kind"));
     if matrix.axes > rig.axes.len() {
-        let expected = format!("at most {0} rows of {0}: the rig \"{1}\" has so many axes", rig.axes.len(), rig.name);
+        let expected = format!(
+            "at most {0} rows of {0}: the rig \"{1}\" has so many axes",
+            rig.axes.len(),
+            rig.name
+        );
         let found = format!("{0} rows of {0}", matrix.axes);
-        source.problem(&key, expected, found, "give one row an axis, or choose a rig with more axes");
+        source.problem(
+            &key,
+            expected,
+            found,
+            "give one row an axis, or choose a rig with more axes",
+        );
         return false;
     }
     for (index, axis) in rig.axes.iter().enumerate().take(matrix.axes) {
@@ -358,8 +417,10 @@ fn check_matrix(field: &Field, rig: &RigFile, key: impl Fn(&str) -> String, sour
         match axis.limits.torque_max.filter(|_| axis.control.force.is_some()) {
             Some(most) if torque <= most => {}
             Some(most) => {
-                let expected =
-                    format!("a field of at most {most} {symbol} on axis \"{}\" within the limits", axis.name);
+                let expected = format!(
+                    "a field of at most {most} {symbol} on axis \"{}\" within the limits",
+                    axis.name
+                );
                 let advice = "the watchdog would cut the power there; soften the field";
                 source.problem(&key, expected, format!("{torque:.1} {symbol}"), advice);
                 return false;
@@ -369,7 +430,12 @@ fn check_matrix(field: &Field, rig: &RigFile, key: impl Fn(&str) -> String, sour
                     "axes that measure the hand's torque, with a limit on it (axis \"{}\" does not)",
                     axis.name
                 );
-                source.problem(&key, expected, "a matrix over it", "add axes.torque to the rig file");
+                source.problem(
+                    &key,
+                    expected,
+                    "a matrix over it",
+                    "add axes.torque to the rig file",
+                );
                 return false;
             }
         }
@@ -377,7 +443,8 @@ fn check_matrix(field: &Field, rig: &RigFile, key: impl Fn(&str) -> String, sour
     true
 }
 
-/// Whether an axis can give a hand this field: it measures the hand's torque, and the field stays below the limit on it.
+/// Whether an axis can give a hand this field: it measures the hand's torque, and the field stays
+/// below the limit on it.
 fn check_field(
     field: &Field,
     axis: &Axis,
@@ -386,9 +453,16 @@ fn check_field(
     source: &Source<'_>,
 ) -> bool {
     let Some(most) = axis.limits.torque_max.filter(|_| axis.control.force.is_some()) else {
-        let expected =
-            format!("an axis that measures the hand's torque, with a limit on it (axis \"{}\" does not)", axis.name);
-        source.problem(&key("kind"), expected, "a free movement", "add axes.torque to the rig file, or use rest");
+        let expected = format!(
+            "an axis that measures the hand's torque, with a limit on it (axis \"{}\" does not)",
+            axis.name
+        );
+        source.problem(
+            &key("kind"),
+            expected,
+            "a free movement",
+            "add axes.torque to the rig file, or use rest",
+        );
         return false;
     };
     let (torque, at) = field.largest_torque(axis.limits.position_min, axis.limits.position_max);
@@ -397,14 +471,21 @@ fn check_field(
         let found = format!("{:.1} {symbol} at {}", torque.abs(), show(at));
         let stems = ["spring", "position_table_deg", "position_table_m", "wall_stiffness"];
         let stem = stems.into_iter().find(|stem| source.has(&key(stem))).unwrap_or("kind");
-        let advice = "the watchdog would cut the power there; soften the field, or move its centre or walls";
-        source.problem(&key(stem), format!("a field of at most {most} {symbol} within the limits"), found, advice);
+        let advice =
+            "the watchdog would cut the power there; soften the field, or move its centre or walls";
+        source.problem(
+            &key(stem),
+            format!("a field of at most {most} {symbol} within the limits"),
+            found,
+            advice,
+        );
         return false;
     }
     if let Some(table) = &field.velocity_table
         && table.largest() > most
     {
-        let (symbol, stems) = (torque_symbol(axis.unit), ["velocity_table_deg_s", "velocity_table_m_s"]);
+        let (symbol, stems) =
+            (torque_symbol(axis.unit), ["velocity_table_deg_s", "velocity_table_m_s"]);
         let stem = stems.into_iter().find(|stem| source.has(&key(stem))).unwrap_or("kind");
         let found = format!("{:.1} {symbol}", table.largest());
         let advice = "the watchdog would cut the power there; lower the torques";

@@ -7,8 +7,9 @@ const SECOND_NS: u64 = 1_000_000_000;
 /// Two loops closer than this run into each other: a loop takes that long at least (ns).
 const PHASE_GAP_NS: u64 = 20_000;
 
-/// How often each process runs. Each rate divides 1e9, and of any two the slower divides the faster, so that
-/// `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common origin.
+/// How often each process runs. Each rate divides 1e9, and of any two the slower divides the
+/// faster, so that `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common
+/// origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rates {
     /// Scans of the card, and the gate (Hz).
@@ -43,11 +44,25 @@ impl Rates {
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
-        let rate = |key, default, least, most, advice| section.whole_or(key, default, least, most, advice) as u32;
+        let rate = |key, default, least, most, advice| {
+            section.whole_or(key, default, least, most, advice) as u32
+        };
         let rates = Self {
             acquisition_hz: rate("acquisition_hz", 2000, 100, 10_000, "§ 2.2 acquires at 2000 Hz"),
-            control_hz: rate("control_hz", 500, 50, 2_000, "§ 2.2 controls at 500 Hz and wants 1000 Hz"),
-            watchdog_hz: rate("watchdog_hz", 1000, 100, 5_000, "1000 Hz toggles the enable line in time"),
+            control_hz: rate(
+                "control_hz",
+                500,
+                50,
+                2_000,
+                "§ 2.2 controls at 500 Hz and wants 1000 Hz",
+            ),
+            watchdog_hz: rate(
+                "watchdog_hz",
+                1000,
+                100,
+                5_000,
+                "1000 Hz toggles the enable line in time",
+            ),
             experiment_hz: rate("experiment_hz", 500, 50, 2_000, "the rate of control is enough"),
         };
         section.finish();
@@ -63,7 +78,8 @@ impl Rates {
         ]
     }
 
-    /// Of any two rates, the slower divides the faster. One pair is enough to name: the rest mostly follows from it.
+    /// Of any two rates, the slower divides the faster. One pair is enough to name: the rest mostly
+    /// follows from it.
     fn check_that_they_divide(&self, source: &Source<'_>) {
         let named = self.named();
         for (index, (key_a, a)) in named.iter().enumerate() {
@@ -85,7 +101,8 @@ impl Rates {
     pub(crate) fn check(&self, source: &Source<'_>) {
         for (key, rate) in self.named() {
             if !SECOND_NS.is_multiple_of(u64::from(rate)) {
-                let advice = "a period must be a whole number of ns: take 250, 500, 1000, 2000 or the like";
+                let advice =
+                    "a period must be a whole number of ns: take 250, 500, 1000, 2000 or the like";
                 source.problem(key, "a rate that divides 1e9", rate, advice);
             }
         }
@@ -95,7 +112,12 @@ impl Rates {
         self.check_that_they_divide(source);
         if self.control_hz > self.acquisition_hz {
             let expected = format!("at most rates.acquisition_hz ({} Hz)", self.acquisition_hz);
-            source.problem("rates.control_hz", expected, self.control_hz, "a command answers a sample");
+            source.problem(
+                "rates.control_hz",
+                expected,
+                self.control_hz,
+                "a command answers a sample",
+            );
         }
         if self.watchdog_hz < self.control_hz {
             let expected = format!("at least rates.control_hz ({} Hz)", self.control_hz);
@@ -131,8 +153,10 @@ pub struct Phases {
 
 impl Phases {
     pub(crate) fn read(section: Section<'_>) -> Self {
-        let phase =
-            |key, default| section.whole_or(key, default, 0, 20_000, "whole µs, within the loop's own period") * 1000;
+        let phase = |key, default| {
+            section.whole_or(key, default, 0, 20_000, "whole µs, within the loop's own period")
+                * 1000
+        };
         let phases = Self {
             simulator_ns: phase("simulator", 0),
             acquisition_ns: phase("acquisition", 80),
@@ -144,9 +168,9 @@ impl Phases {
         phases
     }
 
-    /// Each phase lies within its loop's period; simulator, acquisition, control stand in the order in which data
-    /// flow; and no two loops begin within 20 µs of each other. For the last, phases are taken modulo the shortest
-    /// period and round its end: in some period the loops meet there.
+    /// Each phase lies within its loop's period; simulator, acquisition, control stand in the order
+    /// in which data flow; and no two loops begin within 20 µs of each other. For the last, phases
+    /// are taken modulo the shortest period and round its end: in some period the loops meet there.
     pub(crate) fn check(&self, rates: &Rates, source: &Source<'_>) {
         let loops = [
             ("phases_us.simulator", self.simulator_ns, rates.acquisition_period_ns()),
@@ -158,7 +182,12 @@ impl Phases {
         for (key, phase, period) in loops {
             if phase >= period {
                 let expected = format!("less than the loop's period ({} µs)", period / 1000);
-                source.problem(key, expected, format!("{} µs", phase / 1000), "shift the loop forward");
+                source.problem(
+                    key,
+                    expected,
+                    format!("{} µs", phase / 1000),
+                    "shift the loop forward",
+                );
             }
         }
         for pair in loops[..3].windows(2) {
@@ -174,9 +203,16 @@ impl Phases {
             for (key_b, b, _) in &loops[index + 1..] {
                 let apart = (a % shortest).abs_diff(b % shortest);
                 if apart.min(shortest - apart) < PHASE_GAP_NS {
-                    let expected = format!("at least {} µs from {key_a} ({} µs)", PHASE_GAP_NS / 1000, a / 1000);
+                    let expected = format!(
+                        "at least {} µs from {key_a} ({} µs)",
+                        PHASE_GAP_NS / 1000,
+                        a / 1000
+                    );
                     let found = format!("overlapping phases: {} µs", b / 1000);
-                    let advice = format!("phases repeat every {} µs, the shortest period; move one", shortest / 1000);
+                    let advice = format!(
+                        "phases repeat every {} µs, the shortest period; move one",
+                        shortest / 1000
+                    );
                     source.problem(key_b, expected, found, advice);
                 }
             }

@@ -1,8 +1,8 @@
-//! Reads TOML with a memory for lines: every getter checks type and range, notes which keys are known, and
-//! collects what is wrong, so that a person sees all of a file's problems at once.
+//! Reads TOML with a memory for lines: every getter checks type and range, notes which keys are
+//! known, and collects what is wrong, so that a person sees all of a file's problems at once.
 //!
-//! A getter whose value is wrong notes the problem and returns a harmless stand-in; nobody sees it, because
-//! [`Source::finish`] then returns the problems.
+//! A getter whose value is wrong notes the problem and returns a harmless stand-in; nobody sees it,
+//! because [`Source::finish`] then returns the problems.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -37,7 +37,8 @@ impl<'a> Source<'a> {
                     key: String::new(),
                     expected: "valid TOML".to_owned(),
                     found: format!("an error: {message}"),
-                    advice: "mend the line; comments begin with #, texts stand in quotes".to_owned(),
+                    advice: "mend the line; comments begin with #, texts stand in quotes"
+                        .to_owned(),
                 }],
             }
         })
@@ -45,7 +46,13 @@ impl<'a> Source<'a> {
 
     /// The outermost section.
     pub(crate) fn root<'s>(&'s self, table: &'s DeTable<'a>) -> Section<'s> {
-        Section { source: self, table: Some(table), path: String::new(), line: 1, known: RefCell::default() }
+        Section {
+            source: self,
+            table: Some(table),
+            path: String::new(),
+            line: 1,
+            known: RefCell::default(),
+        }
     }
 
     fn line(&self, at: usize) -> usize {
@@ -73,11 +80,24 @@ impl<'a> Source<'a> {
     }
 
     /// Notes a problem with a key that was read before.
-    pub(crate) fn problem(&self, key: &str, expected: impl Display, found: impl Display, advice: impl Display) {
+    pub(crate) fn problem(
+        &self,
+        key: &str,
+        expected: impl Display,
+        found: impl Display,
+        advice: impl Display,
+    ) {
         self.problem_on(self.line_of(key), key, expected, found, advice);
     }
 
-    fn problem_on(&self, line: usize, key: &str, expected: impl Display, found: impl Display, advice: impl Display) {
+    fn problem_on(
+        &self,
+        line: usize,
+        key: &str,
+        expected: impl Display,
+        found: impl Display,
+        advice: impl Display,
+    ) {
         self.problems.borrow_mut().push(Problem {
             file: self.file.to_owned(),
             line,
@@ -145,7 +165,8 @@ impl<'s> Section<'s> {
     /// All keys that stand in the section, in the order of their lines.
     pub(crate) fn keys(&self) -> Vec<String> {
         let Some(table) = self.table else { return Vec::new() };
-        let mut keys: Vec<_> = table.iter().map(|(key, _)| (key.span().start, key.get_ref().to_string())).collect();
+        let mut keys: Vec<_> =
+            table.iter().map(|(key, _)| (key.span().start, key.get_ref().to_string())).collect();
         keys.sort();
         keys.into_iter().map(|(_, key)| key).collect()
     }
@@ -166,7 +187,13 @@ impl<'s> Section<'s> {
     }
 
     /// Notes a problem with one of the section's keys.
-    pub(crate) fn problem(&self, key: &str, expected: impl Display, found: impl Display, advice: impl Display) {
+    pub(crate) fn problem(
+        &self,
+        key: &str,
+        expected: impl Display,
+        found: impl Display,
+        advice: impl Display,
+    ) {
         let name = self.table.and_then(|table| table.get_key_value(key)).map(|(name, _)| name);
         let line = name.map_or(self.line, |name| self.source.line(name.span().start));
         self.source.problem_on(line, &self.path(key), expected, found, advice);
@@ -183,7 +210,12 @@ impl<'s> Section<'s> {
         let line = value.map_or(self.line, |value| self.source.line(value.span().start));
         let table = value.and_then(|value| value.get_ref().as_table());
         if let (Some(value), None) = (value, table) {
-            self.problem(key, "a table of keys", describe(value.get_ref()), "write it as [section] or { key = value }");
+            self.problem(
+                key,
+                "a table of keys",
+                describe(value.get_ref()),
+                "write it as [section] or { key = value }",
+            );
         }
         self.source.lines.borrow_mut().entry(path.clone()).or_insert(line);
         Section { source: self.source, table, path, line, known: RefCell::default() }
@@ -193,10 +225,18 @@ impl<'s> Section<'s> {
     pub(crate) fn sections(&self, key: &str) -> Vec<Section<'s>> {
         let Some(value) = self.value(key) else { return Vec::new() };
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(key, "a list of tables", describe(value.get_ref()), format!("write each as [[{key}]]"));
+            self.problem(
+                key,
+                "a list of tables",
+                describe(value.get_ref()),
+                format!("write each as [[{key}]]"),
+            );
             return Vec::new();
         };
-        list.iter().enumerate().map(|(index, item)| self.section_of(&format!("{key}.{index}"), Some(item))).collect()
+        list.iter()
+            .enumerate()
+            .map(|(index, item)| self.section_of(&format!("{key}.{index}"), Some(item)))
+            .collect()
     }
 
     /// A number that must be there.
@@ -221,9 +261,10 @@ impl<'s> Section<'s> {
     pub(crate) fn numbers(&self, key: &str, bounds: Bounds) -> Vec<f64> {
         let Some(value) = self.required(key, "a list of numbers") else { return Vec::new() };
         match value.get_ref().as_array() {
-            Some(list) if !list.is_empty() => {
-                list.iter().map(|item| self.as_number(key, item.get_ref(), bounds).unwrap_or(bounds.least)).collect()
-            }
+            Some(list) if !list.is_empty() => list
+                .iter()
+                .map(|item| self.as_number(key, item.get_ref(), bounds).unwrap_or(bounds.least))
+                .collect(),
             _ => {
                 self.problem(
                     key,
@@ -237,11 +278,24 @@ impl<'s> Section<'s> {
     }
 
     /// A list of lists of numbers that may be left out; `expected` says what they are.
-    pub(crate) fn rows_or_none(&self, key: &str, expected: &str, bounds: Bounds) -> Option<Vec<Vec<f64>>> {
+    pub(crate) fn rows_or_none(
+        &self,
+        key: &str,
+        expected: &str,
+        bounds: Bounds,
+    ) -> Option<Vec<Vec<f64>>> {
         let value = self.value(key)?;
-        let lists = value.get_ref().as_array().map(|rows| rows.iter().map(|row| row.get_ref().as_array()));
-        let Some(rows) = lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty()) else {
-            self.problem(key, expected, describe(value.get_ref()), "write it as [[1.0, 2.0], [3.0, 4.0]]");
+        let lists =
+            value.get_ref().as_array().map(|rows| rows.iter().map(|row| row.get_ref().as_array()));
+        let Some(rows) =
+            lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty())
+        else {
+            self.problem(
+                key,
+                expected,
+                describe(value.get_ref()),
+                "write it as [[1.0, 2.0], [3.0, 4.0]]",
+            );
             return None;
         };
         let numbers = |row: &&DeArray<'_>| -> Option<Vec<f64>> {
@@ -253,9 +307,9 @@ impl<'s> Section<'s> {
     /// An entry that is either a bare number or a table of keys.
     pub(crate) fn number_or_section(&self, key: &str, bounds: Bounds) -> NumberOrSection<'s> {
         match self.value(key) {
-            Some(value) if !value.get_ref().is_table() => {
-                NumberOrSection::Number(self.as_number(key, value.get_ref(), bounds).unwrap_or(bounds.least))
-            }
+            Some(value) if !value.get_ref().is_table() => NumberOrSection::Number(
+                self.as_number(key, value.get_ref(), bounds).unwrap_or(bounds.least),
+            ),
             value => NumberOrSection::Section(self.section_of(key, value)),
         }
     }
@@ -263,7 +317,9 @@ impl<'s> Section<'s> {
     fn as_number(&self, key: &str, value: &DeValue<'_>, bounds: Bounds) -> Option<f64> {
         let number = match value {
             DeValue::Float(float) => float.as_str().parse::<f64>().ok(),
-            DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|i| i as f64),
+            DeValue::Integer(integer) => {
+                i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|i| i as f64)
+            }
             _ => None,
         };
         let Some(number) = number else {
@@ -276,7 +332,12 @@ impl<'s> Section<'s> {
             return None;
         };
         if !number.is_finite() {
-            self.problem(key, "a finite number", describe(value), "not-a-number and infinity have no meaning here");
+            self.problem(
+                key,
+                "a finite number",
+                describe(value),
+                "not-a-number and infinity have no meaning here",
+            );
             return None;
         }
         if number < bounds.least || number > bounds.most {
@@ -288,9 +349,16 @@ impl<'s> Section<'s> {
     }
 
     /// A whole number that may be left out.
-    pub(crate) fn whole_or_none(&self, key: &str, least: u64, most: u64, advice: &str) -> Option<u64> {
+    pub(crate) fn whole_or_none(
+        &self,
+        key: &str,
+        least: u64,
+        most: u64,
+        advice: &str,
+    ) -> Option<u64> {
         let value = self.value(key)?.get_ref();
-        let whole = value.as_integer().and_then(|i| i64::from_str_radix(i.as_str(), i.radix()).ok());
+        let whole =
+            value.as_integer().and_then(|i| i64::from_str_radix(i.as_str(), i.radix()).ok());
         match whole.and_then(|whole| u64::try_from(whole).ok()) {
             Some(whole) if (least..=most).contains(&whole) => Some(whole),
             _ => {
@@ -302,7 +370,14 @@ impl<'s> Section<'s> {
     }
 
     /// A whole number with a default.
-    pub(crate) fn whole_or(&self, key: &str, default: u64, least: u64, most: u64, advice: &str) -> u64 {
+    pub(crate) fn whole_or(
+        &self,
+        key: &str,
+        default: u64,
+        least: u64,
+        most: u64,
+        advice: &str,
+    ) -> u64 {
         self.whole_or_none(key, least, most, advice).unwrap_or(default)
     }
 
@@ -371,7 +446,12 @@ impl<'s> Section<'s> {
     pub(crate) fn flag_or(&self, key: &str, default: bool) -> bool {
         let Some(value) = self.value(key) else { return default };
         value.get_ref().as_bool().unwrap_or_else(|| {
-            self.problem(key, "true or false", describe(value.get_ref()), "write it without quotes");
+            self.problem(
+                key,
+                "true or false",
+                describe(value.get_ref()),
+                "write it without quotes",
+            );
             default
         })
     }
@@ -390,7 +470,10 @@ impl<'s> Section<'s> {
             if known.contains(&key) {
                 continue;
             }
-            let span = self.table.and_then(|table| table.get_key_value(key.as_str())).map(|(name, _)| name.span());
+            let span = self
+                .table
+                .and_then(|table| table.get_key_value(key.as_str()))
+                .map(|(name, _)| name.span());
             let line = span.map_or(self.line, |span| self.source.line(span.start));
             let mut names: Vec<_> = known.iter().map(String::as_str).collect();
             names.sort_unstable();

@@ -45,19 +45,20 @@ impl RigFile {
     /// Reads and checks the file.
     ///
     /// # Errors
-    /// [`RigError::Unreadable`] where there is no such file or it is no UTF-8, else as [`RigFile::parse`].
+    /// [`RigError::Unreadable`] where there is no such file or it is no UTF-8, else as
+    /// [`RigFile::parse`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self, RigError> {
         let path = path.as_ref();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| RigError::Unreadable { path: path.to_owned(), source })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| RigError::Unreadable { path: path.to_owned(), source })?;
         Self::parse(&text, &path.display().to_string())
     }
 
     /// Checks the text of a rig file; `file_name` appears in messages only.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] with every problem that was found. Checks that compare sections (rates, phases, channels
-    /// against axes) follow when each section by itself is in order.
+    /// [`RigError::Invalid`] with every problem that was found. Checks that compare sections
+    /// (rates, phases, channels against axes) follow when each section by itself is in order.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, RigError> {
         let source = Source::new(text, file_name);
         let table = source.parse()?;
@@ -74,14 +75,20 @@ impl RigFile {
 
     fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
         let rates = Rates::read(root.section("rates"));
-        let axes: Vec<_> = root.sections("axes").into_iter().map(|section| Axis::read(section, &rates)).collect();
+        let axes: Vec<_> =
+            root.sections("axes").into_iter().map(|section| Axis::read(section, &rates)).collect();
         let unit = axes.first().map_or(AxisUnit::Radian, |axis| axis.unit);
         if axes.is_empty() || axes.len() > AXES {
             root.problem("axes", format!("1 to {AXES} axes"), axes.len(), "write each as [[axes]]");
         }
         let channels: Vec<_> = root.sections("channels").into_iter().map(Channel::read).collect();
         if channels.len() > ANALOG {
-            root.problem("channels", format!("at most {ANALOG} channels"), channels.len(), "take some out");
+            root.problem(
+                "channels",
+                format!("at most {ANALOG} channels"),
+                channels.len(),
+                "take some out",
+            );
         }
         let rig = Self {
             name: root.text("name"),
@@ -116,17 +123,28 @@ impl RigFile {
             {
                 let found = format!("the model \"{}\"", self.model.kind.name());
                 let advice = "take the key out, or declare the transmission in [model]";
-                source.problem(&format!("axes.{at}.{key}"), "the declared model of a transmission", found, advice);
+                source.problem(
+                    &format!("axes.{at}.{key}"),
+                    "the declared model of a transmission",
+                    found,
+                    advice,
+                );
             }
             if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {
                 let expected = format!("a name of its own (axes.{before} has it already)");
                 let found = format!("the text \"{}\"", axis.name);
-                source.problem(&format!("axes.{at}.name"), expected, found, "names tell axes apart on screens");
+                source.problem(
+                    &format!("axes.{at}.name"),
+                    expected,
+                    found,
+                    "names tell axes apart on screens",
+                );
             }
         }
     }
 
-    /// The declared constants of the hydrostatic transmission; those that the file leaves out are as printed.
+    /// The declared constants of the hydrostatic transmission; those that the file leaves out are
+    /// as printed.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -134,7 +152,8 @@ impl RigFile {
         self.model.hydrostatic(&self.file_name)
     }
 
-    /// The declared constants of the cable transmission; those that the file leaves out are as printed.
+    /// The declared constants of the cable transmission; those that the file leaves out are as
+    /// printed.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -142,17 +161,23 @@ impl RigFile {
         self.model.cable(&self.file_name)
     }
 
-    /// The declared constants of the transmission, whichever kind it is; those that the file leaves out are as printed.
+    /// The declared constants of the transmission, whichever kind it is; those that the file leaves
+    /// out are as printed.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
+    /// [`RigError::Invalid`] where the model is no transmission
+    /// ([`crate::ModelKind::is_transmission`]).
     pub fn transmission_parameters(&self) -> Result<plant::any::Parameters, RigError> {
         self.model.transmission(&self.file_name)
     }
 
     /// The axes that are wanted, one bit each.
     pub fn axis_bits(&self, wanted: impl Fn(&Axis) -> bool) -> u8 {
-        self.axes.iter().enumerate().filter(|(_, axis)| wanted(axis)).fold(0, |bits, (index, _)| bits | 1 << index)
+        self.axes
+            .iter()
+            .enumerate()
+            .filter(|(_, axis)| wanted(axis))
+            .fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
     /// The analog channels that there are, one bit each.
@@ -160,20 +185,24 @@ impl RigFile {
         self.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index)
     }
 
-    /// The declared constants of one axis's transmission: those of [`Model::parameters`], but for what `axes.model` says of it.
+    /// The declared constants of one axis's transmission: those of [`Model::parameters`], but for
+    /// what `axes.model` says of it.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission ([`crate::ModelKind::is_transmission`]).
+    /// [`RigError::Invalid`] where the model is no transmission
+    /// ([`crate::ModelKind::is_transmission`]).
     pub fn axis_parameters(&self, axis: &Axis) -> Result<plant::any::Parameters, RigError> {
         self.model.of_axis(&axis.model, &self.file_name)
     }
 
-    /// The declared model of one axis: that of the file, but for what `axes.model` says of its transmission.
+    /// The declared model of one axis: that of the file, but for what `axes.model` says of its
+    /// transmission.
     pub fn axis_model(&self, axis: &Axis) -> Model {
         self.model.with(&axis.model)
     }
 
-    /// The declared constants of the one-mass drive; those that the file leaves out are those of EMPS.
+    /// The declared constants of the one-mass drive; those that the file leaves out are those of
+    /// EMPS.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -220,7 +249,8 @@ pub struct Replay {
 
 impl Replay {
     fn read(section: Section<'_>, unit: AxisUnit) -> Self {
-        let column = |key, default: &str| section.text_or_none(key).unwrap_or_else(|| default.to_owned());
+        let column =
+            |key, default: &str| section.text_or_none(key).unwrap_or_else(|| default.to_owned());
         let (position, slave, torque) = match unit {
             AxisUnit::Radian => ("master_rad", "slave_rad", "slave_torque_nm"),
             AxisUnit::Metre => ("position_m", "slave_m", "slave_force_n"),

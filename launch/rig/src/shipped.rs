@@ -30,7 +30,11 @@ fn is_name(asked: &Path) -> bool {
     asked.components().count() == 1 && asked.extension().is_none()
 }
 
-fn find(kind: &'static str, list: &'static [Shipped], asked: &Path) -> Result<Option<&'static Shipped>, FileError> {
+fn find(
+    kind: &'static str,
+    list: &'static [Shipped],
+    asked: &Path,
+) -> Result<Option<&'static Shipped>, FileError> {
     if !is_name(asked) {
         return Ok(None);
     }
@@ -53,7 +57,8 @@ pub fn load_rig(asked: &Path) -> Result<RigFile, FileError> {
     }
 }
 
-/// Reads and checks a protocol with its overrides: a path, or the name of a shipped one (`guided-1hz`).
+/// Reads and checks a protocol with its overrides: a path, or the name of a shipped one
+/// (`guided-1hz`).
 ///
 /// # Errors
 /// [`FileError::NotShipped`], or all that is wrong with the file or the overrides.
@@ -89,7 +94,9 @@ mod tests {
 
     #[test]
     fn every_file_of_the_checkout_is_compiled_in() {
-        let names = |list: &[Shipped]| list.iter().map(|shipped| shipped.name.to_owned()).collect::<Vec<_>>();
+        let names = |list: &[Shipped]| {
+            list.iter().map(|shipped| shipped.name.to_owned()).collect::<Vec<_>>()
+        };
         assert_eq!(names(RIGS), names_in("rigs"), "add it to rig::RIGS");
         assert_eq!(names(PROTOCOLS), names_in("protocols"), "add it to rig::PROTOCOLS");
     }
@@ -97,7 +104,10 @@ mod tests {
     #[test]
     fn shipped_files_load_by_name_and_others_are_named() {
         assert!(load_rig(Path::new("hydrostatic")).is_ok());
-        assert!(load_protocol(Path::new("guided-1hz"), &["segments.0.frequency_hz=0.5".to_owned()]).is_ok());
+        assert!(
+            load_protocol(Path::new("guided-1hz"), &["segments.0.frequency_hz=0.5".to_owned()])
+                .is_ok()
+        );
         let error = load_rig(Path::new("hydraulic")).unwrap_err();
         assert!(matches!(error, FileError::NotShipped { .. }));
         assert!(error.to_string().contains("hydrostatic-printed"), "{error}");

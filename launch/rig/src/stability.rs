@@ -1,4 +1,5 @@
-//! Holds gains and force fields against the declared transmission: [`plant::stability`], fed from the rig file.
+//! Holds gains and force fields against the declared transmission: [`plant::stability`], fed from
+//! the rig file.
 //!
 //! A model that is no transmission says nothing about stability, and nothing is refused for it.
 
@@ -10,7 +11,8 @@ use crate::protocol::{Field, Matrix};
 use crate::read::Source;
 use crate::rig_file::RigFile;
 
-/// Scans from the one that control sees to the one with which its answer is at the motor: through control and the gate.
+/// Scans from the one that control sees to the one with which its answer is at the motor: through
+/// control and the gate.
 const ANSWER_SCANS: f64 = 2.0;
 /// Halvings in the search for what would still do.
 const HALVINGS: usize = 14;
@@ -46,14 +48,17 @@ fn forced(rig: &RigFile, axis: &Axis) -> Option<Loop> {
 /// Refuses gains under which the declared transmission would not stay where it is put.
 pub(crate) fn check_gains(rig: &RigFile, source: &Source<'_>) {
     let none = stability::Field::default();
-    for (at, axis) in rig.axes.iter().enumerate().filter(|(_, axis)| !axis.control.accept_unstable) {
+    for (at, axis) in rig.axes.iter().enumerate().filter(|(_, axis)| !axis.control.accept_unstable)
+    {
         let key = |name: &str| format!("axes.{at}.control.{name}");
         let counts = axis.master.counts_per_unit;
         let position = |share: f64| {
-            let (proportional, derivative) = (share * axis.control.position_gain, share * axis.control.velocity_gain);
+            let (proportional, derivative) =
+                (share * axis.control.position_gain, share * axis.control.velocity_gain);
             closed(rig, axis, Law::Position { proportional, derivative })
         };
-        let passes = |axis: Option<Loop>| axis.is_none_or(|axis| stability::check(&[axis], &none).is_ok());
+        let passes =
+            |axis: Option<Loop>| axis.is_none_or(|axis| stability::check(&[axis], &none).is_ok());
         if let Some(Err(unstable)) = position(1.0).map(|axis| stability::check(&[axis], &none)) {
             let share = largest(|share| passes(position(share)));
             let (p, d) = (axis.control.position_gain / counts, axis.control.velocity_gain / counts);
@@ -61,7 +66,8 @@ pub(crate) fn check_gains(rig: &RigFile, source: &Source<'_>) {
                 "gains that the declared transmission bears with a margin of {MARGIN}: with this ratio of D to P, P of at most {:.2e}",
                 share * p
             );
-            let found = format!("{p:.2e} V/count with D of {d:.2e} V·s/count: {}", growing(&unstable));
+            let found =
+                format!("{p:.2e} V/count with D of {d:.2e} V·s/count: {}", growing(&unstable));
             source.problem(
                 &key("p_v_per_count"),
                 expected,
@@ -99,7 +105,8 @@ pub(crate) fn check_field(
     source: &Source<'_>,
 ) -> bool {
     let Err(unstable) = field_passes(field, index, rig) else { return true };
-    let parts: Vec<_> = PARTS.iter().filter(|part| part.keys.iter().any(|name| source.has(&key(name)))).collect();
+    let parts: Vec<_> =
+        PARTS.iter().filter(|part| part.keys.iter().any(|name| source.has(&key(name)))).collect();
     let without = |part: &Part, share: f64| {
         let mut scaled = field.clone();
         (part.scale)(&mut scaled, share);
@@ -115,7 +122,9 @@ pub(crate) fn check_field(
     };
     let share = largest(|share| field_passes(&scaled(share), index, rig).is_ok());
     let part = one.or(parts.first());
-    let name = part.and_then(|part| part.keys.iter().find(|name| source.has(&key(name)))).unwrap_or(&"kind");
+    let name = part
+        .and_then(|part| part.keys.iter().find(|name| source.has(&key(name))))
+        .unwrap_or(&"kind");
     let value = part.and_then(|part| (part.value)(field)).filter(|_| one.is_some());
     let (most, found) = match (value, part) {
         (Some(value), Some(part)) => {
@@ -124,7 +133,10 @@ pub(crate) fn check_field(
         _ => (format!("{:.0} % of this", 100.0 * share), "this field".to_owned()),
     };
     let word = if value.is_some_and(|value| value < 0.0) { "at least" } else { "at most" };
-    let expected = format!("{word} {most} at the rig \"{}\", with a margin of {MARGIN} on its gains", rig.name);
+    let expected = format!(
+        "{word} {most} at the rig \"{}\", with a margin of {MARGIN} on its gains",
+        rig.name
+    );
     let (found, advice) = match unstable {
         Refused::Grows(unstable) => (
             format!("{found}: {}", growing(&unstable)),
@@ -154,7 +166,9 @@ fn field_passes(field: &Field, index: usize, rig: &RigFile) -> Result<(), Refuse
     let wide = field.matrix.as_ref().map_or(0, |matrix| matrix.axes);
     // Axes that the field does not couple are stable or not by themselves.
     let used: Vec<usize> = if wide == 0 { vec![index] } else { (0..wide.max(index + 1)).collect() };
-    let Some(axes) = used.iter().map(|at| forced(rig, rig.axes.get(*at)?)).collect::<Option<Vec<Loop>>>() else {
+    let Some(axes) =
+        used.iter().map(|at| forced(rig, rig.axes.get(*at)?)).collect::<Option<Vec<Loop>>>()
+    else {
         return Ok(());
     };
     let own = used.iter().position(|at| *at == index).unwrap_or_default();
@@ -168,14 +182,21 @@ fn field_passes(field: &Field, index: usize, rig: &RigFile) -> Result<(), Refuse
         whole.inertia[own][own] += field.inertia;
         stability::check(&axes, &whole).map_err(Refused::Grows)?;
         if whole.diverges() {
-            used.iter().try_for_each(|at| held_at_the_ends(field, &matrix, *at, *at == index, rig))?;
+            used.iter()
+                .try_for_each(|at| held_at_the_ends(field, &matrix, *at, *at == index, rig))?;
         }
     }
     Ok(())
 }
 
 /// Whether a relaxed hand and the soft stops hold a field that diverges, at both ends of an axis.
-fn held_at_the_ends(field: &Field, matrix: &Matrix, at: usize, own: bool, rig: &RigFile) -> Result<(), Refused> {
+fn held_at_the_ends(
+    field: &Field,
+    matrix: &Matrix,
+    at: usize,
+    own: bool,
+    rig: &RigFile,
+) -> Result<(), Refused> {
     let Some(axis) = rig.axes.get(at) else { return Ok(()) };
     let Some(force) = axis.control.force else { return Ok(()) };
     for (end, outwards) in [(axis.limits.position_min, -1.0), (axis.limits.position_max, 1.0)] {
@@ -298,6 +319,7 @@ fn growing(unstable: &Unstable) -> String {
         Hand { stiffness: 0.0, .. } => "nobody at the handle".to_owned(),
         Hand { stiffness, .. } => format!("a hand of {stiffness} N·m/rad"),
     };
-    let gains = if *raised > 1.0 { format!(" and gains {raised} times as high") } else { String::new() };
+    let gains =
+        if *raised > 1.0 { format!(" and gains {raised} times as high") } else { String::new() };
     format!("with {with}{gains} a disturbance grows by {growth:.1}/s")
 }

@@ -10,7 +10,10 @@ const DRIVE: &str = include_str!("../../rigs/emps.toml");
 fn with(sections: &str) -> String {
     let compensation = "[axes.control.compensation]\nkind = \"printed\"\n";
     assert_eq!(RIG.matches(compensation).count(), 1);
-    RIG.replace(compensation, &format!("{sections}\n[axes.control.compensation]\nkind = \"identified\"\n"))
+    RIG.replace(
+        compensation,
+        &format!("{sections}\n[axes.control.compensation]\nkind = \"identified\"\n"),
+    )
 }
 
 fn near(value: f64, expected: f64, relative: f64) {
@@ -31,8 +34,11 @@ fn absent_sections_leave_the_printed_feed_forward_alone() {
 
 #[test]
 fn sections_are_read_with_the_defaults_that_the_shipped_file_shows() {
-    let rig =
-        RigFile::parse(&with("[axes.control.observer]\n[axes.control.slave]\nlimit_deg = 10.0\n"), "rig.toml").unwrap();
+    let rig = RigFile::parse(
+        &with("[axes.control.observer]\n[axes.control.slave]\nlimit_deg = 10.0\n"),
+        "rig.toml",
+    )
+    .unwrap();
     let options = rig.axes[0].control.options;
     assert_eq!(options.compensation.kind, CompensationKind::Identified);
     let (observer, slave) = (options.observer.unwrap(), options.slave.unwrap());
@@ -60,13 +66,18 @@ fn the_hydrostatic_model_in_volts() {
     let parameters = rig.hydrostatic_parameters().unwrap();
     let volts = parameters.motor_torque_per_volt_nm;
     // At rest all friction is the breakaway torque, 2.74 N·m: 1.5 V, as § 4.1 measured.
-    near(model.near.level_v(0.0) + model.far.level_v(0.0), parameters.static_friction_at_motor_nm() / volts, 1e-12);
+    near(
+        model.near.level_v(0.0) + model.far.level_v(0.0),
+        parameters.static_friction_at_motor_nm() / volts,
+        1e-12,
+    );
     near(model.near.level_v(0.0) + model.far.level_v(0.0), 1.52, 0.01);
     near(model.inertia_v, 1.37e-2 / 1.8, 0.01);
     near(model.ratio, 1.78 * 0.031 / (1.9 * 0.034), 1e-12);
     // Two lines of 2338 N/m on 55.2 mm.
     near(model.line_v, 2.0 * 2338.0 * 0.05518 * 0.05518 / 1.8, 0.005);
-    // It falls with speed at first: 1.267 N·m at 5.1 rad/s of the slave, and half a newton-metre of oil.
+    // It falls with speed at first: 1.267 N·m at 5.1 rad/s of the slave, and half a newton-metre of
+    // oil.
     assert!(model.far.level_v(3.0) < model.far.level_v(0.0));
     assert!(rig.identified(1).is_none());
 }
@@ -86,7 +97,9 @@ fn the_cable_model_in_volts_of_handle_coordinates() {
 #[test]
 fn a_curve_is_linear_between_its_points_and_level_beyond() {
     let curve = FrictionCurve::new(6.4, |speed| 2.0 - 0.5 * speed);
-    for (speed, level) in [(0.0, 2.0), (0.05, 1.975), (-1.0, 1.5), (3.9, 0.05), (4.0, 0.0), (99.0, 0.0)] {
+    for (speed, level) in
+        [(0.0, 2.0), (0.05, 1.975), (-1.0, 1.5), (3.9, 0.05), (4.0, 0.0), (99.0, 0.0)]
+    {
         assert!((curve.level_v(speed) - level).abs() < 1e-12, "{speed}");
     }
     assert_eq!((curve.peak_v(), curve.level_v(f64::NAN)), (2.0, 0.0));
@@ -106,10 +119,10 @@ fn a_loop_on_a_slave_that_is_not_measured_is_refused() {
 
 #[test]
 fn settings_out_of_range_are_refused_with_their_keys() {
-    let sections =
-        "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\nlimit_deg = 500.0\nfilter = 3.0\n";
+    let sections = "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\nlimit_deg = 500.0\nfilter = 3.0\n";
     insta::assert_snapshot!(error(
-        &with(sections).replace("share = 1.0                     # of the model's", "share = 1.2 #")
+        &with(sections)
+            .replace("share = 1.0                     # of the model's", "share = 1.2 #")
     ));
 }
 
@@ -117,6 +130,9 @@ fn settings_out_of_range_are_refused_with_their_keys() {
 fn without_a_transmission_there_is_no_model_to_compensate_from() {
     let limits = "[axes.limits]";
     assert_eq!(DRIVE.matches(limits).count(), 1);
-    let text = DRIVE.replace(limits, &format!("[axes.control.compensation]\nkind = \"identified\"\n\n{limits}"));
+    let text = DRIVE.replace(
+        limits,
+        &format!("[axes.control.compensation]\nkind = \"identified\"\n\n{limits}"),
+    );
     insta::assert_snapshot!(error(&text));
 }

@@ -18,7 +18,9 @@ fn with(effects: &str) -> Result<RigFile, String> {
 }
 
 fn entry(id: &str, site: &str, parameters: &str) -> String {
-    format!("[[model.effects]]\nid = \"{id}\"\nsite = \"{site}\"\nparameters = {{ {parameters} }}\n")
+    format!(
+        "[[model.effects]]\nid = \"{id}\"\nsite = \"{site}\"\nparameters = {{ {parameters} }}\n"
+    )
 }
 
 /// Where the slave stands when the motor has pulled for half a second.
@@ -31,7 +33,9 @@ fn pulled(rig: &RigFile) -> f64 {
 
 #[test]
 fn effects_are_read_and_change_the_plant() {
-    let rig = with(&(entry("backlash", "slave", "gap = 0.06") + &entry("extra_inertia", "slave", ""))).unwrap();
+    let rig =
+        with(&(entry("backlash", "slave", "gap = 0.06") + &entry("extra_inertia", "slave", "")))
+            .unwrap();
     let read: Vec<_> = rig.model.effects.iter().map(|effect| (effect.id, effect.site)).collect();
     assert_eq!(read, [("backlash", Site::Slave), ("extra_inertia", Site::Slave)]);
     let made = rig.model_effects().unwrap();
@@ -71,30 +75,49 @@ fn what_cannot_be_is_refused_with_its_key() {
     let refused = |effects: &str| with(effects).unwrap_err();
     let line = RIG.lines().count() + 2;
     let text = refused(&entry("backlesh", "slave", "gap = 0.06"));
-    assert!(text.starts_with(&format!("rig.toml:{}: model.effects.0.id: expected one of ", line + 1)), "{text}");
+    assert!(
+        text.starts_with(&format!("rig.toml:{}: model.effects.0.id: expected one of ", line + 1)),
+        "{text}"
+    );
     assert!(text.contains("found the text \"backlesh\"; did you mean \"backlash\"?"), "{text}");
     let text = refused(&entry("backlash", "drive", "gap = 0.06"));
-    assert!(text.contains("model.effects.0.site: expected a site of backlash: line, master, slave"), "{text}");
+    assert!(
+        text.contains("model.effects.0.site: expected a site of backlash: line, master, slave"),
+        "{text}"
+    );
     let text = refused(&entry("backlash", "slave", "gapp = 0.06"));
-    assert!(text.contains("model.effects.0.parameters.gapp: expected a parameter of backlash"), "{text}");
+    assert!(
+        text.contains("model.effects.0.parameters.gapp: expected a parameter of backlash"),
+        "{text}"
+    );
     assert!(text.contains("did you mean `gap`?"), "{text}");
     let text = refused(&entry("backlash", "slave", "gap = -1.0"));
     assert!(text.contains("model.effects.0.parameters.gap: expected 0 to"), "{text}");
     let text = refused(&entry("backlash", "slave", "gap = \"wide\""));
-    assert!(text.contains("model.effects.0.parameters.gap: expected a number, found the text \"wide\""), "{text}");
-    let text = refused(&(entry("backlash", "slave", "gap = 0.06") + &entry("backlash", "slave", "gap = 0.03")));
+    assert!(
+        text.contains("model.effects.0.parameters.gap: expected a number, found the text \"wide\""),
+        "{text}"
+    );
+    let text = refused(
+        &(entry("backlash", "slave", "gap = 0.06") + &entry("backlash", "slave", "gap = 0.03")),
+    );
     assert!(text.contains("model.effects.1.id: expected an effect of its own"), "{text}");
     let text = refused("[[model.effects]]\nid = \"backlash\"\n");
     assert!(text.contains("model.effects.0.site: expected one of"), "{text}");
     let text = refused(&(entry("backlash", "slave", "gap = 0.06") + "size = 3\n"));
     assert!(
-        text.contains("model.effects.0.size: expected one of id, parameters, site, found an unknown key"),
+        text.contains(
+            "model.effects.0.size: expected one of id, parameters, site, found an unknown key"
+        ),
         "{text}"
     );
     // A cable does not leak.
     let leaking = format!("{CABLE}\n{}", entry("leakage", "line", "conductance = 1e-12"));
     let text = RigFile::parse(&leaking, "cable.toml").unwrap_err().to_string();
-    assert!(text.contains("model.effects.0: expected an effect that acts in this transmission"), "{text}");
+    assert!(
+        text.contains("model.effects.0: expected an effect that acts in this transmission"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -106,12 +129,19 @@ fn drives_elements_and_oscillators_name_effects_as_transmissions_do() {
         assert_eq!(rig.model_effects().unwrap()[0].get("level"), Some(20.4));
         let text = refused(&entry("coulomb_friction", "slave", "coulomb = 20.4"));
         assert!(
-            text.contains("model.effects.0.parameters.coulomb: expected a parameter of coulomb_friction"),
+            text.contains(
+                "model.effects.0.parameters.coulomb: expected a parameter of coulomb_friction"
+            ),
             "{text}"
         );
         let text = refused(&entry("coulomb_friction", "slave", "level = -1.0"));
         assert!(text.contains("model.effects.0.parameters.level: expected 0 to"), "{text}");
         let text = refused(&entry("coulomb_friction", "drive", "level = 20.4"));
-        assert!(text.contains("model.effects.0.site: expected a site of coulomb_friction: master, slave"), "{text}");
+        assert!(
+            text.contains(
+                "model.effects.0.site: expected a site of coulomb_friction: master, slave"
+            ),
+            "{text}"
+        );
     }
 }

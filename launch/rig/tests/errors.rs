@@ -73,13 +73,19 @@ fn unknown_parameter_of_the_cable() {
 
 #[test]
 fn parameter_of_the_cable_out_of_range() {
-    insta::assert_snapshot!(cable_error("line_length_m = { value = 9.0", "line_length_m = { value = 900.0"));
+    insta::assert_snapshot!(cable_error(
+        "line_length_m = { value = 9.0",
+        "line_length_m = { value = 900.0"
+    ));
 }
 
 #[test]
 fn torque_cell_that_drifts_out_of_range() {
     insta::assert_snapshot!(rig_error("torque_drift_v_per_s = 0.0", "torque_drift_v_per_s = 5.0"));
-    insta::assert_snapshot!(rig_error("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = -0.1"));
+    insta::assert_snapshot!(rig_error(
+        "torque_walk_v_per_sqrt_s = 0.0",
+        "torque_walk_v_per_sqrt_s = -0.1"
+    ));
     insta::assert_snapshot!(rig_error("torque_bandwidth_hz = 200.0", "torque_bandwidth_hz = 0.0"));
 }
 
@@ -87,7 +93,8 @@ fn torque_cell_that_drifts_out_of_range() {
 fn trigger_that_cannot_be_seen() {
     let scanner = |pulse: &str, more: &[(&str, &str)]| {
         let edited = RIG.replace("trigger_repetition_s = 0.0", "trigger_repetition_s = 2.0");
-        let mut edited = edited.replace("trigger_pulse_s = 0.01", &format!("trigger_pulse_s = {pulse}"));
+        let mut edited =
+            edited.replace("trigger_pulse_s = 0.01", &format!("trigger_pulse_s = {pulse}"));
         for (from, to) in more {
             assert_eq!(edited.matches(from).count(), 1, "the edit must hit one place: {from}");
             edited = edited.replace(from, to);
@@ -97,8 +104,12 @@ fn trigger_that_cannot_be_seen() {
     assert_eq!(scanner("0.01", &[]), Ok(()));
     insta::assert_snapshot!(scanner("2.5", &[]).unwrap_err());
     insta::assert_snapshot!(scanner("1e-4", &[]).unwrap_err());
-    insta::assert_snapshot!(scanner("0.01", &[("trigger_pulse_v = 0.0", "trigger_pulse_v = 5.0")]).unwrap_err());
-    insta::assert_snapshot!(scanner("0.01", &[("kind = \"trigger\"\nunit", "kind = \"other\"\nunit")]).unwrap_err());
+    insta::assert_snapshot!(
+        scanner("0.01", &[("trigger_pulse_v = 0.0", "trigger_pulse_v = 5.0")]).unwrap_err()
+    );
+    insta::assert_snapshot!(
+        scanner("0.01", &[("kind = \"trigger\"\nunit", "kind = \"other\"\nunit")]).unwrap_err()
+    );
     insta::assert_snapshot!(rig_error("trigger_repetition_s = 0.0", "trigger_repetition_s = 1e-4"));
     let narrow = [
         ("name = \"scanner_trigger\"", "name = \"scanner_trigger\"\nrange_v = 2.0"),
@@ -239,7 +250,10 @@ fn parameter_of_another_magnitude() {
 
 #[test]
 fn tolerance_in_percent() {
-    insta::assert_snapshot!(rig_error("{ value = 10.0, tolerance = 0.01", "{ value = 10.0, tolerance = 5"));
+    insta::assert_snapshot!(rig_error(
+        "{ value = 10.0, tolerance = 0.01",
+        "{ value = 10.0, tolerance = 5"
+    ));
 }
 
 #[test]
@@ -254,7 +268,8 @@ fn no_toml() {
 
 #[test]
 fn every_problem_at_once_in_the_order_of_lines() {
-    let edited = RIG.replace("volts_max = 10.0", "volts_max = 24").replace("ramp_s = 1.0", "ramp = 1.0");
+    let edited =
+        RIG.replace("volts_max = 10.0", "volts_max = 24").replace("ramp_s = 1.0", "ramp = 1.0");
     let edited = edited.replace("seed = 1\n", "seed = -1\n");
     insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
 }
@@ -269,7 +284,10 @@ fn missing_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("none.toml");
     let error = RigFile::load(&path).unwrap_err().to_string();
-    assert!(error.starts_with(&format!("{}: cannot be read: No such file", path.display())), "{error}");
+    assert!(
+        error.starts_with(&format!("{}: cannot be read: No such file", path.display())),
+        "{error}"
+    );
 }
 
 #[test]
@@ -289,12 +307,18 @@ fn protocol_frequency_beyond_the_thesis() {
 
 #[test]
 fn protocol_fades_longer_than_the_movement() {
-    insta::assert_snapshot!(protocol_error("duration_s = 10.0", "duration_s = 10.0\nfade_in_s = 8"));
+    insta::assert_snapshot!(protocol_error(
+        "duration_s = 10.0",
+        "duration_s = 10.0\nfade_in_s = 8"
+    ));
 }
 
 #[test]
 fn protocol_with_two_units() {
-    insta::assert_snapshot!(protocol_error("duration_s = 10.0", "duration_s = 10.0\ncentre_m = 0.01"));
+    insta::assert_snapshot!(protocol_error(
+        "duration_s = 10.0",
+        "duration_s = 10.0\ncentre_m = 0.01"
+    ));
 }
 
 #[test]
@@ -310,7 +334,10 @@ fn protocol_with_amplitudes_that_do_not_match() {
 
 #[test]
 fn protocol_beyond_the_limits() {
-    insta::assert_snapshot!(misfit("amplitude_deg = 30.0", "centre_deg = 100\namplitude_deg = 30.0"));
+    insta::assert_snapshot!(misfit(
+        "amplitude_deg = 30.0",
+        "centre_deg = 100\namplitude_deg = 30.0"
+    ));
 }
 
 #[test]
@@ -340,7 +367,9 @@ fn overrides_change_values_and_nothing_else() {
 
 #[test]
 fn overrides_that_miss() {
-    let error = |assignment: &str| with_overrides(PROTOCOL, "p.toml", &[assignment]).unwrap_err().to_string();
+    let error = |assignment: &str| {
+        with_overrides(PROTOCOL, "p.toml", &[assignment]).unwrap_err().to_string()
+    };
     let wrong = [
         "amplitude",
         "segments.1.amplitude_deg=20",
@@ -362,12 +391,16 @@ fn an_override_that_is_no_key_is_found_when_the_text_is_read() {
 
 #[test]
 fn gear_that_no_handle_has_or_that_stands_at_the_handle() {
-    insta::assert_snapshot!(rig_error("turns_per_handle_turn = 1.0", "turns_per_handle_turn = 600"));
+    insta::assert_snapshot!(rig_error(
+        "turns_per_handle_turn = 1.0",
+        "turns_per_handle_turn = 600"
+    ));
     let edited = RIG.replace("[axes.slave]\n", "[axes.slave]\nturns_per_handle_turn = 6.0\n");
     insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
 }
 
-const FREE: &str = "[protocol]\nname = \"free\"\n\n[[segments]]\nkind = \"free\"\nduration_s = 10.0\n";
+const FREE: &str =
+    "[protocol]\nname = \"free\"\n\n[[segments]]\nkind = \"free\"\nduration_s = 10.0\n";
 
 /// A free movement with one more line, held against a rig.
 fn free(line: &str, rig: &str) -> String {
@@ -417,7 +450,10 @@ fn learning_that_no_rig_can_do() {
         with("law = \"published\"\ncycles_per_block = 3\nsettling_cycles = 3"),
         with("law = \"published\"\nsave = \"../else\""),
         learning("amplitude_deg = 20\nfrequency_hz = 0.7\nblocks = 9\nlaw = \"published\"", RIG),
-        learning("amplitude_deg = 80\ncentre_deg = 80\nfrequency_hz = 1.0\nblocks = 9\nlaw = \"published\"", RIG),
+        learning(
+            "amplitude_deg = 80\ncentre_deg = 80\nfrequency_hz = 1.0\nblocks = 9\nlaw = \"published\"",
+            RIG,
+        ),
         learning(&format!("{sine}law = \"published\""), include_str!("../../rigs/emps.toml")),
     ];
     insta::assert_snapshot!(found.join("\n"));
@@ -436,7 +472,10 @@ fn tables_that_are_none() {
     insta::assert_snapshot!(free("position_table_deg = [[0, 0.5]]", RIG));
     insta::assert_snapshot!(free("position_table_deg = [[0, 0.5], [0, 0.7]]", RIG));
     insta::assert_snapshot!(free("position_table_deg = [0.5, 0.7]", RIG));
-    insta::assert_snapshot!(free("position_table_deg = [[-40, 0.0], [-1, 0.0], [0, 2.0], [1, 0.0], [40, 0.0]]", RIG));
+    insta::assert_snapshot!(free(
+        "position_table_deg = [[-40, 0.0], [-1, 0.0], [0, 2.0], [1, 0.0], [40, 0.0]]",
+        RIG
+    ));
     insta::assert_snapshot!(free("position_table_deg = [[-40, 0.0], [40, 20.0]]", RIG));
     insta::assert_snapshot!(free("velocity_table_deg_s = [[-40, nan], [40, 1.0]]", RIG));
     insta::assert_snapshot!(free(
@@ -450,7 +489,10 @@ fn matrices_that_do_not_fit() {
     insta::assert_snapshot!(free("matrix_damping = [[0.1, 0.2], [0.2, 0.1]]", RIG));
     insta::assert_snapshot!(free("curl = 0.1", RIG));
     insta::assert_snapshot!(free("matrix_stiffness = [[0.1, 0.2], [0.2]]", RIG));
-    insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\nmatrix_damping = [[0.1, 0.0], [0.0, 0.1]]", RIG));
+    insta::assert_snapshot!(free(
+        "matrix_stiffness = [[0.1]]\nmatrix_damping = [[0.1, 0.0], [0.0, 0.1]]",
+        RIG
+    ));
     insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\nspring = 1.0", RIG));
     insta::assert_snapshot!(free("matrix_stiffness = [[0.1]]\ncentres_deg = [0.0, 1.0]", RIG));
     insta::assert_snapshot!(free("centres_deg = [0.0]", RIG));
@@ -474,9 +516,15 @@ fn fields_that_the_rig_would_not_bear() {
     for (key, value) in [("damper", 1.5), ("damper", -0.5), ("inertia", 0.05), ("spring", -3.0)] {
         let told = free(&format!("{key} = {value}"), RIG);
         let words: Vec<&str> = told.split_whitespace().collect();
-        let at = words.windows(2).position(|pair| pair[0] == "at" && ["most", "least"].contains(&pair[1])).unwrap();
+        let at = words
+            .windows(2)
+            .position(|pair| pair[0] == "at" && ["most", "least"].contains(&pair[1]))
+            .unwrap();
         let most: f64 = words[at + 2].parse().unwrap();
-        assert!(passes(&format!("{key} = {most}")) && !passes(&format!("{key} = {}", 1.1 * most)), "{told}");
+        assert!(
+            passes(&format!("{key} = {most}")) && !passes(&format!("{key} = {}", 1.1 * most)),
+            "{told}"
+        );
     }
 }
 
@@ -486,7 +534,8 @@ fn gains_that_the_rig_would_not_bear() {
     insta::assert_snapshot!(rig_error("p1 = 0.333 ", "p1 = 6.0 "));
     insta::assert_snapshot!(rig_error("p_v_per_count = 4.5e-3", "p_v_per_count = -4.5e-3"));
     insta::assert_snapshot!(rig_error("p_v_per_count = 4.5e-3", "p_v_per_count = nan"));
-    let accepted = RIG.replace("p_v_per_count = 4.5e-3", "p_v_per_count = 0.2\naccept_unstable = true");
+    let accepted =
+        RIG.replace("p_v_per_count = 4.5e-3", "p_v_per_count = 0.2\naccept_unstable = true");
     assert!(RigFile::parse(&accepted, "rig.toml").is_ok());
 }
 
@@ -509,11 +558,17 @@ fn segments_of_the_new_kinds_that_the_rig_cannot_play() {
         segment(&initialise.replace("25.0", "300.0")),
         segment(&format!("{initialise}first = \"left\"\n")),
         segment("kind = \"centre\"\nposition_deg = 10.0\nrise_s = 3.0\nduration_s = 2.0\n"),
-        segment("kind = \"rhythm\"\nfrequency_hz = 0.5\namplitude_deg = 100.0\ncentre_deg = 30.0\nduration_s = 20.0\n"),
+        segment(
+            "kind = \"rhythm\"\nfrequency_hz = 0.5\namplitude_deg = 100.0\ncentre_deg = 30.0\nduration_s = 20.0\n",
+        ),
         segment("kind = \"rhythm\"\nfrequency_hz = 0.5\namplitude_deg = 30.0\nduration_s = 1.0\n"),
         segment("kind = \"ramp\"\nposition_deg = 60.0\nspeed_deg_s = 20.0\nduration_s = 4.0\n"),
-        segment("kind = \"chirp\"\namplitude_deg = 60.0\nfrom_hz = 0.1\nto_hz = 10.0\nduration_s = 60.0\n"),
-        segment("kind = \"chirp\"\namplitude_deg = 5.0\nfrom_hz = 0.0\nto_hz = 10.0\nduration_s = 60.0\n"),
+        segment(
+            "kind = \"chirp\"\namplitude_deg = 60.0\nfrom_hz = 0.1\nto_hz = 10.0\nduration_s = 60.0\n",
+        ),
+        segment(
+            "kind = \"chirp\"\namplitude_deg = 5.0\nfrom_hz = 0.0\nto_hz = 10.0\nduration_s = 60.0\n",
+        ),
         segment("kind = \"file\"\npath = \"way.csv\"\n"),
         segment("kind = \"file\"\ntimes_s = [0.0, 1.0, 0.5]\npositions_deg = [0.0, 1.0, 2.0]\n"),
         segment("kind = \"file\"\ntimes_s = [0.0, 1.0]\npositions_deg = [0.0, 1.0, 2.0]\n"),
@@ -530,14 +585,19 @@ fn a_table_is_taken_in_and_its_rows_are_checked() {
     std::fs::write(&protocol, text).unwrap();
     let load = |csv: &str| {
         std::fs::write(folder.path().join("way.csv"), csv).unwrap();
-        let told = |error: rig::ProtocolError| error.to_string().replace(folder.path().to_str().unwrap(), "FOLDER");
+        let told = |error: rig::ProtocolError| {
+            error.to_string().replace(folder.path().to_str().unwrap(), "FOLDER")
+        };
         Protocol::load(&protocol).map_err(told)
     };
-    let good = load("# measured\nt_s, left_deg, right_deg\n0.0, 1.0, 0\n0.5, 10.25, 0\n2.0, -3.0, 0\n").unwrap();
+    let good =
+        load("# measured\nt_s, left_deg, right_deg\n0.0, 1.0, 0\n0.5, 10.25, 0\n2.0, -3.0, 0\n")
+            .unwrap();
     let way = &good.segments[0].movement;
     assert!((way.duration_s() - 3.0).abs() < 1e-12, "a rise of 1 s, then the table");
     assert!((way.end(None).unwrap() - (-3.0_f64).to_radians()).abs() < 1e-12);
-    // The text alone is enough to play it: the numbers are in it, and it is another text with other numbers.
+    // The text alone is enough to play it: the numbers are in it, and it is another text with other
+    // numbers.
     let again = Protocol::parse(good.text(), "p.toml").unwrap();
     assert_eq!(again.segments, good.segments);
     assert_ne!(load("t_s,left_deg\n0,1\n2,-3\n").unwrap().identity(), good.identity());
@@ -569,7 +629,10 @@ fn gains_of_the_wrong_sign_or_none_are_refused() {
     for (line, key) in keys {
         for value in ["nan", "inf", "-inf", "-1e-3"] {
             let message = rig_error(line, &format!("{key} = {value}"));
-            assert!(message.contains(key) && message.contains("expected"), "{key} = {value}: {message}");
+            assert!(
+                message.contains(key) && message.contains("expected"),
+                "{key} = {value}: {message}"
+            );
         }
     }
 }

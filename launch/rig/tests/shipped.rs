@@ -28,7 +28,10 @@ fn the_hydrostatic_rig_is_the_machine_of_the_thesis() {
     assert!((axis.control.position_gain - 4.5e-3 * 4000.0 / std::f64::consts::TAU).abs() < 1e-9);
     assert!((axis.master.position(4000) - std::f64::consts::TAU).abs() < 1e-12);
     assert_eq!(rig.model.kind, ModelKind::Hydrostatic);
-    assert_eq!(rig.model.parameter("line_stiffness_factor").unwrap().source, ParameterSource::Traced);
+    assert_eq!(
+        rig.model.parameter("line_stiffness_factor").unwrap().source,
+        ParameterSource::Traced
+    );
     assert_eq!(rig.simulation.hand.kind, HandKind::Passive);
 }
 
@@ -44,7 +47,12 @@ fn the_two_hydrostatic_rigs_differ_in_the_line_alone() {
     assert_eq!(traced.rates, printed.rates);
     for parameter in &traced.model.parameters {
         let other = printed.model.parameter(&parameter.name).unwrap();
-        assert_eq!(parameter.name != "line_stiffness_factor", parameter == other, "{}", parameter.name);
+        assert_eq!(
+            parameter.name != "line_stiffness_factor",
+            parameter == other,
+            "{}",
+            parameter.name
+        );
     }
     assert_ne!(traced.identity(), printed.identity());
 }
@@ -60,13 +68,23 @@ fn the_cable_rig_is_the_test_bed_of_chapter_5() {
     let declared = rig.cable_parameters().unwrap();
     let traced = plant::cable::Parameters::traced();
     for info in plant::cable::Parameters::NAMES {
-        let parameter = rig.model.parameter(info.name).unwrap_or_else(|| panic!("{} is not declared", info.name));
+        let parameter = rig
+            .model
+            .parameter(info.name)
+            .unwrap_or_else(|| panic!("{} is not declared", info.name));
         let (value, reference) = (declared.get(info.name).unwrap(), traced.get(info.name).unwrap());
         assert_eq!(value, parameter.value);
-        assert!((value - reference).abs() <= 1e-6 * reference.abs(), "{}: {value}, {reference}", info.name);
+        assert!(
+            (value - reference).abs() <= 1e-6 * reference.abs(),
+            "{}: {value}, {reference}",
+            info.name
+        );
     }
     assert_eq!(rig.model.parameter("mechanical_ratio").unwrap().source, ParameterSource::Printed);
-    assert_eq!(rig.model.parameter("cable_stiffness_factor").unwrap().source, ParameterSource::Traced);
+    assert_eq!(
+        rig.model.parameter("cable_stiffness_factor").unwrap().source,
+        ParameterSource::Traced
+    );
 }
 
 #[test]
@@ -125,10 +143,18 @@ fn declared_parameters_reach_the_model() {
     assert_eq!(shipped("hydrostatic.toml").transmission_parameters().unwrap(), traced.into());
     let edited = cable.text().replace("cable_stiffness_factor = {", "# cable_stiffness_factor = {");
     let error = RigFile::parse(&edited, "cable.toml").unwrap_err();
-    assert_eq!(error.problems()[0].key, "axes.0.control.p_v_per_count", "36 times stiffer, its gains are too high");
+    assert_eq!(
+        error.problems()[0].key,
+        "axes.0.control.p_v_per_count",
+        "36 times stiffer, its gains are too high"
+    );
     let edited = edited.replace("[axes.control]\n", "[axes.control]\naccept_unstable = true\n");
     let edited = RigFile::parse(&edited, "cable.toml").unwrap();
-    assert_eq!(edited.cable_parameters().unwrap().cable_stiffness_factor, 1.0, "left out, it is as printed");
+    assert_eq!(
+        edited.cable_parameters().unwrap().cable_stiffness_factor,
+        1.0,
+        "left out, it is as printed"
+    );
     let error = cable.hydrostatic_parameters().unwrap_err().to_string();
     assert!(error.contains("expected the model \"hydrostatic\", found \"cable\""), "{error}");
 

@@ -31,7 +31,8 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// The policies of units, in the same order. Names of units that are not among them do not count.
+    /// The policies of units, in the same order. Names of units that are not among them do not
+    /// count.
     pub fn of(units: &[Unit]) -> Vec<Self> {
         let index = |name: &String| units.iter().position(|unit| unit.name == *name);
         units

@@ -92,7 +92,10 @@ fn silence_of_the_watchdog_kills() {
     assert_eq!(machine.tick(36 * MS), [], "killed once");
     machine.exited(CONTROL, Exit::Signal(9), 37 * MS);
     assert_eq!(machine.state(CONTROL), UnitState::BackOff);
-    assert!(machine.reason(CONTROL).unwrap().contains("silent"), "the kill's reason stands, not the signal's");
+    assert!(
+        machine.reason(CONTROL).unwrap().contains("silent"),
+        "the kill's reason stands, not the signal's"
+    );
 }
 
 #[test]
@@ -172,7 +175,11 @@ fn stopped_in_the_reverse_order_and_killed_when_deaf() {
     assert_eq!(machine.stop_of(WATCHDOG), Some((MS, true)));
     assert_eq!(machine.tick(32 * MS), [Action::AskToStop(CONTROL)]);
     machine.exited(CONTROL, Exit::Code(1), 33 * MS);
-    assert_eq!(machine.tick(33 * MS), [Action::AskToStop(KEEPER)], "what fails while stopping is not restarted");
+    assert_eq!(
+        machine.tick(33 * MS),
+        [Action::AskToStop(KEEPER)],
+        "what fails while stopping is not restarted"
+    );
     assert_eq!(machine.tick(63 * MS), [Action::Kill(KEEPER)]);
     assert_eq!(machine.tick(93 * MS), [], "it hangs in the kernel: not waited for");
     assert_eq!(machine.phase(), Phase::Down);

@@ -58,7 +58,8 @@ impl Supervisor {
         }
     }
 
-    /// Replaces `status.json`. A full disk must not end the launcher: that is written down, and it goes on.
+    /// Replaces `status.json`. A full disk must not end the launcher: that is written down, and it
+    /// goes on.
     pub(super) fn write_status(&mut self) {
         self.written = Some(self.now());
         if let Err(error) = self.run_dir.write_json(&self.run_dir.status_json(), &self.status()) {
@@ -93,7 +94,12 @@ impl Supervisor {
         let mut units = std::mem::take(&mut self.stopped);
         for supervised in &self.units {
             if !units.iter().any(|stop| stop.name == supervised.unit.name) {
-                units.push(UnitStop { name: supervised.unit.name.clone(), exit: None, killed: false, took_ms: 0 });
+                units.push(UnitStop {
+                    name: supervised.unit.name.clone(),
+                    exit: None,
+                    killed: false,
+                    took_ms: 0,
+                });
             }
         }
         let report = StopReport {

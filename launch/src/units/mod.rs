@@ -1,10 +1,11 @@
 //! Unit files: one parser of exactly the subset that the launcher honours.
 //!
-//! The same files are systemd's and the launcher's. What the launcher would have to ignore, it refuses: an unknown
-//! section, key or value is an error that names file, line, key and what is supported ([`SUPPORTED`]).
-//! Specifiers are `%i` (the rig's name) and `%%`.
+//! The same files are systemd's and the launcher's. What the launcher would have to ignore, it
+//! refuses: an unknown section, key or value is an error that names file, line, key and what is
+//! supported ([`SUPPORTED`]). Specifiers are `%i` (the rig's name) and `%%`.
 //!
-//! Three values say where things are on an installed machine; the launcher puts its own in their place:
+//! Three values say where things are on an installed machine; the launcher puts its own in their
+//! place:
 //!
 //! | in the file | the launcher's |
 //! |---|---|
@@ -73,7 +74,8 @@ pub struct Unit {
 impl Unit {
     /// Units without which this one must not start: those that it both wants and comes after.
     ///
-    /// With systemd, a start job of this unit pulls in and waits for theirs; the launcher waits until they are ready.
+    /// With systemd, a start job of this unit pulls in and waits for theirs; the launcher waits
+    /// until they are ready.
     pub fn gates(&self) -> impl Iterator<Item = &String> {
         self.wants.iter().filter(|name| self.after.contains(name))
     }

@@ -7,7 +7,10 @@ use super::{Limit, Restart, SchedulingPolicy, StopSignal, Unit, value};
 
 /// Sections and keys that are read, with what they accept. Anything else is an error.
 pub const SUPPORTED: &[(&str, &[&str])] = &[
-    ("Unit", &["Description", "Wants", "After", "PartOf", "StartLimitIntervalSec", "StartLimitBurst"]),
+    (
+        "Unit",
+        &["Description", "Wants", "After", "PartOf", "StartLimitIntervalSec", "StartLimitBurst"],
+    ),
     (
         "Service",
         &[
@@ -157,7 +160,12 @@ struct File<'a> {
 }
 
 impl<'a> File<'a> {
-    fn read(path: &'a Path, text: &str, instance: &str, sections: &[&str]) -> Result<Self, UnitError> {
+    fn read(
+        path: &'a Path,
+        text: &str,
+        instance: &str,
+        sections: &[&str],
+    ) -> Result<Self, UnitError> {
         let file = || path.to_path_buf();
         let mut assignments: Vec<Assignment> = Vec::new();
         let mut section: Option<(&'static str, &'static [&'static str])> = None;
@@ -167,13 +175,19 @@ impl<'a> File<'a> {
             if trimmed.is_empty() || trimmed.starts_with(['#', ';']) {
                 continue;
             }
-            let syntax = |expected| UnitError::Syntax { file: file(), line, found: trimmed.to_owned(), expected };
+            let syntax = |expected| UnitError::Syntax {
+                file: file(),
+                line,
+                found: trimmed.to_owned(),
+                expected,
+            };
             if trimmed.ends_with('\\') {
                 return Err(syntax("the whole value on one line"));
             }
             if let Some(rest) = trimmed.strip_prefix('[') {
                 let name = rest.strip_suffix(']').ok_or_else(|| syntax("[Section]"))?;
-                let known = SUPPORTED.iter().find(|(known, _)| *known == name && sections.contains(known));
+                let known =
+                    SUPPORTED.iter().find(|(known, _)| *known == name && sections.contains(known));
                 section = Some(known.copied().ok_or_else(|| UnitError::Section {
                     file: file(),
                     line,
@@ -182,10 +196,12 @@ impl<'a> File<'a> {
                 })?);
                 continue;
             }
-            let (key, raw_value) =
-                trimmed.split_once('=').ok_or_else(|| syntax("Key=value, [Section] or # comment"))?;
+            let (key, raw_value) = trimmed
+                .split_once('=')
+                .ok_or_else(|| syntax("Key=value, [Section] or # comment"))?;
             let (key, raw_value) = (key.trim(), raw_value.trim());
-            let (section, keys) = section.ok_or_else(|| syntax("a [Section] before the first key"))?;
+            let (section, keys) =
+                section.ok_or_else(|| syntax("a [Section] before the first key"))?;
             let key = *keys.iter().find(|known| **known == key).ok_or_else(|| UnitError::Key {
                 file: file(),
                 line,
@@ -193,10 +209,16 @@ impl<'a> File<'a> {
                 key: key.to_owned(),
                 supported: keys.join(", "),
             })?;
-            if let Some(first) = assignments.iter().find(|earlier| earlier.section == section && earlier.key == key)
+            if let Some(first) =
+                assignments.iter().find(|earlier| earlier.section == section && earlier.key == key)
                 && !LISTS.contains(&key)
             {
-                return Err(UnitError::Repeated { file: file(), line, key: key.to_owned(), first: first.line });
+                return Err(UnitError::Repeated {
+                    file: file(),
+                    line,
+                    key: key.to_owned(),
+                    first: first.line,
+                });
             }
             let wrong = |expected| UnitError::Value {
                 file: file(),
@@ -223,7 +245,9 @@ impl<'a> File<'a> {
     ) -> Result<T, UnitError> {
         match self.assignments.iter().find(|assignment| assignment.key == key) {
             None => Ok(default),
-            Some(assignment) => parse(&assignment.value).map_err(|expected| self.wrong(assignment, expected)),
+            Some(assignment) => {
+                parse(&assignment.value).map_err(|expected| self.wrong(assignment, expected))
+            }
         }
     }
 
@@ -247,7 +271,8 @@ impl<'a> File<'a> {
     ) -> Result<Vec<T>, UnitError> {
         let mut out = Vec::new();
         for assignment in self.assignments.iter().filter(|assignment| assignment.key == key) {
-            let words = value::words(&assignment.value).map_err(|expected| self.wrong(assignment, expected))?;
+            let words = value::words(&assignment.value)
+                .map_err(|expected| self.wrong(assignment, expected))?;
             for word in words {
                 out.push(parse(&word).map_err(|expected| self.wrong(assignment, expected))?);
             }
@@ -287,7 +312,10 @@ fn sibling(instance: &str) -> impl Fn(&str) -> Result<String, &'static str> {
 fn limit(text: &str) -> Result<Option<Limit>, &'static str> {
     match text {
         "infinity" => Ok(Some(Limit::Infinity)),
-        number => number.parse().map(|value| Some(Limit::Value(value))).map_err(|_| "infinity or a whole number"),
+        number => number
+            .parse()
+            .map(|value| Some(Limit::Value(value)))
+            .map_err(|_| "infinity or a whole number"),
     }
 }
 
@@ -302,7 +330,12 @@ fn pair(word: &str) -> Result<(String, String), &'static str> {
 ///
 /// # Errors
 /// Everything that is not in [`SUPPORTED`], with file, line, key and what is accepted.
-pub fn parse_service(path: &Path, name: &str, text: &str, instance: &str) -> Result<Unit, UnitError> {
+pub fn parse_service(
+    path: &Path,
+    name: &str,
+    text: &str,
+    instance: &str,
+) -> Result<Unit, UnitError> {
     let file = File::read(path, text, instance, &["Unit", "Service", "Install"])?;
     file.list("PartOf", |word| only_target(word, instance))?;
     file.list("WantedBy", |word| only_target(word, instance))?;
@@ -312,10 +345,13 @@ pub fn parse_service(path: &Path, name: &str, text: &str, instance: &str) -> Res
     file.optional("WatchdogSignal", (), only("SIGKILL"))?;
     file.optional("RuntimeDirectoryMode", (), only("0700"))?;
     file.optional("RuntimeDirectoryPreserve", (), only("yes"))?;
-    file.optional("EnvironmentFile", (), |text| if text.starts_with('/') { Ok(()) } else { Err("an absolute path") })?;
+    file.optional("EnvironmentFile", (), |text| {
+        if text.starts_with('/') { Ok(()) } else { Err("an absolute path") }
+    })?;
     const PRIORITY: &str = "a priority from 1 to 99";
-    let priority =
-        file.optional("CPUSchedulingPriority", None, |text| value::whole(text, 1, 99, PRIORITY).map(Some))?;
+    let priority = file.optional("CPUSchedulingPriority", None, |text| {
+        value::whole(text, 1, 99, PRIORITY).map(Some)
+    })?;
     let scheduling = file.optional("CPUSchedulingPolicy", SchedulingPolicy::Other, |text| {
         let priority = i32::try_from(priority.unwrap_or(1)).unwrap_or(1);
         match text {
@@ -326,14 +362,22 @@ pub fn parse_service(path: &Path, name: &str, text: &str, instance: &str) -> Res
         }
     })?;
     if scheduling.is_realtime() && priority.is_none() {
-        return Err(UnitError::Missing { file: path.to_path_buf(), section: "Service", key: "CPUSchedulingPriority" });
+        return Err(UnitError::Missing {
+            file: path.to_path_buf(),
+            section: "Service",
+            key: "CPUSchedulingPriority",
+        });
     }
     Ok(Unit {
         name: name.to_owned(),
         description: file.optional("Description", String::new(), |text| Ok(text.to_owned()))?,
         wants: file.list("Wants", sibling(instance))?,
         after: file.list("After", sibling(instance))?,
-        start_limit_interval: file.optional("StartLimitIntervalSec", Duration::from_secs(10), value::span)?,
+        start_limit_interval: file.optional(
+            "StartLimitIntervalSec",
+            Duration::from_secs(10),
+            value::span,
+        )?,
         start_limit_burst: file.optional("StartLimitBurst", 5, |text| {
             value::whole(text, 0, 1000, "a number from 0 to 1000").map(|number| number as u32)
         })?,
@@ -378,7 +422,8 @@ pub fn parse_service(path: &Path, name: &str, text: &str, instance: &str) -> Res
         limit_memlock: file.optional("LimitMEMLOCK", None, limit)?,
         limit_rtprio: file.optional("LimitRTPRIO", None, limit)?,
         oom_score_adjust: file.optional("OOMScoreAdjust", None, |text| {
-            value::whole(text, -1000, 1000, "a number from -1000 to 1000").map(|number| Some(number as i32))
+            value::whole(text, -1000, 1000, "a number from -1000 to 1000")
+                .map(|number| Some(number as i32))
         })?,
     })
 }
@@ -394,7 +439,9 @@ fn only_target(word: &str, instance: &str) -> Result<(), &'static str> {
 pub fn parse_target(path: &Path, text: &str, instance: &str) -> Result<Vec<String>, UnitError> {
     let file = File::read(path, text, instance, &["Unit", "Install"])?;
     const HONOURED: &[&str] = &["Description", "Wants", "WantedBy"];
-    if let Some(other) = file.assignments.iter().find(|assignment| !HONOURED.contains(&assignment.key)) {
+    if let Some(other) =
+        file.assignments.iter().find(|assignment| !HONOURED.contains(&assignment.key))
+    {
         return Err(UnitError::Key {
             file: path.to_path_buf(),
             line: other.line,

@@ -29,7 +29,10 @@ impl UnitSet {
     pub fn embedded() -> Self {
         Self {
             directory: PathBuf::from("<embedded>"),
-            files: EMBEDDED.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect(),
+            files: EMBEDDED
+                .iter()
+                .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
+                .collect(),
         }
     }
 
@@ -46,8 +49,11 @@ impl UnitSet {
         for entry in std::fs::read_dir(directory).map_err(|error| read(directory, error))? {
             let entry = entry.map_err(|error| read(directory, error))?;
             let Ok(name) = entry.file_name().into_string() else { continue };
-            if name == "farreach@.target" || (name.starts_with("farreach-") && name.ends_with("@.service")) {
-                let text = std::fs::read_to_string(entry.path()).map_err(|error| read(&entry.path(), error))?;
+            if name == "farreach@.target"
+                || (name.starts_with("farreach-") && name.ends_with("@.service"))
+            {
+                let text = std::fs::read_to_string(entry.path())
+                    .map_err(|error| read(&entry.path(), error))?;
                 files.insert(name, text);
             }
         }
@@ -89,12 +95,17 @@ impl UnitSet {
     pub fn unit(&self, name: &str, instance: &str) -> Result<Unit, UnitError> {
         let file = format!("farreach-{name}@.service");
         let Some(text) = self.files.get(&file) else {
-            return Err(UnitError::Unknown { name: name.to_owned(), file, known: self.names().join(", ") });
+            return Err(UnitError::Unknown {
+                name: name.to_owned(),
+                file,
+                known: self.names().join(", "),
+            });
         };
         parse_service(&self.directory.join(&file), name, text, instance)
     }
 
-    /// Parses the services asked for and all that they want, in the order in which they may be started.
+    /// Parses the services asked for and all that they want, in the order in which they may be
+    /// started.
     ///
     /// # Errors
     /// As [`UnitSet::unit`]; and when `After=` runs in a ring.
@@ -113,11 +124,13 @@ impl UnitSet {
     }
 }
 
-/// Sorts by `After=`; names that are not in the set do not count. Ties go by name, so the order is always the same.
+/// Sorts by `After=`; names that are not in the set do not count. Ties go by name, so the order is
+/// always the same.
 fn in_order(mut units: BTreeMap<String, Unit>) -> Result<Vec<Unit>, UnitError> {
     let mut sorted = Vec::with_capacity(units.len());
     while !units.is_empty() {
-        let next = units.values().find(|unit| !unit.after.iter().any(|name| units.contains_key(name)));
+        let next =
+            units.values().find(|unit| !unit.after.iter().any(|name| units.contains_key(name)));
         let Some(name) = next.map(|unit| unit.name.clone()) else {
             return Err(UnitError::Ring(units.keys().cloned().collect::<Vec<_>>().join(", ")));
         };

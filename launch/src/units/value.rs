@@ -1,4 +1,5 @@
-//! Values of unit files: numbers, spans of time, lists, specifiers. Each returns what it would have accepted.
+//! Values of unit files: numbers, spans of time, lists, specifiers. Each returns what it would have
+//! accepted.
 
 use std::time::Duration;
 
@@ -22,7 +23,8 @@ pub(super) fn specifiers(text: &str, instance: &str) -> Result<String, &'static 
 
 /// A span of time: a number with `us`, `ms`, `s` or `min`; without a unit, seconds.
 pub(super) fn span(text: &str) -> Result<Duration, &'static str> {
-    const EXPECTED: &str = "a span of time: a whole number with us, ms, s or min (seconds without a unit)";
+    const EXPECTED: &str =
+        "a span of time: a whole number with us, ms, s or min (seconds without a unit)";
     let digits = text.find(|character: char| !character.is_ascii_digit()).unwrap_or(text.len());
     let number: u64 = text[..digits].parse().map_err(|_| EXPECTED)?;
     match &text[digits..] {
@@ -35,13 +37,19 @@ pub(super) fn span(text: &str) -> Result<Duration, &'static str> {
 }
 
 /// A whole number from `low` to `high`; `expected` says so in words.
-pub(super) fn whole(text: &str, low: i64, high: i64, expected: &'static str) -> Result<i64, &'static str> {
+pub(super) fn whole(
+    text: &str,
+    low: i64,
+    high: i64,
+    expected: &'static str,
+) -> Result<i64, &'static str> {
     text.parse::<i64>().ok().filter(|number| (low..=high).contains(number)).ok_or(expected)
 }
 
 /// Core numbers, separated by blanks or commas; a range as `2-4`.
 pub(super) fn cores(text: &str) -> Result<Vec<usize>, &'static str> {
-    const EXPECTED: &str = "core numbers from 0 to 1023 separated by blanks or commas, or a range such as 2-4";
+    const EXPECTED: &str =
+        "core numbers from 0 to 1023 separated by blanks or commas, or a range such as 2-4";
     let mut cores = Vec::new();
     for word in text.split([' ', ',']).filter(|word| !word.is_empty()) {
         let (first, last) = word.split_once('-').unwrap_or((word, word));
@@ -57,7 +65,8 @@ pub(super) fn cores(text: &str) -> Result<Vec<usize>, &'static str> {
     if cores.is_empty() { Err(EXPECTED) } else { Ok(cores) }
 }
 
-/// Words at blanks. Quotes and backslashes mean something to systemd that is not read here: refused.
+/// Words at blanks. Quotes and backslashes mean something to systemd that is not read here:
+/// refused.
 pub(super) fn words(text: &str) -> Result<Vec<String>, &'static str> {
     if text.contains(['"', '\'', '\\', '$']) {
         return Err("plain words separated by blanks, without quotes, backslashes or $");

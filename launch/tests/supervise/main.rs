@@ -23,7 +23,10 @@ fn child_process() {
 fn started_in_order_and_stopped_in_reverse() {
     let rig = Rig::new();
     let running = rig.start().unwrap();
-    assert_eq!(rig.events(&["start", "ready"]), ["a start", "a ready", "b start", "b ready", "c start", "c ready"]);
+    assert_eq!(
+        rig.events(&["start", "ready"]),
+        ["a start", "a ready", "b start", "b ready", "c start", "c ready"]
+    );
     let status = rig.status();
     assert_eq!(status.state, RigState::Up);
     assert_eq!(status.launcher, running.launcher);
@@ -35,8 +38,11 @@ fn started_in_order_and_stopped_in_reverse() {
 
     let report = rig.stop().unwrap();
     assert_eq!(rig.events(&["stop"]), ["c stop", "b stop", "a stop"]);
-    let stops: Vec<_> =
-        report.units.iter().map(|unit| (unit.name.as_str(), unit.exit.as_deref(), unit.killed)).collect();
+    let stops: Vec<_> = report
+        .units
+        .iter()
+        .map(|unit| (unit.name.as_str(), unit.exit.as_deref(), unit.killed))
+        .collect();
     let clean = Some("exit code 0");
     assert_eq!(stops, [("c", clean, false), ("b", clean, false), ("a", clean, false)]);
     assert!(!running.launcher.is_alive());
@@ -52,13 +58,15 @@ fn the_units_that_come_with_the_binary_start_keeper_first_and_stop_motor_first()
     rig.config.units = vec!["watchdog".to_owned(), "simulator".to_owned()];
     rig.config.units.extend(UnitSet::embedded().target("test").unwrap());
     rig.start().unwrap();
-    let order = ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
+    let order =
+        ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
     assert_eq!(rig.events(&["ready"]), order.map(|name| format!("{name} ready")));
     let status = rig.status();
     for unit in &status.units {
         let scheduling = unit.scheduling.as_ref().unwrap();
         let has_asked = scheduling.granted == Some(scheduling.asked);
-        let says_refused = scheduling.refused.iter().any(|text| text.starts_with("CPUSchedulingPolicy="));
+        let says_refused =
+            scheduling.refused.iter().any(|text| text.starts_with("CPUSchedulingPolicy="));
         assert_ne!(has_asked, says_refused, "{}: {scheduling:?}", unit.name);
     }
     let report = rig.stop().unwrap();
@@ -71,14 +79,20 @@ fn what_the_processes_are_told() {
     let mut rig = Rig::new();
     rig.unit(
         "c",
-        &[("Environment", "RIG=%i LOGS=/run/farreach/%i/logs BOTH=unit"), ("RuntimeDirectory", "farreach/%i")],
+        &[
+            ("Environment", "RIG=%i LOGS=/run/farreach/%i/logs BOTH=unit"),
+            ("RuntimeDirectory", "farreach/%i"),
+        ],
     );
     rig.config.environment.insert("BOTH".to_owned(), "configuration".to_owned());
     rig.start().unwrap();
     let environment = std::fs::read(format!("/proc/{}/environ", rig.process("c").pid)).unwrap();
     let has = |name: &str, value: &str| {
         let wanted = format!("{name}={value}");
-        assert!(environment.split(|byte| *byte == 0).any(|variable| variable == wanted.as_bytes()), "{wanted}");
+        assert!(
+            environment.split(|byte| *byte == 0).any(|variable| variable == wanted.as_bytes()),
+            "{wanted}"
+        );
     };
     let run_dir = rig.run_dir().to_str().unwrap();
     has("RIG", "test");
@@ -131,11 +145,15 @@ fn a_start_that_hangs_is_killed_and_tried_again() {
     rig.behave("b", "hang-once");
     rig.unit("b", &[("TimeoutStartSec", "1s")]);
     rig.start().unwrap();
-    let starts = rig.journal().into_iter().filter(|(name, event, _)| name == "b" && event == "start");
+    let starts =
+        rig.journal().into_iter().filter(|(name, event, _)| name == "b" && event == "start");
     let processes: Vec<ProcessIdentity> = starts.map(|(_, _, process)| process).collect();
     assert!(processes.len() >= 2, "{processes:?}");
     assert!(!processes[0].is_alive());
-    assert_eq!(rig.status().unit("b").unwrap().restart_reason.as_deref(), Some("it was not ready within 1s"));
+    assert_eq!(
+        rig.status().unit("b").unwrap().restart_reason.as_deref(),
+        Some("it was not ready within 1s")
+    );
     rig.stop().unwrap();
 }
 
@@ -258,7 +276,10 @@ fn the_watchdog_of_an_adopted_process_is_heard() {
     if pinging.restart_reason.is_none() {
         assert_eq!(pinging.process, Some(before));
     } else {
-        eprintln!("SKIPPED: this machine is too busy to ping within 1 s: {:?}", pinging.restart_reason);
+        eprintln!(
+            "SKIPPED: this machine is too busy to ping within 1 s: {:?}",
+            pinging.restart_reason
+        );
     }
     assert!(before.signal(Signal::STOP));
     rig.until_replaced("c", before);
@@ -272,7 +293,10 @@ fn down_ends_the_living_when_the_launcher_is_dead() {
     rig.kill_launcher();
     assert_eq!(rig.living().len(), 3);
     let report = rig.stop().unwrap();
-    assert_eq!(report.units.iter().map(|unit| unit.name.as_str()).collect::<Vec<_>>(), ["c", "b", "a"]);
+    assert_eq!(
+        report.units.iter().map(|unit| unit.name.as_str()).collect::<Vec<_>>(),
+        ["c", "b", "a"]
+    );
     assert_eq!(rig.events(&["stop"]), ["c stop", "b stop", "a stop"]);
     assert_eq!(rig.living(), []);
     assert_eq!(rig.left_behind(), [""; 0]);
@@ -298,14 +322,16 @@ fn a_recycled_pid_is_not_adopted() {
     let victim = rig.process("c");
     assert!(victim.signal(Signal::KILL));
     until("c is dead", || !victim.is_alive());
-    // Somebody else has the pid now, as the status has it, but started at another time: start times have a resolution of
-    // 10 ms, and the victim may be younger than that.
+    // Somebody else has the pid now, as the status has it, but started at another time: start times
+    // have a resolution of 10 ms, and the victim may be younger than that.
     std::thread::sleep(std::time::Duration::from_millis(50));
     let mut bystander = Command::new("sleep").arg("600").spawn().unwrap();
     let path = RunDir::new(rig.run_dir()).status_json();
-    let mut status: launch::Status = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let mut status: launch::Status =
+        serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     let unit = status.units.iter_mut().find(|unit| unit.name == "c").unwrap();
-    unit.process = Some(ProcessIdentity { pid: bystander.id() as i32, start_time: victim.start_time });
+    unit.process =
+        Some(ProcessIdentity { pid: bystander.id() as i32, start_time: victim.start_time });
     std::fs::write(&path, serde_json::to_vec(&status).unwrap()).unwrap();
 
     let started = rig.start();
@@ -328,7 +354,8 @@ fn a_process_in_no_status_is_found_by_its_marks() {
     rig.kill_launcher();
     let stray = rig.process("c");
     let path = RunDir::new(rig.run_dir()).status_json();
-    let mut status: launch::Status = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let mut status: launch::Status =
+        serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     status.units.retain(|unit| unit.name != "c");
     std::fs::write(&path, serde_json::to_vec(&status).unwrap()).unwrap();
     let report = rig.stop().unwrap();
@@ -343,7 +370,10 @@ fn the_living_are_not_adopted_with_other_settings() {
     rig.kill_launcher();
     rig.config.environment.insert("FARREACH_RIG".to_owned(), "/other/rig.toml".to_owned());
     let error = rig.start().unwrap_err();
-    assert!(matches!(&error, Error::OtherSettings { leftovers, .. } if leftovers.len() == 3), "{error}");
+    assert!(
+        matches!(&error, Error::OtherSettings { leftovers, .. } if leftovers.len() == 3),
+        "{error}"
+    );
     rig.stop().unwrap();
     rig.start().unwrap();
     rig.stop().unwrap();
@@ -365,12 +395,25 @@ fn a_restart_can_be_asked_for() {
 #[test]
 fn the_status_says_which_class_was_granted() {
     let rig = Rig::new();
-    let may = Command::new("chrt").args(["-f", "10", "true"]).output().is_ok_and(|output| output.status.success());
-    rig.unit("c", &[("CPUSchedulingPolicy", "fifo"), ("CPUSchedulingPriority", "10"), ("LimitMEMLOCK", "infinity")]);
+    let may = Command::new("chrt")
+        .args(["-f", "10", "true"])
+        .output()
+        .is_ok_and(|output| output.status.success());
+    rig.unit(
+        "c",
+        &[
+            ("CPUSchedulingPolicy", "fifo"),
+            ("CPUSchedulingPriority", "10"),
+            ("LimitMEMLOCK", "infinity"),
+        ],
+    );
     rig.start().unwrap();
     let scheduling = rig.status().unit("c").unwrap().scheduling.clone().unwrap();
     assert_eq!(scheduling.asked, SchedulingPolicy::Fifo(10));
-    let refused = scheduling.refused.iter().any(|text| text.starts_with("CPUSchedulingPolicy=fifo 10: it has other"));
+    let refused = scheduling
+        .refused
+        .iter()
+        .any(|text| text.starts_with("CPUSchedulingPolicy=fifo 10: it has other"));
     if may {
         assert_eq!((scheduling.granted, refused), (Some(SchedulingPolicy::Fifo(10)), false));
     } else {
@@ -385,7 +428,10 @@ fn what_would_fail_later_fails_before_anything_is_started() {
     let mut rig = Rig::new();
     rig.unit("c", &[("LimitNOFILE", "5")]);
     let error = rig.start().unwrap_err();
-    assert!(error.to_string().contains("key `LimitNOFILE` in [Service] is not supported"), "{error}");
+    assert!(
+        error.to_string().contains("key `LimitNOFILE` in [Service] is not supported"),
+        "{error}"
+    );
     rig.unit("c", &[]);
     rig.config.rig_name = "../etc".to_owned();
     assert!(matches!(rig.start(), Err(Error::RigName { .. })));

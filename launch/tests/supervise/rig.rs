@@ -1,6 +1,8 @@
-//! A rig of three small processes, a <- b <- c, which ends all that it started even when a test fails.
+//! A rig of three small processes, a <- b <- c, which ends all that it started even when a test
+//! fails.
 //!
-//! The processes, and the launcher, are this test binary itself: a script enters it at the test `child_process`.
+//! The processes, and the launcher, are this test binary itself: a script enters it at the test
+//! `child_process`.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -20,8 +22,8 @@ pub(crate) struct Rig {
     pub(crate) config: Config,
 }
 
-/// The script that enters this binary. Written before any test starts a process: a child forked meanwhile would hold
-/// it open for writing, and then it could not be executed.
+/// The script that enters this binary. Written before any test starts a process: a child forked
+/// meanwhile would hold it open for writing, and then it could not be executed.
 fn script() -> &'static Path {
     static SCRIPT: OnceLock<PathBuf> = OnceLock::new();
     SCRIPT.get_or_init(|| {
@@ -50,7 +52,10 @@ impl Rig {
         fs::create_dir(&units).unwrap();
         let mut config = Config::new("test", directory.path().join("run"), script())
             .with_units(["c", "b"])
-            .with_environment("LAUNCH_TEST_JOURNAL", directory.path().join("journal").to_str().unwrap());
+            .with_environment(
+                "LAUNCH_TEST_JOURNAL",
+                directory.path().join("journal").to_str().unwrap(),
+            );
         config.units_directory = Some(units);
         let rig = Self { directory, config };
         for name in ["a", "b", "c"] {
@@ -63,10 +68,14 @@ impl Rig {
     pub(crate) fn unit(&self, name: &str, keys: Keys<'_>) {
         let relations = match name {
             "b" => "Wants=farreach-a@%i.service\nAfter=farreach-a@%i.service\n",
-            "c" => "Wants=farreach-a@%i.service\nAfter=farreach-a@%i.service farreach-b@%i.service\n",
+            "c" => {
+                "Wants=farreach-a@%i.service\nAfter=farreach-a@%i.service farreach-b@%i.service\n"
+            }
             _ => "",
         };
-        let mut text = format!("[Unit]\n{relations}\n[Service]\nType=notify\nExecStart=/x/farreach service {name}\n");
+        let mut text = format!(
+            "[Unit]\n{relations}\n[Service]\nType=notify\nExecStart=/x/farreach service {name}\n"
+        );
         let defaults = [
             ("Restart", "on-failure"),
             ("RestartSec", "20ms"),
@@ -75,7 +84,11 @@ impl Rig {
             ("TimeoutStopSec", "30s"),
             ("WatchdogSec", "30s"),
         ];
-        for (key, value) in defaults.iter().filter(|(key, _)| !keys.iter().any(|(other, _)| other == key)).chain(keys) {
+        for (key, value) in defaults
+            .iter()
+            .filter(|(key, _)| !keys.iter().any(|(other, _)| other == key))
+            .chain(keys)
+        {
             text.push_str(&format!("{key}={value}\n"));
         }
         let directory = self.config.units_directory.as_ref().unwrap();
@@ -131,14 +144,19 @@ impl Rig {
 
     /// `NAME EVENT` of those events that are asked for.
     pub(crate) fn events(&self, wanted: &[&str]) -> Vec<String> {
-        let journal = self.journal().into_iter().filter(|(_, event, _)| wanted.contains(&event.as_str()));
+        let journal =
+            self.journal().into_iter().filter(|(_, event, _)| wanted.contains(&event.as_str()));
         journal.map(|(name, event, _)| format!("{name} {event}")).collect()
     }
 
     /// Processes of this rig that are alive.
     pub(crate) fn living(&self) -> Vec<ProcessIdentity> {
-        let mut living: Vec<ProcessIdentity> =
-            self.journal().into_iter().map(|(_, _, process)| process).filter(ProcessIdentity::is_alive).collect();
+        let mut living: Vec<ProcessIdentity> = self
+            .journal()
+            .into_iter()
+            .map(|(_, _, process)| process)
+            .filter(ProcessIdentity::is_alive)
+            .collect();
         living.dedup();
         living
     }
@@ -163,7 +181,8 @@ impl Drop for Rig {
         }
         // The launcher first, or it would start again what is killed here.
         let launcher = fs::read_to_string(self.run_dir().join("launcher.pid")).unwrap_or_default();
-        let numbers: Vec<u64> = launcher.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        let numbers: Vec<u64> =
+            launcher.split_whitespace().filter_map(|word| word.parse().ok()).collect();
         if let [pid, start_time] = numbers[..] {
             ProcessIdentity { pid: pid as i32, start_time }.signal(Signal::KILL);
         }
@@ -189,7 +208,10 @@ fn read_journal(path: &Path) -> Vec<(String, String, ProcessIdentity)> {
     text.lines()
         .map(|line| {
             let words: Vec<&str> = line.split(' ').collect();
-            let process = ProcessIdentity { pid: words[2].parse().unwrap(), start_time: words[3].parse().unwrap() };
+            let process = ProcessIdentity {
+                pid: words[2].parse().unwrap(),
+                start_time: words[3].parse().unwrap(),
+            };
             (words[0].to_owned(), words[1].to_owned(), process)
         })
         .collect()
@@ -197,8 +219,8 @@ fn read_journal(path: &Path) -> Vec<(String, String, ProcessIdentity)> {
 
 /// Body of the processes, and of the launcher.
 ///
-/// `BEHAVE_NAME` may hold: `hang` (never ready), `hang-once`, `mute-once` (no `WATCHDOG=1` the first time), `deaf` (to
-/// SIGTERM), `fail` (prints and ends with 1), `usage` (ends with 2).
+/// `BEHAVE_NAME` may hold: `hang` (never ready), `hang-once`, `mute-once` (no `WATCHDOG=1` the
+/// first time), `deaf` (to SIGTERM), `fail` (prints and ends with 1), `usage` (ends with 2).
 pub(crate) fn child(arguments: &str) -> ! {
     let words: Vec<&str> = arguments.split(' ').collect();
     if let ["service", "launcher", "--run-dir", run_dir] = words[..] {
@@ -210,7 +232,8 @@ pub(crate) fn child(arguments: &str) -> ! {
     let own = ProcessIdentity::own().unwrap();
     let write = |event: &str| {
         let mut file = OpenOptions::new().create(true).append(true).open(&journal).unwrap();
-        file.write_all(format!("{name} {event} {} {}\n", own.pid, own.start_time).as_bytes()).unwrap();
+        file.write_all(format!("{name} {event} {} {}\n", own.pid, own.start_time).as_bytes())
+            .unwrap();
     };
     let stop = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(signal_hook::consts::SIGTERM, Arc::clone(&stop)).unwrap();
@@ -227,7 +250,8 @@ pub(crate) fn child(arguments: &str) -> ! {
     if !behaves("hang") {
         // Written before it is said: whoever is started because of it writes later.
         write("ready");
-        sd_notify::notify(&[NotifyState::Ready, NotifyState::Status(&format!("{name} at work"))]).unwrap();
+        sd_notify::notify(&[NotifyState::Ready, NotifyState::Status(&format!("{name} at work"))])
+            .unwrap();
     }
     assert!(sd_notify::watchdog_enabled().is_some());
     while !stop.load(Ordering::Relaxed) || behaves("deaf") {

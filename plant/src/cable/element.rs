@@ -9,10 +9,11 @@
 //! T   = f + z ≥ (1 - φ) f ≥ 0              a cable pulls; `k = K/(1 + φ)`, so that loading shows the slope `K`
 //! ```
 //!
-//! From rest the tension is continuous in the elongation and depends on its path, not on its speed. Nothing in the law
-//! gives energy: set and slip only take it. Valid well below the breaking load (no yield, no creep).
-//! Sources: fig. 5.3 (toe, slope), fig. 5.4 (set, hysteresis), § 5.3 (sag); sag stiffness `1/K_eff = 1/K + w²ℓ³/(12 T³)`
-//! per span is Ernst's (Der Bauingenieur 40, 1965), friction under load is Jenkins's element (1962).
+//! From rest the tension is continuous in the elongation and depends on its path, not on its speed.
+//! Nothing in the law gives energy: set and slip only take it. Valid well below the breaking load
+//! (no yield, no creep). Sources: fig. 5.3 (toe, slope), fig. 5.4 (set, hysteresis), § 5.3 (sag);
+//! sag stiffness `1/K_eff = 1/K + w²ℓ³/(12 T³)` per span is Ernst's (Der Bauingenieur 40, 1965),
+//! friction under load is Jenkins's element (1962).
 
 /// The constants of a piece of cable; SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -45,7 +46,11 @@ impl ElementLaw {
     /// Elastic elongation at an elastic tension above 0, m.
     pub fn stretch(&self, tension_n: f64) -> f64 {
         let straight = self.straight(tension_n).0;
-        if self.sag_n2_m > 0.0 { straight - self.sag_n2_m / (tension_n * tension_n) } else { straight }
+        if self.sag_n2_m > 0.0 {
+            straight - self.sag_n2_m / (tension_n * tension_n)
+        } else {
+            straight
+        }
     }
 
     /// Slope of the elastic curve at an elastic tension above 0, N/m.
@@ -59,8 +64,9 @@ impl ElementLaw {
         if self.sag_n2_m <= 0.0 {
             return weightless;
         }
-        // Concave and growing in the tension: one Newton step leads below the root, the next approach it from there. Gap and slope
-        // are multiplied by the tension's cube, which leaves one division.
+        // Concave and growing in the tension: one Newton step leads below the root, the next
+        // approach it from there. Gap and slope are multiplied by the tension's cube, which leaves
+        // one division.
         let mut tension = near.max(weightless).max(1e-9);
         for _ in 0..100 {
             let (straight, slope) = self.straight(tension);
@@ -78,7 +84,8 @@ impl ElementLaw {
         tension
     }
 
-    /// Energy of the elastic part at an elastic tension above 0, J: of stretching, and of lifting its weight.
+    /// Energy of the elastic part at an elastic tension above 0, J: of stretching, and of lifting
+    /// its weight.
     fn energy(&self, tension_n: f64) -> f64 {
         let (k, end) = (self.elastic_n_per_m(), 2.0 * self.toe_tension_n / self.elastic_n_per_m());
         let stretching = if tension_n < self.toe_tension_n {
@@ -127,13 +134,15 @@ pub struct Element {
 }
 
 impl Element {
-    /// A new cable, lying free of tension at elongation 0 (with sag: tight by as much as its weight makes it).
+    /// A new cable, lying free of tension at elongation 0 (with sag: tight by as much as its weight
+    /// makes it).
     pub fn new(law: ElementLaw) -> Self {
         let elastic_n = law.tension(0.0, 0.0);
         Self { law, aligned_m: 0.0, slip_m: 0.0, elastic_n, rubbing_n: 0.0, dissipated_j: 0.0 }
     }
 
-    /// A cable that has once been loaded to `bedding_n` and now rests at `tension_n`, free of rubbing; and its elongation.
+    /// A cable that has once been loaded to `bedding_n` and now rests at `tension_n`, free of
+    /// rubbing; and its elongation.
     pub fn bedded(law: ElementLaw, bedding_n: f64, tension_n: f64) -> (Self, f64) {
         let aligned_m = law.stretch(bedding_n.max(tension_n)).max(0.0);
         let stretch = law.stretch(tension_n);
@@ -146,7 +155,8 @@ impl Element {
         &self.law
     }
 
-    /// Elongates (or shortens) the cable to `elongation_m` from where it was and returns its tension, N.
+    /// Elongates (or shortens) the cable to `elongation_m` from where it was and returns its
+    /// tension, N.
     pub fn extend(&mut self, elongation_m: f64) -> f64 {
         let law = &self.law;
         let (aligned_before, rubbing_before) = (self.aligned_m, self.rubbing_n);
@@ -157,7 +167,8 @@ impl Element {
         }
         self.elastic_n = law.tension(stretch, self.elastic_n);
         let branch = law.branch_ratio * law.elastic_n_per_m();
-        let (limit, trial) = (law.friction_ratio * self.elastic_n, branch * (stretch - self.slip_m));
+        let (limit, trial) =
+            (law.friction_ratio * self.elastic_n, branch * (stretch - self.slip_m));
         self.rubbing_n = trial.clamp(-limit, limit);
         if trial.abs() > limit {
             let slipped = (trial - self.rubbing_n) / branch;
@@ -165,10 +176,13 @@ impl Element {
             self.dissipated_j += self.rubbing_n * slipped;
         }
         if self.aligned_m > aligned_before {
-            // What the set takes, `∫ T dp`: of the elastic part in closed form, of the branch by its mean.
+            // What the set takes, `∫ T dp`: of the elastic part in closed form, of the branch by
+            // its mean.
             let from = law.tension(aligned_before, self.elastic_n);
-            let rubbing = 0.5 * (rubbing_before + self.rubbing_n) * (self.aligned_m - aligned_before);
-            self.dissipated_j += law.set_ratio * (law.energy(self.elastic_n) - law.energy(from) + rubbing);
+            let rubbing =
+                0.5 * (rubbing_before + self.rubbing_n) * (self.aligned_m - aligned_before);
+            self.dissipated_j +=
+                law.set_ratio * (law.energy(self.elastic_n) - law.energy(from) + rubbing);
         }
         self.tension_n()
     }
@@ -186,7 +200,8 @@ impl Element {
     /// Energy stored at the present elongation, J (up to a constant).
     pub fn stored_j(&self) -> f64 {
         let branch = self.law.branch_ratio * self.law.elastic_n_per_m();
-        let rubbing = if branch > 0.0 { 0.5 * self.rubbing_n * self.rubbing_n / branch } else { 0.0 };
+        let rubbing =
+            if branch > 0.0 { 0.5 * self.rubbing_n * self.rubbing_n / branch } else { 0.0 };
         self.law.energy(self.elastic_n) + rubbing
     }
 
@@ -195,7 +210,8 @@ impl Element {
         self.dissipated_j
     }
 
-    /// Lets the rubbing branch come to rest where the cable is and forgets what was lost; the alignment stays.
+    /// Lets the rubbing branch come to rest where the cable is and forgets what was lost; the
+    /// alignment stays.
     pub fn relax(&mut self, elongation_m: f64) {
         self.extend(elongation_m);
         self.slip_m = elongation_m - self.set_m();

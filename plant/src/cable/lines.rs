@@ -43,7 +43,8 @@ pub(super) struct Lines {
 impl Lines {
     pub(super) fn new(parameters: &Parameters) -> Self {
         let law = parameters.element_law(0.5 * parameters.line_length_m);
-        let (element, rest_m) = Element::bedded(law, parameters.bedding_tension_n, parameters.pretension_n);
+        let (element, rest_m) =
+            Element::bedded(law, parameters.bedding_tension_n, parameters.pretension_n);
         Self {
             elements: [[element; 2]; 2],
             rest_m,
@@ -68,7 +69,8 @@ impl Lines {
         for line in 0..2 {
             for (index, end) in [(0, End::Master), (1, End::Slave)] {
                 let (radius, pull) = (self.radii_m[index], PULL[line][index]);
-                let (deflection, rate) = (half[2 + line] - radius * half[index], mean[2 + line] - radius * mean[index]);
+                let (deflection, rate) =
+                    (half[2 + line] - radius * half[index], mean[2 + line] - radius * mean[index]);
                 let mut link = Link {
                     end,
                     line,
@@ -104,7 +106,8 @@ impl Lines {
                 // Nor can an effect.
                 let pulling = |force: f64| (self.pretension_n + pull * force).max(0.0);
                 let resisted = link.fluid_damping_n_s_per_m * link.fluid_velocity_m_s;
-                let (at_pulley, at_middle) = (pulling(link.force_n), pulling(link.fluid_force_n + resisted));
+                let (at_pulley, at_middle) =
+                    (pulling(link.force_n), pulling(link.fluid_force_n + resisted));
                 coupling.tension[line][index] = at_pulley;
                 coupling.pulley[line][index] = pull * (at_pulley - self.pretension_n);
                 coupling.middle[line][index] = pull * (at_middle - self.pretension_n) - resisted;
@@ -114,8 +117,8 @@ impl Lines {
         coupling
     }
 
-    /// Where a link's energy went in a step: lost in its damper, and taken by effects, J; the middle went `middle` at the
-    /// mean speed `speed`.
+    /// Where a link's energy went in a step: lost in its damper, and taken by effects, J; the
+    /// middle went `middle` at the mean speed `speed`.
     pub(super) fn work(
         &self,
         coupling: &Coupling,
@@ -140,7 +143,8 @@ impl Lines {
                 let elongation = self.elongation_m(state, line, end);
                 let mut element = self.elements[line][end];
                 element.extend(elongation);
-                stored += self.cables * element.stored_j() - self.pretension_n * (elongation - self.rest_m);
+                stored += self.cables * element.stored_j()
+                    - self.pretension_n * (elongation - self.rest_m);
                 lost += self.cables * element.dissipated_j();
             }
         }
@@ -160,7 +164,8 @@ impl Lines {
 
     fn elongation_m(&self, state: &State, line: usize, end: usize) -> f64 {
         let angle = if end == 0 { state.master_position_rad } else { state.slave_position_rad };
-        let deflection = state.line_position_m[line] - self.radii_m[end] * angle + self.offset_m[line][end];
+        let deflection =
+            state.line_position_m[line] - self.radii_m[end] * angle + self.offset_m[line][end];
         self.rest_m + PULL[line][end] * deflection
     }
 }
@@ -187,8 +192,14 @@ impl Supports {
     }
 
     /// Friction of a breakaway level, N, on cable at a displacement, m, that moves at a speed, m/s.
-    pub(super) fn friction(&self, level_n: f64, displacement_m: f64, speed_m_s: f64) -> DryFriction {
-        let level = level_n * (1.0 + self.amplitude * (self.order_rad_per_m * displacement_m).cos());
+    pub(super) fn friction(
+        &self,
+        level_n: f64,
+        displacement_m: f64,
+        speed_m_s: f64,
+    ) -> DryFriction {
+        let level =
+            level_n * (1.0 + self.amplitude * (self.order_rad_per_m * displacement_m).cos());
         let falling = (-speed_m_s.abs() / self.stribeck_speed_m_s).exp();
         let moving = level * (self.kinetic_ratio + (1.0 - self.kinetic_ratio) * falling);
         let (forward, backward) = (1.0 + self.asymmetry, 1.0 - self.asymmetry);

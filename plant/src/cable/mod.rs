@@ -1,9 +1,10 @@
 //! The cable transmission of thesis chapter 5: two kevlar cables that pull against each other.
 //!
-//! A cable runs from the master's pulley through three tubes to the slave's, another runs back: one pulls the slave
-//! forward, the other backward, and neither pushes. Each is a mass in the middle between two pieces of cable
-//! ([`Element`]), with friction where it passes a support. With cable displacement `s_i` in the middle (both positive with
-//! a positive master), radii `a_m`, `a_s`, and pretension `T_0`:
+//! A cable runs from the master's pulley through three tubes to the slave's, another runs back: one
+//! pulls the slave forward, the other backward, and neither pushes. Each is a mass in the middle
+//! between two pieces of cable ([`Element`]), with friction where it passes a support. With cable
+//! displacement `s_i` in the middle (both positive with a positive master), radii `a_m`, `a_s`, and
+//! pretension `T_0`:
 //!
 //! ```text
 //! x_m,1 = x_0 + a_m q_m - s_1     x_s,1 = x_0 + s_1 - a_s q_s       elongation of the halves of the forward cable
@@ -15,9 +16,9 @@
 //! F(T)  = F_∞ T/(T + T_h) per support                               figs. 5.5, 5.6
 //! ```
 //!
-//! Supports: one at the master's end, two at the joints of the tubes, one at the slave's end. Each one's friction acts on
-//! what moves there and follows the tension there, so that it multiplies along the line while it is far from
-//! saturation, as a rope's round a capstan.
+//! Supports: one at the master's end, two at the joints of the tubes, one at the slave's end. Each
+//! one's friction acts on what moves there and follows the tension there, so that it multiplies
+//! along the line while it is far from saturation, as a rope's round a capstan.
 //!
 //! ```
 //! use plant::cable::{Input, Parameters, Plant};
@@ -33,9 +34,10 @@
 //! # Ok::<(), plant::ParameterError>(())
 //! ```
 //!
-//! What is printed, assumed and fitted: [`Parameters`] and `docs/errata.md`. Parallel cables ([`Parameters::with_cables`])
-//! are taken as alike: stiffness, mass, pretension and friction of a line are those of one cable times their number. The
-//! slave's inertia stays, so that the resonance rises a little slower than with the square root of the number.
+//! What is printed, assumed and fitted: [`Parameters`] and `docs/errata.md`. Parallel cables
+//! ([`Parameters::with_cables`]) are taken as alike: stiffness, mass, pretension and friction of a
+//! line are those of one cable times their number. The slave's inertia stays, so that the resonance
+//! rises a little slower than with the square root of the number.
 
 mod element;
 mod lines;

@@ -88,33 +88,36 @@ impl Parameters {
         Self::default()
     }
 
-    /// As printed, but the cables softer, so that the response peaks at the measured 8 Hz (§ 5.2.3).
+    /// As printed, but the cables softer, so that the response peaks at the measured 8 Hz (§
+    /// 5.2.3).
     pub fn traced() -> Self {
         Self { cable_stiffness_factor: TRACED_STIFFNESS_FACTOR, ..Self::default() }
     }
 
-    /// The same machine with `count` parallel cables in each direction, each as tight as the one: stiffness, cable mass,
-    /// pretension and friction all grow `count` times.
+    /// The same machine with `count` parallel cables in each direction, each as tight as the one:
+    /// stiffness, cable mass, pretension and friction all grow `count` times.
     #[must_use]
     pub fn with_cables(self, count: f64) -> Self {
         Self { cables: count, ..self }
     }
 
-    /// The same, but the cables share the pretension: friction then grows less than `count` times where it is saturated, and
-    /// not at all where it is proportional to tension.
+    /// The same, but the cables share the pretension: friction then grows less than `count` times
+    /// where it is saturated, and not at all where it is proportional to tension.
     #[must_use]
     pub fn with_cables_sharing_pretension(self, count: f64) -> Self {
         Self { pretension_n: self.pretension_n * self.cables / count, cables: count, ..self }
     }
 
-    /// Stiffness of all parallel cables of one direction from end to end, aligned and without sag, N/m.
+    /// Stiffness of all parallel cables of one direction from end to end, aligned and without sag,
+    /// N/m.
     pub fn line_stiffness_n_per_m(&self) -> f64 {
         self.cables * self.single_cable_n_per_m()
     }
 
     fn single_cable_n_per_m(&self) -> f64 {
         let section = (self.cable_diameter_m / MEASURED_DIAMETER_M).powi(2);
-        self.cable_stiffness_factor * self.cable_stiffness_n_per_m * section * MEASURED_LENGTH_M / self.line_length_m
+        self.cable_stiffness_factor * self.cable_stiffness_n_per_m * section * MEASURED_LENGTH_M
+            / self.line_length_m
     }
 
     /// Young's modulus that the stiffness asks of the cable's full section, Pa.
@@ -180,18 +183,22 @@ impl Parameters {
         self.slave_inertia_kg_m2 + 2.0 * self.end_mass_kg() * self.slave_pulley_radius_m().powi(2)
     }
 
-    /// Breakaway friction of one line's cables at one support under the line's tension, N; mean of both directions and of
-    /// all positions.
+    /// Breakaway friction of one line's cables at one support under the line's tension, N; mean of
+    /// both directions and of all positions.
     #[inline]
     pub fn support_friction_n(&self, line_tension_n: f64) -> f64 {
         let tension = line_tension_n.max(0.0) / self.cables;
-        self.cables * self.support_friction_limit_n * tension / (tension + self.support_half_tension_n)
+        self.cables * self.support_friction_limit_n * tension
+            / (tension + self.support_half_tension_n)
     }
 
     /// Breakaway torque at the motor when the slave is to move, all cables at pretension, N·m.
     pub fn static_friction_at_motor_nm(&self) -> f64 {
-        let supports = 2.0 * self.supports() * self.support_friction_n(self.cables * self.pretension_n);
-        self.motor_coulomb_nm + supports * self.master_pulley_radius_m + self.slave_bearing_nm / self.mechanical_ratio
+        let supports =
+            2.0 * self.supports() * self.support_friction_n(self.cables * self.pretension_n);
+        self.motor_coulomb_nm
+            + supports * self.master_pulley_radius_m
+            + self.slave_bearing_nm / self.mechanical_ratio
     }
 }
 

@@ -1,7 +1,8 @@
 //! The integrator: position Verlet with sub-steps, as for the hydrostatic line.
 //!
-//! Cable forces are taken at the middle of the step, damping at the mean speed, dry friction as in [`crate::friction`]
-//! with its level from the tension at the middle. Second order; nothing is allocated.
+//! Cable forces are taken at the middle of the step, damping at the mean speed, dry friction as in
+//! [`crate::friction`] with its level from the tension at the middle. Second order; nothing is
+//! allocated.
 
 use super::lines::{Coupling, Lines, Supports};
 use super::modes::modes;
@@ -9,12 +10,15 @@ use super::{Parameters, State};
 use crate::effects::{Effect, Moment, Side, SideLoad, Sited};
 use crate::friction::{Advance, Load, Smoothing, advance, impose};
 use crate::shared::Shared;
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
+use crate::transmission::{
+    Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps,
+};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
 const PHASE_PER_STEP: f64 = 0.1;
-/// What an estimator may do with: twice the phase and the decay, where the highest mode is 0.2 % slow.
+/// What an estimator may do with: twice the phase and the decay, where the highest mode is 0.2 %
+/// slow.
 const COARSE: f64 = 2.0;
 /// Decay of the fastest damping per internal step.
 const DECAY_PER_STEP: f64 = 0.2;
@@ -36,7 +40,8 @@ pub struct Plant {
     stable_step_s: f64,
     effects: Sited,
     state: State,
-    /// Change of the four speeds over the last internal step: extrapolates the mean speed of the next.
+    /// Change of the four speeds over the last internal step: extrapolates the mean speed of the
+    /// next.
     increments: [f64; 4],
     reading: Reading,
     energy: EnergyBalance,
@@ -64,12 +69,18 @@ impl Plant {
     /// # Errors
     /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect;
     /// [`ParameterError::EffectNotApplicable`] for an effect that needs a fluid.
-    pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
+    pub fn new(
+        parameters: Parameters,
+        effects: Vec<Box<dyn Effect>>,
+    ) -> Result<Self, ParameterError> {
         parameters.check()?;
         let mut real = parameters;
         let effects = Sited::install(effects, &mut real)?;
         let extra = effects.extra_inertia;
-        let inertia = [real.total_master_inertia_kg_m2() + extra[0], real.total_slave_inertia_kg_m2() + extra[1]];
+        let inertia = [
+            real.total_master_inertia_kg_m2() + extra[0],
+            real.total_slave_inertia_kg_m2() + extra[1],
+        ];
         let middle_mass_kg = real.middle_mass_kg();
         // Toe, sag and set only soften; the rubbing branch stiffens.
         let stiffer = effects.stiffness_factor * (1.0 + real.fibre_branch_ratio);
@@ -80,7 +91,8 @@ impl Plant {
             * real.cables
             * real.cable_damping_n_s_per_m
             * (1.0 / middle_mass_kg + a_m * a_m / inertia[0] + a_s * a_s / inertia[1]);
-        let stable_step_s = (PHASE_PER_STEP / highest.max(effects.rate_rad_s)).min(DECAY_PER_STEP / decay.max(1e-9));
+        let stable_step_s = (PHASE_PER_STEP / highest.max(effects.rate_rad_s))
+            .min(DECAY_PER_STEP / decay.max(1e-9));
         let mut plant = Self {
             lines,
             supports: Supports::new(&real),
@@ -121,8 +133,9 @@ impl Plant {
         self.longest_step_s
     }
 
-    /// Lets internal steps be as long as `longest_s` where modes and damping allow it: quicker, and coarser in how friction
-    /// and effects follow the speed. Without it they are of 0.25 ms at most.
+    /// Lets internal steps be as long as `longest_s` where modes and damping allow it: quicker, and
+    /// coarser in how friction and effects follow the speed. Without it they are of 0.25 ms at
+    /// most.
     #[must_use]
     pub fn with_longest_step(mut self, longest_s: f64) -> Self {
         self.longest_step_s = longest_s.min(COARSE * self.stable_step_s);
@@ -139,7 +152,8 @@ impl Plant {
         }
     }
 
-    /// Puts positions and speeds, and starts the energy balance again; tensions are computed with the next step.
+    /// Puts positions and speeds, and starts the energy balance again; tensions are computed with
+    /// the next step.
     ///
     /// The cables rest there, as aligned as they were. The inner state of effects stays.
     pub fn set_state(&mut self, state: State) {
@@ -151,7 +165,8 @@ impl Plant {
         self.read(0.0, 0.0);
     }
 
-    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a measurement.
+    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a
+    /// measurement.
     ///
     /// The energy that this puts in, or that the cables lose by it, is left out of the balance.
     pub fn correct(&mut self, correction: Correction) {
@@ -178,26 +193,31 @@ impl Plant {
         self.read(input.motor_v, input.hand_torque_nm);
     }
 
-    /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
-    /// the slave moves as it must. [`State::motor_torque_nm`] is then the torque that it took.
+    /// Moves the master to where it is to be, whatever that takes, along a cubic from its present
+    /// position and speed; the slave moves as it must. [`State::motor_torque_nm`] is then the
+    /// torque that it took.
     pub fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
         let (count, step) = sub_steps(dt_s, self.longest_step_s);
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
-            let (next, speed_next) = master.approach(from, speed_from, dt_s, index as f64 / count as f64);
-            let (position, speed) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
+            let (next, speed_next) =
+                master.approach(from, speed_from, dt_s, index as f64 / count as f64);
+            let (position, speed) =
+                (self.state.master_position_rad, self.state.master_velocity_rad_s);
             let (mut half, mut mean) = self.middle(step);
             half[0] = 0.5 * (position + next);
             mean[0] = (next - position) / step;
             let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
-            let (load, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
+            let (load, effect_torque) =
+                self.side_load(Side::Master, &coupling, &half, &mean, &moment);
             let driven = impose(speed, speed_next, next - position, step, &load);
             self.state.motor_torque_nm = driven.force;
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            let stage = self.reach_slave(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
+            let stage =
+                self.reach_slave(driven.moved, coupling, hand_torque_nm, (half, mean, moment));
             let slave = advance(self.state.slave_velocity_rad_s, step, &stage.slave);
             self.complete(&stage, slave);
         }
@@ -213,9 +233,20 @@ impl Plant {
         (half, mean, moment): ([f64; 4], [f64; 4], Moment),
     ) -> Stage {
         let transmitted = self.lines.radii_m[1] * (coupling.pulley[0][1] + coupling.pulley[1][1]);
-        let (mut slave, slave_effect) = self.side_load(Side::Slave, &coupling, &half, &mean, &moment);
+        let (mut slave, slave_effect) =
+            self.side_load(Side::Slave, &coupling, &half, &mean, &moment);
         slave.force += hand_torque_nm;
-        Stage { slave, master, coupling, half, mean, moment, slave_effect, hand_torque_nm, transmitted }
+        Stage {
+            slave,
+            master,
+            coupling,
+            half,
+            mean,
+            moment,
+            slave_effect,
+            hand_torque_nm,
+            transmitted,
+        }
     }
 
     /// Everything after the slave has moved: cables, energy, time.
@@ -239,7 +270,8 @@ impl Plant {
             self.energy.dissipated_j += moved.dissipated - resistance * speed * moved.displacement;
             self.effects.flowed(line, moved.displacement, moment);
             for (end, angle) in [master.displacement, slave.displacement].into_iter().enumerate() {
-                let (lost, taken) = self.lines.work(coupling, (line, end), (moved.displacement, speed), angle);
+                let (lost, taken) =
+                    self.lines.work(coupling, (line, end), (moved.displacement, speed), angle);
                 self.energy.dissipated_j += lost;
                 self.energy.effects_j += taken;
             }
@@ -281,7 +313,8 @@ impl Plant {
         let radius = self.lines.radii_m[index];
         let transmitted = radius * (coupling.pulley[0][index] + coupling.pulley[1][index]);
         let tensions = [coupling.tension[0][index], coupling.tension[1][index]];
-        let level: f64 = tensions.map(|tension| self.parameters.support_friction_n(tension)).iter().sum();
+        let level: f64 =
+            tensions.map(|tension| self.parameters.support_friction_n(tension)).iter().sum();
         let mut dry = self.supports.friction(level, radius * half[index], radius * mean[index]);
         dry.scale(radius);
         let (own, viscous) = match side {
@@ -309,7 +342,14 @@ impl Plant {
     }
 
     /// What acts on the middle of a line's cables.
-    fn line_load(&mut self, line: usize, coupling: &Coupling, position: f64, speed: f64, moment: &Moment) -> Load {
+    fn line_load(
+        &mut self,
+        line: usize,
+        coupling: &Coupling,
+        position: f64,
+        speed: f64,
+        moment: &Moment,
+    ) -> Load {
         let tension = 0.5 * (coupling.tension[line][0] + coupling.tension[line][1]);
         let level = self.inner_supports * self.parameters.support_friction_n(tension);
         let mut dry = self.supports.friction(level, position, speed);
@@ -371,9 +411,14 @@ impl Shared for Plant {
     fn begin(&mut self, input: Input, step: f64) -> (Stage, Load) {
         let (half, mean) = self.middle(step);
         let moment = Moment::middle(self.state.time_s, step, &half, &mean);
-        let motor_torque = self.effects.motor_torque(input.motor_v, self.parameters.motor_torque_per_volt_nm, &moment);
+        let motor_torque = self.effects.motor_torque(
+            input.motor_v,
+            self.parameters.motor_torque_per_volt_nm,
+            &moment,
+        );
         let coupling = self.lines.couple(&half, &mean, &mut self.effects, &moment);
-        let (mut master, effect_torque) = self.side_load(Side::Master, &coupling, &half, &mean, &moment);
+        let (mut master, effect_torque) =
+            self.side_load(Side::Master, &coupling, &half, &mean, &moment);
         master.force += motor_torque;
         let moved = advance(self.state.master_velocity_rad_s, step, &master);
         self.energy.dissipated_j += moved.dissipated;

@@ -15,12 +15,13 @@ pub struct State {
     pub slave_position_rad: f64,
     /// Slave speed, rad/s.
     pub slave_velocity_rad_s: f64,
-    /// Displacement of the middle of the forward and the backward cable, m; both positive with a positive master.
+    /// Displacement of the middle of the forward and the backward cable, m; both positive with a
+    /// positive master.
     pub line_position_m: [f64; 2],
     /// Its speed, m/s.
     pub line_velocity_m_s: [f64; 2],
-    /// Tension of all parallel cables of the forward and the backward line at the master's end, N, at the middle of the
-    /// last internal step; never negative.
+    /// Tension of all parallel cables of the forward and the backward line at the master's end, N,
+    /// at the middle of the last internal step; never negative.
     pub line_tension_master_n: [f64; 2],
     /// The same at the slave's end, N.
     pub line_tension_slave_n: [f64; 2],

@@ -1,7 +1,8 @@
 //! `asymmetric_friction`: friction that differs by direction.
 //!
-//! Forward `+(a + a t |q̇|)`, backward `-(a + a t |q̇|)`, on top of the declared friction; the total never falls below
-//! zero. Beside a declared offset only the viscous part is seen. The rig has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
+//! Forward `+(a + a t |q̇|)`, backward `-(a + a t |q̇|)`, on top of the declared friction; the
+//! total never falls below zero. Beside a declared offset only the viscous part is seen. The rig
+//! has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
 
 use super::{Effect, Moment, SideLoad, Site, effect};
 use crate::friction::{Asymmetric, FrictionLaw};

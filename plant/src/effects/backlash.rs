@@ -1,9 +1,10 @@
 //! `backlash`: lost motion.
 //!
-//! No force while the deflection stays within a gap of width `b`; beyond it the spring acts on what is left:
-//! `x → x - clamp(x, -b/2, b/2)`. At the line the gap is split between both ends, in m of fluid displacement; at master or
-//! slave it is the play of that side's belt and pulley, in rad. The port damping acts only beyond the gap.
-//! Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
+//! No force while the deflection stays within a gap of width `b`; beyond it the spring acts on what
+//! is left: `x → x - clamp(x, -b/2, b/2)`. At the line the gap is split between both ends, in m of
+//! fluid displacement; at master or slave it is the play of that side's belt and pulley, in rad.
+//! The port damping acts only beyond the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead
+//! zone model.
 
 use super::{Effect, End, Link, Moment, Site, effect};
 
@@ -26,7 +27,9 @@ impl Effect for Backlash {
 
     fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
         let half = match (self.site, link.end) {
-            (Site::Master, End::Master) | (Site::Slave, End::Slave) => 0.5 * self.gap * link.displacement_m_per_rad,
+            (Site::Master, End::Master) | (Site::Slave, End::Slave) => {
+                0.5 * self.gap * link.displacement_m_per_rad
+            }
             (Site::Line, _) => 0.25 * self.gap,
             _ => return,
         };

@@ -1,6 +1,7 @@
 //! Dead time for one signal, with no allocation once made.
 
-/// Remembered points. They lie at least half an interval apart, so that all of them span the dead time.
+/// Remembered points. They lie at least half an interval apart, so that all of them span the dead
+/// time.
 const POINTS: usize = 8192;
 
 /// A signal's past, on a grid of its own, read back by straight lines.
@@ -23,14 +24,16 @@ impl DelayLine {
     pub(crate) fn push(&mut self, time_s: f64, value: f64) {
         let count = self.points.len();
         let before = (self.newest + count - 1) % count;
-        // A point too near to the last but one replaces the last, so that the memory spans the dead time.
+        // A point too near to the last but one replaces the last, so that the memory spans the dead
+        // time.
         if time_s - self.points[before].0 >= self.interval_s {
             self.newest = (self.newest + 1) % count;
         }
         self.points[self.newest] = (time_s, value);
     }
 
-    /// The value a dead time before `time_s`; the oldest known where nothing was pushed then, 0 before the first.
+    /// The value a dead time before `time_s`; the oldest known where nothing was pushed then, 0
+    /// before the first.
     pub(crate) fn past(&self, time_s: f64) -> f64 {
         let wanted = time_s - self.delay_s;
         let count = self.points.len();

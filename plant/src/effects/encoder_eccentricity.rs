@@ -1,7 +1,7 @@
 //! `encoder_eccentricity`: an encoder disc that does not run true.
 //!
-//! `q → q + a sin(n q + φ)` on the slave's encoder, or on the master's (for a drive: its position) where `on_master` is 1;
-//! once (`n = 1`) or twice a turn.
+//! `q → q + a sin(n q + φ)` on the slave's encoder, or on the master's (for a drive: its position)
+//! where `on_master` is 1; once (`n = 1`) or twice a turn.
 
 use super::{Effect, Moment, Reading, Site, effect};
 
@@ -29,7 +29,8 @@ impl Effect for EncoderEccentricity {
     }
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
-        let position = if self.on_master > 0.5 { &mut reading.master_rad } else { &mut reading.slave_rad };
+        let position =
+            if self.on_master > 0.5 { &mut reading.master_rad } else { &mut reading.slave_rad };
         *position += self.amplitude * (self.order * *position + self.phase).sin();
     }
 }

@@ -1,8 +1,8 @@
 //! `hand_impedance`: a hand that rests on the handle and that the torque cell does not see.
 //!
-//! `τ = -k q - b q̇`, and inertia `J`: spring, damper and mass of a limb that holds the slave inboard of the torque
-//! cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b` and the inertia `J = k t_J²`.
-//! Defaults are of the order of a relaxed wrist; assumed.
+//! `τ = -k q - b q̇`, and inertia `J`: spring, damper and mass of a limb that holds the slave
+//! inboard of the torque cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b`
+//! and the inertia `J = k t_J²`. Defaults are of the order of a relaxed wrist; assumed.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
 

@@ -1,8 +1,8 @@
 //! `leakage`: flow past the piston seals: slow creep under load.
 //!
-//! `Q = G Δp` at each piston. Both chambers of a piston carry the same force with opposite sign, so `Δp = 2F/A` and the
-//! deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose area). Laminar gap flow.
-//! Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
+//! `Q = G Δp` at each piston. Both chambers of a piston carry the same force with opposite sign, so
+//! `Δp = 2F/A` and the deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose
+//! area). Laminar gap flow. Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
 use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 
@@ -49,6 +49,7 @@ impl Effect for Leakage {
     }
 
     fn link(&mut self, link: &mut Link, moment: &Moment) {
-        self.crept_m[link.line][link.end as usize] += moment.step_s * self.rate_per_n * link.force_n;
+        self.crept_m[link.line][link.end as usize] +=
+            moment.step_s * self.rate_per_n * link.force_n;
     }
 }

@@ -1,7 +1,7 @@
 //! `line_compliance`: more compliance in series than the fluid's.
 //!
-//! `1/K' = (1 + r)/K`: hose bulging, belts, entrained gas, which § 3.2.2 neglects. The traced rig is the printed one with
-//! `r = 13`. Acts like a changed `line_stiffness_factor`.
+//! `1/K' = (1 + r)/K`: hose bulging, belts, entrained gas, which § 3.2.2 neglects. The traced rig
+//! is the printed one with `r = 13`. Acts like a changed `line_stiffness_factor`.
 
 use super::{Effect, LineConstants, Site, effect};
 

@@ -1,6 +1,7 @@
 //! `line_damping`: damping beyond the declared.
 //!
-//! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed `port_damping_n_s_per_m`.
+//! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed
+//! `port_damping_n_s_per_m`.
 
 use super::{Effect, LineConstants, Site, effect};
 

@@ -1,8 +1,9 @@
 //! Deviations from the declared model, put into a plant by name: one file each.
 //!
-//! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per internal step at fixed
-//! places. Each effect is a [`ParameterSet`]; its first parameter is its size, the value behind `=` in
-//! `ID[@SITE][=SIZE]`. To add one: a file here, and a line in [`LIST`].
+//! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
+//! internal step at fixed places. Each effect is a [`ParameterSet`]; its first parameter is its
+//! size, the value behind `=` in `ID[@SITE][=SIZE]`. To add one: a file here, and a line in
+//! [`LIST`].
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};
@@ -111,7 +112,8 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Of an internal step that begins at `time_s`: positions and speeds of master and slave at its middle.
+    /// Of an internal step that begins at `time_s`: positions and speeds of master and slave at its
+    /// middle.
     #[inline(always)]
     pub(crate) fn middle(time_s: f64, step_s: f64, half: &[f64; 4], mean: &[f64; 4]) -> Self {
         Self {
@@ -145,8 +147,8 @@ pub enum End {
 
 /// The spring and damper between one end of a line's fluid and the piston there (eq. 3.1.9).
 ///
-/// A cable is such a line too: its middle stands for the fluid, its pulley for the piston, and its force counts from
-/// the pretension on.
+/// A cable is such a line too: its middle stands for the fluid, its pulley for the piston, and its
+/// force counts from the pretension on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
     /// Which end.
@@ -169,10 +171,11 @@ pub struct Link {
     pub fluid_velocity_m_s: f64,
     /// Force on the piston's coordinate, N.
     pub force_n: f64,
-    /// Force on the fluid, against its coordinate, N; equals `force_n` unless an effect stores momentum between.
+    /// Force on the fluid, against its coordinate, N; equals `force_n` unless an effect stores
+    /// momentum between.
     pub fluid_force_n: f64,
-    /// Resistance of the link to the fluid's own speed, N·s/m: adds to the force on the fluid with the speed that it really
-    /// has in the step, where `fluid_velocity_m_s` is extrapolated.
+    /// Resistance of the link to the fluid's own speed, N·s/m: adds to the force on the fluid with
+    /// the speed that it really has in the step, where `fluid_velocity_m_s` is extrapolated.
     pub fluid_damping_n_s_per_m: f64,
 }
 
@@ -218,8 +221,8 @@ impl Default for Demand {
     }
 }
 
-/// A deviation from the declared model. Every hook does nothing unless an effect says otherwise; none allocates, and
-/// each is called exactly once per internal step (per link, line or side).
+/// A deviation from the declared model. Every hook does nothing unless an effect says otherwise;
+/// none allocates, and each is called exactly once per internal step (per link, line or side).
 pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Its name in [`LIST`].
     fn id(&self) -> &'static str;
@@ -269,13 +272,15 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
         coefficient
     }
 
-    /// Site line: how far the fluid of a line went in the step for which [`Effect::link`] was called, m.
+    /// Site line: how far the fluid of a line went in the step for which [`Effect::link`] was
+    /// called, m.
     fn flowed(&mut self, _line: usize, _displacement_m: f64, _moment: &Moment) {}
 
     /// Sites master, slave: adds force, friction.
     fn side(&mut self, _load: &mut SideLoad, _moment: &Moment) {}
 
-    /// Sites master, slave: how far the side went in the step for which [`Effect::side`] was called, rad (m).
+    /// Sites master, slave: how far the side went in the step for which [`Effect::side`] was
+    /// called, rad (m).
     fn moved(&mut self, _displacement: f64, _moment: &Moment) {}
 
     /// Site sensor: changes what the instruments read; called once per output step.

@@ -1,10 +1,11 @@
 //! `nonlinear_stiffness`: a line that stiffens or softens.
 //!
-//! `F = k x (1 + e y/x₀ + c (y/x₀)²)` with `x₀ = 20 N / 2K`, about the deflection under the slave's static friction, and
-//! `y` the deflection counted positive while the slave is driven forward. `c` is the relative stiffening at `x₀`, odd in
-//! force; `e` makes forward stiffer than backward, as gas trapped in one line only does (equal gas in both lines
-//! cancels). The secant stiffness never falls below 5 % of the declared. At the slave only the slave's ends are
-//! nonlinear. Source: polynomial spring (Duffing).
+//! `F = k x (1 + e y/x₀ + c (y/x₀)²)` with `x₀ = 20 N / 2K`, about the deflection under the slave's
+//! static friction, and `y` the deflection counted positive while the slave is driven forward. `c`
+//! is the relative stiffening at `x₀`, odd in force; `e` makes forward stiffer than backward, as
+//! gas trapped in one line only does (equal gas in both lines cancels). The secant stiffness never
+//! falls below 5 % of the declared. At the slave only the slave's ends are nonlinear. Source:
+//! polynomial spring (Duffing).
 
 use super::{Demand, Effect, End, LineConstants, Link, Moment, Site, effect};
 
@@ -39,12 +40,16 @@ impl Effect for NonlinearStiffness {
 
     fn demand(&self) -> Demand {
         // Tangent at twice the reference deflection.
-        Demand { stiffness_factor: 1.0 + 12.0 * self.cubic.max(0.0) + 4.0 * self.even.abs(), ..Demand::default() }
+        Demand {
+            stiffness_factor: 1.0 + 12.0 * self.cubic.max(0.0) + 4.0 * self.even.abs(),
+            ..Demand::default()
+        }
     }
 
     fn link(&mut self, link: &mut Link, _moment: &Moment) {
         let part = link.deflection_m / self.reference_m;
-        // While the slave is driven forward the fluid lags at the master's end and leads at the slave's.
+        // While the slave is driven forward the fluid lags at the master's end and leads at the
+        // slave's.
         let forward = if link.end == End::Slave { part } else { -part };
         let extra = (self.even * forward + self.cubic * part * part).max(-0.95);
         let force = link.stiffness_n_per_m * link.deflection_m * extra;

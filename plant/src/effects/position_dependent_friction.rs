@@ -1,7 +1,7 @@
 //! `position_dependent_friction`: friction that varies along the stroke.
 //!
-//! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction varies with position";
-//! fig. 5.5 shows it.
+//! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction
+//! varies with position"; fig. 5.5 shows it.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
 use crate::friction::PositionDependent;

@@ -1,7 +1,9 @@
 //! `presliding_hysteresis`: bristles: friction that builds up over a small travel.
 //!
-//! Of the side's dry friction `F` the part `p` follows Dahl's law ([`crate::friction::Bristle`]) with the stiffness
-//! `p F / q_d`, `F` being the side's breakaway where it first moves, mean of both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40 (1995).
+//! Of the side's dry friction `F` the part `p` follows Dahl's law ([`crate::friction::Bristle`])
+//! with the stiffness `p F / q_d`, `F` being the side's breakaway where it first moves, mean of
+//! both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40
+//! (1995).
 
 use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
 use crate::friction::Bristle;
@@ -32,8 +34,10 @@ impl Effect for PreslidingHysteresis {
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let dry = load.load.dry;
         if self.stiffness == 0.0 {
-            // Fixed from here on: a spring whose stiffness changes while it is bent would give energy.
-            self.stiffness = 0.5 * self.part * (dry.forward_at_rest + dry.backward_at_rest) / self.travel;
+            // Fixed from here on: a spring whose stiffness changes while it is bent would give
+            // energy.
+            self.stiffness =
+                0.5 * self.part * (dry.forward_at_rest + dry.backward_at_rest) / self.travel;
         }
         let level = self.part * if load.velocity_rad_s >= 0.0 { dry.forward } else { dry.backward };
         let at = load.operating_point(moment);
@@ -51,7 +55,8 @@ impl Effect for PreslidingHysteresis {
     }
 
     fn demand(&self) -> Demand {
-        // Bristle stiffness p F / q_d on the side's inertia, for frictions of a few N m on 2e-3 kg m².
+        // Bristle stiffness p F / q_d on the side's inertia, for frictions of a few N m on 2e-3 kg
+        // m².
         Demand { rate_rad_s: (1000.0 * self.part / self.travel).sqrt(), ..Demand::default() }
     }
 }

@@ -1,6 +1,7 @@
 //! `rectified_sensor`: a torque channel that loses its sign.
 //!
-//! `τ → (1 - r) τ + r |τ|`: 1 is a full rectifier (a reflected intensity on the wrong side of its maximum).
+//! `τ → (1 - r) τ + r |τ|`: 1 is a full rectifier (a reflected intensity on the wrong side of its
+//! maximum).
 
 use super::{Effect, Moment, Reading, Site, effect};
 
@@ -22,6 +23,7 @@ impl Effect for RectifiedSensor {
     }
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
-        reading.slave_torque_nm += self.part * (reading.slave_torque_nm.abs() - reading.slave_torque_nm);
+        reading.slave_torque_nm +=
+            self.part * (reading.slave_torque_nm.abs() - reading.slave_torque_nm);
     }
 }

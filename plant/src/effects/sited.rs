@@ -33,7 +33,11 @@ impl Sited {
             effect.check()?;
             if !effect.applies(constants) {
                 let (id, site) = (effect.id(), effect.site().name());
-                return Err(ParameterError::EffectNotApplicable { id, site, model: constants.model() });
+                return Err(ParameterError::EffectNotApplicable {
+                    id,
+                    site,
+                    model: constants.model(),
+                });
             }
             effect.modify(constants);
         }
@@ -62,8 +66,14 @@ impl Sited {
     }
 
     /// The motor's torque at the volts commanded, N·m.
-    pub(crate) fn motor_torque(&mut self, volts: f64, torque_per_volt_nm: f64, moment: &Moment) -> f64 {
-        let volts = self.drive.iter_mut().fold(volts, |volts, effect| effect.amplifier(volts, moment));
+    pub(crate) fn motor_torque(
+        &mut self,
+        volts: f64,
+        torque_per_volt_nm: f64,
+        moment: &Moment,
+    ) -> f64 {
+        let volts =
+            self.drive.iter_mut().fold(volts, |volts, effect| effect.amplifier(volts, moment));
         let torque = torque_per_volt_nm * volts;
         self.drive.iter_mut().fold(torque, |torque, effect| effect.motor(torque, moment))
     }
@@ -83,7 +93,9 @@ impl Sited {
 
     /// A line's loss coefficient with effects, N·s/m.
     pub(crate) fn fluid(&mut self, coefficient: f64, moment: &Moment) -> f64 {
-        self.line.iter_mut().fold(coefficient, |coefficient, effect| effect.fluid(coefficient, moment))
+        self.line
+            .iter_mut()
+            .fold(coefficient, |coefficient, effect| effect.fluid(coefficient, moment))
     }
 
     /// Tells how far the fluid of a line went, m.

@@ -1,6 +1,7 @@
 //! `stribeck_friction`: friction that is higher at rest and falls with speed.
 //!
-//! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994).
+//! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
+//! Automatica 30 (1994).
 
 use super::{Effect, Moment, SideLoad, Site, effect};
 use crate::friction::{FrictionLaw, StribeckCurve};
@@ -26,7 +27,8 @@ impl Effect for StribeckFriction {
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
-        let mut law = StribeckCurve { kinetic: 0.0, breakaway: self.level, speed: self.speed, exponent: 2.0 };
+        let mut law =
+            StribeckCurve { kinetic: 0.0, breakaway: self.level, speed: self.speed, exponent: 2.0 };
         law.contribute(&mut load.load, &at);
     }
 }

@@ -1,7 +1,7 @@
 //! `thermal_drift`: friction that changes as the machine warms.
 //!
-//! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`, `t` since the start: more
-//! when cold for positive `a`.
+//! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`,
+//! `t` since the start: more when cold for positive `a`.
 
 use super::{Effect, Moment, SideLoad, Site, effect};
 

@@ -2,11 +2,12 @@
 //!
 //! - drive: the amplifier acts on the volts of `T` before;
 //! - sensor: all measured channels (not the motor's volts) are those of `T` before;
-//! - line: a lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` stands between the fluid and
-//!   the slave's spring. With force `f` and speed `v` at its two ends, `f₁(t) - Z v₁(t) = f₂(t-T) - Z v₂(t-T)` and
-//!   `f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)`. It neither makes nor loses energy, where a delayed spring force
-//!   would feed the line's mode. Both ends take the speeds that they really have in a step, not extrapolated ones: a wave
-//!   that goes to and fro would grow with each reflection by what the extrapolation is off.
+//! - line: a lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` stands
+//!   between the fluid and the slave's spring. With force `f` and speed `v` at its two ends, `f₁(t)
+//!   - Z v₁(t) = f₂(t-T) - Z v₂(t-T)` and `f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)`. It neither makes
+//!   nor loses energy, where a delayed spring force would feed the line's mode. Both ends take the
+//!   speeds that they really have in a step, not extrapolated ones: a wave that goes to and fro
+//!   would grow with each reflection by what the extrapolation is off.
 //!
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
@@ -54,7 +55,10 @@ impl Effect for TransportDelay {
     }
 
     fn demand(&self) -> Demand {
-        Demand { rate_rad_s: if self.site == Site::Line { self.spring_rate } else { 0.0 }, ..Demand::default() }
+        Demand {
+            rate_rad_s: if self.site == Site::Line { self.spring_rate } else { 0.0 },
+            ..Demand::default()
+        }
     }
 
     fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {
@@ -79,7 +83,8 @@ impl Effect for TransportDelay {
         }
         let (line, time, impedance) = (link.line, moment.time_s, self.impedance_n_s_per_m);
         let (outward, inward) = (2 * line, 2 * line + 1);
-        // Spring and port's damper see the new speed of the far end, half a step of it at the middle of the step.
+        // Spring and port's damper see the new speed of the far end, half a step of it at the
+        // middle of the step.
         let damping = link.damping_n_s_per_m + 0.5 * moment.step_s * link.stiffness_n_per_m;
         let before = self.far_velocity_m_s[line];
         let arriving = self.signals[outward].past(time);
@@ -100,11 +105,13 @@ impl Effect for TransportDelay {
             return;
         }
         let velocity = displacement_m / moment.step_s;
-        self.signals[2 * line].push(moment.time_s, self.arriving_n[line] + 2.0 * self.impedance_n_s_per_m * velocity);
+        self.signals[2 * line]
+            .push(moment.time_s, self.arriving_n[line] + 2.0 * self.impedance_n_s_per_m * velocity);
     }
 
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
-        let channels = [&mut reading.master_rad, &mut reading.slave_rad, &mut reading.slave_torque_nm];
+        let channels =
+            [&mut reading.master_rad, &mut reading.slave_rad, &mut reading.slave_torque_nm];
         for (signal, channel) in self.signals.iter_mut().zip(channels) {
             signal.push(moment.time_s, *channel);
             *channel = signal.past(moment.time_s);

@@ -1,7 +1,7 @@
 //! `viscoelastic_line`: a line whose stiffness decays with time.
 //!
-//! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ) 2K`, slow movement `2K`.
-//! Source: standard linear solid (plastic hose).
+//! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ)
+//! 2K`, slow movement `2K`. Source: standard linear solid (plastic hose).
 
 use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
 

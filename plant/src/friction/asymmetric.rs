@@ -4,10 +4,11 @@ use super::{FrictionLaw, Load, OperatingPoint};
 use crate::parameter::parameter_set;
 
 parameter_set! {
-    /// Dry and viscous friction that differ by direction: `c ± a` dry and `b ± d` viscous, `+` for forward movement.
+    /// Dry and viscous friction that differ by direction: `c ± a` dry and `b ± d` viscous, `+` for
+    /// forward movement.
     ///
-    /// Differences beyond the declared parts take from what other laws put into the load before; the total of a
-    /// direction never falls below zero.
+    /// Differences beyond the declared parts take from what other laws put into the load before;
+    /// the total of a direction never falls below zero.
     #[derive(Copy, PartialEq)]
     pub struct Asymmetric {
         /// Dry part `c`, mean of the two directions.
@@ -33,7 +34,9 @@ impl FrictionLaw for Asymmetric {
         load.dry.backward += backward;
         load.dry.backward_at_rest += backward;
         // `advance` keeps the dry total from falling below zero, not the viscous one.
-        load.viscous_forward = (load.viscous_forward + self.viscous + self.viscous_difference).max(0.0);
-        load.viscous_backward = (load.viscous_backward + self.viscous - self.viscous_difference).max(0.0);
+        load.viscous_forward =
+            (load.viscous_forward + self.viscous + self.viscous_difference).max(0.0);
+        load.viscous_backward =
+            (load.viscous_backward + self.viscous - self.viscous_difference).max(0.0);
     }
 }

@@ -9,18 +9,19 @@ use super::{Load, OperatingPoint};
 /// F = σ z + σ₁ ż                       against movement
 /// ```
 ///
-/// Over a step the mean speed `v` is left open and `c` is held, taken at the speed of the [`OperatingPoint`]. Then `z` is
-/// known in closed form, the mean force is `A z₀ + B v`, and goes into a [`Load`] as a force and a viscous
-/// coefficient: [`super::advance`] finds `v`. That is of second order, stable at any stiffness, and passive: at every
-/// instant of the step
+/// Over a step the mean speed `v` is left open and `c` is held, taken at the speed of the
+/// [`OperatingPoint`]. Then `z` is known in closed form, the mean force is `A z₀ + B v`, and goes
+/// into a [`Load`] as a force and a viscous coefficient: [`super::advance`] finds `v`. That is of
+/// second order, stable at any stiffness, and passive: at every instant of the step
 ///
 /// ```text
 /// F v - d(σ z²/2)/dt = σ c z² - σ₁ c z v + σ₁ v²  ≥ 0   where σ₁ ≤ 4 g / |v|
 /// ```
 ///
-/// The damping is therefore lowered with speed, to `σ₁ / (1 + σ₁ |v| / 4g)`; at rest it is `σ₁`, and in steady sliding
-/// (`ż = 0`) it does not matter. Without that, a bristle law gives energy (Olsson, Åström, Canudas de Wit, Gäfvert,
-/// Lischinsky, European Journal of Control 4, 1998, lower it for the same reason, in another form).
+/// The damping is therefore lowered with speed, to `σ₁ / (1 + σ₁ |v| / 4g)`; at rest it is `σ₁`,
+/// and in steady sliding (`ż = 0`) it does not matter. Without that, a bristle law gives energy
+/// (Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky, European Journal of Control 4, 1998, lower
+/// it for the same reason, in another form).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bristle {
     /// Deflection `z`, rad or m.
@@ -43,9 +44,16 @@ struct Pending {
 }
 
 impl Bristle {
-    /// Adds the bristle's force to a load: stiffness `σ` and damping `σ₁` (N·m·s/rad or N·s/m), and the level `g` (N·m or
-    /// N) at which it slips. A level of zero (or less) leaves no bristle.
-    pub fn contribute(&mut self, load: &mut Load, stiffness: f64, damping: f64, level: f64, at: &OperatingPoint) {
+    /// Adds the bristle's force to a load: stiffness `σ` and damping `σ₁` (N·m·s/rad or N·s/m), and
+    /// the level `g` (N·m or N) at which it slips. A level of zero (or less) leaves no bristle.
+    pub fn contribute(
+        &mut self,
+        load: &mut Load,
+        stiffness: f64,
+        damping: f64,
+        level: f64,
+        at: &OperatingPoint,
+    ) {
         if let Some(pending) = self.pending.take() {
             // Nobody told: as expected.
             self.apply(pending, pending.travel);
@@ -60,7 +68,8 @@ impl Bristle {
         let damping = damping / (1.0 + 0.25 * damping * speed / level);
         let decay = (-rate * at.step).exp();
         let gain = mean_decay(rate * at.step);
-        // Mean deflection over the step: gain z₀ + reach v, with reach = (1 - gain) / c and its limit h / 2.
+        // Mean deflection over the step: gain z₀ + reach v, with reach = (1 - gain) / c and its
+        // limit h / 2.
         let reach = at.step * mean_reach(rate * at.step);
         let elastic = stiffness - damping * rate;
         load.force -= elastic * gain * self.deflection;
@@ -120,7 +129,8 @@ mod tests {
         }
         assert_eq!(mean_reach(0.0), 0.5);
         assert_eq!(mean_decay(0.0), 1.0);
-        // A step in which the bristle is long worn off: its mean deflection is that of steady sliding, 1 / c.
+        // A step in which the bristle is long worn off: its mean deflection is that of steady
+        // sliding, 1 / c.
         assert!((1e6 * mean_reach(1e6) - 1.0).abs() < 1e-5);
     }
 }

@@ -6,9 +6,10 @@ use crate::parameter::parameter_set;
 parameter_set! {
     /// Dahl's law: `dF/dq = σ (1 - F sgn(q̇) / F_c)`: an elastic bristle that yields toward `F_c`.
     ///
-    /// From rest `F = F_c (1 - exp(-σ q / F_c))`. It does not depend on speed, has no breakaway above the kinetic
-    /// level and no exact stick: a constant force below `F_c` ends at a deflection, one that also
-    /// shakes creeps on (Dupont, Hayward, Armstrong, Altpeter, IEEE TAC 47, 2002). Dahl's exponent is 1 here.
+    /// From rest `F = F_c (1 - exp(-σ q / F_c))`. It does not depend on speed, has no breakaway
+    /// above the kinetic level and no exact stick: a constant force below `F_c` ends at a
+    /// deflection, one that also shakes creeps on (Dupont, Hayward, Armstrong, Altpeter, IEEE TAC
+    /// 47, 2002). Dahl's exponent is 1 here.
     pub struct Dahl {
         /// Level `F_c`.
         level: "N m (N)", 1e-9, 1e4, 0.95, "§ 5.2.2, at the motor";

@@ -1,6 +1,9 @@
 //! Friction laws by name.
 
-use super::{Asymmetric, Coulomb, Dahl, FrictionLaw, LoadDependent, LuGre, PositionDependent, Stribeck, StribeckCurve};
+use super::{
+    Asymmetric, Coulomb, Dahl, FrictionLaw, LoadDependent, LuGre, PositionDependent, Stribeck,
+    StribeckCurve,
+};
 use crate::ParameterInfo;
 use crate::friction::Viscous;
 

@@ -4,11 +4,13 @@ use super::{Bristle, FrictionLaw, Load, OperatingPoint, StribeckCurve};
 use crate::parameter::parameter_set;
 
 parameter_set! {
-    /// The LuGre law: `ż = v - σ₀ |v| z / g(v)`, `F = σ₀ z + σ₁ ż + σ₂ v`, with `g` the Gaussian [`StribeckCurve`].
+    /// The LuGre law: `ż = v - σ₀ |v| z / g(v)`, `F = σ₀ z + σ₁ ż + σ₂ v`, with `g` the Gaussian
+    /// [`StribeckCurve`].
     ///
-    /// Sliding steadily, `F = g(v) + σ₂ v`. It has presliding, a breakaway that falls as the force comes on faster, and
-    /// a lag of friction behind speed; no exact stick: a constant force below breakaway ends at a deflection, one that
-    /// also shakes creeps on, as with [`super::Dahl`]. `σ₁` falls with speed (see [`Bristle`]), so that the law stays passive.
+    /// Sliding steadily, `F = g(v) + σ₂ v`. It has presliding, a breakaway that falls as the force
+    /// comes on faster, and a lag of friction behind speed; no exact stick: a constant force below
+    /// breakaway ends at a deflection, one that also shakes creeps on, as with [`super::Dahl`].
+    /// `σ₁` falls with speed (see [`Bristle`]), so that the law stays passive.
     pub struct LuGre {
         /// Kinetic friction `F_c`.
         kinetic: "N m (N)", 1e-9, 1e4, 1.10, "§ 3.2.1: τ_sf at its corner";
@@ -36,7 +38,12 @@ impl LuGre {
 
     /// `g(v)`, the level at which the bristles slip, N·m (N).
     pub fn curve(&self) -> StribeckCurve {
-        StribeckCurve { kinetic: self.kinetic, breakaway: self.breakaway, speed: self.speed, exponent: 2.0 }
+        StribeckCurve {
+            kinetic: self.kinetic,
+            breakaway: self.breakaway,
+            speed: self.speed,
+            exponent: 2.0,
+        }
     }
 }
 

@@ -1,12 +1,13 @@
 //! Friction: laws with one interface, and one degree of freedom over one step with exact stick.
 //!
-//! A [`FrictionLaw`] adds to a [`Load`] what friction does at an [`OperatingPoint`]; [`advance`] then moves the mass and
-//! says how far; [`FrictionLaw::settle`] takes that back, for laws with memory. Laws add up: any number of them may
-//! contribute to one load. Friction acts against movement; magnitudes are positive; N·m, rad and rad/s for a rotation
-//! and N, m and m/s for a translation.
+//! A [`FrictionLaw`] adds to a [`Load`] what friction does at an [`OperatingPoint`]; [`advance`]
+//! then moves the mass and says how far; [`FrictionLaw::settle`] takes that back, for laws with
+//! memory. Laws add up: any number of them may contribute to one load. Friction acts against
+//! movement; magnitudes are positive; N·m, rad and rad/s for a rotation and N, m and m/s for a
+//! translation.
 //!
-//! No law creates energy, whatever the step: the work done on a mass, less its kinetic energy and what bristles store
-//! ([`FrictionLaw::stored_j`]), never falls.
+//! No law creates energy, whatever the step: the work done on a mass, less its kinetic energy and
+//! what bristles store ([`FrictionLaw::stored_j`]), never falls.
 //!
 //! ```
 //! use plant::friction::{self, Coulomb, FrictionLaw, Load, OperatingPoint};
@@ -64,7 +65,8 @@ pub struct OperatingPoint {
     pub position: f64,
     /// Mean speed over the step, as far as it is known before it (extrapolated, say), rad/s or m/s.
     ///
-    /// The present speed makes a law first order; extrapolated over the last change of speed, it is second order.
+    /// The present speed makes a law first order; extrapolated over the last change of speed, it is
+    /// second order.
     pub velocity: f64,
     /// Transmitted load on the degree of freedom, N·m or N; its sign does not matter.
     pub transmitted: f64,
@@ -82,7 +84,8 @@ pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
 
     /// Takes note of how far the step led, rad or m.
     ///
-    /// Only laws with memory listen. One that is not told takes the travel to have been as expected.
+    /// Only laws with memory listen. One that is not told takes the travel to have been as
+    /// expected.
     fn settle(&mut self, _displacement: f64, _step: f64) {}
 
     /// Forgets what it remembers: bristles stand upright.
@@ -94,8 +97,9 @@ pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
     }
 }
 
-/// The force with which a law resists a movement that is imposed for one step, N·m or N: positive against positive
-/// movement. At no speed a dry law gives 0 (its force there is whatever holds), bristles their spring's force.
+/// The force with which a law resists a movement that is imposed for one step, N·m or N: positive
+/// against positive movement. At no speed a dry law gives 0 (its force there is whatever holds),
+/// bristles their spring's force.
 pub fn resistance(law: &mut dyn FrictionLaw, at: &OperatingPoint) -> f64 {
     let mut load = Load::default();
     law.contribute(&mut load, at);

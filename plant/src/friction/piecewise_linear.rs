@@ -4,7 +4,8 @@ use super::{FrictionLaw, Load, OperatingPoint};
 use crate::parameter::parameter_set;
 
 parameter_set! {
-    /// Piecewise linear Stribeck friction (fig. 3.2B): falls from the static value up to a corner speed, then rises.
+    /// Piecewise linear Stribeck friction (fig. 3.2B): falls from the static value up to a corner
+    /// speed, then rises.
     ///
     /// The print leaves out the sign of speed; here the law acts against movement either way.
     #[derive(Copy, PartialEq)]

@@ -4,10 +4,11 @@ use super::{FrictionLaw, Load, OperatingPoint};
 use crate::parameter::parameter_set;
 
 parameter_set! {
-    /// Dry friction that varies along the stroke: `c (1 + a sin(n q + φ) + b sin(2 n q + ψ))`, never below zero.
+    /// Dry friction that varies along the stroke: `c (1 + a sin(n q + φ) + b sin(2 n q + ψ))`,
+    /// never below zero.
     ///
-    /// Ch. 4 (introduction): "static friction varies with position"; fig. 5.5 shows it over the stroke of both
-    /// transmissions, as a wave with an overtone.
+    /// Ch. 4 (introduction): "static friction varies with position"; fig. 5.5 shows it over the
+    /// stroke of both transmissions, as a wave with an overtone.
     #[derive(Copy, PartialEq)]
     pub struct PositionDependent {
         /// Mean level `c`.

@@ -2,10 +2,12 @@
 
 use super::stick::{Advance, Load};
 
-/// How dry friction passes through zero speed where it is not exact: odd in the speed, 1 far out, and of slope 1 over the speed at rest.
+/// How dry friction passes through zero speed where it is not exact: odd in the speed, 1 far out,
+/// and of slope 1 over the speed at rest.
 ///
-/// Nobody knows the shape of a real machine's. With `x` for the speed over [`Smoothing::speed`], shape 0 is `x/√(1 + x²)`, shape -1
-/// the long approach `x/(1 + |x|)` and shape 1 the sharp corner `x/(1 + x⁴)^¼`; between them it is a mixture of its neighbours.
+/// Nobody knows the shape of a real machine's. With `x` for the speed over [`Smoothing::speed`],
+/// shape 0 is `x/√(1 + x²)`, shape -1 the long approach `x/(1 + |x|)` and shape 1 the sharp corner
+/// `x/(1 + x⁴)^¼`; between them it is a mixture of its neighbours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Smoothing {
     /// Speed over which friction is spread (rad/s or m/s); 0 for exact stick.
@@ -15,8 +17,8 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
-    /// Share of dry friction that acts, its slope, and half the bend of it (positive where it bends down), at a ratio of speeds that is
-    /// not negative.
+    /// Share of dry friction that acts, its slope, and half the bend of it (positive where it bends
+    /// down), at a ratio of speeds that is not negative.
     #[inline(always)]
     fn share(&self, x: f64) -> (f64, f64, f64) {
         let root = 1.0 / (1.0 + x * x).sqrt();
@@ -49,16 +51,19 @@ const SLIDING: f64 = 3.0;
 pub(super) fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
     let half = 0.5 * step * viscous;
-    let (weight, drive) = (load.inertia + half, (load.inertia - half) * velocity + step * load.force);
+    let (weight, drive) =
+        (load.inertia + half, (load.inertia - half) * velocity + step * load.force);
     // Mirrored, so that the new speed is forward.
     let (sign, drive) = (drive.signum(), drive.abs());
     let level = (if sign > 0.0 { load.dry.forward } else { load.dry.backward }).max(0.0);
     let (smoothing, most) = (load.smoothing.speed, step * level);
     let inverse = 1.0 / smoothing;
-    // `w v + h F share(v/s) = d` grows and bends down. What full friction leaves lies on the left of the root, and so does what a line
-    // through the origin, steeper than friction anywhere, gives: from there Halley's steps lead on without overshooting by much.
+    // `w v + h F share(v/s) = d` grows and bends down. What full friction leaves lies on the left
+    // of the root, and so does what a line through the origin, steeper than friction anywhere,
+    // gives: from there Halley's steps lead on without overshooting by much.
     let least = ((drive - most) / weight).max(drive / (weight + most * inverse));
-    // Where it slides, full friction is nearly all there is to it; near rest the speed before is the better guess.
+    // Where it slides, full friction is nearly all there is to it; near rest the speed before is
+    // the better guess.
     let mut speed = if least > SLIDING * smoothing { least } else { least.max(sign * velocity) };
     for _ in 0..30 {
         let (share, slope, bend) = load.smoothing.share(speed * inverse);
@@ -91,9 +96,13 @@ mod tests {
             let smoothing = Smoothing { speed: 0.1, shape };
             for x in [0.01, 0.3, 1.0, 2.5, 20.0] {
                 let h = 1e-4 * (1.0 + x);
-                let (below, here, above) = (smoothing.share(x - h), smoothing.share(x), smoothing.share(x + h));
+                let (below, here, above) =
+                    (smoothing.share(x - h), smoothing.share(x), smoothing.share(x + h));
                 assert!((here.1 - (above.0 - below.0) / (2.0 * h)).abs() < 1e-6, "{shape} {x}");
-                assert!((-2.0 * here.2 - (above.1 - below.1) / (2.0 * h)).abs() < 1e-6, "{shape} {x}");
+                assert!(
+                    (-2.0 * here.2 - (above.1 - below.1) / (2.0 * h)).abs() < 1e-6,
+                    "{shape} {x}"
+                );
                 assert!(here.0 < 1.0 && here.1 > 0.0 && here.2 >= 0.0);
             }
         }
@@ -102,7 +111,9 @@ mod tests {
     #[test]
     fn the_new_speed_balances_forces_whatever_came_before() {
         for shape in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            for (velocity, force) in [(0.0, 0.4), (0.001, -2.0), (-3.0, 1.5), (0.2, 0.0), (0.05, -1.01), (5.0, 9.0)] {
+            for (velocity, force) in
+                [(0.0, 0.4), (0.001, -2.0), (-3.0, 1.5), (0.2, 0.0), (0.05, -1.01), (5.0, 9.0)]
+            {
                 let load = Load {
                     force,
                     inertia: 2e-3,
@@ -117,7 +128,8 @@ mod tests {
                 let viscous = if velocity >= 0.0 { 0.01 } else { 0.02 };
                 let x = moved.velocity / 0.05;
                 let dry = x.signum() * load.smoothing.share(x.abs()).0;
-                let off = load.inertia * (moved.velocity - velocity) / step + viscous * mean + dry - force;
+                let off = load.inertia * (moved.velocity - velocity) / step + viscous * mean + dry
+                    - force;
                 assert!(off.abs() < 1e-4, "shape {shape}, from {velocity} with {force}: {off}");
             }
         }

@@ -1,8 +1,9 @@
 //! One degree of freedom over one step, with exact stick.
 //!
-//! The force other than friction is held over the step. Within the step the movement is then known in closed form, so
-//! the instant at which it stops is resolved, and at rest the friction takes any value up to breakaway: the speed is
-//! exactly zero, with neither creep nor chatter. A movement that is only slowed is a midpoint rule (second order).
+//! The force other than friction is held over the step. Within the step the movement is then known
+//! in closed form, so the instant at which it stops is resolved, and at rest the friction takes any
+//! value up to breakaway: the speed is exactly zero, with neither creep nor chatter. A movement
+//! that is only slowed is a midpoint rule (second order).
 
 use super::smoothed::{Smoothing, advance_smoothed};
 
@@ -22,7 +23,12 @@ pub struct DryFriction {
 impl DryFriction {
     /// The same in both directions.
     pub fn symmetric(moving: f64, at_rest: f64) -> Self {
-        Self { forward: moving, backward: moving, forward_at_rest: at_rest, backward_at_rest: at_rest }
+        Self {
+            forward: moving,
+            backward: moving,
+            forward_at_rest: at_rest,
+            backward_at_rest: at_rest,
+        }
     }
 
     /// Adds to all four.
@@ -88,7 +94,8 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     let driving = sign * load.force;
 
     let half = 0.5 * step * viscous;
-    let sliding = ((load.inertia - half) * speed + step * (driving - level)) / (load.inertia + half);
+    let sliding =
+        ((load.inertia - half) * speed + step * (driving - level)) / (load.inertia + half);
     if sliding >= 0.0 {
         let mean = 0.5 * (speed + sliding);
         let displacement = step * mean;
@@ -110,7 +117,8 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     }
 }
 
-/// What it takes to move one degree of freedom along a given path for one step, from `speed` to `speed_next`.
+/// What it takes to move one degree of freedom along a given path for one step, from `speed` to
+/// `speed_next`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Driven {
     /// The movement.
@@ -122,7 +130,13 @@ pub(crate) struct Driven {
 }
 
 /// Moves one degree of freedom by `displacement` in `step` seconds, whatever that takes.
-pub(crate) fn impose(speed: f64, speed_next: f64, displacement: f64, step: f64, load: &Load) -> Driven {
+pub(crate) fn impose(
+    speed: f64,
+    speed_next: f64,
+    displacement: f64,
+    step: f64,
+    load: &Load,
+) -> Driven {
     let mean = displacement / step;
     let friction = if displacement >= 0.0 {
         load.dry.forward + load.viscous_forward * mean

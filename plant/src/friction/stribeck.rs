@@ -4,10 +4,12 @@ use super::{FrictionLaw, Load, OperatingPoint};
 use crate::parameter::parameter_set;
 
 parameter_set! {
-    /// Smooth Stribeck curve: `F(v) = F_c + (F_s - F_c) exp(-(|v|/v_s)^δ)`, against movement; up to `F_s` at rest.
+    /// Smooth Stribeck curve: `F(v) = F_c + (F_s - F_c) exp(-(|v|/v_s)^δ)`, against movement; up to
+    /// `F_s` at rest.
     ///
-    /// `δ` = 1 is Tustin's form, 2 the Gaussian one. What grows with speed is [`super::Viscous`]. The level is taken at
-    /// the speed of the [`OperatingPoint`]; a curve that falls in less than a step's change of speed is not resolved.
+    /// `δ` = 1 is Tustin's form, 2 the Gaussian one. What grows with speed is [`super::Viscous`].
+    /// The level is taken at the speed of the [`OperatingPoint`]; a curve that falls in less than a
+    /// step's change of speed is not resolved.
     #[derive(Copy, PartialEq)]
     pub struct StribeckCurve {
         /// Kinetic friction `F_c`, left at high speed.

@@ -1,22 +1,32 @@
-//! What softens a line beyond its fluid: hose wall, belts, entrained gas. § 3.2.2 neglects all three.
+//! What softens a line beyond its fluid: hose wall, belts, entrained gas. § 3.2.2 neglects all
+//! three.
 //!
 //! The line's stiffness is `K = B A / L` (eq. 3.1.7). What gives way in series adds its compliance:
 //!
-//! - the hose wall: the bore widens under pressure, which acts like a fluid of modulus `B_w` in series with the oil,
-//!   `1/B' = 1/B + 1/B_w`. For a tube with open ends (the hose lies loose, its ends carry the thrust) Lamé's radial
-//!   displacement `u = (p r_i/E) [(r_o² + r_i²)/(r_o² - r_i²) + ν]` gives `B_w = p A/ΔA = p r_i/(2u)`;
-//!   for a thin wall that is `E t/d`, Korteweg's formula (Timoshenko and Goodier, Theory of Elasticity, § 28);
-//! - entrained gas: a volume fraction `φ` at the absolute pressure `p` adds `φ/(n p)`, with `n = 1` for slow (isothermal)
-//!   and up to 1.4 for fast (adiabatic) changes (Merritt, Hydraulic Control Systems, 1967, § 2.3);
-//! - the belts: one at each end, of stiffness `k_b` between piston and pulley. Seen from the hose, where forces are
-//!   smaller by α and displacements larger by α, that is `k_b/α²`, in series with the half line `2K` of its end.
+//! - the hose wall: the bore widens under pressure, which acts like a fluid of modulus `B_w` in
+//!   series with the oil, `1/B' = 1/B + 1/B_w`. For a tube with open ends (the hose lies loose, its
+//!   ends carry the thrust) Lamé's radial displacement `u = (p r_i/E) [(r_o² + r_i²)/(r_o² - r_i²)
+//!   + ν]` gives `B_w = p A/ΔA = p r_i/(2u)`; for a thin wall that is `E t/d`, Korteweg's formula
+//!   (Timoshenko and Goodier, Theory of Elasticity, § 28);
+//! - entrained gas: a volume fraction `φ` at the absolute pressure `p` adds `φ/(n p)`, with `n = 1`
+//!   for slow (isothermal) and up to 1.4 for fast (adiabatic) changes (Merritt, Hydraulic Control
+//!   Systems, 1967, § 2.3);
+//! - the belts: one at each end, of stiffness `k_b` between piston and pulley. Seen from the hose,
+//!   where forces are smaller by α and displacements larger by α, that is `k_b/α²`, in series with
+//!   the half line `2K` of its end.
 
 use std::f64::consts::PI;
 
 use super::Parameters;
 
-/// Modulus of a fluid that gives way as the bore of a tube does, Pa; see the module's text. Infinite for a rigid wall.
-pub fn wall_bulk_modulus_pa(inner_diameter_m: f64, wall_m: f64, youngs_modulus_pa: f64, poisson_ratio: f64) -> f64 {
+/// Modulus of a fluid that gives way as the bore of a tube does, Pa; see the module's text.
+/// Infinite for a rigid wall.
+pub fn wall_bulk_modulus_pa(
+    inner_diameter_m: f64,
+    wall_m: f64,
+    youngs_modulus_pa: f64,
+    poisson_ratio: f64,
+) -> f64 {
     let inner = 0.5 * inner_diameter_m;
     let outer = inner + wall_m;
     let lame = (outer * outer + inner * inner) / (outer * outer - inner * inner) + poisson_ratio;
@@ -37,7 +47,8 @@ pub struct Explanations {
 }
 
 impl Parameters {
-    /// The hose's bore that goes with its area, m; `hose_diameter_m` contradicts it (`docs/errata.md`).
+    /// The hose's bore that goes with its area, m; `hose_diameter_m` contradicts it
+    /// (`docs/errata.md`).
     pub fn bore_m(&self) -> f64 {
         (4.0 * self.hose_area_m2 / PI).sqrt()
     }
@@ -54,21 +65,27 @@ impl Parameters {
         1.0 / ((1.0 - self.gas_fraction) / self.bulk_modulus_pa + 1.0 / wall + gas)
     }
 
-    /// Stiffness of the half line between a piston and the middle of the hose, `2K` with all that gives way, N/m:
-    /// at the master's and at the slave's end.
+    /// Stiffness of the half line between a piston and the middle of the hose, `2K` with all that
+    /// gives way, N/m: at the master's and at the slave's end.
     pub fn half_line_stiffness_n_per_m(&self) -> [f64; 2] {
-        let hose = 2.0 * self.line_stiffness_factor * self.effective_bulk_modulus_pa() * self.hose_area_m2
-            / self.hose_length_m;
+        let hose =
+            2.0 * self.line_stiffness_factor * self.effective_bulk_modulus_pa() * self.hose_area_m2
+                / self.hose_length_m;
         [self.master_area_ratio, self.slave_area_ratio]
             .map(|ratio| 1.0 / (1.0 / hose + ratio * ratio / self.belt_stiffness_n_per_m))
     }
 
-    /// What it would take, each by itself, to soften the line from the fluid's own stiffness by `factor` (below 1).
-    /// What cannot do it is NaN.
+    /// What it would take, each by itself, to soften the line from the fluid's own stiffness by
+    /// `factor` (below 1). What cannot do it is NaN.
     pub fn explain_softening(&self, factor: f64) -> Explanations {
         let missing = (1.0 / factor - 1.0) / self.bulk_modulus_pa;
         let positive = |value: f64| if value > 0.0 && value.is_finite() { value } else { f64::NAN };
-        let unit_wall = wall_bulk_modulus_pa(self.bore_m(), self.hose_wall_m, 1.0, self.hose_wall_poisson_ratio);
+        let unit_wall = wall_bulk_modulus_pa(
+            self.bore_m(),
+            self.hose_wall_m,
+            1.0,
+            self.hose_wall_poisson_ratio,
+        );
         let gas_pressure = self.gas_exponent * self.rest_pressure_pa;
         // Both ends alike: the mean of α² over the two.
         let square = 0.5 * (self.master_area_ratio.powi(2) + self.slave_area_ratio.powi(2));
@@ -130,13 +147,23 @@ mod tests {
             let fluid = Parameters { bulk_modulus_pa: by.bulk_modulus_pa, ..printed.clone() };
             for softened in [wall, gas, fluid] {
                 for half in softened.half_line_stiffness_n_per_m() {
-                    assert!((half / wanted - 1.0).abs() < 1e-9, "{factor}: {half} {wanted} {softened:?}");
+                    assert!(
+                        (half / wanted - 1.0).abs() < 1e-9,
+                        "{factor}: {half} {wanted} {softened:?}"
+                    );
                 }
             }
-            let belts = Parameters { belt_stiffness_n_per_m: by.belt_stiffness_n_per_m, ..printed.clone() };
+            let belts =
+                Parameters { belt_stiffness_n_per_m: by.belt_stiffness_n_per_m, ..printed.clone() };
             let [master, slave] = belts.half_line_stiffness_n_per_m();
-            assert!((0.5 * (master + slave) / wanted - 1.0).abs() < 0.01, "{factor}: {master} {slave} {wanted}");
+            assert!(
+                (0.5 * (master + slave) / wanted - 1.0).abs() < 0.01,
+                "{factor}: {master} {slave} {wanted}"
+            );
         }
-        assert!(printed.explain_softening(1.5).wall_modulus_pa.is_nan(), "a stiffer line is not softened");
+        assert!(
+            printed.explain_softening(1.5).wall_modulus_pa.is_nan(),
+            "a stiffer line is not softened"
+        );
     }
 }

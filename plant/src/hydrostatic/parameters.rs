@@ -11,7 +11,8 @@ parameter_set! {
     pub struct Parameters {
         /// Hose length `L`.
         hose_length_m: "m", 0.1, 50.0, 10.0, "§ 3.2.1";
-        /// Hose diameter `d`, used in Re and Darcy only; it contradicts the area (`docs/errata.md`).
+        /// Hose diameter `d`, used in Re and Darcy only; it contradicts the area
+        /// (`docs/errata.md`).
         hose_diameter_m: "m", 1e-3, 0.05, 0.009, "§ 3.2.1";
         /// Hose cross section `A`, used for stiffness, mass and area ratios.
         hose_area_m2: "m^2", 7e-7, 2e-3, 1.760e-4, "§ 3.2.1";
@@ -23,7 +24,8 @@ parameter_set! {
         fluid_viscosity_pa_s: "Pa s", 1e-5, 10.0, 8.470e-3, "§ 3.2.1, unit corrected";
         /// Density `ρ`.
         fluid_density_kg_m3: "kg/m^3", 1.0, 2e4, 847.0, "§ 3.2.1";
-        /// Stiffness of the whole line over that of the fluid alone: 1 as printed, about 1/14 as traced.
+        /// Stiffness of the whole line over that of the fluid alone: 1 as printed, about 1/14 as
+        /// traced.
         line_stiffness_factor: "1", 1e-6, 10.0, 1.0, "§ 3.2.2 neglects bulging, belts, entrained gas";
         /// Thickness of the hose's wall.
         hose_wall_m: "m", 1e-4, 0.1, 0.002, "assumed: not printed";
@@ -89,12 +91,14 @@ parameter_set! {
         slave_rising_slope_nm_s: "N m s/rad", -10.0, 10.0, 0.2, "§ 3.2.1, tuned";
         /// Speed over which dry friction is smoothed; 0 is exact stick.
         friction_smoothing_rad_s: "rad/s", 0.0, 10.0, 0.0, "0: exact stick; estimators may smooth";
-        /// How it is smoothed: -1 a long approach, 0 a root, 1 a sharp corner ([`crate::friction::Smoothing`]).
+        /// How it is smoothed: -1 a long approach, 0 a root, 1 a sharp corner
+        /// ([`crate::friction::Smoothing`]).
         friction_smoothing_shape: "1", -1.0, 1.0, 0.0, "for estimators";
     }
 }
 
-/// How much softer the line is than its fluid alone, as traced: with it the model has the measured 8 Hz.
+/// How much softer the line is than its fluid alone, as traced: with it the model has the measured
+/// 8 Hz.
 const TRACED_STIFFNESS_FACTOR: f64 = 1.0 / 14.0;
 
 impl Parameters {
@@ -103,12 +107,14 @@ impl Parameters {
         Self::default()
     }
 
-    /// As printed, but the line about 14 times softer: gives the frequency response measured on the rig (§ 5.2.3).
+    /// As printed, but the line about 14 times softer: gives the frequency response measured on the
+    /// rig (§ 5.2.3).
     pub fn traced() -> Self {
         Self { line_stiffness_factor: TRACED_STIFFNESS_FACTOR, ..Self::default() }
     }
 
-    /// The same machine with another hose: the bore sets area and diameter, the cylinders stay (so that α changes).
+    /// The same machine with another hose: the bore sets area and diameter, the cylinders stay (so
+    /// that α changes).
     #[must_use]
     pub fn with_hose_diameter(self, diameter_m: f64) -> Self {
         let area = 0.25 * std::f64::consts::PI * diameter_m * diameter_m;
@@ -127,7 +133,8 @@ impl Parameters {
         Self { hose_length_m: length_m, ..self }
     }
 
-    /// Stiffness of one line, N/m: `K = B A / L` (eq. 3.1.7) times the line's factor, with wall, gas and belts in series.
+    /// Stiffness of one line, N/m: `K = B A / L` (eq. 3.1.7) times the line's factor, with wall,
+    /// gas and belts in series.
     pub fn line_stiffness_n_per_m(&self) -> f64 {
         let [master, slave] = self.half_line_stiffness_n_per_m();
         master * slave / (master + slave)
@@ -167,7 +174,8 @@ impl Parameters {
         self.master_displacement_m_per_rad() / self.slave_displacement_m_per_rad()
     }
 
-    /// Breakaway torque at the motor when the slave is to move, N·m: `0.767 + 0.2·0.031 + 2.30·0.854 = 2.74` as printed.
+    /// Breakaway torque at the motor when the slave is to move, N·m: `0.767 + 0.2·0.031 +
+    /// 2.30·0.854 = 2.74` as printed.
     pub fn static_friction_at_motor_nm(&self) -> f64 {
         self.motor_coulomb_nm
             + self.master_piston_static_friction_n * self.master_pulley_radius_m

@@ -1,21 +1,25 @@
 //! The integrator.
 //!
-//! Position Verlet (drift, kick, drift) with sub-steps: forces are taken at the middle of the step, damping at the mean
-//! speed, dry friction as in [`crate::friction`]. It is of second order, needs no linear solve, and keeps the energy of
-//! linear springs exactly but for a bounded term of `(ω h)²/8`, where explicit Euler feeds the line's mode until
-//! it diverges. The sub-step follows from the highest mode.
+//! Position Verlet (drift, kick, drift) with sub-steps: forces are taken at the middle of the step,
+//! damping at the mean speed, dry friction as in [`crate::friction`]. It is of second order, needs
+//! no linear solve, and keeps the energy of linear springs exactly but for a bounded term of `(ω
+//! h)²/8`, where explicit Euler feeds the line's mode until it diverges. The sub-step follows from
+//! the highest mode.
 
 use super::{Parameters, State, modes::modes};
 use crate::effects::{Effect, End, Link, Moment, Side, SideLoad, Sited};
 use crate::fluid::Pipe;
 use crate::friction::{Advance, DryFriction, Load, Smoothing, Stribeck, advance, impose};
 use crate::shared::Shared;
-use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps};
+use crate::transmission::{
+    Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission, sub_steps,
+};
 use crate::{ParameterError, ParameterSet};
 
 /// Phase of the highest mode per internal step, rad.
 const PHASE_PER_STEP: f64 = 0.15;
-/// What an estimator may do with: twice the phase and the decay, where the highest mode is 0.4 % slow.
+/// What an estimator may do with: twice the phase and the decay, where the highest mode is 0.4 %
+/// slow.
 const COARSE: f64 = 2.0;
 /// Decay of the fastest damping per internal step.
 const DECAY_PER_STEP: f64 = 0.2;
@@ -45,7 +49,8 @@ pub struct Plant {
     constants: Constants,
     effects: Sited,
     state: State,
-    /// Change of the four speeds over the last internal step: extrapolates the mean speed of the next.
+    /// Change of the four speeds over the last internal step: extrapolates the mean speed of the
+    /// next.
     increments: [f64; 4],
     reading: Reading,
     energy: EnergyBalance,
@@ -77,7 +82,8 @@ struct Acting {
     hand_torque_nm: f64,
 }
 
-/// An internal step in which the master has moved and the slave has not, for whoever moves the slave from outside.
+/// An internal step in which the master has moved and the slave has not, for whoever moves the
+/// slave from outside.
 #[derive(Clone, Copy)]
 pub(crate) struct Stage {
     acting: Acting,
@@ -92,19 +98,27 @@ impl Plant {
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect.
-    pub fn new(parameters: Parameters, effects: Vec<Box<dyn Effect>>) -> Result<Self, ParameterError> {
+    pub fn new(
+        parameters: Parameters,
+        effects: Vec<Box<dyn Effect>>,
+    ) -> Result<Self, ParameterError> {
         parameters.check()?;
         let mut real = parameters;
         let effects = Sited::install(effects, &mut real)?;
         let extra = effects.extra_inertia;
-        let displacement = [real.master_displacement_m_per_rad(), real.slave_displacement_m_per_rad()];
-        let inertia = [real.master_inertia_kg_m2() + extra[0], real.slave_inertia_kg_m2() + extra[1]];
+        let displacement =
+            [real.master_displacement_m_per_rad(), real.slave_displacement_m_per_rad()];
+        let inertia =
+            [real.master_inertia_kg_m2() + extra[0], real.slave_inertia_kg_m2() + extra[1]];
         let highest = modes(&real, extra[0], extra[1])[3] * effects.stiffness_factor.sqrt();
         let fluid_mass_kg = real.fluid_mass_kg();
         let decay = 2.0
             * real.port_damping_n_s_per_m
-            * (1.0 / fluid_mass_kg + displacement[0].powi(2) / inertia[0] + displacement[1].powi(2) / inertia[1]);
-        let stable_step_s = (PHASE_PER_STEP / highest.max(effects.rate_rad_s)).min(DECAY_PER_STEP / decay.max(1e-9));
+            * (1.0 / fluid_mass_kg
+                + displacement[0].powi(2) / inertia[0]
+                + displacement[1].powi(2) / inertia[1]);
+        let stable_step_s = (PHASE_PER_STEP / highest.max(effects.rate_rad_s))
+            .min(DECAY_PER_STEP / decay.max(1e-9));
         let constants = Constants {
             half_line_n_per_m: real.half_line_stiffness_n_per_m(),
             displacement,
@@ -113,7 +127,10 @@ impl Plant {
             pipe: real.pipe(),
             piston: real.master_piston_friction(),
             slave: real.slave_friction(),
-            smoothing: Smoothing { speed: real.friction_smoothing_rad_s, shape: real.friction_smoothing_shape },
+            smoothing: Smoothing {
+                speed: real.friction_smoothing_rad_s,
+                shape: real.friction_smoothing_shape,
+            },
             longest_step_s: LONGEST_STEP_S.min(stable_step_s),
             stable_step_s,
         };
@@ -149,8 +166,9 @@ impl Plant {
         self.constants.longest_step_s
     }
 
-    /// Lets internal steps be as long as `longest_s` where modes and damping allow it: quicker, and coarser in how friction
-    /// and effects follow the speed. Without it they are of 0.25 ms at most.
+    /// Lets internal steps be as long as `longest_s` where modes and damping allow it: quicker, and
+    /// coarser in how friction and effects follow the speed. Without it they are of 0.25 ms at
+    /// most.
     #[must_use]
     pub fn with_longest_step(mut self, longest_s: f64) -> Self {
         self.constants.longest_step_s = longest_s.min(COARSE * self.constants.stable_step_s);
@@ -162,7 +180,8 @@ impl Plant {
         EnergyBalance { stored_j: self.stored_j() - self.stored_at_start_j, ..self.energy }
     }
 
-    /// Puts positions and speeds, and starts the energy balance again; forces are computed with the next step.
+    /// Puts positions and speeds, and starts the energy balance again; forces are computed with the
+    /// next step.
     ///
     /// The inner state of effects stays.
     pub fn set_state(&mut self, state: State) {
@@ -173,7 +192,8 @@ impl Plant {
         self.read(0.0, 0.0);
     }
 
-    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a measurement.
+    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a
+    /// measurement.
     ///
     /// The energy that this puts in is left out of the balance.
     pub fn correct(&mut self, correction: Correction) {
@@ -187,8 +207,13 @@ impl Plant {
 
     /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
     pub fn step(&mut self, input: Input, dt_s: f64) {
-        // Compiled twice: most plants have no effects, and are twice as fast without the hooks for them.
-        if self.effects.any { self.step_with::<true>(input, dt_s) } else { self.step_with::<false>(input, dt_s) }
+        // Compiled twice: most plants have no effects, and are twice as fast without the hooks for
+        // them.
+        if self.effects.any {
+            self.step_with::<true>(input, dt_s)
+        } else {
+            self.step_with::<false>(input, dt_s)
+        }
     }
 
     fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
@@ -198,8 +223,13 @@ impl Plant {
             let moment = Moment::middle(self.state.time_s, step, &half, &mean);
             let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
             let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
-            let master = self.move_master::<EFFECTS>(motor_torque, &coupling, (&half, &mean, &moment));
-            let acting = self.reach_slave::<EFFECTS>(&coupling, input.hand_torque_nm, (&half, &mean, &moment));
+            let master =
+                self.move_master::<EFFECTS>(motor_torque, &coupling, (&half, &mean, &moment));
+            let acting = self.reach_slave::<EFFECTS>(
+                &coupling,
+                input.hand_torque_nm,
+                (&half, &mean, &moment),
+            );
             let slave = advance(self.state.slave_velocity_rad_s, step, &acting.load);
             self.complete::<EFFECTS>([master, slave], &acting, &coupling, &mean, &moment);
         }
@@ -213,14 +243,19 @@ impl Plant {
         let motor_torque = self.motor_torque::<EFFECTS>(input.motor_v, &moment);
         let coupling = self.couple::<EFFECTS>(&half, &mean, &moment);
         let master = self.move_master::<EFFECTS>(motor_torque, &coupling, (&half, &mean, &moment));
-        let acting = self.reach_slave::<EFFECTS>(&coupling, input.hand_torque_nm, (&half, &mean, &moment));
+        let acting =
+            self.reach_slave::<EFFECTS>(&coupling, input.hand_torque_nm, (&half, &mean, &moment));
         Stage { acting, master, coupling, mean, moment }
     }
 
     #[inline(always)]
     fn motor_torque<const EFFECTS: bool>(&mut self, motor_v: f64, moment: &Moment) -> f64 {
         let torque_per_volt = self.parameters.motor_torque_per_volt_nm;
-        if EFFECTS { self.effects.motor_torque(motor_v, torque_per_volt, moment) } else { torque_per_volt * motor_v }
+        if EFFECTS {
+            self.effects.motor_torque(motor_v, torque_per_volt, moment)
+        } else {
+            torque_per_volt * motor_v
+        }
     }
 
     /// Moves the master over an internal step.
@@ -244,8 +279,9 @@ impl Plant {
         moved
     }
 
-    /// Moves the master to where it is to be, whatever that takes, along a cubic from its present position and speed;
-    /// the slave moves as it must. [`State::motor_torque_nm`] is then the torque that it took.
+    /// Moves the master to where it is to be, whatever that takes, along a cubic from its present
+    /// position and speed; the slave moves as it must. [`State::motor_torque_nm`] is then the
+    /// torque that it took.
     pub fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
         if self.effects.any {
             self.step_imposed_with::<true>(master, hand_torque_nm, dt_s);
@@ -254,13 +290,19 @@ impl Plant {
         }
     }
 
-    fn step_imposed_with<const EFFECTS: bool>(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
+    fn step_imposed_with<const EFFECTS: bool>(
+        &mut self,
+        master: ImposedMotion,
+        hand_torque_nm: f64,
+        dt_s: f64,
+    ) {
         let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         let (from, speed_from) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
         for index in 1..=count {
             let part = index as f64 / count as f64;
             let (next, speed_next) = master.approach(from, speed_from, dt_s, part);
-            let (position, speed) = (self.state.master_position_rad, self.state.master_velocity_rad_s);
+            let (position, speed) =
+                (self.state.master_position_rad, self.state.master_velocity_rad_s);
             let (mut half, mut mean) = self.middle(step);
             half[0] = 0.5 * (position + next);
             mean[0] = (next - position) / step;
@@ -273,7 +315,8 @@ impl Plant {
             self.energy.dissipated_j += driven.moved.dissipated;
             self.energy.effects_j -= effect_torque * driven.moved.displacement;
             self.energy.count_input(driven.work);
-            let acting = self.reach_slave::<EFFECTS>(&coupling, hand_torque_nm, (&half, &mean, &moment));
+            let acting =
+                self.reach_slave::<EFFECTS>(&coupling, hand_torque_nm, (&half, &mean, &moment));
             let slave = advance(self.state.slave_velocity_rad_s, step, &acting.load);
             self.complete::<EFFECTS>([driven.moved, slave], &acting, &coupling, &mean, &moment);
         }
@@ -289,7 +332,8 @@ impl Plant {
         (half, mean, moment): (&[f64; 4], &[f64; 4], &Moment),
     ) -> Acting {
         let constants = &self.constants;
-        let transmitted = constants.displacement[1] * (coupling.piston[0][1] + coupling.piston[1][1]);
+        let transmitted =
+            constants.displacement[1] * (coupling.piston[0][1] + coupling.piston[1][1]);
         let mut load = SideLoad {
             side: Side::Slave,
             position_rad: half[1],
@@ -298,7 +342,10 @@ impl Plant {
             load: Load {
                 force: transmitted,
                 inertia: constants.inertia[1],
-                dry: DryFriction::symmetric(constants.slave.level(mean[1]), constants.slave.level(0.0)),
+                dry: DryFriction::symmetric(
+                    constants.slave.level(mean[1]),
+                    constants.slave.level(0.0),
+                ),
                 smoothing: constants.smoothing,
                 ..Load::default()
             },
@@ -360,9 +407,11 @@ impl Plant {
                 let (spring, damper) = (coupling.spring[line][end], coupling.damper[line][end]);
                 self.energy.dissipated_j += damper * relative;
                 if EFFECTS {
-                    let fluid = coupling.fluid[line][end] + coupling.fluid_damping[line][end] * average;
-                    self.energy.effects_j +=
-                        fluid * displacement - coupling.piston[line][end] * piston - (spring + damper) * relative;
+                    let fluid =
+                        coupling.fluid[line][end] + coupling.fluid_damping[line][end] * average;
+                    self.energy.effects_j += fluid * displacement
+                        - coupling.piston[line][end] * piston
+                        - (spring + damper) * relative;
                 }
             }
         }
@@ -391,18 +440,26 @@ impl Plant {
 
     /// The four links, each once.
     #[inline(always)]
-    fn couple<const EFFECTS: bool>(&mut self, half: &[f64; 4], mean: &[f64; 4], moment: &Moment) -> Coupling {
+    fn couple<const EFFECTS: bool>(
+        &mut self,
+        half: &[f64; 4],
+        mean: &[f64; 4],
+        moment: &Moment,
+    ) -> Coupling {
         let mut coupling = Coupling::default();
-        let (stiffnesses, damping) = (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
+        let (stiffnesses, damping) =
+            (self.constants.half_line_n_per_m, self.parameters.port_damping_n_s_per_m);
         for line in 0..2 {
             for (index, end) in [(0, End::Master), (1, End::Slave)] {
-                let (displacement, stiffness) = (self.constants.displacement[index], stiffnesses[index]);
+                let (displacement, stiffness) =
+                    (self.constants.displacement[index], stiffnesses[index]);
                 let deflection = half[2 + line] - displacement * half[index];
                 let rate = mean[2 + line] - displacement * mean[index];
                 let (spring, damper) = (stiffness * deflection, damping * rate);
                 coupling.spring[line][index] = spring;
                 coupling.damper[line][index] = damper;
-                let at_end = if index == 0 { &mut self.effects.master } else { &mut self.effects.slave };
+                let at_end =
+                    if index == 0 { &mut self.effects.master } else { &mut self.effects.slave };
                 if !EFFECTS || (self.effects.line.is_empty() && at_end.is_empty()) {
                     coupling.piston[line][index] = spring + damper;
                     coupling.fluid[line][index] = spring + damper;
@@ -441,7 +498,8 @@ impl Plant {
     #[inline(always)]
     fn master_load(&self, coupling: &Coupling, position_rad: f64, velocity_rad_s: f64) -> SideLoad {
         let (parameters, constants) = (&self.parameters, &self.constants);
-        let transmitted = constants.displacement[0] * (coupling.piston[0][0] + coupling.piston[1][0]);
+        let transmitted =
+            constants.displacement[0] * (coupling.piston[0][0] + coupling.piston[1][0]);
         let dry = parameters.motor_coulomb_nm;
         SideLoad {
             side: Side::Master,
@@ -466,8 +524,12 @@ impl Plant {
     #[inline(always)]
     fn middle(&self, step: f64) -> ([f64; 4], [f64; 4]) {
         let state = &self.state;
-        let positions =
-            [state.master_position_rad, state.slave_position_rad, state.line_position_m[0], state.line_position_m[1]];
+        let positions = [
+            state.master_position_rad,
+            state.slave_position_rad,
+            state.line_position_m[0],
+            state.line_position_m[1],
+        ];
         let speeds = [
             state.master_velocity_rad_s,
             state.slave_velocity_rad_s,
@@ -489,8 +551,11 @@ impl Plant {
             + 0.5 * constants.inertia[1] * state.slave_velocity_rad_s.powi(2);
         for line in 0..2 {
             energy += 0.5 * constants.fluid_mass_kg * state.line_velocity_m_s[line].powi(2);
-            for (end, position) in [state.master_position_rad, state.slave_position_rad].into_iter().enumerate() {
-                let deflection = state.line_position_m[line] - constants.displacement[end] * position;
+            for (end, position) in
+                [state.master_position_rad, state.slave_position_rad].into_iter().enumerate()
+            {
+                let deflection =
+                    state.line_position_m[line] - constants.displacement[end] * position;
                 energy += 0.5 * constants.half_line_n_per_m[end] * deflection * deflection;
             }
         }
@@ -507,8 +572,11 @@ impl Shared for Plant {
     type Stage = Stage;
 
     fn begin(&mut self, input: Input, step_s: f64) -> (Stage, Load) {
-        let stage =
-            if self.effects.any { self.begin::<true>(input, step_s) } else { self.begin::<false>(input, step_s) };
+        let stage = if self.effects.any {
+            self.begin::<true>(input, step_s)
+        } else {
+            self.begin::<false>(input, step_s)
+        };
         (stage, stage.acting.load)
     }
 

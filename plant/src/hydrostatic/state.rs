@@ -19,8 +19,8 @@ pub struct State {
     pub line_position_m: [f64; 2],
     /// Fluid speed, m/s.
     pub line_velocity_m_s: [f64; 2],
-    /// Force of each line on the master piston's coordinate, `F_m` of eq. 3.1.9, N (in the hose's cross section), at the
-    /// middle of the last internal step.
+    /// Force of each line on the master piston's coordinate, `F_m` of eq. 3.1.9, N (in the hose's
+    /// cross section), at the middle of the last internal step.
     pub line_force_master_n: [f64; 2],
     /// Force of each line on the slave, `F_s`, N.
     pub line_force_slave_n: [f64; 2],
@@ -31,12 +31,17 @@ pub struct State {
 }
 
 impl State {
-    /// Pressure change against the pressure at rest, Pa: of each line, at the master's and at the slave's end.
+    /// Pressure change against the pressure at rest, Pa: of each line, at the master's and at the
+    /// slave's end.
     ///
     /// `dP = F/A` (eq. 3.1.5). Line 2 returns, so its sign is the opposite of line 1's.
     pub fn line_pressure_pa(&self, hose_area_m2: f64) -> [[f64; 2]; 2] {
-        let [first, second] = [0, 1]
-            .map(|line| [-self.line_force_master_n[line] / hose_area_m2, self.line_force_slave_n[line] / hose_area_m2]);
+        let [first, second] = [0, 1].map(|line| {
+            [
+                -self.line_force_master_n[line] / hose_area_m2,
+                self.line_force_slave_n[line] / hose_area_m2,
+            ]
+        });
         [first, second.map(|pressure| -pressure)]
     }
 }

@@ -1,10 +1,11 @@
-//! A linear system of second order with dead time, fitted to a measured response (the "frequency response method" of
-//! § 3.3.1 and § 3.3.4, whose results are eq. 3.3.1 and 3.3.2).
+//! A linear system of second order with dead time, fitted to a measured response (the "frequency
+//! response method" of § 3.3.1 and § 3.3.4, whose results are eq. 3.3.1 and 3.3.2).
 //!
-//! `H(s) = (b₁ s + b₀)/(s² + a₁ s + a₀) e^{-s T}`. The start is linear: for a given dead time, `H` times its denominator is
-//! linear in the coefficients; weighted by the last denominator and repeated, it does not favour high frequencies
-//! (Sanathanan and Koerner, IEEE Trans. Autom. Control 8, 1963). From several dead times Levenberg and Marquardt's method then finds the
-//! least squares of the complex error.
+//! `H(s) = (b₁ s + b₀)/(s² + a₁ s + a₀) e^{-s T}`. The start is linear: for a given dead time, `H`
+//! times its denominator is linear in the coefficients; weighted by the last denominator and
+//! repeated, it does not favour high frequencies (Sanathanan and Koerner, IEEE Trans. Autom.
+//! Control 8, 1963). From several dead times Levenberg and Marquardt's method then finds the least
+//! squares of the complex error.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{Complex, DMatrix, DVector, Dyn, Owned, SVector, U5};
@@ -43,14 +44,17 @@ pub enum FitError {
 
 impl LinearSystem {
     /// Eq. 3.3.1: 10 m of hose.
-    pub const TEN_METRES: Self = Self { numerator: [1000.0, 7.0], denominator: [1300.0, 7.0], dead_time_s: 0.012 };
+    pub const TEN_METRES: Self =
+        Self { numerator: [1000.0, 7.0], denominator: [1300.0, 7.0], dead_time_s: 0.012 };
     /// Eq. 3.3.2: 1 m of hose.
-    pub const ONE_METRE: Self = Self { numerator: [8.0e4, 0.0], denominator: [95_500.0, 18.0], dead_time_s: 0.0 };
+    pub const ONE_METRE: Self =
+        Self { numerator: [8.0e4, 0.0], denominator: [95_500.0, 18.0], dead_time_s: 0.0 };
 
     /// `H(j 2π f)`.
     pub fn at(&self, frequency_hz: f64) -> Complex<f64> {
         let s = Complex::new(0.0, std::f64::consts::TAU * frequency_hz);
-        (s * self.numerator[1] + self.numerator[0]) / (s * s + s * self.denominator[1] + self.denominator[0])
+        (s * self.numerator[1] + self.numerator[0])
+            / (s * s + s * self.denominator[1] + self.denominator[0])
             * (-s * self.dead_time_s).exp()
     }
 
@@ -59,7 +63,8 @@ impl LinearSystem {
         self.at(frequency_hz).norm()
     }
 
-    /// Phase, rad, not wrapped between `0` and a few turns of lag: the dead time's share is added unwrapped.
+    /// Phase, rad, not wrapped between `0` and a few turns of lag: the dead time's share is added
+    /// unwrapped.
     pub fn phase_rad(&self, frequency_hz: f64) -> f64 {
         let without = Self { dead_time_s: 0.0, ..*self };
         without.at(frequency_hz).arg() - std::f64::consts::TAU * frequency_hz * self.dead_time_s
@@ -94,17 +99,25 @@ impl LinearSystem {
             return Err(FitError::TooFew(responses.len()));
         }
         let finite = |point: &Response| {
-            point.frequency_hz > 0.0 && [point.frequency_hz, point.gain, point.phase_rad].iter().all(|x| x.is_finite())
+            point.frequency_hz > 0.0
+                && [point.frequency_hz, point.gain, point.phase_rad].iter().all(|x| x.is_finite())
         };
         if let Some(index) = responses.iter().position(|point| !finite(point)) {
             return Err(FitError::NotFinite(index));
         }
-        let values: Vec<_> = responses.iter().map(|point| Complex::from_polar(point.gain, point.phase_rad)).collect();
-        let peak =
-            responses.iter().fold(responses[0], |best, point| if point.gain > best.gain { *point } else { best });
+        let values: Vec<_> = responses
+            .iter()
+            .map(|point| Complex::from_polar(point.gain, point.phase_rad))
+            .collect();
+        let peak = responses
+            .iter()
+            .fold(responses[0], |best, point| if point.gain > best.gain { *point } else { best });
         // In units of the peak's angular frequency all coefficients are of the order of one.
         let scale = std::f64::consts::TAU * peak.frequency_hz;
-        let grid: Vec<_> = responses.iter().map(|point| std::f64::consts::TAU * point.frequency_hz / scale).collect();
+        let grid: Vec<_> = responses
+            .iter()
+            .map(|point| std::f64::consts::TAU * point.frequency_hz / scale)
+            .collect();
         let mut best: Option<(f64, SVector<f64, 5>)> = None;
         for dead_time in DEAD_TIMES_S {
             let Some(start) = linear_start(&grid, &values, dead_time * scale) else { continue };
@@ -127,7 +140,8 @@ impl LinearSystem {
     /// Root of the mean square of the complex error over responses, in units of gain.
     pub fn misfit(&self, responses: &[Response]) -> f64 {
         let square = |point: &Response| {
-            (self.at(point.frequency_hz) - Complex::from_polar(point.gain, point.phase_rad)).norm_sqr()
+            (self.at(point.frequency_hz) - Complex::from_polar(point.gain, point.phase_rad))
+                .norm_sqr()
         };
         (responses.iter().map(square).sum::<f64>() / responses.len() as f64).sqrt()
     }
@@ -140,7 +154,9 @@ fn linear_start(grid: &[f64], values: &[Complex<f64>], dead_time: f64) -> Option
     for _ in 0..REPETITIONS {
         let mut rows = DMatrix::zeros(2 * grid.len(), 4);
         let mut right = DVector::zeros(2 * grid.len());
-        for (index, ((&omega, &value), &weight)) in grid.iter().zip(values).zip(&weights).enumerate() {
+        for (index, ((&omega, &value), &weight)) in
+            grid.iter().zip(values).zip(&weights).enumerate()
+        {
             // (b₀ + b₁ s) - y (a₀ + a₁ s) = y s², with y the response less its dead time.
             let y = value * Complex::new(0.0, omega * dead_time).exp();
             let s = Complex::new(0.0, omega);
@@ -158,7 +174,13 @@ fn linear_start(grid: &[f64], values: &[Complex<f64>], dead_time: f64) -> Option
             let s = Complex::new(0.0, omega);
             *weight = 1.0 / (s * s + s * solution[3] + solution[2]).norm().max(1e-6);
         }
-        x = Some(SVector::<f64, 5>::new(solution[0], solution[1], solution[2], solution[3], dead_time));
+        x = Some(SVector::<f64, 5>::new(
+            solution[0],
+            solution[1],
+            solution[2],
+            solution[3],
+            dead_time,
+        ));
     }
     x
 }
@@ -226,14 +248,20 @@ mod tests {
             .map(|index| {
                 let frequency_hz = to_hz * f64::from(index) / 60.0;
                 let value = system.at(frequency_hz);
-                Response { frequency_hz, gain: value.norm(), phase_rad: value.arg(), efficiency: 0.0 }
+                Response {
+                    frequency_hz,
+                    gain: value.norm(),
+                    phase_rad: value.arg(),
+                    efficiency: 0.0,
+                }
             })
             .collect()
     }
 
     #[test]
     fn finds_the_printed_systems_again() {
-        for (system, to_hz) in [(LinearSystem::TEN_METRES, 24.0), (LinearSystem::ONE_METRE, 120.0)] {
+        for (system, to_hz) in [(LinearSystem::TEN_METRES, 24.0), (LinearSystem::ONE_METRE, 120.0)]
+        {
             let found = LinearSystem::fit(&sampled(system, to_hz)).unwrap();
             for (found, truth) in [
                 (found.numerator[0], system.numerator[0]),
@@ -266,7 +294,10 @@ mod tests {
             point.phase_rad += 0.01 * sign;
         }
         let found = LinearSystem::fit(&points).unwrap();
-        assert!((found.natural_frequency_hz() / truth.natural_frequency_hz() - 1.0).abs() < 0.02, "{found:?}");
+        assert!(
+            (found.natural_frequency_hz() / truth.natural_frequency_hz() - 1.0).abs() < 0.02,
+            "{found:?}"
+        );
         assert!((found.dead_time_s - truth.dead_time_s).abs() < 1e-3, "{found:?}");
     }
 

@@ -15,8 +15,8 @@ pub struct Response {
     pub gain: f64,
     /// Phase of the slave's fundamental against the master's, rad; negative is lag.
     pub phase_rad: f64,
-    /// Efficiency `μ` (eq. 3.2.1 with each side's own torque and speed): peak power into the slave over peak power from
-    /// the motor.
+    /// Efficiency `μ` (eq. 3.2.1 with each side's own torque and speed): peak power into the slave
+    /// over peak power from the motor.
     pub efficiency: f64,
 }
 
@@ -32,9 +32,13 @@ const INTERVAL_S: f64 = 0.5e-3;
 /// Cycles over which the movement is brought to full amplitude; the next ones let it settle.
 const RAMP_CYCLES: f64 = 2.0;
 
-/// Moves the plant's master along `amplitude_rad · sin(2π f t)` and measures the slave's fundamental over whole
-/// cycles, once settled. The plant is used up: it is left moving.
-pub fn frequency_response(plant: &mut impl Transmission, frequency_hz: f64, amplitude_rad: f64) -> Response {
+/// Moves the plant's master along `amplitude_rad · sin(2π f t)` and measures the slave's
+/// fundamental over whole cycles, once settled. The plant is used up: it is left moving.
+pub fn frequency_response(
+    plant: &mut impl Transmission,
+    frequency_hz: f64,
+    amplitude_rad: f64,
+) -> Response {
     let settle_cycles = RAMP_CYCLES + (1.0 * frequency_hz).ceil().max(2.0);
     let measured_cycles = (0.5 * frequency_hz).ceil().max(2.0);
     let omega = std::f64::consts::TAU * frequency_hz;

@@ -1,4 +1,5 @@
-//! What stands behind the encoder: a decoder of its edges, a counter that wraps and latches, and what undoes the wrap.
+//! What stands behind the encoder: a decoder of its edges, a counter that wraps and latches, and
+//! what undoes the wrap.
 
 use super::{Encoder, Phases};
 use crate::parameter::parameter_set;
@@ -21,8 +22,9 @@ impl QuadratureDecoder {
 
     /// Takes the present levels and returns the count.
     ///
-    /// Both tracks changing at once means that an edge was missed and the direction is unknown: the count stays, and
-    /// [`QuadratureDecoder::missed`] counts it. Four edges missed at once go unseen.
+    /// Both tracks changing at once means that an edge was missed and the direction is unknown: the
+    /// count stays, and [`QuadratureDecoder::missed`] counts it. Four edges missed at once go
+    /// unseen.
     pub fn update(&mut self, phases: Phases) -> i64 {
         match (phases.quarter() - self.last.quarter()).rem_euclid(4) {
             1 => self.counts += 1,
@@ -63,7 +65,8 @@ parameter_set! {
     }
 }
 
-/// Counts beyond which a position is no more followed; room for turns and offset is left below the ends of `i64`.
+/// Counts beyond which a position is no more followed; room for turns and offset is left below the
+/// ends of `i64`.
 const FARTHEST: i64 = 1 << 61;
 
 /// What the counter card returns.
@@ -91,7 +94,8 @@ pub struct EncoderCounter {
 }
 
 impl EncoderCounter {
-    /// A counter that has seen nothing yet: its first reading is that of the position, without a latch.
+    /// A counter that has seen nothing yet: its first reading is that of the position, without a
+    /// latch.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`].
@@ -100,7 +104,11 @@ impl EncoderCounter {
         let counts_per_turn = parameters.counts_per_turn.round();
         let bits = parameters.bits.round() as u32;
         Ok(Self {
-            encoder: Encoder::per_turn(if parameters.direction < 0.0 { -counts_per_turn } else { counts_per_turn }),
+            encoder: Encoder::per_turn(if parameters.direction < 0.0 {
+                -counts_per_turn
+            } else {
+                counts_per_turn
+            }),
             counts_per_turn: counts_per_turn as i64,
             count_at_zero: parameters.count_at_zero.round() as i64,
             mask: (1_u64 << bits) - 1,
@@ -116,7 +124,8 @@ impl EncoderCounter {
 
     /// Moves to a position (rad, or m) straight from the one before, and reads the counter.
     ///
-    /// The index lies at every multiple of the counts per turn; its edge comes on entering that count, from either side.
+    /// The index lies at every multiple of the counts per turn; its edge comes on entering that
+    /// count, from either side.
     pub fn read(&mut self, position: f64) -> CounterReading {
         if position.is_nan() {
             return self.reading;
@@ -124,11 +133,13 @@ impl EncoderCounter {
         let now = self.encoder.counts(position).clamp(-FARTHEST, FARTHEST) + self.count_at_zero;
         if let Some(before) = self.counts {
             let turn = self.counts_per_turn;
-            // Index counts entered: multiples of a turn in (before, now], or in [now, before) when going back.
+            // Index counts entered: multiples of a turn in (before, now], or in [now, before) when
+            // going back.
             let (entered, last) = if now >= before {
                 (now.div_euclid(turn) - before.div_euclid(turn), now.div_euclid(turn) * turn)
             } else {
-                let (first, end) = ((now - 1).div_euclid(turn) + 1, (before - 1).div_euclid(turn) + 1);
+                let (first, end) =
+                    ((now - 1).div_euclid(turn) + 1, (before - 1).div_euclid(turn) + 1);
                 (end - first, first * turn)
             };
             if entered > 0 {
@@ -146,7 +157,8 @@ impl EncoderCounter {
     }
 }
 
-/// Undoes the wrap of a counter: right as long as less than half its range passes between two readings.
+/// Undoes the wrap of a counter: right as long as less than half its range passes between two
+/// readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unwrap {
     shift: u32,
@@ -162,7 +174,8 @@ impl Unwrap {
 
     /// The unwrapped count of a reading. The first is taken as signed.
     pub fn update(&mut self, raw: u32) -> i64 {
-        // Shifted to the top, the difference wraps as the counter does, and the arithmetic shift brings its sign back.
+        // Shifted to the top, the difference wraps as the counter does, and the arithmetic shift
+        // brings its sign back.
         let change = raw.wrapping_sub(self.last.unwrap_or(0));
         self.counts += i64::from((change << self.shift) as i32 >> self.shift);
         self.last = Some(raw);

@@ -2,16 +2,19 @@
 //!
 //! Per channel, in this order:
 //!
-//! 1. **Excitation** from torque: `u = |τ| / τ_max` for the muscles that pull that way, `κ u` for those against
-//!    (co-contraction), plus a stiffening part of both; from 0 to 1. Flexors make positive hand torque.
-//! 2. **Activation** follows excitation as a first-order lag, faster on the way up than down: `ȧ = (u - a) / t` (Zajac 1989;
-//!    Winters 1990 for the times).
-//! 3. **Signal**: white noise through a causal band-pass of 10 to 400 Hz (§ 2.2: "EMG signals cover frequencies from 10 to
-//!    400 Hz"), scaled to unit rms, times `a`, channel gain and volts at full activation. Amplitude goes with activation
-//!    ("amplitude is correlated with muscle tension", § 2.1).
+//! 1. **Excitation** from torque: `u = |τ| / τ_max` for the muscles that pull that way, `κ u` for
+//!    those against (co-contraction), plus a stiffening part of both; from 0 to 1. Flexors make
+//!    positive hand torque.
+//! 2. **Activation** follows excitation as a first-order lag, faster on the way up than down: `ȧ =
+//!    (u - a) / t` (Zajac 1989; Winters 1990 for the times).
+//! 3. **Signal**: white noise through a causal band-pass of 10 to 400 Hz (§ 2.2: "EMG signals cover
+//!    frequencies from 10 to 400 Hz"), scaled to unit rms, times `a`, channel gain and volts at
+//!    full activation. Amplitude goes with activation ("amplitude is correlated with muscle
+//!    tension", § 2.1).
 //! 4. **Floor**: white noise of electrodes and amplifier; the sum clips.
 //!
-//! A real muscle's EMG comes some 50 ms before its torque; torque is what is known here, so this one follows it.
+//! A real muscle's EMG comes some 50 ms before its torque; torque is what is known here, so this
+//! one follows it.
 
 use super::BandPass;
 use crate::parameter::parameter_set;
@@ -82,27 +85,37 @@ pub struct Emg {
 }
 
 impl Emg {
-    /// Electrodes at rest, read every `step_s`: flexors on channels 0, 2, 4 and extensors on 1, 3, 5, with gains of 1. The
-    /// same seed gives the same signals.
+    /// Electrodes at rest, read every `step_s`: flexors on channels 0, 2, 4 and extensors on 1, 3,
+    /// 5, with gains of 1. The same seed gives the same signals.
     ///
     /// # Errors
-    /// [`ParameterError::OutOfRange`]; also for an upper corner at or above 0.49 of the sampling rate.
+    /// [`ParameterError::OutOfRange`]; also for an upper corner at or above 0.49 of the sampling
+    /// rate.
     pub fn new(parameters: EmgParameters, step_s: f64, seed: u64) -> Result<Self, ParameterError> {
         parameters.check()?;
         let EmgParameters { low_hz, high_hz, .. } = parameters;
         // Written so that a step that is no number fails too.
         if !(step_s > 0.0 && high_hz * step_s < 0.49) {
             let (minimum, maximum) = (101.0, 0.49 / step_s);
-            return Err(ParameterError::OutOfRange { name: "high_hz", value: high_hz, minimum, maximum, unit: "Hz" });
+            return Err(ParameterError::OutOfRange {
+                name: "high_hz",
+                value: high_hz,
+                minimum,
+                maximum,
+                unit: "Hz",
+            });
         }
         let filter = BandPass::new(low_hz * step_s, high_hz * step_s);
-        // The high pass rings longest: e⁻⁴⁰ after this many samples, and no more than a few 100 000.
+        // The high pass rings longest: e⁻⁴⁰ after this many samples, and no more than a few 100
+        // 000.
         let samples = (20.0 / (low_hz * step_s)).min(1e6) as usize;
         let channels = std::array::from_fn(|index| Channel {
             muscle: if index % 2 == 0 { Muscle::Flexor } else { Muscle::Extensor },
             gain: 1.0,
             filter,
-            generator: Pcg64Mcg::seed_from_u64(seed ^ (0x656d_6700 + index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
+            generator: Pcg64Mcg::seed_from_u64(
+                seed ^ (0x656d_6700 + index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15),
+            ),
         });
         Ok(Self {
             scale_v: parameters.full_rms_v / filter.noise_gain(samples),
@@ -114,7 +127,8 @@ impl Emg {
         })
     }
 
-    /// The same electrodes on other muscles and with other gains (how well each lies over its muscle).
+    /// The same electrodes on other muscles and with other gains (how well each lies over its
+    /// muscle).
     #[must_use]
     pub fn with_channels(mut self, placed: [(Muscle, f64); EMG_CHANNELS]) -> Self {
         for (channel, (muscle, gain)) in self.channels.iter_mut().zip(placed) {
@@ -138,12 +152,16 @@ impl Emg {
         let parameters = &self.parameters;
         let agonist = hand_torque_nm.abs() / parameters.full_torque_nm;
         let antagonist = parameters.cocontraction * agonist;
-        let (flexor, extensor) = if hand_torque_nm >= 0.0 { (agonist, antagonist) } else { (antagonist, agonist) };
-        ((flexor + parameters.stiffening).clamp(0.0, 1.0), (extensor + parameters.stiffening).clamp(0.0, 1.0))
+        let (flexor, extensor) =
+            if hand_torque_nm >= 0.0 { (agonist, antagonist) } else { (antagonist, agonist) };
+        (
+            (flexor + parameters.stiffening).clamp(0.0, 1.0),
+            (extensor + parameters.stiffening).clamp(0.0, 1.0),
+        )
     }
 
-    /// Volts of the six channels one step later, with the hand torque (N·m) held over it. A torque that is no number
-    /// counts as none.
+    /// Volts of the six channels one step later, with the hand torque (N·m) held over it. A torque
+    /// that is no number counts as none.
     pub fn read(&mut self, hand_torque_nm: f64) -> [f64; EMG_CHANNELS] {
         let torque = if hand_torque_nm.is_nan() { 0.0 } else { hand_torque_nm };
         let (flexor, extensor) = self.excitation(torque);
@@ -158,7 +176,8 @@ impl Emg {
             let floor: f64 = StandardNormal.sample(&mut channel.generator);
             let active = activation[usize::from(channel.muscle == Muscle::Extensor)];
             let signal = active * channel.gain * *scale_v * channel.filter.update(white);
-            *volts = (signal + parameters.floor_rms_v * floor).clamp(-parameters.limit_v, parameters.limit_v);
+            *volts = (signal + parameters.floor_rms_v * floor)
+                .clamp(-parameters.limit_v, parameters.limit_v);
         }
         volts
     }

@@ -13,7 +13,8 @@ impl Encoder {
         Self { counts_per_unit: counts / std::f64::consts::TAU }
     }
 
-    /// Counts at a position, rad (or m). Saturates at the ends of `i64`; a position that is no number reads 0.
+    /// Counts at a position, rad (or m). Saturates at the ends of `i64`; a position that is no
+    /// number reads 0.
     pub fn counts(&self, position: f64) -> i64 {
         (position * self.counts_per_unit).floor() as i64
     }
@@ -26,8 +27,8 @@ impl Encoder {
 
 /// The two tracks of an incremental encoder and its index, as logic levels.
 ///
-/// Track A leads track B when the count rises: A and B read 00, 10, 11, 01 over four counts. The index is high over one
-/// count a turn.
+/// Track A leads track B when the count rises: A and B read 00, 10, 11, 01 over four counts. The
+/// index is high over one count a turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Phases {
     /// Track A.

@@ -11,7 +11,8 @@ pub struct Biquad {
 }
 
 impl Biquad {
-    /// Low pass of quality `quality` at a part of the sampling rate, 0 to 0.5; bilinear, exact at the corner.
+    /// Low pass of quality `quality` at a part of the sampling rate, 0 to 0.5; bilinear, exact at
+    /// the corner.
     pub fn low_pass(frequency: f64, quality: f64) -> Self {
         let (cosine, alpha) = Self::corner(frequency, quality);
         Self::scaled([0.5 * (1.0 - cosine), 1.0 - cosine, 0.5 * (1.0 - cosine)], cosine, alpha)
@@ -47,11 +48,12 @@ impl Biquad {
     }
 }
 
-/// Qualities of the two sections of a fourth-order Butterworth filter, `1 / 2 cos(π/8)` and `1 / 2 cos(3π/8)`.
+/// Qualities of the two sections of a fourth-order Butterworth filter, `1 / 2 cos(π/8)` and `1 / 2
+/// cos(3π/8)`.
 const FOURTH_ORDER: [f64; 2] = [0.541_196_100_146_197, 1.306_562_964_876_376_5];
 
-/// A causal band-pass: Butterworth high pass of fourth order, then Butterworth low pass of fourth order, 3 dB at each corner
-/// and 24 dB an octave beyond. For corners well apart.
+/// A causal band-pass: Butterworth high pass of fourth order, then Butterworth low pass of fourth
+/// order, 3 dB at each corner and 24 dB an octave beyond. For corners well apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BandPass {
     sections: [Biquad; 4],
@@ -77,8 +79,8 @@ impl BandPass {
         self.sections.iter_mut().fold(input, |signal, section| section.update(signal))
     }
 
-    /// Root mean square of the output for white noise of unit variance: the energy of the impulse response, summed over
-    /// `samples` of it.
+    /// Root mean square of the output for white noise of unit variance: the energy of the impulse
+    /// response, summed over `samples` of it.
     pub fn noise_gain(&self, samples: usize) -> f64 {
         let mut filter = *self;
         let first = filter.update(1.0);

@@ -1,7 +1,8 @@
 //! The MR-compatible optical torque cell: volts of a torque.
 //!
-//! A polymer cross whose deflection is read by the intensity of a reflected beam through optical fibres (§ 2.1, § 5.1);
-//! its zero wanders with temperature and with the bend of the fibres. No numbers are printed.
+//! A polymer cross whose deflection is read by the intensity of a reflected beam through optical
+//! fibres (§ 2.1, § 5.1); its zero wanders with temperature and with the bend of the fibres. No
+//! numbers are printed.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -27,7 +28,8 @@ pub struct TorqueCellParameters {
 pub struct Drift {
     /// Steady drift (the optics warm up), V/s.
     pub ramp_v_per_s: f64,
-    /// Random walk, V/√s: the standard deviation after `t` seconds is this times `√t`. One V/√h is 1/60 V/√s.
+    /// Random walk, V/√s: the standard deviation after `t` seconds is this times `√t`. One V/√h is
+    /// 1/60 V/√s.
     pub walk_v_per_sqrt_s: f64,
 }
 
@@ -88,7 +90,8 @@ impl TorqueCell {
         volts.clamp(-parameters.limit_v.abs(), parameters.limit_v.abs())
     }
 
-    /// The torque that volts stand for, N·m, by gain and offset: drift is not known to whoever reads.
+    /// The torque that volts stand for, N·m, by gain and offset: drift is not known to whoever
+    /// reads.
     pub fn torque_nm(&self, volts: f64) -> f64 {
         (volts - self.parameters.offset_v) / self.parameters.volts_per_nm
     }

@@ -6,8 +6,9 @@ use crate::{ParameterError, ParameterSet};
 parameter_set! {
     /// The trigger output of an MR scanner, as a level over time; without jitter.
     ///
-    /// The thesis's programs wait while the line reads more than 2.0 V (appendix, `tg.s90 > 2.0`): it idles high and a
-    /// pulse pulls it low. For a scanner that pulses high, exchange the two levels.
+    /// The thesis's programs wait while the line reads more than 2.0 V (appendix, `tg.s90 > 2.0`):
+    /// it idles high and a pulse pulls it low. For a scanner that pulses high, exchange the two
+    /// levels.
     #[derive(Copy, PartialEq)]
     pub struct ScannerTrigger {
         /// Repetition time TR: from the start of one volume to that of the next.
@@ -41,7 +42,13 @@ impl ScannerTrigger {
             return Ok(self);
         }
         let (minimum, maximum) = (1e-6, self.repetition_s);
-        Err(ParameterError::OutOfRange { name: "pulse_s", value: self.pulse_s, minimum, maximum, unit: "s" })
+        Err(ParameterError::OutOfRange {
+            name: "pulse_s",
+            value: self.pulse_s,
+            minimum,
+            maximum,
+            unit: "s",
+        })
     }
 
     /// The volume that is being scanned, from 0; `None` before the first and after the last.
@@ -56,8 +63,9 @@ impl ScannerTrigger {
 
     /// Whether a pulse is on: from its start up to, and without, its end.
     pub fn pulse(&self, time_s: f64) -> bool {
-        self.volume(time_s)
-            .is_some_and(|volume| time_s - (self.start_s + volume as f64 * self.repetition_s) + EDGE_S < self.pulse_s)
+        self.volume(time_s).is_some_and(|volume| {
+            time_s - (self.start_s + volume as f64 * self.repetition_s) + EDGE_S < self.pulse_s
+        })
     }
 
     /// Volts on the line.
@@ -65,8 +73,8 @@ impl ScannerTrigger {
         if self.pulse(time_s) { self.pulse_v } else { self.idle_v }
     }
 
-    /// Whether volts mean a pulse on this line: on the pulse's side of the appendix's 2.0 V, or of the middle between the
-    /// levels where those lie on one side of it.
+    /// Whether volts mean a pulse on this line: on the pulse's side of the appendix's 2.0 V, or of
+    /// the middle between the levels where those lie on one side of it.
     pub fn is_pulse(&self, volts: f64) -> bool {
         let between = (self.idle_v > THRESHOLD_V) != (self.pulse_v > THRESHOLD_V);
         let threshold = if between { THRESHOLD_V } else { 0.5 * (self.idle_v + self.pulse_v) };

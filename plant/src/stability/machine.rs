@@ -12,11 +12,13 @@ const SPEEDS: u32 = 100;
 /// Positions and speeds of the coordinates, and the torque in the cell.
 pub(super) const STATES: usize = 2 * COORDINATES + 1;
 
-/// A transmission about rest: the masses of master, slave and lines, the springs between them, what brakes them.
+/// A transmission about rest: the masses of master, slave and lines, the springs between them, what
+/// brakes them.
 ///
-/// The slave's dry friction counts as the weakest damper that it is ever worth: the least of friction over speed, up to the speed that the rig
-/// allows. Left out: the dry friction of motor and master piston, against which the offset of eq. 4.2.3 works; that of a cable's
-/// supports; toe, sag and hysteresis of cables, which are taken at their stiffest.
+/// The slave's dry friction counts as the weakest damper that it is ever worth: the least of
+/// friction over speed, up to the speed that the rig allows. Left out: the dry friction of motor
+/// and master piston, against which the offset of eq. 4.2.3 works; that of a cable's supports; toe,
+/// sag and hysteresis of cables, which are taken at their stiffest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Machine {
     /// Inertia of master, slave (kg·m²), and both lines together (kg).
@@ -53,7 +55,11 @@ impl Machine {
                 let viscous = own.cables * own.support_viscous_n_s_per_m;
                 let inner = (own.supports() - 2.0).max(0.0);
                 Self::of_lines(
-                    [own.total_master_inertia_kg_m2(), own.total_slave_inertia_kg_m2(), 2.0 * own.middle_mass_kg()],
+                    [
+                        own.total_master_inertia_kg_m2(),
+                        own.total_slave_inertia_kg_m2(),
+                        2.0 * own.middle_mass_kg(),
+                    ],
                     [2.0 * own.line_stiffness_n_per_m(); 2],
                     own.cables * own.cable_damping_n_s_per_m,
                     [master, slave],
@@ -68,8 +74,8 @@ impl Machine {
         }
     }
 
-    /// `half_line` and `link_damping` belong to one line's link to master and slave, `displacement` is the line's per angle of either,
-    /// `viscous` what brakes each coordinate against the ground.
+    /// `half_line` and `link_damping` belong to one line's link to master and slave, `displacement`
+    /// is the line's per angle of either, `viscous` what brakes each coordinate against the ground.
     fn of_lines(
         mass: [f64; COORDINATES],
         half_line: [f64; 2],
@@ -97,7 +103,8 @@ impl Machine {
         machine
     }
 
-    /// `ẋ = A x + b V` with a hand at the handle; the last state is the torque that the cell shows (N·m).
+    /// `ẋ = A x + b V` with a hand at the handle; the last state is the torque that the cell shows
+    /// (N·m).
     pub(super) fn continuous(&self, hand: &Hand, cell_hz: f64) -> (DMatrix<f64>, DVector<f64>) {
         let (mut stiffness, mut damping, mut mass) = (self.stiffness, self.damping, self.mass);
         stiffness[(1, 1)] += hand.stiffness;
@@ -113,7 +120,8 @@ impl Machine {
             }
         }
         b[COORDINATES] = self.torque_per_volt / mass[0];
-        // The cell sits between hand and handle: the hand's inertia goes with the handle, as on the virtual card.
+        // The cell sits between hand and handle: the hand's inertia goes with the handle, as on the
+        // virtual card.
         let (last, corner) = (STATES - 1, std::f64::consts::TAU * cell_hz);
         a[(last, 1)] = -corner * hand.stiffness;
         a[(last, COORDINATES + 1)] = -corner * hand.damping;

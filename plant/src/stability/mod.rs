@@ -1,13 +1,17 @@
 //! Whether a sampled control law keeps a transmission stable, by the poles of both together.
 //!
-//! The transmission is taken as linear ([`Machine`]), the law as it is computed: samples at its period, volts that answer a sample a
-//! fixed time later and are held, difference quotients behind their low passes, the forgetting of eq. 4.2.1. The whole is one matrix
-//! that leads from sample to sample; its largest eigenvalue says how fast a disturbance grows or fades. A setting passes where it does
-//! not grow for any of the hands of [`HANDS`], nor with all gains [`MARGIN`] times as high.
+//! The transmission is taken as linear ([`Machine`]), the law as it is computed: samples at its
+//! period, volts that answer a sample a fixed time later and are held, difference quotients behind
+//! their low passes, the forgetting of eq. 4.2.1. The whole is one matrix that leads from sample to
+//! sample; its largest eigenvalue says how fast a disturbance grows or fades. A setting passes
+//! where it does not grow for any of the hands of [`HANDS`], nor with all gains [`MARGIN`] times as
+//! high.
 //!
-//! **What it does not see.** The offset of eq. 4.2.3 works against the dry friction of motor and piston and is left out with it. Where it gives
-//! more than they take, handle and hand chatter, under force control without any field as well: bounded, since the offset is. Saturation,
-//! quantisation and lateness are left out too, and the coupling of several axes by anything but the field.
+//! **What it does not see.** The offset of eq. 4.2.3 works against the dry friction of motor and
+//! piston and is left out with it. Where it gives more than they take, handle and hand chatter,
+//! under force control without any field as well: bounded, since the offset is. Saturation,
+//! quantisation and lateness are left out too, and the coupling of several axes by anything but the
+//! field.
 
 mod machine;
 
@@ -18,9 +22,11 @@ use machine::STATES;
 
 /// How much all gains may be raised before anything grows.
 pub const MARGIN: f64 = 1.5;
-/// Growth that counts as none (1/s): a free handle stays where it is put, a pole at rest that numbers hit nearly.
+/// Growth that counts as none (1/s): a free handle stays where it is put, a pole at rest that
+/// numbers hit nearly.
 pub const STANDING: f64 = 0.05;
-/// How fast a divergent field may drive the handle off with nobody to hold it (1/s): not more than threefold in the 0.2 s in which a person reacts.
+/// How fast a divergent field may drive the handle off with nobody to hold it (1/s): not more than
+/// threefold in the 0.2 s in which a person reacts.
 pub const DIVERGENCE: f64 = 5.0;
 
 /// A hand at the handle: what it adds to it, about where it wants to be.
@@ -38,9 +44,11 @@ const fn hand(stiffness: f64, damping: f64) -> Hand {
     Hand { inertia: 0.0, damping, stiffness }
 }
 
-/// Hands that a check has to hold for: nobody; a relaxed hand; one that holds; a firm one; a tense arm. Assumed: wrists are of 0.3 to 3
-/// N·m/rad relaxed and ten times that tense; no inertia of their own, which only makes things slower.
-pub const HANDS: [Hand; 5] = [hand(0.0, 0.0), hand(0.3, 0.05), hand(5.0, 0.2), hand(20.0, 0.5), hand(50.0, 1.0)];
+/// Hands that a check has to hold for: nobody; a relaxed hand; one that holds; a firm one; a tense
+/// arm. Assumed: wrists are of 0.3 to 3 N·m/rad relaxed and ten times that tense; no inertia of
+/// their own, which only makes things slower.
+pub const HANDS: [Hand; 5] =
+    [hand(0.0, 0.0), hand(0.3, 0.05), hand(5.0, 0.2), hand(20.0, 0.5), hand(50.0, 1.0)];
 /// Those of them that hold the handle against a divergent field.
 pub const HOLDING: [Hand; 3] = [HANDS[2], HANDS[3], HANDS[4]];
 /// The relaxed one of them.
@@ -117,10 +125,12 @@ impl Field {
         Self { stiffness: first(stiffness), damping: first(damping), inertia: first(inertia) }
     }
 
-    /// Whether it drives the handle away in some direction: the symmetric part of its stiffness has a negative eigenvalue.
+    /// Whether it drives the handle away in some direction: the symmetric part of its stiffness has
+    /// a negative eigenvalue.
     pub fn diverges(&self) -> bool {
-        let stiffness =
-            Matrix3::from_fn(|row, column| 0.5 * (self.stiffness[row][column] + self.stiffness[column][row]));
+        let stiffness = Matrix3::from_fn(|row, column| {
+            0.5 * (self.stiffness[row][column] + self.stiffness[column][row])
+        });
         stiffness.symmetric_eigenvalues().iter().any(|value| *value < -1e-9)
     }
 }
@@ -136,9 +146,11 @@ pub struct Unstable {
     pub growth: f64,
 }
 
-/// Holds axes, at most three, in a field against every hand of [`HANDS`], as they are and with their gains raised by [`MARGIN`].
+/// Holds axes, at most three, in a field against every hand of [`HANDS`], as they are and with
+/// their gains raised by [`MARGIN`].
 ///
-/// A field that diverges is held against [`HOLDING`]; with nobody at the handle and with a relaxed hand it may grow by [`DIVERGENCE`].
+/// A field that diverges is held against [`HOLDING`]; with nobody at the handle and with a relaxed
+/// hand it may grow by [`DIVERGENCE`].
 ///
 /// # Errors
 /// [`Unstable`], the first that was found.
@@ -157,8 +169,9 @@ pub fn check(axes: &[Loop], field: &Field) -> Result<(), Unstable> {
     Ok(())
 }
 
-/// How fast the slowest-fading disturbance of axes in a field grows (1/s), negative where all fade; the same hand on each axis, gains
-/// taken `raised` times. Not a number where an input is none, or where there is no axis.
+/// How fast the slowest-fading disturbance of axes in a field grows (1/s), negative where all fade;
+/// the same hand on each axis, gains taken `raised` times. Not a number where an input is none, or
+/// where there is no axis.
 pub fn growth(axes: &[Loop], field: &Field, hand: &Hand, raised: f64) -> f64 {
     let parts: Vec<Part> = axes.iter().take(3).map(|axis| Part::new(axis, hand, raised)).collect();
     let offsets: Vec<usize> = parts
@@ -179,20 +192,24 @@ pub fn growth(axes: &[Loop], field: &Field, hand: &Hand, raised: f64) -> f64 {
                 + field.damping[row][column] * &from.velocity
                 + field.inertia[row][column] * &from.acceleration;
             let through = -into.field_gain * &into.answer * torque.transpose();
-            let mut block = whole.view_mut((offsets[row], offsets[column]), (size, from.step.nrows()));
+            let mut block =
+                whole.view_mut((offsets[row], offsets[column]), (size, from.step.nrows()));
             block += through;
         }
     }
     if axes.is_empty() || !whole.iter().all(|number| number.is_finite()) {
         return f64::NAN;
     }
-    let Some(schur) = nalgebra::Schur::try_new(whole, f64::EPSILON, 10_000) else { return f64::NAN };
+    let Some(schur) = nalgebra::Schur::try_new(whole, f64::EPSILON, 10_000) else {
+        return f64::NAN;
+    };
     let largest = schur.complex_eigenvalues().iter().map(|pole| pole.norm()).fold(0.0, f64::max);
     axes.first().map_or(f64::NAN, |axis| largest.ln() / axis.sampling.period_s)
 }
 
-/// One axis from sample to sample, the field left open. States: the machine's, the volts of the last samples (newest first), the last
-/// position of which a difference was taken, its velocity and acceleration estimates.
+/// One axis from sample to sample, the field left open. States: the machine's, the volts of the
+/// last samples (newest first), the last position of which a difference was taken, its velocity and
+/// acceleration estimates.
 struct Part {
     /// From the states at a sample to those at the next.
     step: DMatrix<f64>,
@@ -200,7 +217,8 @@ struct Part {
     answer: DVector<f64>,
     /// Volts of the answer per torque of the field.
     field_gain: f64,
-    /// The position that the law sees, and its estimates of velocity and acceleration, out of the states.
+    /// The position that the law sees, and its estimates of velocity and acceleration, out of the
+    /// states.
     position: DVector<f64>,
     velocity: DVector<f64>,
     acceleration: DVector<f64>,
@@ -231,7 +249,8 @@ impl Part {
             _ => row(0) / axis.gear,
         };
         let velocity = (1.0 - wv) * row(velocity_at) + wv / period_s * (&position - row(last_at));
-        let acceleration = (1.0 - wa) * row(acceleration_at) + wa / period_s * (&velocity - row(velocity_at));
+        let acceleration =
+            (1.0 - wa) * row(acceleration_at) + wa / period_s * (&velocity - row(velocity_at));
         let (says, field_gain) = match axis.law {
             Law::Force { gain, share, .. } => {
                 let gain = share * raised * gain;
@@ -269,5 +288,8 @@ fn held(a: &DMatrix<f64>, b: &DVector<f64>, time_s: f64) -> (DMatrix<f64>, DVect
     both.view_mut((0, 0), (states, states)).copy_from(&(a * time_s));
     both.view_mut((0, states), (states, 1)).copy_from(&(b * time_s));
     let both = both.exp();
-    (both.view((0, 0), (states, states)).into_owned(), both.view((0, states), (states, 1)).column(0).into_owned())
+    (
+        both.view((0, 0), (states, states)).into_owned(),
+        both.view((0, states), (states, 1)).column(0).into_owned(),
+    )
 }

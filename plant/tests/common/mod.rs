@@ -43,7 +43,12 @@ pub fn frictionless(parameters: Parameters) -> Parameters {
 
 /// A line so soft that both sides move by themselves.
 pub fn loose(parameters: Parameters) -> Parameters {
-    Parameters { bulk_modulus_pa: 1e6, line_stiffness_factor: 1e-6, port_damping_n_s_per_m: 0.0, ..parameters }
+    Parameters {
+        bulk_modulus_pa: 1e6,
+        line_stiffness_factor: 1e-6,
+        port_damping_n_s_per_m: 0.0,
+        ..parameters
+    }
 }
 
 /// Relative closeness.
@@ -56,7 +61,8 @@ pub fn close(found: f64, expected: f64, relative: f64) {
     );
 }
 
-/// What `observe` sees over 0.4 s, every 1 ms; the input changes with each of them. Internal step `dt`.
+/// What `observe` sees over 0.4 s, every 1 ms; the input changes with each of them. Internal step
+/// `dt`.
 pub fn trajectory<P: Transmission>(
     mut plant: P,
     dt: f64,
@@ -77,14 +83,22 @@ pub fn trajectory<P: Transmission>(
         .collect()
 }
 
-/// Root mean square over the trajectory against the one with the finest step, for each halving of the coarsest, rad.
-pub fn observed_errors(coarsest_s: f64, finest_s: f64, trajectory: impl Fn(f64) -> Vec<[f64; 3]>) -> Vec<f64> {
+/// Root mean square over the trajectory against the one with the finest step, for each halving of
+/// the coarsest, rad.
+pub fn observed_errors(
+    coarsest_s: f64,
+    finest_s: f64,
+    trajectory: impl Fn(f64) -> Vec<[f64; 3]>,
+) -> Vec<f64> {
     let finest = trajectory(finest_s);
     [1.0, 0.5, 0.25, 0.125]
         .iter()
         .map(|part| {
             let found = trajectory(part * coarsest_s);
-            let squares = found.iter().zip(&finest).flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)));
+            let squares = found
+                .iter()
+                .zip(&finest)
+                .flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)));
             (squares.sum::<f64>() / found.len() as f64).sqrt()
         })
         .collect()

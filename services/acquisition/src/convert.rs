@@ -53,7 +53,8 @@ impl Converter {
             let physical = &scan.physical;
             if physical.master & bit != 0 {
                 sample.master_position[index] = physical.master_position[index];
-                sample.master_counts[index] = map.master.counts(sample.master_position[index]).round() as i64;
+                sample.master_counts[index] =
+                    map.master.counts(sample.master_position[index]).round() as i64;
                 sample.master_present |= bit;
             } else if scan.present.master & bit != 0 {
                 sample.master_position[index] = map.master.position(scan.master_counts[index]);

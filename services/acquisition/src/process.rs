@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use ipc_types::{
-    AXES, COMMAND, EventKind, LoopTiming, Process, SAMPLE, Sample, Severity, TOKEN, TypedTopic, timing_topic,
+    AXES, COMMAND, EventKind, LoopTiming, Process, SAMPLE, Sample, Severity, TOKEN, TypedTopic,
+    timing_topic,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -70,7 +71,9 @@ pub fn run(options: &Options) -> Result<(), AcquisitionError> {
     let mut service = Service::start(Process::Acquisition, &options.rig_name)?;
     match (&options.card, replay) {
         (_, Some(mut daq)) => run_loop(&rig, &mut service, &mut daq),
-        (Card::Null, None) => run_loop(&rig, &mut service, &mut NullDaq::new(rig.rates.acquisition_hz)),
+        (Card::Null, None) => {
+            run_loop(&rig, &mut service, &mut NullDaq::new(rig.rates.acquisition_hz))
+        }
         (_, None) => {
             let mut daq = SimulatedDaq::new(&service, &rig)?;
             run_loop(&rig, &mut service, &mut daq)
@@ -78,9 +81,13 @@ pub fn run(options: &Options) -> Result<(), AcquisitionError> {
     }
 }
 
-fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(), AcquisitionError> {
-    let timing_topic: TypedTopic<LoopTiming> =
-        timing_topic(Process::Acquisition).ok_or(AcquisitionError::NoTopic(Process::Acquisition))?;
+fn run_loop(
+    rig: &RigFile,
+    service: &mut Service,
+    daq: &mut dyn Daq,
+) -> Result<(), AcquisitionError> {
+    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Acquisition)
+        .ok_or(AcquisitionError::NoTopic(Process::Acquisition))?;
     let mut samples = service.publisher(SAMPLE)?;
     let mut timings = service.publisher(timing_topic)?;
     let mut tokens = service.subscriber(TOKEN)?;
@@ -103,7 +110,8 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
     // Whatever a predecessor left in the DACs is taken away before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
-    let mut meter = LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
+    let mut meter =
+        LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
     let mut told_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {
@@ -144,7 +152,12 @@ fn run_loop(rig: &RigFile, service: &mut Service, daq: &mut dyn Daq) -> Result<(
             }
             if daq.finished() && !told_finished {
                 told_finished = true;
-                service.event(EventKind::ReplayDone, Severity::Info, [0.0; 3], "the record came to its end")?;
+                service.event(
+                    EventKind::ReplayDone,
+                    Severity::Info,
+                    [0.0; 3],
+                    "the record came to its end",
+                )?;
             }
             service.beat();
         }

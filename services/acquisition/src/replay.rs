@@ -4,7 +4,8 @@ use std::path::Path;
 
 use ipc_types::{AXES, Backend};
 use recording::record::{
-    ColumnNames, FindingKind, Mapping, Options, Record, RecordError, SampleColumns, TIME, from_csv, from_mcap,
+    ColumnNames, FindingKind, Mapping, Options, Record, RecordError, SampleColumns, TIME, from_csv,
+    from_mcap,
 };
 use rig::RigFile;
 use runtime::daq::{Capabilities, Daq, DaqError, Physical, Present, Scan};
@@ -52,7 +53,8 @@ pub struct ReplayDaq {
 }
 
 impl ReplayDaq {
-    /// Reads a record: MCAP by its extension, else CSV. `[replay]` of the rig file says which column is what.
+    /// Reads a record: MCAP by its extension, else CSV. `[replay]` of the rig file says which
+    /// column is what.
     pub fn open(path: &Path, rig: &RigFile, looped: bool) -> Result<Self, ReplayError> {
         let names = &rig.replay;
         let mut options = Options::default();
@@ -76,7 +78,8 @@ impl ReplayDaq {
 
     /// A record that was read already.
     pub fn new(record: &Record, rig: &RigFile, looped: bool) -> Result<Self, ReplayError> {
-        if let Some(torn) = record.findings.iter().find(|finding| finding.kind == FindingKind::Torn) {
+        if let Some(torn) = record.findings.iter().find(|finding| finding.kind == FindingKind::Torn)
+        {
             return Err(ReplayError::Torn { record: record.name.clone(), what: torn.text.clone() });
         }
         let names = &rig.replay;
@@ -104,7 +107,9 @@ impl ReplayDaq {
             axes[0] = value;
             axes
         };
-        let at = |column: Option<&[f64]>, row: usize| first(column.and_then(|c| c.get(row)).copied().unwrap_or(0.0));
+        let at = |column: Option<&[f64]>, row: usize| {
+            first(column.and_then(|c| c.get(row)).copied().unwrap_or(0.0))
+        };
         let rows = (0..record.len())
             .map(|row| Scan {
                 record_time_s: record.time_s[row],
@@ -122,7 +127,14 @@ impl ReplayDaq {
             })
             .collect();
         let period_ns = 1_000_000_000 / u64::from(expected);
-        Ok(Self { rows, period_ns, looped, start_tick: None, next: 0, batch: Vec::with_capacity(BATCH) })
+        Ok(Self {
+            rows,
+            period_ns,
+            looped,
+            start_tick: None,
+            next: 0,
+            batch: Vec::with_capacity(BATCH),
+        })
     }
 
     /// Rows of the record.

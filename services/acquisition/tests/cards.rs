@@ -67,7 +67,11 @@ impl Bench for ReplayBench {
 
 #[test]
 fn a_record_conforms() {
-    conformance::check(&mut ReplayBench(ReplayDaq::new(&record(5000), &rig("emps"), true).unwrap(), 1000)).unwrap();
+    conformance::check(&mut ReplayBench(
+        ReplayDaq::new(&record(5000), &rig("emps"), true).unwrap(),
+        1000,
+    ))
+    .unwrap();
 }
 
 #[test]
@@ -81,10 +85,16 @@ fn a_record_is_replayed_to_the_last_bit_and_once() {
     while !daq.finished() {
         for scan in daq.read_due(now).unwrap() {
             let sample = converter.convert(scan);
-            assert_eq!(sample.master_position[0].to_bits(), record.columns["position_m"][row].to_bits());
+            assert_eq!(
+                sample.master_position[0].to_bits(),
+                record.columns["position_m"][row].to_bits()
+            );
             assert_eq!(sample.motor_v[0].to_bits(), record.columns["motor_v"][row].to_bits());
             assert_eq!(sample.record_time_s.to_bits(), record.time_s[row].to_bits());
-            assert_eq!((sample.master_present, sample.slave_present, sample.torque_present), (1, 0, 0));
+            assert_eq!(
+                (sample.master_present, sample.slave_present, sample.torque_present),
+                (1, 0, 0)
+            );
             row += 1;
         }
         now += 3_700_000;
@@ -97,7 +107,10 @@ fn a_record_is_replayed_to_the_last_bit_and_once() {
 fn a_record_of_another_rate_or_without_position_is_refused() {
     let error = ReplayDaq::new(&record(100), &rig("hydrostatic"), false).unwrap_err();
     assert!(matches!(error, ReplayError::Rate { .. }), "{error}");
-    assert!(error.to_string().contains("1000.000 Hz") && error.to_string().contains("2000"), "{error}");
+    assert!(
+        error.to_string().contains("1000.000 Hz") && error.to_string().contains("2000"),
+        "{error}"
+    );
     let mut nameless = record(100);
     let position = nameless.columns.remove("position_m").unwrap();
     nameless.columns.insert("x".to_owned(), position);
@@ -109,8 +122,9 @@ fn a_record_of_another_rate_or_without_position_is_refused() {
 fn the_rig_file_says_which_column_is_time() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("record.csv");
-    let rows: String =
-        (0..20).map(|row| format!("{},{},0.5\n", f64::from(row) * 1e-3, f64::from(row) * 1e-6)).collect();
+    let rows: String = (0..20)
+        .map(|row| format!("{},{},0.5\n", f64::from(row) * 1e-3, f64::from(row) * 1e-6))
+        .collect();
     std::fs::write(&path, format!("seconds,position_m,motor_v\n{rows}")).unwrap();
     let mut emps = rig("emps");
     let error = ReplayDaq::open(&path, &emps, false).unwrap_err();
@@ -175,7 +189,8 @@ impl SharedBench {
 
 impl Bench for SharedBench {
     fn reset(&mut self) {
-        // What the reader before did not take stays in the card's FIFO: flush it, as a new session would.
+        // What the reader before did not take stays in the card's FIFO: flush it, as a new session
+        // would.
         for _ in 0..2 {
             self.clock();
         }
@@ -221,7 +236,8 @@ fn the_virtual_card_over_shared_memory_conforms_and_its_fifo_outlives_the_reader
     };
     conformance::check(&mut bench).unwrap();
 
-    // a reader dies with scans unread; its successor gets them, and nothing that was published before
+    // a reader dies with scans unread; its successor gets them, and nothing that was published
+    // before
     bench.reset();
     bench.advance(10);
     let last = bench.daq().read_due(0).unwrap().last().unwrap().tick;

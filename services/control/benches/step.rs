@@ -1,6 +1,7 @@
-//! One control step of one axis under each law: the mean by criterion, and before it each step timed by itself, with its p99, beside a peer
-//! that is timed in turn: proportional and derivative feedback with fig. 4.3A's feed-forward, written down as in plain C, without blends,
-//! modes, checks or options. The bar is a p99 below 2 µs.
+//! One control step of one axis under each law: the mean by criterion, and before it each step
+//! timed by itself, with its p99, beside a peer that is timed in turn: proportional and derivative
+//! feedback with fig. 4.3A's feed-forward, written down as in plain C, without blends, modes,
+//! checks or options. The bar is a p99 below 2 µs.
 //!
 //! ```text
 //! $ cargo bench -p control
@@ -53,11 +54,13 @@ impl Input {
             sample.slave_position[0] = 0.8 * AMPLITUDE * sine;
             sample.slave_torque[0] = 2.0 * cosine;
             sample.motor_v[0] = 1.2 * cosine;
-            let mut setpoint = Setpoint { incarnation: 1, mode: mode.code(), axes: 1, ..Setpoint::default() };
+            let mut setpoint =
+                Setpoint { incarnation: 1, mode: mode.code(), axes: 1, ..Setpoint::default() };
             if mode.yields() {
                 // A field with all its parts.
                 (setpoint.stiffness[0], setpoint.damping[0]) = (1.0, 0.05);
-                (setpoint.wall_min[0], setpoint.wall_max[0], setpoint.wall_stiffness[0]) = (-0.3, 0.3, 5.0);
+                (setpoint.wall_min[0], setpoint.wall_max[0], setpoint.wall_stiffness[0]) =
+                    (-0.3, 0.3, 5.0);
             } else {
                 setpoint.position[0] = AMPLITUDE * sine;
                 setpoint.velocity[0] = AMPLITUDE * omega * cosine;
@@ -93,13 +96,19 @@ fn with(kind: CompensationKind, observer: bool, slave: bool) -> Law {
 
 fn learner() -> Learner {
     let steps = RATE_HZ as usize;
-    let desired: Vec<f64> =
-        (0..steps).map(|step| AMPLITUDE * (std::f64::consts::TAU * step as f64 / steps as f64).sin()).collect();
+    let desired: Vec<f64> = (0..steps)
+        .map(|step| AMPLITUDE * (std::f64::consts::TAU * step as f64 / steps as f64).sin())
+        .collect();
     let config = LearnerConfig {
         rate_hz: RATE_HZ as f64,
         cycles_per_block: 3,
         settling_cycles: 1,
-        law: LearningLaw::Published(Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 }),
+        law: LearningLaw::Published(Published {
+            gamma_p: 0.1,
+            gamma_d: 0.01,
+            cutoff_hz: 8.0,
+            delay_s: 0.03,
+        }),
         stop: Stop { growth: 1.5, patience: 5 },
         position_limits: (-2.0, 2.0),
         speed_limit: 26.0,
@@ -146,18 +155,28 @@ struct Case {
 }
 
 impl Case {
-    fn new(name: &'static str, mode: Mode, step: impl FnMut(u64, &Sample, &mut Setpoint) -> f64 + 'static) -> Self {
+    fn new(
+        name: &'static str,
+        mode: Mode,
+        step: impl FnMut(u64, &Sample, &mut Setpoint) -> f64 + 'static,
+    ) -> Self {
         let steps = Histogram::new_with_bounds(1, 1_000_000_000, 3).unwrap();
         Self { name, input: Input::new(mode), step: Box::new(step), steps, turns: Vec::new() }
     }
 
     fn law(name: &'static str, mode: Mode, mut law: Law) -> Self {
-        Self::new(name, mode, move |now, sample, setpoint| law.step(now, sample, Some(setpoint), true).volts[0])
+        Self::new(name, mode, move |now, sample, setpoint| {
+            law.step(now, sample, Some(setpoint), true).volts[0]
+        })
     }
 
     fn once(&mut self) -> f64 {
         let (now, at) = self.input.advance();
-        (self.step)(now, black_box(&self.input.samples[at]), black_box(&mut self.input.setpoints[at]))
+        (self.step)(
+            now,
+            black_box(&self.input.samples[at]),
+            black_box(&mut self.input.setpoints[at]),
+        )
     }
 
     /// One turn: every step timed by itself, then as many timed together.
@@ -179,20 +198,53 @@ impl Case {
 
 fn cases() -> Vec<Case> {
     let mut plain = Plain::new();
-    let (mut learner, mut law, mut step) = (learner(), with(CompensationKind::Printed, false, false), 0);
+    let (mut learner, mut law, mut step) =
+        (learner(), with(CompensationKind::Printed, false, false), 0);
     vec![
         Case::new("peer: plain PD and feed-forward", Mode::Position, move |_, sample, setpoint| {
-            let reference =
-                [setpoint.position[0], setpoint.velocity[0], setpoint.acceleration[0], setpoint.peak_speed[0]];
+            let reference = [
+                setpoint.position[0],
+                setpoint.velocity[0],
+                setpoint.acceleration[0],
+                setpoint.peak_speed[0],
+            ];
             plain.step(sample.master_position[0], reference)
         }),
-        Case::law("position, no compensation", Mode::Position, with(CompensationKind::None, false, false)),
-        Case::law("position, printed", Mode::Position, with(CompensationKind::Printed, false, false)),
-        Case::law("position, identified", Mode::Position, with(CompensationKind::Identified, false, false)),
-        Case::law("position, identified, observer", Mode::Position, with(CompensationKind::Identified, true, false)),
-        Case::law("position, identified, slave", Mode::Position, with(CompensationKind::Identified, false, true)),
-        Case::law("position, all options", Mode::Position, with(CompensationKind::Identified, true, true)),
-        Case::law("force control, full field", Mode::Impedance, with(CompensationKind::Printed, false, false)),
+        Case::law(
+            "position, no compensation",
+            Mode::Position,
+            with(CompensationKind::None, false, false),
+        ),
+        Case::law(
+            "position, printed",
+            Mode::Position,
+            with(CompensationKind::Printed, false, false),
+        ),
+        Case::law(
+            "position, identified",
+            Mode::Position,
+            with(CompensationKind::Identified, false, false),
+        ),
+        Case::law(
+            "position, identified, observer",
+            Mode::Position,
+            with(CompensationKind::Identified, true, false),
+        ),
+        Case::law(
+            "position, identified, slave",
+            Mode::Position,
+            with(CompensationKind::Identified, false, true),
+        ),
+        Case::law(
+            "position, all options",
+            Mode::Position,
+            with(CompensationKind::Identified, true, true),
+        ),
+        Case::law(
+            "force control, full field",
+            Mode::Impedance,
+            with(CompensationKind::Printed, false, false),
+        ),
         Case::new("position, learning reference", Mode::Position, move |now, sample, setpoint| {
             let point = learner.aim(step);
             setpoint.position[0] = point.position;
@@ -221,10 +273,14 @@ fn beside_the_peer() -> bool {
     }
     let peer = cases[0].turns.clone();
     let mut within = true;
-    println!("{:<34}{:>8}  {:<22}{:>8}{:>8}{:>9}", "one step", "ns", "over the peer", "p50", "p99", "p99.9");
+    println!(
+        "{:<34}{:>8}  {:<22}{:>8}{:>8}{:>9}",
+        "one step", "ns", "over the peer", "p50", "p99", "p99.9"
+    );
     for case in &cases {
         let [_, mean, _] = quartiles(case.turns.clone());
-        let [low, ratio, high] = quartiles(case.turns.iter().zip(&peer).map(|(own, peer)| own / peer).collect());
+        let [low, ratio, high] =
+            quartiles(case.turns.iter().zip(&peer).map(|(own, peer)| own / peer).collect());
         let of = |share| case.steps.value_at_quantile(share);
         println!(
             "{:<34}{mean:>8.1}  {ratio:>5.2} ({low:.2} to {high:.2})   {:>8}{:>8}{:>9}",

@@ -1,14 +1,16 @@
 //! Which setpoints control follows. Pure: the time is an argument.
 //!
-//! A setpoint that is refused changes nothing: control goes on with the one before, and comes to rest when that one's
-//! lease lapses. A refusal is told at most once a second for each reason, with the number of refusals so far.
+//! A setpoint that is refused changes nothing: control goes on with the one before, and comes to
+//! rest when that one's lease lapses. A refusal is told at most once a second for each reason, with
+//! the number of refusals so far.
 
 use ipc_types::{AXES, Event, EventKind, Mode, Process, Setpoint, Severity};
 use rig::RigFile;
 
 /// A reason is told again after this long (ns).
 pub const TELL_NS: u64 = 1_000_000_000;
-/// Rounding of a position or speed that lies just at its limit, as a share of the limit's magnitude.
+/// Rounding of a position or speed that lies just at its limit, as a share of the limit's
+/// magnitude.
 const ROUNDING: f64 = 1e-6;
 
 /// Why a setpoint is not followed.
@@ -57,7 +59,9 @@ impl Refusal {
             Self::NotFinite => "expected finite numbers; mend the sender",
             Self::Position => "position beyond the rig's limits; move less, or elsewhere",
             Self::Speed => "speed beyond the rig's limit; move slower",
-            Self::Sequence => "sequence went backwards, or its sender was replaced; end the old one",
+            Self::Sequence => {
+                "sequence went backwards, or its sender was replaced; end the old one"
+            }
             Self::Backwards => "meant for an earlier instant than the last; mend the sender",
             Self::Owner => "another owner's lease holds; wait, or stop the other",
         }
@@ -89,7 +93,12 @@ pub struct Notice {
 impl Notice {
     /// As an event: `a` the sequence, `b` the count.
     pub fn event(&self) -> Event {
-        let event = Event::new(Process::Control, EventKind::SetpointRefused, Severity::Warning, self.refusal.text());
+        let event = Event::new(
+            Process::Control,
+            EventKind::SetpointRefused,
+            Severity::Warning,
+            self.refusal.text(),
+        );
         Event { a: self.sequence as f64, b: self.count as f64, ..event }
     }
 }
@@ -105,7 +114,8 @@ struct Followed {
     mode: u8,
 }
 
-/// Whether it is refused to an owner who asked for nothing: the experiment at rest says passive for ever, whoever leads.
+/// Whether it is refused to an owner who asked for nothing: the experiment at rest says passive for
+/// ever, whoever leads.
 fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
     refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code()
 }
@@ -128,7 +138,8 @@ pub struct Admission {
 impl Admission {
     /// For a session of a rig with these axes, at most [`AXES`].
     pub fn new(session: u64, axes: &[AxisLimits]) -> Self {
-        let mut limits = [AxisLimits { position_min: 0.0, position_max: 0.0, speed_max: 0.0 }; AXES];
+        let mut limits =
+            [AxisLimits { position_min: 0.0, position_max: 0.0, speed_max: 0.0 }; AXES];
         for (limit, axis) in limits.iter_mut().zip(axes) {
             *limit = *axis;
         }
@@ -154,8 +165,8 @@ impl Admission {
         Self::new(session, &limits.collect::<Vec<_>>())
     }
 
-    /// Whether control is to follow a setpoint that has just come. One that is followed is the one that later ones are held
-    /// against.
+    /// Whether control is to follow a setpoint that has just come. One that is followed is the one
+    /// that later ones are held against.
     ///
     /// # Errors
     /// Why not.
@@ -186,8 +197,9 @@ impl Admission {
         verdict
     }
 
-    /// What is to be told of a refusal of that setpoint; `None` where the reason was told within [`TELL_NS`], and where another
-    /// owner asked for nothing: the experiment at rest says passive for ever.
+    /// What is to be told of a refusal of that setpoint; `None` where the reason was told within
+    /// [`TELL_NS`], and where another owner asked for nothing: the experiment at rest says passive
+    /// for ever.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
         if is_idle(refusal, setpoint) {
             return None;
@@ -250,14 +262,19 @@ impl Admission {
         let (position, velocity) = (setpoint.position[axis], setpoint.velocity[axis]);
         match mode {
             Mode::Passive => return Ok(()),
-            // Where a field is centred is the field's affair; the law looks at the rest of its numbers.
-            _ if mode.yields() => return if position.is_finite() { Ok(()) } else { Err(Refusal::NotFinite) },
+            // Where a field is centred is the field's affair; the law looks at the rest of its
+            // numbers.
+            _ if mode.yields() => {
+                return if position.is_finite() { Ok(()) } else { Err(Refusal::NotFinite) };
+            }
             // Without a position it holds where it is.
             Mode::Hold if position.is_nan() => return Ok(()),
             _ => {}
         }
         let moves = mode.moves();
-        if !position.is_finite() || (moves && !(velocity.is_finite() && setpoint.acceleration[axis].is_finite())) {
+        if !position.is_finite()
+            || (moves && !(velocity.is_finite() && setpoint.acceleration[axis].is_finite()))
+        {
             return Err(Refusal::NotFinite);
         }
         let slack = ROUNDING * limits.position_min.abs().max(limits.position_max.abs());

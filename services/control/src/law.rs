@@ -1,27 +1,33 @@
-//! The control law of guided movements (§ 4.1): feedback of the position error in proportion and derivative, feed-forward
-//! against inertia and friction (fig. 4.3A). Pure: time, sample and setpoint are arguments.
+//! The control law of guided movements (§ 4.1): feedback of the position error in proportion and
+//! derivative, feed-forward against inertia and friction (fig. 4.3A). Pure: time, sample and
+//! setpoint are arguments.
 //!
-//! **No bumps.** While it has no power the law follows the hand: its reference is the measured position, its output 0 V. When
-//! power comes, and whenever the target changes otherwise than by moving on (another mode, another
-//! owner, a lapsed lease, a jump), the reference goes on from where it is, with its velocity, comes to rest relative to
-//! the new target and goes there by a minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next the output
-//! therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to the real motion of the hand.
+//! **No bumps.** While it has no power the law follows the hand: its reference is the measured
+//! position, its output 0 V. When power comes, and whenever the target changes otherwise than by
+//! moving on (another mode, another owner, a lapsed lease, a jump), the reference goes on from
+//! where it is, with its velocity, comes to rest relative to the new target and goes there by a
+//! minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next
+//! the output therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to
+//! the real motion of the hand.
 //!
-//! **Options** ([`LawOptions`]). Friction compensation from the identified model in place of the printed triangle, a disturbance
-//! observer, and a loop on the slave that moves the master's reference. `reference_position` of the command is then the
-//! master's, not where the slave should be.
+//! **Options** ([`LawOptions`]). Friction compensation from the identified model in place of the
+//! printed triangle, a disturbance observer, and a loop on the slave that moves the master's
+//! reference. `reference_position` of the command is then the master's, not where the slave should
+//! be.
 //!
-//! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand, as [`force`] says. Going there and coming back,
-//! the output goes on from where it is, and the difference fades within [`AUTHORITY_S`].
+//! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand,
+//! as [`force`] says. Going there and coming back, the output goes on from where it is, and the
+//! difference fades within [`AUTHORITY_S`].
 //!
-//! **Limits.** A setpoint may narrow the limit on the output, as `limit` says; in [`Mode::Initialise`] the reference then stays within what
-//! that output can hold.
+//! **Limits.** A setpoint may narrow the limit on the output, as `limit` says; in
+//! [`Mode::Initialise`] the reference then stays within what that output can hold.
 //!
-//! **No setpoint.** Without one, or after its lease, the law comes to rest and holds. [`Mode::Passive`] takes the output to 0 V
-//! within [`AUTHORITY_S`]. A measured value that is not finite gives 0 V on all axes at once, flagged by `limited`
-//! and mode passive.
+//! **No setpoint.** Without one, or after its lease, the law comes to rest and holds.
+//! [`Mode::Passive`] takes the output to 0 V within [`AUTHORITY_S`]. A measured value that is not
+//! finite gives 0 V on all axes at once, flagged by `limited` and mode passive.
 //!
-//! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but the sampling.
+//! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but
+//! the sampling.
 
 mod blend;
 mod bounds;
@@ -53,7 +59,8 @@ pub const AUTHORITY_S: f64 = 0.05;
 pub const FRICTION_SLEW_S: f64 = 0.01;
 /// Time in which the inertia feed-forward may change by the output limit (s).
 pub const INERTIA_SLEW_S: f64 = 0.02;
-/// A step of the target that would step the feedback by more than this counts as a change of target (V).
+/// A step of the target that would step the feedback by more than this counts as a change of target
+/// (V).
 pub const SWITCH_STEP_V: f64 = 0.05;
 /// Longest time in which a moving reference comes to rest when its target is lost (s).
 pub const STOP_S: f64 = 0.25;
@@ -65,9 +72,11 @@ const LONGEST_STEP_S: f64 = 0.05;
 /// Gains and limits of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLaw {
-    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts (V/rad or V/m).
+    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts (V/rad or
+    /// V/m).
     pub position_gain: f64,
-    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts (V·s/rad or V·s/m).
+    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts (V·s/rad or
+    /// V·s/m).
     pub velocity_gain: f64,
     /// Cut-off of the velocity estimate (Hz).
     pub velocity_filter_hz: f64,
@@ -81,7 +90,8 @@ pub struct AxisLaw {
     pub inertia_v: f64,
     /// Time in which the reference passes to a new target, where that is near (s).
     pub ramp_s: f64,
-    /// Highest speed at which the reference catches up with a far target, on top of the target's own (rad/s or m/s).
+    /// Highest speed at which the reference catches up with a far target, on top of the target's
+    /// own (rad/s or m/s).
     pub catch_up_speed: f64,
     /// Lowest position to hold at (rad or m).
     pub position_min: f64,
@@ -96,7 +106,12 @@ pub struct AxisLaw {
 impl AxisLaw {
     /// Gains in encoder counts, as § 4.1 prints them: P (V/count), D (V·s/count).
     #[must_use]
-    pub fn with_count_gains(self, p_v_per_count: f64, d_v_s_per_count: f64, counts_per_unit: f64) -> Self {
+    pub fn with_count_gains(
+        self,
+        p_v_per_count: f64,
+        d_v_s_per_count: f64,
+        counts_per_unit: f64,
+    ) -> Self {
         Self {
             position_gain: p_v_per_count * counts_per_unit,
             velocity_gain: d_v_s_per_count * counts_per_unit,
@@ -151,7 +166,8 @@ struct Axis {
     force_v: f64,
     /// Whether the last output was the force control's.
     yields: bool,
-    /// The last output before it was weighed (V), and what of it still fades after a change between the two controls.
+    /// The last output before it was weighed (V), and what of it still fades after a change between
+    /// the two controls.
     output_v: f64,
     carried_v: f64,
     /// Limit on the output (V), and whether the reference was held back for it.
@@ -179,7 +195,9 @@ impl Law {
     pub fn new(mut config: LawConfig) -> Self {
         config.axes = config.axes.min(AXES);
         for law in &mut config.axis {
-            for limit in [&mut law.output_limit_v, &mut law.friction_peak_v, &mut law.friction_floor_v] {
+            for limit in
+                [&mut law.output_limit_v, &mut law.friction_peak_v, &mut law.friction_floor_v]
+            {
                 *limit = if limit.is_finite() { limit.max(0.0) } else { 0.0 };
             }
             law.options = law.options.sanitised();
@@ -212,20 +230,30 @@ impl Law {
         }
     }
 
-    /// Most that the output of an axis changes in a step of `period_s` while the hand rests, whatever happens to
-    /// setpoint, mode and lease, from the moment that power comes until it goes (V); on top comes the movement of
-    /// the reference itself, `period_s` times (position gain · velocity + velocity gain · acceleration).
+    /// Most that the output of an axis changes in a step of `period_s` while the hand rests,
+    /// whatever happens to setpoint, mode and lease, from the moment that power comes until it goes
+    /// (V); on top comes the movement of the reference itself, `period_s` times (position gain ·
+    /// velocity + velocity gain · acceleration).
     pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
-            + period_s * (3.0 * law.output_limit_v / AUTHORITY_S + law.output_limit_v / INERTIA_SLEW_S)
+            + period_s
+                * (3.0 * law.output_limit_v / AUTHORITY_S + law.output_limit_v / INERTIA_SLEW_S)
             + law.options_step_v(period_s)
     }
 
-    /// One cycle. `powered`: the sample shows the gate open for the epoch that the newest token names.
+    /// One cycle. `powered`: the sample shows the gate open for the epoch that the newest token
+    /// names.
     ///
-    /// The command lacks identity, `token_sequence`, `epoch`, `cycles_missed` and `profile`, which are the loop's.
-    pub fn step(&mut self, now_ns: u64, sample: &Sample, setpoint: Option<&Setpoint>, powered: bool) -> MotorCommand {
+    /// The command lacks identity, `token_sequence`, `epoch`, `cycles_missed` and `profile`, which
+    /// are the loop's.
+    pub fn step(
+        &mut self,
+        now_ns: u64,
+        sample: &Sample,
+        setpoint: Option<&Setpoint>,
+        powered: bool,
+    ) -> MotorCommand {
         let elapsed_s = self
             .last_step_ns
             .map_or(self.config.period_s, |last| now_ns.saturating_sub(last) as f64 * 1e-9)
@@ -240,8 +268,9 @@ impl Law {
             ..MotorCommand::default()
         };
         let axes = self.config.axes;
-        let measured =
-            (0..axes).all(|axis| sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0);
+        let measured = (0..axes).all(|axis| {
+            sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0
+        });
         if !measured {
             self.let_go();
             self.axis.iter_mut().for_each(|axis| {
@@ -264,12 +293,16 @@ impl Law {
             axis.acceleration.update(time_ns, speed);
         }
 
-        let live = setpoint
-            .filter(|setpoint| now_ns <= setpoint.lease_until_ns && usable(setpoint, sample.scan_time_ns, axes));
+        let live = setpoint.filter(|setpoint| {
+            now_ns <= setpoint.lease_until_ns && usable(setpoint, sample.scan_time_ns, axes)
+        });
         command.lapsed = u8::from(setpoint.is_some() && live.is_none());
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
-        let mode = live.map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
-        for (index, (axis, law)) in self.axis.iter_mut().zip(&self.config.axis).enumerate().take(axes) {
+        let mode = live
+            .map_or(Mode::Hold, |setpoint| Mode::from_code(setpoint.mode).unwrap_or(Mode::Hold));
+        for (index, (axis, law)) in
+            self.axis.iter_mut().zip(&self.config.axis).enumerate().take(axes)
+        {
             axis.limit_output(law, live, index, self.source.is_none(), elapsed_s);
         }
 
@@ -281,7 +314,8 @@ impl Law {
             self.let_go();
         } else {
             let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
-            self.authority += (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
+            self.authority +=
+                (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
             if mode.yields() {
                 self.source = Some(Source::Hand);
             } else {
@@ -292,7 +326,9 @@ impl Law {
         let mut finite = true;
         for axis in 0..axes {
             finite &= match (self.source, live) {
-                (Some(Source::Hand), Some(setpoint)) => self.give_way(axis, sample, setpoint, elapsed_s, &mut command),
+                (Some(Source::Hand), Some(setpoint)) => {
+                    self.give_way(axis, sample, setpoint, elapsed_s, &mut command)
+                }
                 _ => self.drive(axis, sample, live, elapsed_s, &mut command),
             };
         }
@@ -323,7 +359,8 @@ impl Law {
         }
     }
 
-    /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving on.
+    /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving
+    /// on.
     fn take_aim(
         &mut self,
         time_ns: u64,
@@ -359,20 +396,25 @@ impl Law {
                 axis.reference = reference;
             }
             let target = match (source, live) {
-                (Source::Setpoint { .. }, Some(setpoint)) if setpoint.position[index].is_finite() => {
+                (Source::Setpoint { .. }, Some(setpoint))
+                    if setpoint.position[index].is_finite() =>
+                {
                     aimed(setpoint, index, mode, time_ns)
                 }
                 _ if changed => axis.resting_place(law),
                 _ => axis.target_at(time_ns),
             };
             let step = target.minus(&axis.target_at(time_ns));
-            let jumps = law.position_gain.abs() * step.position.abs() + law.velocity_gain.abs() * step.velocity.abs()
+            let jumps = law.position_gain.abs() * step.position.abs()
+                + law.velocity_gain.abs() * step.velocity.abs()
                 > SWITCH_STEP_V;
             if changed || jumps {
                 let offset = axis.reference.minus(&target);
                 let speed = law.catch_up_speed;
-                let ramps = law.ramp_s > 0.0 && law.ramp_s.is_finite() && speed > 0.0 && offset.is_finite();
-                axis.blend = ramps.then(|| Blend::new(time_ns, &offset, law.stop_s(), law.ramp_s, speed));
+                let ramps =
+                    law.ramp_s > 0.0 && law.ramp_s.is_finite() && speed > 0.0 && offset.is_finite();
+                axis.blend =
+                    ramps.then(|| Blend::new(time_ns, &offset, law.stop_s(), law.ramp_s, speed));
             }
             axis.target = target;
             axis.target_ns = time_ns;
@@ -401,7 +443,8 @@ impl Axis {
 
     /// The reference, moved on to now along target and blend.
     fn reference_at(&self, time_ns: u64) -> Motion {
-        self.target_at(time_ns).plus(&self.blend.and_then(|blend| blend.at(time_ns)).unwrap_or_default())
+        self.target_at(time_ns)
+            .plus(&self.blend.and_then(|blend| blend.at(time_ns)).unwrap_or_default())
     }
 
     /// Where a moving reference comes to rest when it slows down evenly, within the limits.
@@ -414,11 +457,16 @@ impl Axis {
 /// Where the handle is: its own encoder's word, or else the motor's (rad or m).
 fn handle_position(sample: &Sample, axis: usize) -> f64 {
     let slave = sample.slave_position[axis];
-    if sample.slave_present & (1 << axis) != 0 && slave.is_finite() { slave } else { sample.master_position[axis] }
+    if sample.slave_present & (1 << axis) != 0 && slave.is_finite() {
+        slave
+    } else {
+        sample.master_position[axis]
+    }
 }
 
-/// Whether a setpoint can be followed: in position mode every number that the rig's axes need is one, and a
-/// movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no position, a force field all its numbers.
+/// Whether a setpoint can be followed: in position mode every number that the rig's axes need is
+/// one, and a movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no
+/// position, a force field all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
     if Mode::from_code(setpoint.mode).is_some_and(Mode::yields) {
         return field::is_finite(setpoint);

@@ -1,7 +1,7 @@
 //! The control process and its laws.
 //!
-//! [`law`] is pure; [`run`] is the loop around it: the newest sample and setpoint in, one command out. [`admit`] decides which
-//! setpoints it follows.
+//! [`law`] is pure; [`run`] is the loop around it: the newest sample and setpoint in, one command
+//! out. [`admit`] decides which setpoints it follows.
 
 pub mod admit;
 pub mod law;

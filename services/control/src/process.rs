@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use ipc_types::{
-    AXES, COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity, TOKEN, TypedTopic,
-    timing_topic,
+    AXES, COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity,
+    TOKEN, TypedTopic, timing_topic,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -84,7 +84,8 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Control, &options.rig_name)?;
     let no_topic = || ControlError::NoTopic(Process::Control);
-    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Control).ok_or_else(no_topic)?;
+    let timing_topic: TypedTopic<LoopTiming> =
+        timing_topic(Process::Control).ok_or_else(no_topic)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut setpoints = service.subscriber(SETPOINT)?;
     let mut tokens = service.subscriber(TOKEN)?;
@@ -96,19 +97,22 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let mut admission = Admission::of_rig(identity.session, &rig);
     let profile = service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter = LoopMeter::new(Process::Control, service.grants()).map_err(ServiceError::from)?;
+    let mut meter =
+        LoopMeter::new(Process::Control, service.grants()).map_err(ServiceError::from)?;
     let (mut sample, mut setpoint, mut token) = (None, None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
         if let Some(newest) = samples.latest()? {
             if sample.is_none() {
                 let text = "control goes on from the measured position";
-                let told = Event::new(Process::Control, EventKind::ControlResumed, Severity::Info, text);
+                let told =
+                    Event::new(Process::Control, EventKind::ControlResumed, Severity::Info, text);
                 events.send(Event { a: newest.master_position[0], ..told })?;
             }
             sample = Some(newest);
         }
-        // Each of them: of two senders' the last one to be handed out is not the one to be followed.
+        // Each of them: of two senders' the last one to be handed out is not the one to be
+        // followed.
         while let Some(next) = setpoints.take()? {
             match admission.admit(now_ns(), &next) {
                 Ok(()) => setpoint = Some(next),
@@ -121,7 +125,8 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         }
         token = tokens.latest()?.or(token);
         if let Some(sample) = &sample {
-            // Powered means: the gate is open, for the epoch of the newest token, and for our commands.
+            // Powered means: the gate is open, for the epoch of the newest token, and for our
+            // commands.
             let powered = token.is_some_and(|token| {
                 token.enabled == 1
                     && token.control_incarnation == identity.incarnation
@@ -139,8 +144,12 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
             let heard = [samples.counters(), setpoints.counters(), tokens.counters()];
-            let losses = heard.into_iter().fold(Losses::default(), Losses::received).sent(commands.undelivered());
-            timings.send(Losses { refused: admission.refused_in_all(), ..losses }.told_in(timing))?;
+            let losses = heard
+                .into_iter()
+                .fold(Losses::default(), Losses::received)
+                .sent(commands.undelivered());
+            timings
+                .send(Losses { refused: admission.refused_in_all(), ..losses }.told_in(timing))?;
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }

@@ -52,7 +52,8 @@ fn a_step_allocates_nothing_in_any_mode_with_any_option() {
             let before = COUNT.with(Cell::get);
             assert!(before > 0, "the counter counts");
             let mut sum = 0.0;
-            // Each mode twice, so that each change between neighbours happens; a lapsed lease and a value that is none between.
+            // Each mode twice, so that each change between neighbours happens; a lapsed lease and a
+            // value that is none between.
             for mode in Mode::ALL.iter().chain(Mode::ALL.iter().rev()) {
                 for cycle in 0..300 {
                     now += 2_000_000;
@@ -66,7 +67,8 @@ fn a_step_allocates_nothing_in_any_mode_with_any_option() {
                         axes: 1,
                         ..Sample::default()
                     };
-                    sample.master_position[0] = if cycle == 290 { f64::NAN } else { 0.3 * time_s.sin() };
+                    sample.master_position[0] =
+                        if cycle == 290 { f64::NAN } else { 0.3 * time_s.sin() };
                     sample.slave_position[0] = 0.28 * time_s.sin();
                     sample.slave_torque[0] = 2.0 * (3.0 * time_s).cos();
                     sample.motor_v[0] = sum % 1.0;
@@ -84,7 +86,8 @@ fn a_step_allocates_nothing_in_any_mode_with_any_option() {
                     setpoint.peak_speed[0] = 0.8;
                     setpoint.stiffness[0] = 0.5;
                     setpoint.damping[0] = 0.05;
-                    (setpoint.wall_min[0], setpoint.wall_max[0], setpoint.wall_stiffness[0]) = (-0.2, 0.2, 3.0);
+                    (setpoint.wall_min[0], setpoint.wall_max[0], setpoint.wall_stiffness[0]) =
+                        (-0.2, 0.2, 3.0);
                     let command = law.step(now, &sample, Some(&setpoint), cycle > 5);
                     sum += command.volts[0].abs();
                 }

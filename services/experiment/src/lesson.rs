@@ -1,4 +1,5 @@
-//! A movement that is being learnt, as the real-time loop plays it: which reference is followed when, and where the slave was.
+//! A movement that is being learnt, as the real-time loop plays it: which reference is followed
+//! when, and where the slave was.
 //!
 //! ```text
 //! fade in ─> [a sine for each harmonic, three cycles each] ─> block 1 ─> block 2 ─> ... ─> fade out
@@ -7,16 +8,19 @@
 //!                    teacher ─────────────────────────────── teacher ───────────────┘
 //! ```
 //!
-//! What takes time is done by the [`crate::teacher`], elsewhere. The lesson never waits for it: while the teacher thinks, the old reference
-//! goes on. The new one takes its place in the first settling cycle of the next block, by a minimum-jerk change of half a cycle, so
-//! that control never sees a jump. A reference that comes too late for that waits for the block after, and the block between is
-//! not learnt from.
+//! What takes time is done by the [`crate::teacher`], elsewhere. The lesson never waits for it:
+//! while the teacher thinks, the old reference goes on. The new one takes its place in the first
+//! settling cycle of the next block, by a minimum-jerk change of half a cycle, so that control
+//! never sees a jump. A reference that comes too late for that waits for the block after, and the
+//! block between is not learnt from.
 //!
-//! **Time.** Step 0 of the cycle is a multiple of the control period on CLOCK_MONOTONIC, as the card's scans are: the slave's
-//! position at a step is that of the scan at the step's own time, and the reference is meant for the same instant. Neither the lateness of a
-//! loop nor the way of a setpoint to control enters the error.
+//! **Time.** Step 0 of the cycle is a multiple of the control period on CLOCK_MONOTONIC, as the
+//! card's scans are: the slave's position at a step is that of the scan at the step's own time, and
+//! the reference is meant for the same instant. Neither the lateness of a loop nor the way of a
+//! setpoint to control enters the error.
 //!
-//! Nothing here allocates or frees: references and records come from the teacher, and go back to it.
+//! Nothing here allocates or frees: references and records come from the teacher, and go back to
+//! it.
 
 use std::f64::consts::TAU;
 
@@ -66,7 +70,15 @@ impl Take {
     /// An empty one for the longest record of a lesson.
     pub fn new(timetable: &Timetable) -> Self {
         let steps = timetable.block_steps().max(timetable.identifying_steps());
-        Self { ticket: 0, block: 0, from: 0, len: 0, slave: vec![f64::NAN; steps], fault: None, last: false }
+        Self {
+            ticket: 0,
+            block: 0,
+            from: 0,
+            len: 0,
+            slave: vec![f64::NAN; steps],
+            fault: None,
+            last: false,
+        }
     }
 
     /// The slave's positions at the steps of the record (rad or m).
@@ -135,9 +147,11 @@ impl Timetable {
         self.change_steps() as f64 * self.step_ns as f64 * 1e-9
     }
 
-    /// Latest step of a block at which its reference may begin to change: a quarter of a cycle is left to settle.
+    /// Latest step of a block at which its reference may begin to change: a quarter of a cycle is
+    /// left to settle.
     fn latest_change(&self) -> i64 {
-        (self.cycle * self.learn.settling_cycles as usize - self.change_steps() - self.cycle / 4) as i64
+        (self.cycle * self.learn.settling_cycles as usize - self.change_steps() - self.cycle / 4)
+            as i64
     }
 
     /// How long a record is left open after its end, for samples that come late (steps).
@@ -227,7 +241,8 @@ pub struct Lesson {
     begun_ns: u64,
     origin_ns: u64,
     stage: Stage,
-    /// Blocks done before and whether the response is known, once the teacher is ready; and the step at which it then begins.
+    /// Blocks done before and whether the response is known, once the teacher is ready; and the
+    /// step at which it then begins.
     ready: Option<(u32, bool)>,
     starts: i64,
     old: Source,
@@ -242,7 +257,8 @@ pub struct Lesson {
 }
 
 impl Lesson {
-    /// A lesson that begins at `begun_ns` (CLOCK_MONOTONIC) with the axis at rest at `start` (rad or m).
+    /// A lesson that begins at `begun_ns` (CLOCK_MONOTONIC) with the axis at rest at `start` (rad
+    /// or m).
     pub fn new(ticket: u32, timetable: &Timetable, start: f64, begun_ns: u64) -> Self {
         let learn = &timetable.learn;
         let faded_ns = begun_ns + (learn.fade_in_s * 1e9).round() as u64;
@@ -287,7 +303,11 @@ impl Lesson {
     /// When it ends (ns, CLOCK_MONOTONIC); `None` while nobody knows.
     pub fn ends_ns(&self) -> Option<u64> {
         let fade_ns = (self.timetable.learn.fade_out_s * 1e9).round() as u64;
-        if let Stage::Over { from } = self.stage { Some(self.time_ns(from) + fade_ns) } else { None }
+        if let Stage::Over { from } = self.stage {
+            Some(self.time_ns(from) + fade_ns)
+        } else {
+            None
+        }
     }
 
     /// Something for the teacher.
@@ -331,8 +351,8 @@ impl Lesson {
         }
     }
 
-    /// Takes in where the slave was (rad or m; not a number where it was not measured) at a scan (ns, CLOCK_MONOTONIC), and whether the
-    /// motor had power.
+    /// Takes in where the slave was (rad or m; not a number where it was not measured) at a scan
+    /// (ns, CLOCK_MONOTONIC), and whether the motor had power.
     pub fn record(&mut self, scan_ns: u64, slave: f64, powered: bool) {
         let step_ns = self.timetable.step_ns as i64;
         let since = scan_ns as i64 - self.origin_ns as i64;
@@ -346,7 +366,8 @@ impl Lesson {
     /// Goes on to a time (ns, CLOCK_MONOTONIC).
     pub fn advance(&mut self, now_ns: u64) {
         let step = self.step(now_ns);
-        // A stage is never shorter than a cycle: more than a few in one go means that nobody called for long.
+        // A stage is never shorter than a cycle: more than a few in one go means that nobody called
+        // for long.
         for _ in 0..4 {
             if !self.next_stage(step) {
                 break;
@@ -376,13 +397,24 @@ impl Lesson {
             point = point.blend(Point::at_rest(learn.centre), out, peak_speed);
         }
         let begun_s = now_ns.saturating_sub(self.begun_ns) as f64 * 1e-9;
-        let point = Point::at_rest(self.start).blend(point, Weight::rising(begun_s, learn.fade_in_s), peak_speed);
-        // Control's feed-forward is of the acceleration and of the share of the peak speed: where they are 0, it is none.
-        if learn.feedforward { point } else { Point { acceleration: 0.0, peak_speed: 0.0, ..point } }
+        let point = Point::at_rest(self.start).blend(
+            point,
+            Weight::rising(begun_s, learn.fade_in_s),
+            peak_speed,
+        );
+        // Control's feed-forward is of the acceleration and of the share of the peak speed: where
+        // they are 0, it is none.
+        if learn.feedforward {
+            point
+        } else {
+            Point { acceleration: 0.0, peak_speed: 0.0, ..point }
+        }
     }
 
     fn time_ns(&self, step: i64) -> u64 {
-        (self.origin_ns as i64).saturating_add(step.saturating_mul(self.timetable.step_ns as i64)).max(0) as u64
+        (self.origin_ns as i64)
+            .saturating_add(step.saturating_mul(self.timetable.step_ns as i64))
+            .max(0) as u64
     }
 
     fn step(&self, now_ns: u64) -> i64 {
@@ -390,7 +422,9 @@ impl Lesson {
     }
 
     fn since_s(&self, step: i64, now_ns: u64) -> f64 {
-        let since_ns = now_ns as i128 - self.origin_ns as i128 - i128::from(step) * i128::from(self.timetable.step_ns);
+        let since_ns = now_ns as i128
+            - self.origin_ns as i128
+            - i128::from(step) * i128::from(self.timetable.step_ns);
         since_ns as f64 * 1e-9
     }
 
@@ -402,7 +436,8 @@ impl Lesson {
                 let cycle = self.timetable.cycle as i64;
                 if self.starts == i64::MIN {
                     // With the cycle that begins next.
-                    self.starts = if step <= 0 { 0 } else { (step + cycle - 1).div_euclid(cycle) * cycle };
+                    self.starts =
+                        if step <= 0 { 0 } else { (step + cycle - 1).div_euclid(cycle) * cycle };
                 }
                 if step < self.starts {
                     return false;
@@ -421,8 +456,12 @@ impl Lesson {
                 if step < end {
                     let each = (self.timetable.cycle * IDENTIFYING_CYCLES as usize) as i64;
                     let harmonic = ((step - from) / each) as u32 + 1;
-                    if !matches!(self.new, Source::Sine { harmonic: playing } if playing == harmonic) {
-                        self.follow(Source::Sine { harmonic }, from + i64::from(harmonic - 1) * each);
+                    if !matches!(self.new, Source::Sine { harmonic: playing } if playing == harmonic)
+                    {
+                        self.follow(
+                            Source::Sine { harmonic },
+                            from + i64::from(harmonic - 1) * each,
+                        );
                     }
                     return false;
                 }
@@ -548,10 +587,13 @@ impl Lesson {
             Source::Learnt(reference) => {
                 let step = self.step(now_ns);
                 let index = step.rem_euclid(self.timetable.cycle as i64) as usize;
-                let Some(point) = reference.points.get(index) else { return Point::at_rest(learn.centre) };
+                let Some(point) = reference.points.get(index) else {
+                    return Point::at_rest(learn.centre);
+                };
                 let ahead_s = self.since_s(step, now_ns);
                 Point {
-                    position: point.position + ahead_s * (point.velocity + 0.5 * ahead_s * point.acceleration),
+                    position: point.position
+                        + ahead_s * (point.velocity + 0.5 * ahead_s * point.acceleration),
                     velocity: point.velocity + ahead_s * point.acceleration,
                     acceleration: point.acceleration,
                     peak_speed: reference.peak_speed,

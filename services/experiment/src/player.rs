@@ -9,9 +9,9 @@
 //!                 └─ a rest is 0 V already: stop and end go to passive at once
 //! ```
 //!
-//! Each [`Player::step`] returns the setpoint for its instant, with a lease: when the process that publishes it dies,
-//! control ramps to hold by itself. After a restart, [`Player::resume`] goes on at the beginning of the segment that was
-//! interrupted, from where the handle then is.
+//! Each [`Player::step`] returns the setpoint for its instant, with a lease: when the process that
+//! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] goes on
+//! at the beginning of the segment that was interrupted, from where the handle then is.
 
 mod lessons;
 mod program;
@@ -37,7 +37,8 @@ pub use search::{Notice, Reason};
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// How long a setpoint may be followed; also the longest pause between two steps that counts as none (ns).
+    /// How long a setpoint may be followed; also the longest pause between two steps that counts as
+    /// none (ns).
     pub lease_ns: u64,
     /// Time from a stop to rest (ns).
     pub stop_fade_ns: u64,
@@ -71,7 +72,8 @@ pub enum Change {
 /// What a step returns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// What to publish, identity and sequence left to the publisher; `None` before the first protocol.
+    /// What to publish, identity and sequence left to the publisher; `None` before the first
+    /// protocol.
     pub setpoint: Option<Setpoint>,
     /// What changed; to be told as an event, and the state to be kept.
     pub change: Option<Change>,
@@ -168,7 +170,8 @@ impl Player {
         }
     }
 
-    /// Whether a protocol is being played (the fade after a stop and the hold after the end are not playing).
+    /// Whether a protocol is being played (the fade after a stop and the hold after the end are not
+    /// playing).
     pub fn is_running(&self) -> bool {
         matches!(self.phase, Phase::Entering { .. } | Phase::Playing { .. })
     }
@@ -178,8 +181,8 @@ impl Player {
         self.program.as_ref()
     }
 
-    /// Begins a protocol with the next step. One that is being played is dropped: whoever calls this has asked
-    /// [`Player::is_running`] first.
+    /// Begins a protocol with the next step. One that is being played is dropped: whoever calls
+    /// this has asked [`Player::is_running`] first.
     pub fn start(&mut self, program: Arc<Program>) {
         self.enter(program, 0, Change::Started);
     }
@@ -188,16 +191,26 @@ impl Player {
     ///
     /// # Errors
     /// [`ResumeError`] where the state does not fit the program; nothing is changed then.
-    pub fn resume(&mut self, state: &PlayerState, program: Arc<Program>) -> Result<(), ResumeError> {
+    pub fn resume(
+        &mut self,
+        state: &PlayerState,
+        program: Arc<Program>,
+    ) -> Result<(), ResumeError> {
         if !state.running {
             return Err(ResumeError::NotRunning);
         }
         if state.protocol != program.identity {
-            return Err(ResumeError::OtherProtocol { expected: state.protocol, found: program.identity });
+            return Err(ResumeError::OtherProtocol {
+                expected: state.protocol,
+                found: program.identity,
+            });
         }
         let segment = state.segment as usize;
         if segment >= program.steps.len() {
-            return Err(ResumeError::NoSegment { found: state.segment, segments: program.steps.len() });
+            return Err(ResumeError::NoSegment {
+                found: state.segment,
+                segments: program.steps.len(),
+            });
         }
         self.enter(program, segment, Change::Resumed(state.segment));
         Ok(())
@@ -213,8 +226,8 @@ impl Player {
         self.segment = segment as u32;
     }
 
-    /// Stops playing with the next step: the movement fades to rest, is held, and power is let go. Does nothing when
-    /// nothing is played.
+    /// Stops playing with the next step: the movement fades to rest, is held, and power is let go.
+    /// Does nothing when nothing is played.
     pub fn stop(&mut self) {
         self.stop_asked = self.is_running();
     }
@@ -245,12 +258,15 @@ impl Player {
         }
     }
 
-    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters (rad or m).
+    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters (rad or
+    /// m).
     ///
-    /// Time that goes backwards counts as standing still. A pause longer than the lease means that control has ramped to
-    /// hold meanwhile: the segment begins again from where the handle is.
+    /// Time that goes backwards counts as standing still. A pause longer than the lease means that
+    /// control has ramped to hold meanwhile: the segment begins again from where the handle is.
     pub fn step(&mut self, now_ns: u64, measured: &[f64; AXES]) -> Output {
-        let Some(program) = self.program.clone() else { return Output { setpoint: None, change: None } };
+        let Some(program) = self.program.clone() else {
+            return Output { setpoint: None, change: None };
+        };
         let last_ns = self.last_ns.unwrap_or(now_ns);
         let now_ns = now_ns.max(last_ns);
         self.last_ns = Some(now_ns);
@@ -263,7 +279,13 @@ impl Player {
         Output { setpoint: Some(setpoint), change }
     }
 
-    fn advance(&mut self, program: &Arc<Program>, now_ns: u64, measured: &[f64; AXES], paused: bool) -> Option<Change> {
+    fn advance(
+        &mut self,
+        program: &Arc<Program>,
+        now_ns: u64,
+        measured: &[f64; AXES],
+        paused: bool,
+    ) -> Option<Change> {
         match self.phase {
             Phase::Idle => None,
             Phase::Entering { segment, change } => {
@@ -272,7 +294,9 @@ impl Player {
                 self.begin_lesson(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
             }
-            Phase::Playing { segment, .. } if self.stop_asked && (paused || is_given_away(program, segment)) => {
+            Phase::Playing { segment, .. }
+                if self.stop_asked && (paused || is_given_away(program, segment)) =>
+            {
                 self.stop_asked = false;
                 self.find_axes(program, measured);
                 self.end_lesson();
@@ -281,7 +305,9 @@ impl Player {
             }
             Phase::Playing { segment, begun_ns } if self.stop_asked => {
                 self.stop_asked = false;
-                self.hold = self.points(program, segment, seconds(begun_ns, now_ns)).map(|point| point.position);
+                self.hold = self
+                    .points(program, segment, seconds(begun_ns, now_ns))
+                    .map(|point| point.position);
                 self.phase = Phase::Stopping { segment, begun_ns, stopped_ns: now_ns };
                 Some(Change::Stopped(segment as u32))
             }
@@ -316,8 +342,8 @@ impl Player {
         }
     }
 
-    /// Passes the edge between two segments, when it is time. The next one begins at the edge, not at the step after it, so
-    /// that the protocol keeps its time.
+    /// Passes the edge between two segments, when it is time. The next one begins at the edge, not
+    /// at the step after it, so that the protocol keeps its time.
     fn next_segment(
         &mut self,
         program: &Arc<Program>,
@@ -369,9 +395,12 @@ impl Player {
         Some(Change::Done)
     }
 
-    /// Takes the axes for where they are measured, within their limits; a position that is not finite changes nothing.
+    /// Takes the axes for where they are measured, within their limits; a position that is not
+    /// finite changes nothing.
     fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
-        for ((rest, measured), (least, most)) in self.rest.iter_mut().zip(measured).zip(&program.limits) {
+        for ((rest, measured), (least, most)) in
+            self.rest.iter_mut().zip(measured).zip(&program.limits)
+        {
             if measured.is_finite() {
                 *rest = measured.max(*least).min(*most);
             }
@@ -386,8 +415,12 @@ impl Player {
                 points[axis] = track.at(self.rest[axis], t);
             }
             match (step.track.movement(), &self.finder, &self.lesson) {
-                (Movement::Initialise(_), Some((_, finder)), _) => points[step.axis] = finder.point(),
-                (_, _, Some(lesson)) => points[step.axis] = lesson.at(self.last_ns.unwrap_or_default()),
+                (Movement::Initialise(_), Some((_, finder)), _) => {
+                    points[step.axis] = finder.point()
+                }
+                (_, _, Some(lesson)) => {
+                    points[step.axis] = lesson.at(self.last_ns.unwrap_or_default())
+                }
                 _ => {}
             }
         }
@@ -400,12 +433,17 @@ impl Player {
                 self.find_axes(program, measured);
                 (self.segment as usize, self.rest.map(Point::at_rest), Mode::Passive)
             }
-            Phase::Entering { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Passive),
+            Phase::Entering { segment, .. } => {
+                (segment, self.rest.map(Point::at_rest), Mode::Passive)
+            }
             Phase::Playing { segment, begun_ns } => {
                 let t = seconds(begun_ns, now_ns);
-                self.elapsed_s =
-                    program.steps.get(segment).map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
-                let mode = program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
+                self.elapsed_s = program
+                    .steps
+                    .get(segment)
+                    .map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
+                let mode =
+                    program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
                 if is_given_away(program, segment) && mode != Mode::Initialise {
                     self.find_axes(program, measured);
                 }
@@ -413,7 +451,8 @@ impl Player {
             }
             Phase::Stopping { segment, begun_ns, stopped_ns } => {
                 let moving = self.points(program, segment, seconds(begun_ns, now_ns));
-                let (since, fade) = (seconds(stopped_ns, now_ns), seconds(0, self.settings.stop_fade_ns));
+                let (since, fade) =
+                    (seconds(stopped_ns, now_ns), seconds(0, self.settings.stop_fade_ns));
                 let mut points = moving;
                 for (point, hold) in points.iter_mut().zip(self.hold) {
                     *point = stopping(*point, hold, since, fade);
@@ -457,7 +496,8 @@ impl Player {
     }
 }
 
-/// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are sought.
+/// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are
+/// sought.
 fn is_given_away(program: &Program, segment: usize) -> bool {
     program.steps.get(segment).is_some_and(|step| step.track.movement().ends_anywhere())
 }

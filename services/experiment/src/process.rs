@@ -13,13 +13,15 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint,
-    Severity, TypedTopic, heartbeat_topic, timing_topic,
+    AXES, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT,
+    Sample, Setpoint, Severity, TypedTopic, heartbeat_topic, timing_topic,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{MILLISECOND_NS, now_ns};
-use runtime::{Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake};
+use runtime::{
+    Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake,
+};
 use thiserror::Error;
 
 use crate::player::{Change, Notice, Player, Program, Settings};
@@ -45,7 +47,8 @@ pub struct Options {
     pub rig_name: String,
     /// Its rig file.
     pub rig_file: PathBuf,
-    /// Folder of the learnt references; `None`: in the rig's run directory, where they last as long as the rig is up.
+    /// Folder of the learnt references; `None`: in the rig's run directory, where they last as long
+    /// as the rig is up.
     pub learnt: Option<PathBuf>,
 }
 
@@ -99,7 +102,8 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Joins the topics and takes up the protocol that was being played when an earlier process of this session ended.
+    /// Joins the topics and takes up the protocol that was being played when an earlier process of
+    /// this session ended.
     ///
     /// # Errors
     /// Those of the ports. A state that cannot be used is none: it is told as an event.
@@ -111,16 +115,19 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Runner::new`].
-    pub fn with_learnt(mut service: Service, rig: &RigFile, learnt: Option<&Path>) -> Result<Self, ExperimentError> {
+    pub fn with_learnt(
+        mut service: Service,
+        rig: &RigFile,
+        learnt: Option<&Path>,
+    ) -> Result<Self, ExperimentError> {
         let no_topic = || ExperimentError::NoTopic(Process::Experiment);
-        let timing: TypedTopic<LoopTiming> = timing_topic(Process::Experiment).ok_or_else(no_topic)?;
+        let timing: TypedTopic<LoopTiming> =
+            timing_topic(Process::Experiment).ok_or_else(no_topic)?;
         let heartbeat = heartbeat_topic(Process::Experiment).ok_or_else(no_topic)?;
         let directory = service.domain().name().run_directory();
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o700)
-            .create(&directory)
-            .map_err(|source| ExperimentError::StateDirectory { path: directory.clone(), source })?;
+        fs::DirBuilder::new().recursive(true).mode(0o700).create(&directory).map_err(|source| {
+            ExperimentError::StateDirectory { path: directory.clone(), source }
+        })?;
         let file = directory.join(STATE);
         let settings = Settings::default();
         let mut player = Player::new(settings);
@@ -135,8 +142,14 @@ impl Runner {
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
         let (link, desk_end) = link::link();
         let profile = service.domain().profile();
-        let classroom = Classroom::open(session, directory.join(LESSON), learnt.clone(), profile, link.dropped.clone())
-            .map_err(ServiceError::from)?;
+        let classroom = Classroom::open(
+            session,
+            directory.join(LESSON),
+            learnt.clone(),
+            profile,
+            link.dropped.clone(),
+        )
+        .map_err(ServiceError::from)?;
         // Before the desk opens: who asks at once is told of what is taken up.
         link.progress.tell(0, &player.status(), 0);
         let clerk = Clerk {
@@ -180,20 +193,24 @@ impl Runner {
     /// Those of the ports, and [`ExperimentError::DeskClosed`].
     pub fn run(mut self) -> Result<(), ExperimentError> {
         let profile = self.service.enter_loop()?;
-        let mut events = self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
-        let mut meter = LoopMeter::new(Process::Experiment, self.service.grants()).map_err(ServiceError::from)?;
+        let mut events =
+            self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
+        let mut meter = LoopMeter::new(Process::Experiment, self.service.grants())
+            .map_err(ServiceError::from)?;
         let mut last_beat = 0;
         while !self.service.stopping() {
             let Some(wake) = self.grid.wait() else { continue };
             self.cycle(&wake, &mut events)?;
-            // Slots of the clock, not times since the last one: a late wake does not lower the rate.
+            // Slots of the clock, not times since the last one: a late wake does not lower the
+            // rate.
             let beat = wake.woke_ns / HEARTBEAT_NS;
             if beat != last_beat {
                 last_beat = beat;
                 self.heartbeat(profile)?;
                 // Whoever joined since the last event gets the ones before only through this.
                 events.refresh();
-                // Idle for hours it may be: it lets go of the dead, and meets the living, before it has to speak.
+                // Idle for hours it may be: it lets go of the dead, and meets the living, before it
+                // has to speak.
                 self.setpoints.refresh();
             }
             let end = now_ns();
@@ -206,13 +223,19 @@ impl Runner {
             }
             self.service.beat();
         }
-        events.send(Event::new(Process::Experiment, EventKind::ProcessEnding, Severity::Info, ""))?;
+        events.send(Event::new(
+            Process::Experiment,
+            EventKind::ProcessEnding,
+            Severity::Info,
+            "",
+        ))?;
         Ok(())
     }
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
-        // Each of them: a lesson wants the slave's place at every step, however late this loop wakes.
+        // Each of them: a lesson wants the slave's place at every step, however late this loop
+        // wakes.
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
@@ -241,8 +264,9 @@ impl Runner {
         }
         let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
         let fresh = wake.woke_ns.saturating_sub(sample_ns) <= self.settings.lease_ns;
-        // Without samples nobody knows where the handle is: nothing is played, the lease lapses, control ramps to hold. When
-        // they come back, the player begins the segment again from where the handle then is. A stop is always carried out.
+        // Without samples nobody knows where the handle is: nothing is played, the lease lapses,
+        // control ramps to hold. When they come back, the player begins the segment again from
+        // where the handle then is. A stop is always carried out.
         if fresh || self.stopping {
             let sample = self.newest.as_ref().filter(|_| fresh);
             self.player.see_handles(handles(sample));
@@ -255,7 +279,8 @@ impl Runner {
             }
             if let Some(change) = output.change {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
-                // A full ring means that the desk stands still for minutes; then only a restart resumes too early.
+                // A full ring means that the desk stands still for minutes; then only a restart
+                // resumes too early.
                 if self.link.notes.push(Note { order: self.playing, change }).is_err() {
                     self.link.dropped.count();
                 }
@@ -272,7 +297,8 @@ impl Runner {
     }
 
     fn losses(&self) -> Losses {
-        let losses = Losses::default().received(self.samples.counters()).sent(self.setpoints.undelivered());
+        let losses =
+            Losses::default().received(self.samples.counters()).sent(self.setpoints.undelivered());
         Losses { dropped: self.link.dropped.so_far(), ..losses }
     }
 
@@ -293,7 +319,9 @@ impl Runner {
 fn measured(sample: Option<&Sample>) -> [f64; AXES] {
     let mut positions = [f64::NAN; AXES];
     if let Some(sample) = sample {
-        for (axis, (position, measured)) in positions.iter_mut().zip(sample.master_position).enumerate() {
+        for (axis, (position, measured)) in
+            positions.iter_mut().zip(sample.master_position).enumerate()
+        {
             if sample.master_present >> axis & 1 == 1 {
                 *position = measured;
             }
@@ -308,9 +336,13 @@ fn handles(sample: Option<&Sample>) -> [f64; AXES] {
     std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
 }
 
-/// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the limits are much wider, what the motor's
-/// did: positions in protocols are the motor's.
-fn tell_notice(notice: Notice, segment: u32, events: &mut Publisher<Event>) -> Result<(), PortError> {
+/// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the
+/// limits are much wider, what the motor's did: positions in protocols are the motor's.
+fn tell_notice(
+    notice: Notice,
+    segment: u32,
+    events: &mut Publisher<Event>,
+) -> Result<(), PortError> {
     let mut send = |kind, severity, text: &str, [a, b, c]: [f64; 3]| {
         let event = Event::new(Process::Experiment, kind, severity, text);
         events.send(Event { a, b, c, segment, ..event }).map(|_sequence| ())
@@ -326,18 +358,32 @@ fn tell_notice(notice: Notice, segment: u32, events: &mut Publisher<Event>) -> R
                 _ => "one end met; the other is where the rig's limits or the protocol end",
             };
             let axis = axis as f64;
-            send(EventKind::RangeFound, Severity::Info, text, [range.lower.handle, range.upper.handle, axis])?;
+            send(
+                EventKind::RangeFound,
+                Severity::Info,
+                text,
+                [range.lower.handle, range.upper.handle, axis],
+            )?;
             if !narrower {
                 return Ok(());
             }
             let text = "narrower than the rig's limits, as the motor sees it; narrow the limits";
-            send(EventKind::RangeFound, Severity::Warning, text, [range.lower.motor, range.upper.motor, axis])
+            send(
+                EventKind::RangeFound,
+                Severity::Warning,
+                text,
+                [range.lower.motor, range.upper.motor, axis],
+            )
         }
     }
 }
 
 /// The events of a change. Texts are copied, not formatted.
-fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>) -> Result<(), PortError> {
+fn tell(
+    change: Change,
+    program: Option<&Program>,
+    events: &mut Publisher<Event>,
+) -> Result<(), PortError> {
     let name = program.map_or("", Program::name);
     let label = |segment: u32| program.map_or("", |program| program.label(segment as usize));
     let mut send = |kind, segment: u32, text: &str, b: f64| {
@@ -352,7 +398,9 @@ fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>
         Change::Segment(segment) => send(EventKind::SegmentStarted, segment, label(segment), 0.0),
         Change::Resumed(segment) => send(EventKind::ProtocolResumed, segment, label(segment), 0.0),
         Change::Stopped(segment) => send(EventKind::ProtocolStopped, segment, name, 0.0),
-        Change::Refused(segment, reason) => send(EventKind::ProtocolStopped, segment, reason.text(), 0.0),
+        Change::Refused(segment, reason) => {
+            send(EventKind::ProtocolStopped, segment, reason.text(), 0.0)
+        }
         Change::Done => {
             let last = program.map_or(0, |program| program.segments().saturating_sub(1) as u32);
             send(EventKind::ProtocolDone, last, name, 0.0)
@@ -360,9 +408,14 @@ fn tell(change: Change, program: Option<&Program>, events: &mut Publisher<Event>
     }
 }
 
-/// Sets the player to what was being played in this session; `None` where nothing was. A file that cannot be used is
-/// moved aside, so that it is told of once.
-fn take_up(file: &Path, session: u64, rig: &RigFile, player: &mut Player) -> Result<Option<Current>, String> {
+/// Sets the player to what was being played in this session; `None` where nothing was. A file that
+/// cannot be used is moved aside, so that it is told of once.
+fn take_up(
+    file: &Path,
+    session: u64,
+    rig: &RigFile,
+    player: &mut Player,
+) -> Result<Option<Current>, String> {
     let bytes = match fs::read(file) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -372,7 +425,8 @@ fn take_up(file: &Path, session: u64, rig: &RigFile, player: &mut Player) -> Res
         if state.session != session || !state.running {
             return Ok(None);
         }
-        let protocol = Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
+        let protocol =
+            Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
         let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
         Ok(Some(Current { order: 0, text: state.text, program }))

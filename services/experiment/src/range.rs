@@ -5,11 +5,12 @@
 //!          └────────────────── time limit ──────┴──> nothing found
 //! ```
 //!
-//! The reference leaves the measured position, comes to the speed of the protocol and goes on to its own end, a little within the
-//! rig's limits: not further, so that no overshoot reaches the watchdog's. An end is where the measured position has stood still
-//! for the stated time while the reference leads by more than the stated amount, or has come to its own end: then the handle
-//! goes as far as the rig allows. Control holds its reference back meanwhile (its anti-windup), so the way back begins
-//! at once.
+//! The reference leaves the measured position, comes to the speed of the protocol and goes on to
+//! its own end, a little within the rig's limits: not further, so that no overshoot reaches the
+//! watchdog's. An end is where the measured position has stood still for the stated time while the
+//! reference leads by more than the stated amount, or has come to its own end: then the handle goes
+//! as far as the rig allows. Control holds its reference back meanwhile (its anti-windup), so the
+//! way back begins at once.
 
 use rig::protocol::Initialise;
 
@@ -38,7 +39,8 @@ pub struct Range {
     pub lower: Measured,
     /// Upper end.
     pub upper: Measured,
-    /// Whether the lower end and the upper end were met; else the way ended at the rig's limit, or was not gone.
+    /// Whether the lower end and the upper end were met; else the way ended at the rig's limit, or
+    /// was not gone.
     pub met: (bool, bool),
 }
 
@@ -71,7 +73,8 @@ pub struct RangeFinder {
 }
 
 impl RangeFinder {
-    /// A search that begins with the handle measured at `start` (rad or m), on an axis with these limits (rad or m).
+    /// A search that begins with the handle measured at `start` (rad or m), on an axis with these
+    /// limits (rad or m).
     pub fn new(how: Initialise, start: f64, (position_min, position_max): (f64, f64)) -> Self {
         let reach = how.reach(position_min, position_max);
         Self {
@@ -91,7 +94,8 @@ impl RangeFinder {
         self.point
     }
 
-    /// One step, `time_s` after the search began. A position that is not finite counts as not moved.
+    /// One step, `time_s` after the search began. A position that is not finite counts as not
+    /// moved.
     pub fn step(&mut self, time_s: f64, measured: Measured) -> Search {
         let elapsed_s = (time_s - self.last_s).clamp(0.0, 0.1);
         self.last_s = self.last_s.max(time_s);

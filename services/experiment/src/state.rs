@@ -1,7 +1,7 @@
 //! What the experiment process keeps on disk to go on after a restart.
 //!
-//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the state in bincode. bincode is
-//! unmaintained; the version lets another encoding take its place.
+//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the state in
+//! bincode. bincode is unmaintained; the version lets another encoding take its place.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! What is done between the blocks of a lesson: the response is identified, references are made better, and what was learnt is kept. Pure; it
-//! takes its time, so it is for another thread than the loop.
+//! What is done between the blocks of a lesson: the response is identified, references are made
+//! better, and what was learnt is kept. Pure; it takes its time, so it is for another thread than
+//! the loop.
 
 use std::f64::consts::TAU;
 
@@ -7,8 +8,8 @@ use ipc_types::{Event, EventKind, Process, Severity};
 use learning::spectral::Spectral;
 use learning::store::{Belongs, LearntReference, StoreError};
 use learning::{
-    BlockReport, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, Memory, ModelBased, Published, Response,
-    Step, Stop,
+    BlockReport, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, Memory, ModelBased,
+    Published, Response, Step, Stop,
 };
 use rig::RigFile;
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw, MIN_JERK_PEAK_SPEED};
@@ -39,7 +40,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// A lesson on an axis of a rig; `None` where [`rig::protocol::Protocol::check_against`] refuses it.
+    /// A lesson on an axis of a rig; `None` where [`rig::protocol::Protocol::check_against`]
+    /// refuses it.
     pub fn new(learn: &Learn, axis: usize, rig: &RigFile) -> Option<Self> {
         let found = rig.axes.get(axis)?;
         let cycle = learn.steps_per_cycle(rig.rates.control_hz)?;
@@ -76,7 +78,9 @@ impl Plan {
     /// The slave's positions over one cycle (rad or m).
     fn desired(&self) -> Vec<f64> {
         let (count, learn) = (self.timetable.cycle, self.learn());
-        (0..count).map(|n| learn.centre + learn.amplitude * (TAU * n as f64 / count as f64).sin()).collect()
+        (0..count)
+            .map(|n| learn.centre + learn.amplitude * (TAU * n as f64 / count as f64).sin())
+            .collect()
     }
 
     fn config(&self, law: LearningLaw) -> LearnerConfig {
@@ -94,7 +98,11 @@ impl Plan {
 
     /// For a person's eye.
     fn shown(&self, value: f64) -> String {
-        if self.in_radians { format!("{:.2}°", value.to_degrees()) } else { format!("{value:.5} m") }
+        if self.in_radians {
+            format!("{:.2}°", value.to_degrees())
+        } else {
+            format!("{value:.5} m")
+        }
     }
 }
 
@@ -111,7 +119,8 @@ pub struct Kept {
     pub done: u32,
     /// What the learner knows.
     pub memory: Memory,
-    /// The identified response, real and imaginary part at harmonic 0, 1, 2, ...; empty where none is used.
+    /// The identified response, real and imaginary part at harmonic 0, 1, 2, ...; empty where none
+    /// is used.
     pub response: Vec<Option<(f64, f64)>>,
 }
 
@@ -190,7 +199,8 @@ impl Teacher {
             let law = teacher.law();
             let desired = teacher.plan.desired();
             teacher.ended = kept.memory.frozen.is_some();
-            teacher.learner = Some(Learner::recall(&desired, kept.memory, teacher.plan.config(law))?);
+            teacher.learner =
+                Some(Learner::recall(&desired, kept.memory, teacher.plan.config(law))?);
         } else if !teacher.must_identify() {
             teacher.enrol()?;
         }
@@ -295,7 +305,11 @@ impl Teacher {
                 LearningLaw::Published(Published { gamma_p, gamma_d, cutoff_hz, delay_s })
             }
             LearnLaw::ModelBased { gain, regularisation, .. } => {
-                LearningLaw::ModelBased(ModelBased { response: self.response.clone(), gain, regularisation })
+                LearningLaw::ModelBased(ModelBased {
+                    response: self.response.clone(),
+                    gain,
+                    regularisation,
+                })
             }
         }
     }
@@ -312,11 +326,13 @@ impl Teacher {
 
     /// The response at each harmonic, from the last cycle of its sine.
     fn identify(&mut self, take: &Take) -> Marked {
-        let LearnLaw::ModelBased { harmonics, identify_amplitude, .. } = self.plan.learn().law else {
+        let LearnLaw::ModelBased { harmonics, identify_amplitude, .. } = self.plan.learn().law
+        else {
             return self.failed("it was not asked for");
         };
         if take.fault.is_some() {
-            return self.failed("the motor had no power; arm and enable, then run the protocol again");
+            return self
+                .failed("the motor had no power; arm and enable, then run the protocol again");
         }
         let cycle = self.plan.timetable.cycle;
         let mut spectral = Spectral::new(cycle, f64::from(self.plan.belongs.rate_hz));
@@ -324,7 +340,8 @@ impl Teacher {
         for (index, path) in take.path().chunks_exact(each).take(harmonics as usize).enumerate() {
             let harmonic = index + 1;
             let amplitude = identify_amplitude / (harmonic as f64).sqrt();
-            let sine = |n: usize| amplitude * (TAU * (harmonic * n % cycle) as f64 / cycle as f64).sin();
+            let sine =
+                |n: usize| amplitude * (TAU * (harmonic * n % cycle) as f64 / cycle as f64).sin();
             let input: Vec<f64> = (0..cycle).map(sine).collect();
             let output = &path[each - cycle..];
             if output.iter().all(|value| value.is_finite()) {
@@ -362,7 +379,9 @@ impl Teacher {
             return Marked { reference: None, event: None, ended: None, failed: false };
         };
         if take.fault.is_none() {
-            for (step, slave) in take.path().iter().enumerate().filter(|(_, slave)| slave.is_finite()) {
+            for (step, slave) in
+                take.path().iter().enumerate().filter(|(_, slave)| slave.is_finite())
+            {
                 learner.record(step, *slave);
             }
         }
@@ -370,8 +389,13 @@ impl Teacher {
         let report = learner.finish_block();
         let mut too_fast = false;
         if report.step == Step::Learnt {
-            let furthest = before.iter().zip(learner.reference()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            too_fast = learner.peak_speed() + MIN_JERK_PEAK_SPEED * furthest / change_s > self.plan.speed_max;
+            let furthest = before
+                .iter()
+                .zip(learner.reference())
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
+            too_fast = learner.peak_speed() + MIN_JERK_PEAK_SPEED * furthest / change_s
+                > self.plan.speed_max;
             if too_fast {
                 learner.freeze();
             }
@@ -381,7 +405,9 @@ impl Teacher {
         let told = self.told(take, &report);
         let keeps = self.plan.learn().law == LearnLaw::Keep;
         let why = match report.step {
-            _ if too_fast => Some("the change to the next reference would pass the limit on speed".to_owned()),
+            _ if too_fast => {
+                Some("the change to the next reference would pass the limit on speed".to_owned())
+            }
             Step::Frozen(why) if !keeps => Some(self.reason(why)),
             _ if take.last => Some("all blocks are done".to_owned()),
             _ => None,
@@ -396,7 +422,11 @@ impl Teacher {
     fn reason(&self, why: Frozen) -> String {
         match why {
             Frozen::Grew { best, found } => {
-                format!("the error grew from {} to {}", self.plan.shown(best), self.plan.shown(found))
+                format!(
+                    "the error grew from {} to {}",
+                    self.plan.shown(best),
+                    self.plan.shown(found)
+                )
             }
             Frozen::Limit { position, speed } => format!(
                 "the next reference would pass the limits: {} away, {}/s",
@@ -410,8 +440,12 @@ impl Teacher {
     fn told(&self, take: &Take, report: &BlockReport) -> Event {
         let text = match (take.fault, report.step) {
             (Some(Fault::NoPower), _) => "not learnt from: the motor had no power".to_owned(),
-            (Some(Fault::OldReference), _) => "not learnt from: the new reference came too late for it".to_owned(),
-            (None, Step::Missing(steps)) => format!("not learnt from: {steps} steps of the cycle were not measured"),
+            (Some(Fault::OldReference), _) => {
+                "not learnt from: the new reference came too late for it".to_owned()
+            }
+            (None, Step::Missing(steps)) => {
+                format!("not learnt from: {steps} steps of the cycle were not measured")
+            }
             (None, Step::Frozen(_)) => "measured, not learnt from".to_owned(),
             (None, Step::Learnt) => String::new(),
         };

@@ -1,9 +1,11 @@
-//! Movements as functions of time: position, velocity and acceleration at any instant, exact derivatives of each other.
+//! Movements as functions of time: position, velocity and acceleration at any instant, exact
+//! derivatives of each other.
 //!
-//! Every movement begins at rest where the one before ended, and ends at rest. Sines are blended in from the start and
-//! out to their centre with the minimum-jerk curve `s(τ) = 10 τ³ - 15 τ⁴ + 6 τ⁵` (Flash and Hogan 1985), whose first and
-//! second derivatives vanish at both ends: joins are therefore smooth in acceleration. A blend of two positions lies
-//! between them, so a movement never leaves the hull of its start and its own range.
+//! Every movement begins at rest where the one before ended, and ends at rest. Sines are blended in
+//! from the start and out to their centre with the minimum-jerk curve `s(τ) = 10 τ³ - 15 τ⁴ + 6 τ⁵`
+//! (Flash and Hogan 1985), whose first and second derivatives vanish at both ends: joins are
+//! therefore smooth in acceleration. A blend of two positions lies between them, so a movement
+//! never leaves the hull of its start and its own range.
 
 mod excitation;
 
@@ -21,7 +23,8 @@ pub struct Point {
     pub velocity: f64,
     /// Acceleration (rad/s² or m/s²).
     pub acceleration: f64,
-    /// Peak speed of the movement that it is part of, 0 at a hold: shapes the friction feed-forward (rad/s or m/s).
+    /// Peak speed of the movement that it is part of, 0 at a hold: shapes the friction feed-forward
+    /// (rad/s or m/s).
     pub peak_speed: f64,
 }
 
@@ -78,8 +81,9 @@ fn min_jerk(from: f64, to: f64, t: f64, duration: f64) -> Point {
     Point::at_rest(from).blend(Point::at_rest(to), Weight::rising(t, duration), peak_speed)
 }
 
-/// What the trajectory passes through when somebody stops it: towards rest at `hold` over `fade_s`, beginning at once. While
-/// it fades, the movement goes on underneath; the blend stays between the two.
+/// What the trajectory passes through when somebody stops it: towards rest at `hold` over `fade_s`,
+/// beginning at once. While it fades, the movement goes on underneath; the blend stays between the
+/// two.
 pub fn stopping(moving: Point, hold: f64, since_stop_s: f64, fade_s: f64) -> Point {
     moving.blend(Point::at_rest(hold), Weight::rising(since_stop_s, fade_s), moving.peak_speed)
 }
@@ -131,23 +135,44 @@ impl Track {
         }
     }
 
-    /// The axis at time `t` (s) into the movement that began at rest at `start` (rad or m). Before its beginning and
-    /// after its end it is at rest.
+    /// The axis at time `t` (s) into the movement that began at rest at `start` (rad or m). Before
+    /// its beginning and after its end it is at rest.
     pub fn at(&self, start: f64, t: f64) -> Point {
         let t = t.clamp(0.0, self.duration_s());
         match &self.movement {
-            Movement::GuidedSine { amplitude, frequency_hz, duration_s, centre, fade_in_s, fade_out_s } => {
+            Movement::GuidedSine {
+                amplitude,
+                frequency_hz,
+                duration_s,
+                centre,
+                fade_in_s,
+                fade_out_s,
+            } => {
                 let line = Line { amplitude: *amplitude, frequency_hz: *frequency_hz, phase: 0.0 };
-                self.faded(sum(&[line], *centre, t), *centre, start, t, (*duration_s, *fade_in_s, *fade_out_s))
+                self.faded(
+                    sum(&[line], *centre, t),
+                    *centre,
+                    start,
+                    t,
+                    (*duration_s, *fade_in_s, *fade_out_s),
+                )
             }
-            Movement::Multisine { lines, duration_s, centre, fade_in_s, fade_out_s } => {
-                self.faded(sum(lines, *centre, t), *centre, start, t, (*duration_s, *fade_in_s, *fade_out_s))
-            }
+            Movement::Multisine { lines, duration_s, centre, fade_in_s, fade_out_s } => self.faded(
+                sum(lines, *centre, t),
+                *centre,
+                start,
+                t,
+                (*duration_s, *fade_in_s, *fade_out_s),
+            ),
             Movement::Steps { positions, dwell_s, rise_s } => {
                 let each = rise_s + dwell_s;
                 let index = ((t / each) as usize).min(positions.len().saturating_sub(1));
                 let Some(to) = positions.get(index) else { return Point::at_rest(start) };
-                let from = index.checked_sub(1).and_then(|before| positions.get(before)).copied().unwrap_or(start);
+                let from = index
+                    .checked_sub(1)
+                    .and_then(|before| positions.get(before))
+                    .copied()
+                    .unwrap_or(start);
                 min_jerk(from, *to, t - index as f64 * each, *rise_s)
             }
             Movement::Hold { position: Some(position), rise_s, .. } if t < *rise_s => {
@@ -157,23 +182,37 @@ impl Track {
             Movement::Rest { .. } => Point::at_rest(start),
             // Before anything is learnt; the lesson knows better.
             Movement::Learn(learn) => {
-                let line = Line { amplitude: learn.amplitude, frequency_hz: learn.frequency_hz, phase: 0.0 };
+                let line = Line {
+                    amplitude: learn.amplitude,
+                    frequency_hz: learn.frequency_hz,
+                    phase: 0.0,
+                };
                 let sine = sum(&[line], learn.centre, t - learn.fade_in_s);
-                self.faded(sine, learn.centre, start, t, (learn.duration_s(), learn.fade_in_s, learn.fade_out_s))
+                self.faded(
+                    sine,
+                    learn.centre,
+                    start,
+                    t,
+                    (learn.duration_s(), learn.fade_in_s, learn.fade_out_s),
+                )
             }
             // What the field is about, not where the handle is.
             Movement::Free { field, .. } => Point::at_rest(field.centre),
             Movement::Rhythm(rhythm) => Point::at_rest(rhythm.field.centre),
             // Where the search is depends on what is measured: `range::RangeFinder` says.
             Movement::Initialise(_) => Point::at_rest(start),
-            Movement::Centre(centre) if t < centre.rise_s => min_jerk(start, centre.position, t, centre.rise_s),
+            Movement::Centre(centre) if t < centre.rise_s => {
+                min_jerk(start, centre.position, t, centre.rise_s)
+            }
             Movement::Centre(centre) => Point::at_rest(centre.position),
             Movement::Ramp(ramp) => excitation::ramp(ramp, start, t),
             Movement::Chirp(chirp) => {
                 let times = (chirp.duration_s, chirp.fade_in_s, chirp.fade_out_s);
                 self.faded(excitation::chirp(chirp, t), chirp.centre, start, t, times)
             }
-            Movement::File(table) if t < table.rise_s => min_jerk(start, table.spline.begin(), t, table.rise_s),
+            Movement::File(table) if t < table.rise_s => {
+                min_jerk(start, table.spline.begin(), t, table.rise_s)
+            }
             Movement::File(table) => {
                 let (position, velocity, acceleration) = table.spline.at(t - table.rise_s);
                 Point { position, velocity, acceleration, peak_speed: self.sine_peak_speed }
@@ -190,7 +229,14 @@ impl Track {
         }
     }
 
-    fn faded(&self, sines: Point, centre: f64, start: f64, t: f64, times: (f64, f64, f64)) -> Point {
+    fn faded(
+        &self,
+        sines: Point,
+        centre: f64,
+        start: f64,
+        t: f64,
+        times: (f64, f64, f64),
+    ) -> Point {
         let (duration, fade_in, fade_out) = times;
         let out = Weight::rising(t - (duration - fade_out), fade_out);
         let settling = sines.blend(Point::at_rest(centre), out, self.sine_peak_speed);
@@ -210,10 +256,13 @@ fn sum(lines: &[Line], centre: f64, t: f64) -> Point {
     })
 }
 
-/// Highest speed of a sum of sines, looked for on a grid of 16 points in the fastest period, at most 20,000 in all: good to a
-/// few percent, which is enough for the shape of a feed-forward. The limit on speed does not rest on it.
+/// Highest speed of a sum of sines, looked for on a grid of 16 points in the fastest period, at
+/// most 20,000 in all: good to a few percent, which is enough for the shape of a feed-forward. The
+/// limit on speed does not rest on it.
 fn sampled_peak_speed(lines: &[Line], duration_s: f64) -> f64 {
     let fastest = lines.iter().map(|line| line.frequency_hz).fold(0.0, f64::max);
     let points = (16.0 * fastest * duration_s).clamp(16.0, 20_000.0) as usize;
-    (0..points).map(|i| sum(lines, 0.0, duration_s * i as f64 / points as f64).velocity.abs()).fold(0.0, f64::max)
+    (0..points)
+        .map(|i| sum(lines, 0.0, duration_s * i as f64 / points as f64).velocity.abs())
+        .fold(0.0, f64::max)
 }

@@ -1,4 +1,5 @@
-//! What the loop does of a lesson allocates nothing and frees nothing: references and records come from the teacher and go back.
+//! What the loop does of a lesson allocates nothing and frees nothing: references and records come
+//! from the teacher and go back.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -51,7 +52,8 @@ fn the_loop_allocates_and_frees_nothing() {
     let text = "[protocol]\nname = \"two\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 6\n\
                 law = \"published\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 4\n\
                 law = \"model-based\"\nharmonics = 3\n";
-    let program = Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
+    let program =
+        Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
     let mut player = Player::new(Settings::default());
     player.start(Arc::clone(&program));
     let mut teacher: Option<Teacher> = None;
@@ -59,7 +61,8 @@ fn the_loop_allocates_and_frees_nothing() {
     let mut lag = [0.0; 15];
     while player.is_running() || now_ns == 1_000_000_000 {
         let scan_ns = now_ns;
-        let setpoint = counted(&mut total, || player.step(scan_ns + 420_000, &[0.0; AXES]).setpoint.unwrap());
+        let setpoint =
+            counted(&mut total, || player.step(scan_ns + 420_000, &[0.0; AXES]).setpoint.unwrap());
         // A slave that follows by four fifths, 30 ms late.
         lag.rotate_right(1);
         lag[0] = 0.8 * setpoint.position[0];

@@ -11,7 +11,8 @@ use rig::protocol::Protocol;
 const FREE: &str = "[protocol]\nname = \"p\"\n[[segments]]\nkind = \"free\"\nduration_s = 5.0\n";
 
 fn rig() -> RigFile {
-    RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml").unwrap()
+    RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml")
+        .unwrap()
 }
 
 fn played(lines: &str) -> Setpoint {
@@ -45,7 +46,10 @@ fn inertia_and_tables() {
         assert!((velocity[point] - torque).abs() < 1e-12, "{velocity:?}");
     }
     assert!(
-        setpoint.position_table[TABLE..].iter().chain(&setpoint.velocity_table[TABLE..]).all(|torque| *torque == 0.0)
+        setpoint.position_table[TABLE..]
+            .iter()
+            .chain(&setpoint.velocity_table[TABLE..])
+            .all(|torque| *torque == 0.0)
     );
 }
 
@@ -54,7 +58,10 @@ fn a_matrix_with_its_centre() {
     let setpoint = played(
         "matrix_stiffness = [[0.5]]\nmatrix_damping = [[0.1]]\nmatrix_inertia = [[0.001]]\ncentres_deg = [10.0]\n",
     );
-    assert_eq!((setpoint.stiffness[0], setpoint.damping[0], setpoint.inertia[0]), (0.5, 0.1, 0.001));
+    assert_eq!(
+        (setpoint.stiffness[0], setpoint.damping[0], setpoint.inertia[0]),
+        (0.5, 0.1, 0.001)
+    );
     assert!((setpoint.position[0] - 10f64.to_radians()).abs() < 1e-12);
     assert!(setpoint.stiffness[1..AXES * AXES].iter().all(|entry| *entry == 0.0));
 }

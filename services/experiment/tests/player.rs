@@ -63,7 +63,8 @@ fn mode(setpoint: &Setpoint) -> Mode {
     Mode::from_code(setpoint.mode).unwrap()
 }
 
-/// Steps until `until_ns`; a handle that follows perfectly. Returns the setpoints and the changes with their times.
+/// Steps until `until_ns`; a handle that follows perfectly. Returns the setpoints and the changes
+/// with their times.
 fn play(player: &mut Player, from_ns: u64, until_ns: u64) -> (Vec<Setpoint>, Vec<(u64, Change)>) {
     let (mut setpoints, mut changes) = (Vec::new(), Vec::new());
     let mut measured = [0.0; AXES];
@@ -116,7 +117,10 @@ fn plays_every_segment_in_time_then_holds_then_lets_go() {
     assert_eq!(mode(at(100)), Mode::Passive);
     assert_eq!(mode(at(600)), Mode::Position);
     assert_eq!(mode(at(9_800)), Mode::Hold);
-    assert!((at(9_800).position[0] - 10.0_f64.to_radians()).abs() < 1e-9, "ends at the last centre");
+    assert!(
+        (at(9_800).position[0] - 10.0_f64.to_radians()).abs() < 1e-9,
+        "ends at the last centre"
+    );
     assert_eq!(mode(at(10_300)), Mode::Passive);
     assert_smooth(&setpoints);
     let guided = at(2_000);
@@ -212,9 +216,15 @@ fn a_state_that_does_not_fit_is_refused() {
     let state = player.state(1);
     let mut fresh = Player::new(Settings::default());
     let other = TEXT.replace("amplitude_deg = 30", "amplitude_deg = 20");
-    assert!(matches!(fresh.resume(&state, program(&other)), Err(ResumeError::OtherProtocol { .. })));
+    assert!(matches!(
+        fresh.resume(&state, program(&other)),
+        Err(ResumeError::OtherProtocol { .. })
+    ));
     let beyond = PlayerState { segment: 4, ..state.clone() };
-    assert_eq!(fresh.resume(&beyond, program(TEXT)), Err(ResumeError::NoSegment { found: 4, segments: 4 }));
+    assert_eq!(
+        fresh.resume(&beyond, program(TEXT)),
+        Err(ResumeError::NoSegment { found: 4, segments: 4 })
+    );
     let stopped = PlayerState { running: false, ..state };
     assert_eq!(fresh.resume(&stopped, program(TEXT)), Err(ResumeError::NotRunning));
     assert_eq!(fresh.step(0, &[0.0; AXES]).setpoint, None);

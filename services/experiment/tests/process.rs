@@ -1,4 +1,5 @@
-//! The process on a rig of its own. (One rig a test binary: the library's configuration is process-wide.)
+//! The process on a rig of its own. (One rig a test binary: the library's configuration is
+//! process-wide.)
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::path::Path;
@@ -34,7 +35,8 @@ dwell_s = 0.2
 "#;
 
 fn rig() -> RigFile {
-    RigFile::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs/hydrostatic.toml")).unwrap()
+    RigFile::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs/hydrostatic.toml"))
+        .unwrap()
 }
 
 struct Running {
@@ -74,7 +76,12 @@ impl Acquisition {
         let thread = std::thread::spawn(move || {
             let service = Service::start(Process::Acquisition, &name).unwrap();
             let mut samples = service.publisher(SAMPLE).unwrap();
-            let sample = Sample { master_position: [0.1, 0.0, 0.0], master_present: 1, axes: 1, ..Sample::default() };
+            let sample = Sample {
+                master_position: [0.1, 0.0, 0.0],
+                master_present: 1,
+                axes: 1,
+                ..Sample::default()
+            };
             while !ending.load(Ordering::Relaxed) {
                 samples.send(sample).unwrap();
                 std::thread::sleep(Duration::from_millis(2));
@@ -96,11 +103,17 @@ fn ask(service: &Service, request: &ExperimentRequest) -> ExperimentAnswer {
 }
 
 fn run(service: &Service, protocol: &str) -> ExperimentAnswer {
-    ask(service, &ExperimentRequest::Run { protocol: protocol.to_owned(), name: "short.toml".to_owned() })
+    ask(
+        service,
+        &ExperimentRequest::Run { protocol: protocol.to_owned(), name: "short.toml".to_owned() },
+    )
 }
 
 /// Polls until `done`; what was taken on the way.
-fn collect<T: Message>(subscriber: &mut Subscriber<T>, mut done: impl FnMut(&[T]) -> bool) -> Vec<T> {
+fn collect<T: Message>(
+    subscriber: &mut Subscriber<T>,
+    mut done: impl FnMut(&[T]) -> bool,
+) -> Vec<T> {
     let begun = Instant::now();
     let mut all = Vec::new();
     while !done(&all) {
@@ -151,8 +164,12 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     let mut told = collect(&mut events, has(EventKind::ProtocolDone));
     // A machine that stalls for longer than the lease makes a segment begin again, as it should.
     told.retain(|event| event.kind != EventKind::ProtocolResumed.code());
-    let expected =
-        [EventKind::ProtocolStarted, EventKind::SegmentStarted, EventKind::SegmentStarted, EventKind::ProtocolDone];
+    let expected = [
+        EventKind::ProtocolStarted,
+        EventKind::SegmentStarted,
+        EventKind::SegmentStarted,
+        EventKind::ProtocolDone,
+    ];
     assert_eq!(kinds(&told), expected);
     assert_eq!((told[1].text(), told[2].text(), told[2].segment), ("here", "ten degrees", 1));
     let played = collect(&mut setpoints, |all| all.iter().any(|s| s.mode == Mode::Passive.code()));
@@ -163,10 +180,14 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
         assert!(pair[1].at_ns > pair[0].at_ns && pair[1].sequence == pair[0].sequence + 1);
         assert!(pair[1].lease_until_ns > pair[1].at_ns);
         // minimum jerk: at most 1.875 × distance / duration
-        let most = 1.875 * (10f64.to_radians() - 0.1) / 0.4 * (pair[1].at_ns - pair[0].at_ns) as f64 * 1e-9;
+        let most = 1.875 * (10f64.to_radians() - 0.1) / 0.4
+            * (pair[1].at_ns - pair[0].at_ns) as f64
+            * 1e-9;
         let passive = pair[1].mode == Mode::Passive.code();
         let stalled = pair[1].at_ns > pair[0].lease_until_ns;
-        assert!(passive || stalled || (pair[1].position[0] - pair[0].position[0]).abs() <= most + 1e-12);
+        assert!(
+            passive || stalled || (pair[1].position[0] - pair[0].position[0]).abs() <= most + 1e-12
+        );
     }
     let status = ask(&service, &ExperimentRequest::Status);
     assert!(!status.running && status.completed, "{status:?}");
@@ -195,11 +216,19 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     assert!(setpoints.take().unwrap().is_none(), "played without samples");
     let acquisition = Acquisition::launch(&text);
     let told = collect(&mut events, has(EventKind::ProtocolResumed));
-    assert_eq!(told.iter().find(|e| e.kind == EventKind::ProtocolResumed.code()).unwrap().segment, 1);
+    assert_eq!(
+        told.iter().find(|e| e.kind == EventKind::ProtocolResumed.code()).unwrap().segment,
+        1
+    );
     let played = collect(&mut setpoints, |all| !all.is_empty());
-    assert!((played[0].position[0] - 0.1).abs() < 1e-6 && played[0].segment == 1, "{:?}", played[0]);
+    assert!(
+        (played[0].position[0] - 0.1).abs() < 1e-6 && played[0].segment == 1,
+        "{:?}",
+        played[0]
+    );
 
-    // samples that fail: nothing is published, and it goes on where the handle is when they come back
+    // samples that fail: nothing is published, and it goes on where the handle is when they come
+    // back
     drop(acquisition);
     std::thread::sleep(Duration::from_millis(300));
     while setpoints.take().unwrap().is_some() {}

@@ -39,16 +39,23 @@ fn two_axes_a_quarter_period_apart_go_round_in_a_circle() {
     for setpoint in &setpoints[1100..6900] {
         let [x, none, y] = setpoint.position;
         let [vx, _, vy] = setpoint.velocity;
-        assert!((x.hypot(y) / radius - 1.0).abs() < 1e-9 && (vx.hypot(vy) / speed - 1.0).abs() < 1e-9, "{setpoint:?}");
+        assert!(
+            (x.hypot(y) / radius - 1.0).abs() < 1e-9 && (vx.hypot(vy) / speed - 1.0).abs() < 1e-9,
+            "{setpoint:?}"
+        );
         assert_eq!((none, setpoint.axes), (0.0, 3));
         assert!(
-            (setpoint.peak_speed[0] / speed - 1.0).abs() < 0.03 && (setpoint.peak_speed[2] / speed - 1.0).abs() < 0.03
+            (setpoint.peak_speed[0] / speed - 1.0).abs() < 0.03
+                && (setpoint.peak_speed[2] / speed - 1.0).abs() < 0.03
         );
     }
     // No jump at either end, on no axis.
     for pair in setpoints.windows(2) {
         for axis in 0..AXES {
-            assert!((pair[1].position[axis] - pair[0].position[axis]).abs() < 1e-3 * 2.0 * (speed + 2.0 * radius));
+            assert!(
+                (pair[1].position[axis] - pair[0].position[axis]).abs()
+                    < 1e-3 * 2.0 * (speed + 2.0 * radius)
+            );
         }
     }
     assert_eq!(setpoints[8300].position, [0.0; AXES]);

@@ -14,20 +14,19 @@ fn fades() -> impl Strategy<Value = (f64, f64, f64)> {
 }
 
 fn movements() -> impl Strategy<Value = Movement> {
-    let line = (0.001..0.3_f64, 0.05..10.0_f64, 0.0..TAU).prop_map(|(amplitude, frequency_hz, phase)| Line {
-        amplitude,
-        frequency_hz,
-        phase,
-    });
+    let line = (0.001..0.3_f64, 0.05..10.0_f64, 0.0..TAU)
+        .prop_map(|(amplitude, frequency_hz, phase)| Line { amplitude, frequency_hz, phase });
     prop_oneof![
         (0.01..1.0_f64, 0.2..3.0_f64, -0.5..0.5_f64, fades()).prop_map(
-            |(amplitude, frequency_hz, centre, (fade_in_s, fade_out_s, duration_s))| Movement::GuidedSine {
-                amplitude,
-                frequency_hz,
-                duration_s,
-                centre,
-                fade_in_s,
-                fade_out_s
+            |(amplitude, frequency_hz, centre, (fade_in_s, fade_out_s, duration_s))| {
+                Movement::GuidedSine {
+                    amplitude,
+                    frequency_hz,
+                    duration_s,
+                    centre,
+                    fade_in_s,
+                    fade_out_s,
+                }
             }
         ),
         (prop::collection::vec(line, 1..8), -0.5..0.5_f64, fades()).prop_map(
@@ -39,38 +38,58 @@ fn movements() -> impl Strategy<Value = Movement> {
                 fade_out_s
             }
         ),
-        (prop::collection::vec(-1.0..1.0_f64, 1..6), 0.1..2.0_f64, 0.1..2.0_f64)
-            .prop_map(|(positions, dwell_s, rise_s)| Movement::Steps { positions, dwell_s, rise_s }),
-        (prop::option::of(-1.0..1.0_f64), 0.1..1.0_f64, 0.0..2.0_f64)
-            .prop_map(|(position, rise_s, more)| Movement::Hold { position, rise_s, duration_s: rise_s + more + 0.1 }),
+        (prop::collection::vec(-1.0..1.0_f64, 1..6), 0.1..2.0_f64, 0.1..2.0_f64).prop_map(
+            |(positions, dwell_s, rise_s)| Movement::Steps { positions, dwell_s, rise_s }
+        ),
+        (prop::option::of(-1.0..1.0_f64), 0.1..1.0_f64, 0.0..2.0_f64).prop_map(
+            |(position, rise_s, more)| Movement::Hold {
+                position,
+                rise_s,
+                duration_s: rise_s + more + 0.1
+            }
+        ),
         (0.1..5.0_f64).prop_map(|duration_s| Movement::Rest { duration_s }),
-        (-1.0..1.0_f64, 0.1..1.0_f64, 0.0..2.0_f64).prop_map(|(position, rise_s, more)| Movement::Centre(Centre {
-            position,
-            rise_s,
-            duration_s: rise_s + more
-        })),
-        (-1.0..1.0_f64, 0.2..3.0_f64, 0.1..0.5_f64, 0.0..2.0_f64).prop_map(|(position, speed, ease_s, more)| {
-            Movement::Ramp(Ramp { position, speed, ease_s, duration_s: 2.0 / speed + 2.0 * ease_s + more })
+        (-1.0..1.0_f64, 0.1..1.0_f64, 0.0..2.0_f64).prop_map(|(position, rise_s, more)| {
+            Movement::Centre(Centre { position, rise_s, duration_s: rise_s + more })
         }),
-        (0.01..0.3_f64, [0.1..5.0_f64, 0.1..5.0_f64], any::<bool>(), -0.5..0.5_f64, fades()).prop_map(
-            |(amplitude, frequencies_hz, exponential, centre, (fade_in_s, fade_out_s, duration_s))| {
-                Movement::Chirp(Chirp {
+        (-1.0..1.0_f64, 0.2..3.0_f64, 0.1..0.5_f64, 0.0..2.0_f64).prop_map(
+            |(position, speed, ease_s, more)| {
+                Movement::Ramp(Ramp {
+                    position,
+                    speed,
+                    ease_s,
+                    duration_s: 2.0 / speed + 2.0 * ease_s + more,
+                })
+            }
+        ),
+        (0.01..0.3_f64, [0.1..5.0_f64, 0.1..5.0_f64], any::<bool>(), -0.5..0.5_f64, fades())
+            .prop_map(
+                |(
                     amplitude,
                     frequencies_hz,
                     exponential,
                     centre,
-                    duration_s,
-                    fade_in_s,
-                    fade_out_s,
-                })
-            }
-        ),
+                    (fade_in_s, fade_out_s, duration_s),
+                )| {
+                    Movement::Chirp(Chirp {
+                        amplitude,
+                        frequencies_hz,
+                        exponential,
+                        centre,
+                        duration_s,
+                        fade_in_s,
+                        fade_out_s,
+                    })
+                }
+            ),
     ]
 }
 
-/// Scales against which small differences are judged: speed and acceleration that the movement can reach.
+/// Scales against which small differences are judged: speed and acceleration that the movement can
+/// reach.
 fn scales(track: &Track, start: f64) -> (f64, f64) {
-    let points: Vec<_> = (0..=2000).map(|i| track.at(start, track.duration_s() * f64::from(i) / 2000.0)).collect();
+    let points: Vec<_> =
+        (0..=2000).map(|i| track.at(start, track.duration_s() * f64::from(i) / 2000.0)).collect();
     let speed = points.iter().map(|point| point.velocity.abs()).fold(0.0, f64::max);
     let acceleration = points.iter().map(|point| point.acceleration.abs()).fold(0.0, f64::max);
     (speed, acceleration)
@@ -131,7 +150,8 @@ proptest! {
             let point = track.at(start, i as f64 * h);
             prop_assert!((point.position - before.position).abs() <= 1.1 * h * speed + 1e-9);
             prop_assert!((point.velocity - before.velocity).abs() <= 1.1 * h * acceleration + 1e-9);
-            // a fade of 0.1 s has the steepest jerk: 60/T per second, of an acceleration that goes with 5.8/T²
+            // a fade of 0.1 s has the steepest jerk: 60/T per second, of an acceleration that goes
+            // with 5.8/T²
             prop_assert!((point.acceleration - before.acceleration).abs() <= 0.05 * acceleration + 1e-9);
             before = point;
         }
@@ -192,7 +212,8 @@ fn a_multisine_knows_its_peak_speed() {
 
 #[test]
 fn steps_rise_and_dwell() {
-    let track = Track::new(Movement::Steps { positions: vec![1.0, -1.0], dwell_s: 1.0, rise_s: 0.5 });
+    let track =
+        Track::new(Movement::Steps { positions: vec![1.0, -1.0], dwell_s: 1.0, rise_s: 0.5 });
     assert_eq!(track.duration_s(), 3.0);
     assert_eq!(track.at(0.0, 1.2), Point { peak_speed: 3.75, ..Point::at_rest(1.0) });
     let half = track.at(0.0, 1.75);
@@ -207,16 +228,24 @@ fn modes_follow_the_movement() {
     assert_eq!(hold.mode(0.5), Mode::Position);
     assert_eq!(hold.mode(1.5), Mode::Hold);
     assert_eq!(Track::new(Movement::Rest { duration_s: 1.0 }).mode(0.5), Mode::Passive);
-    assert_eq!(Track::new(Movement::Hold { position: None, rise_s: 0.5, duration_s: 1.0 }).mode(0.0), Mode::Hold);
+    assert_eq!(
+        Track::new(Movement::Hold { position: None, rise_s: 0.5, duration_s: 1.0 }).mode(0.0),
+        Mode::Hold
+    );
 }
 
 #[test]
 fn a_ramp_goes_at_its_speed_and_a_short_one_slower() {
-    let ramp = |position| Movement::Ramp(Ramp { position, speed: 0.5, ease_s: 0.2, duration_s: 10.0 });
+    let ramp =
+        |position| Movement::Ramp(Ramp { position, speed: 0.5, ease_s: 0.2, duration_s: 10.0 });
     let long = Track::new(ramp(2.0));
     for t in [0.2, 1.0, 2.0, 4.0] {
         let point = long.at(0.0, t);
-        assert!((point.velocity - 0.5).abs() < 1e-12 && (point.position - 0.5 * (t - 0.1)).abs() < 1e-12, "{point:?}");
+        assert!(
+            (point.velocity - 0.5).abs() < 1e-12
+                && (point.position - 0.5 * (t - 0.1)).abs() < 1e-12,
+            "{point:?}"
+        );
     }
     assert_eq!(long.at(0.0, 4.2), Point::at_rest(2.0));
     let short = Track::new(ramp(0.05));

@@ -1,6 +1,8 @@
-//! The keeper process: founds the rig's shared-memory domain, holds every service open, cleans up after the dead.
+//! The keeper process: founds the rig's shared-memory domain, holds every service open, cleans up
+//! after the dead.
 //!
-//! It has no ports and no part in the data. When it dies, everything goes on; nothing new starts until it is back.
+//! It has no ports and no part in the data. When it dies, everything goes on; nothing new starts
+//! until it is back.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -58,7 +58,8 @@ impl Block {
         }
     }
 
-    /// Takes in the slave's position at a step of the cycle. `settled`: the change of the reference has died away.
+    /// Takes in the slave's position at a step of the cycle. `settled`: the change of the reference
+    /// has died away.
     pub(crate) fn record(&mut self, step: usize, slave: f64, desired: f64, settled: bool) {
         let error = desired - slave;
         if !error.is_finite() {
@@ -66,7 +67,9 @@ impl Block {
             return;
         }
         self.whole.add(error);
-        if settled && let (Some(sum), Some(count)) = (self.sums.get_mut(step), self.counts.get_mut(step)) {
+        if settled
+            && let (Some(sum), Some(count)) = (self.sums.get_mut(step), self.counts.get_mut(step))
+        {
             *sum += slave;
             *count += 1;
             self.settled.add(error);

@@ -1,24 +1,29 @@
-//! Iterative learning of a periodic movement (§ 4.3): the master's position reference is made better from block to block, until
-//! the slave goes where it should. An ordinary law (that of the control process) moves the master along the reference.
+//! Iterative learning of a periodic movement (§ 4.3): the master's position reference is made
+//! better from block to block, until the slave goes where it should. An ordinary law (that of the
+//! control process) moves the master along the reference.
 //!
-//! A movement repeats with a fixed period of N control steps. A *block* is a few cycles with one reference: the first
-//! ones let the change of reference die away, the mean of the others is what is learnt from. Two learning laws:
+//! A movement repeats with a fixed period of N control steps. A *block* is a few cycles with one
+//! reference: the first ones let the change of reference die away, the mean of the others is what
+//! is learnt from. Two learning laws:
 //!
-//! - [`Published`], eq. 4.3.2 and 4.3.3: the error (slave reference less slave), low-passed without shift of phase and taken
-//!   earlier by the delay of the transmission, times small gains, is added to the reference;
-//! - [`ModelBased`]: each harmonic of the error goes through the regularised inverse of the identified response; where the response is not
-//!   known nothing is changed.
+//! - [`Published`], eq. 4.3.2 and 4.3.3: the error (slave reference less slave), low-passed without
+//!   shift of phase and taken earlier by the delay of the transmission, times small gains, is added
+//!   to the reference;
+//! - [`ModelBased`]: each harmonic of the error goes through the regularised inverse of the
+//!   identified response; where the response is not known nothing is changed.
 //!
-//! **When learning stops.** A block whose error is more than [`Stop::growth`] times the best block's is a worse one; after [`Stop::patience`]
-//! worse ones in a row, or as soon as a new reference would leave the limits of position or speed, the best
-//! reference is taken back and kept ([`Frozen`] says why). A block in which a step of the cycle was never measured is not learnt
+//! **When learning stops.** A block whose error is more than [`Stop::growth`] times the best
+//! block's is a worse one; after [`Stop::patience`] worse ones in a row, or as soon as a new
+//! reference would leave the limits of position or speed, the best reference is taken back and kept
+//! ([`Frozen`] says why). A block in which a step of the cycle was never measured is not learnt
 //! from; what is not a number never enters the reference.
 //!
-//! Convergence (eq. 4.3.12, with `docs/errata.md`): on a plant of gain g and the given delay, the error of a harmonic is multiplied by
-//! `1 - (γ_p + γ_d) g w` from block to block, w being the low pass; it falls where that is below 1 in magnitude.
+//! Convergence (eq. 4.3.12, with `docs/errata.md`): on a plant of gain g and the given delay, the
+//! error of a harmonic is multiplied by `1 - (γ_p + γ_d) g w` from block to block, w being the low
+//! pass; it falls where that is below 1 in magnitude.
 //!
-//! Pure: no clock, no files but [`store`]'s. [`Learner::record`] and [`Learner::aim`], once a control step, allocate nothing;
-//! [`Learner::finish_block`] is for between the blocks.
+//! Pure: no clock, no files but [`store`]'s. [`Learner::record`] and [`Learner::aim`], once a
+//! control step, allocate nothing; [`Learner::finish_block`] is for between the blocks.
 
 mod block;
 mod memory;
@@ -54,7 +59,8 @@ pub enum LearningLaw {
 /// When learning stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// A block is worse when its error (mean magnitude, settled cycles) is more than this times the best block's (1), above 1.
+    /// A block is worse when its error (mean magnitude, settled cycles) is more than this times the
+    /// best block's (1), above 1.
     pub growth: f64,
     /// So many worse blocks in a row end the learning, 1 or more.
     pub patience: usize,
@@ -83,7 +89,9 @@ pub struct LearnerConfig {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum LearningError {
     /// The desired movement is no cycle.
-    #[error("desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found {found}")]
+    #[error(
+        "desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found {found}"
+    )]
     Desired {
         /// What was found.
         found: String,
@@ -188,8 +196,8 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// A learner of `desired`, the slave's positions over one cycle (rad or m), one per control step. The first reference is the desired
-    /// movement itself.
+    /// A learner of `desired`, the slave's positions over one cycle (rad or m), one per control
+    /// step. The first reference is the desired movement itself.
     ///
     /// # Errors
     /// [`LearningError`].
@@ -201,22 +209,31 @@ impl Learner {
     ///
     /// # Errors
     /// [`LearningError`].
-    pub fn from_reference(desired: &[f64], reference: &[f64], config: LearnerConfig) -> Result<Self, LearningError> {
+    pub fn from_reference(
+        desired: &[f64],
+        reference: &[f64],
+        config: LearnerConfig,
+    ) -> Result<Self, LearningError> {
         config.check()?;
         let (low, high) = config.position_limits;
         if desired.len() < FEWEST_STEPS {
             return Err(LearningError::Desired { found: format!("{} positions", desired.len()) });
         }
         if reference.len() != desired.len() {
-            let found = format!("{} positions for a reference of {}", desired.len(), reference.len());
+            let found =
+                format!("{} positions for a reference of {}", desired.len(), reference.len());
             return Err(LearningError::Desired { found });
         }
         let outside = |position: &&f64| !(low..=high).contains(*position);
         if let Some(outside) = desired.iter().chain(reference).find(outside) {
-            return Err(LearningError::Desired { found: format!("{outside}, limits {low} to {high}") });
+            return Err(LearningError::Desired {
+                found: format!("{outside}, limits {low} to {high}"),
+            });
         }
         let rule = match &config.law {
-            LearningLaw::Published(law) => Rule::Published(PublishedRule::new(*law, config.rate_hz)),
+            LearningLaw::Published(law) => {
+                Rule::Published(PublishedRule::new(*law, config.rate_hz))
+            }
             LearningLaw::ModelBased(law) => Rule::ModelBased(law.clone()),
         };
         let mut learner = Self {
@@ -235,7 +252,8 @@ impl Learner {
         };
         learner.publish();
         if learner.peak_speed > learner.config.speed_limit {
-            let found = format!("a speed of {}, limit {}", learner.peak_speed, learner.config.speed_limit);
+            let found =
+                format!("a speed of {}, limit {}", learner.peak_speed, learner.config.speed_limit);
             return Err(LearningError::Desired { found });
         }
         Ok(learner)
@@ -271,13 +289,14 @@ impl Learner {
         &self.reference
     }
 
-    /// The best reference so far, one position per step (rad or m): that of the block with the least error. The one in use, where no
-    /// block was measured.
+    /// The best reference so far, one position per step (rad or m): that of the block with the
+    /// least error. The one in use, where no block was measured.
     pub fn best_reference(&self) -> &[f64] {
         self.best.as_ref().map_or(&self.reference, |best| &best.reference)
     }
 
-    /// Error of the best block: mean magnitude over its settled cycles (rad or m); `None` where none was measured.
+    /// Error of the best block: mean magnitude over its settled cycles (rad or m); `None` where
+    /// none was measured.
     pub fn best_error(&self) -> Option<f64> {
         self.best.as_ref().map(|best| best.error)
     }
@@ -302,16 +321,16 @@ impl Learner {
         self.frozen
     }
 
-    /// Takes in where the slave was (rad or m) at the `step`-th control step of this block, from 0. Steps may be left out. Allocates
-    /// nothing.
+    /// Takes in where the slave was (rad or m) at the `step`-th control step of this block, from 0.
+    /// Steps may be left out. Allocates nothing.
     pub fn record(&mut self, step: usize, slave: f64) {
         let in_cycle = step % self.desired.len();
         let settled = step / self.desired.len() >= self.config.settling_cycles;
         self.block.record(in_cycle, slave, self.desired[in_cycle], settled);
     }
 
-    /// Ends the block: learns from it, and makes the reference of the next. To be called between two control steps that the loop can
-    /// spare; it takes some transforms of a cycle.
+    /// Ends the block: learns from it, and makes the reference of the next. To be called between
+    /// two control steps that the loop can spare; it takes some transforms of a cycle.
     pub fn finish_block(&mut self) -> BlockReport {
         self.blocks += 1;
         let errors = self.block.errors();
@@ -350,7 +369,8 @@ impl Learner {
         if settled.mean_abs < best {
             self.best = Some(Best { error: settled.mean_abs, reference: self.reference.clone() });
         }
-        self.worse = if settled.mean_abs > self.config.stop.growth * best { self.worse + 1 } else { 0 };
+        self.worse =
+            if settled.mean_abs > self.config.stop.growth * best { self.worse + 1 } else { 0 };
         if self.worse >= self.config.stop.patience {
             return self.end(Frozen::Grew { best, found: settled.mean_abs });
         }
@@ -402,8 +422,11 @@ impl Learner {
         self.spectral.differentiate(&mut acceleration);
         self.peak_speed = 0.0;
         for (n, point) in self.points.iter_mut().enumerate() {
-            *point =
-                ReferencePoint { position: self.reference[n], velocity: velocity[n], acceleration: acceleration[n] };
+            *point = ReferencePoint {
+                position: self.reference[n],
+                velocity: velocity[n],
+                acceleration: acceleration[n],
+            };
             let speed = velocity[n].abs();
             if speed > self.peak_speed || speed.is_nan() {
                 self.peak_speed = speed;
@@ -430,15 +453,25 @@ impl LearnerConfig {
         }
         if !(self.stop.growth.is_finite() && self.stop.growth > 1.0) {
             let found = self.stop.growth;
-            return Err(LearningError::Setting { name: "stop.growth", expected: "a number above 1", found });
+            return Err(LearningError::Setting {
+                name: "stop.growth",
+                expected: "a number above 1",
+                found,
+            });
         }
         if self.stop.patience == 0 {
-            return Err(LearningError::Setting { name: "stop.patience", expected: "1 or more", found: 0.0 });
+            return Err(LearningError::Setting {
+                name: "stop.patience",
+                expected: "1 or more",
+                found: 0.0,
+            });
         }
         match &self.law {
             LearningLaw::Published(law) => {
                 positive("cutoff_hz", law.cutoff_hz)?;
-                for (name, found) in [("gamma_p", law.gamma_p), ("gamma_d", law.gamma_d), ("delay_s", law.delay_s)] {
+                for (name, found) in
+                    [("gamma_p", law.gamma_p), ("gamma_d", law.gamma_d), ("delay_s", law.delay_s)]
+                {
                     if !(found.is_finite() && found >= 0.0) {
                         return Err(LearningError::Setting { name, expected: "0 or more", found });
                     }

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Best, Frozen, Learner, LearnerConfig, LearningError, Rule};
 
-/// What a learner knows between two blocks; with the same settings it goes on as if nothing had been.
+/// What a learner knows between two blocks; with the same settings it goes on as if nothing had
+/// been.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
     /// Blocks that are done.
@@ -41,13 +42,20 @@ impl Learner {
     /// A learner that goes on from what another one knew, with the same movement and settings.
     ///
     /// # Errors
-    /// [`LearningError`], also where a kept cycle is of another length than the movement or not finite.
-    pub fn recall(desired: &[f64], memory: Memory, config: LearnerConfig) -> Result<Self, LearningError> {
+    /// [`LearningError`], also where a kept cycle is of another length than the movement or not
+    /// finite.
+    pub fn recall(
+        desired: &[f64],
+        memory: Memory,
+        config: LearnerConfig,
+    ) -> Result<Self, LearningError> {
         let mut learner = Self::from_reference(desired, &memory.reference, config)?;
         let cycles = memory.best.iter().map(|best| &best.1).chain(&memory.before);
         for cycle in cycles {
             if cycle.len() != desired.len() || !cycle.iter().all(|value| value.is_finite()) {
-                return Err(LearningError::Desired { found: "a kept cycle that does not fit the movement".to_owned() });
+                return Err(LearningError::Desired {
+                    found: "a kept cycle that does not fit the movement".to_owned(),
+                });
             }
         }
         learner.blocks = memory.blocks;

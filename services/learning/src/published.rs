@@ -2,13 +2,14 @@
 
 use crate::spectral::{Spectral, advance};
 
-/// Eq. 4.3.2 and 4.3.3. The thesis prints the delay; gains and cut-off are "kept low" and "selected heuristically".
+/// Eq. 4.3.2 and 4.3.3. The thesis prints the delay; gains and cut-off are "kept low" and "selected
+/// heuristically".
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Published {
     /// γ_p, change of the reference per error (1).
     pub gamma_p: f64,
-    /// γ_d, change of the reference per change of the error since the block before (1): the differences of the thesis's proof
-    /// (eq. 4.3.11) are between blocks.
+    /// γ_d, change of the reference per change of the error since the block before (1): the
+    /// differences of the thesis's proof (eq. 4.3.11) are between blocks.
     pub gamma_d: f64,
     /// Cut-off of the low pass on the error (Hz).
     pub cutoff_hz: f64,
@@ -37,7 +38,12 @@ impl PublishedRule {
     }
 
     /// Learns from one cycle's error, which is used up.
-    pub(crate) fn learn(&mut self, spectral: &mut Spectral, mut error: Vec<f64>, reference: &mut [f64]) {
+    pub(crate) fn learn(
+        &mut self,
+        spectral: &mut Spectral,
+        mut error: Vec<f64>,
+        reference: &mut [f64],
+    ) {
         spectral.low_pass(&mut error, self.law.cutoff_hz);
         advance(&mut error, self.delay_samples);
         for (n, (value, now)) in reference.iter_mut().zip(&error).enumerate() {

@@ -25,12 +25,16 @@ impl Spectral {
     /// For cycles of `samples` values taken at `rate_hz` (Hz).
     pub fn new(samples: usize, rate_hz: f64) -> Self {
         let mut planner = RealFftPlanner::new();
-        let (forward, backward) = (planner.plan_fft_forward(samples), planner.plan_fft_inverse(samples));
+        let (forward, backward) =
+            (planner.plan_fft_forward(samples), planner.plan_fft_inverse(samples));
         Self {
             samples,
             base_hz: rate_hz / samples as f64,
             input: forward.make_input_vec(),
-            scratch: vec![Complex::default(); forward.get_scratch_len().max(backward.get_scratch_len())],
+            scratch: vec![
+                Complex::default();
+                forward.get_scratch_len().max(backward.get_scratch_len())
+            ],
             spectrum: forward.make_output_vec(),
             forward,
             backward,
@@ -52,8 +56,8 @@ impl Spectral {
         self.base_hz * harmonic as f64
     }
 
-    /// Complex amplitudes of the cycle's harmonics, in its unit: `2/N` of the transform, of the mean `1/N`. A sine of amplitude 1 at
-    /// harmonic h has magnitude 1 there.
+    /// Complex amplitudes of the cycle's harmonics, in its unit: `2/N` of the transform, of the
+    /// mean `1/N`. A sine of amplitude 1 at harmonic h has magnitude 1 there.
     ///
     /// # Panics
     /// Where `values` is not one cycle, as all of these.
@@ -67,7 +71,8 @@ impl Spectral {
         &self.spectrum
     }
 
-    /// Takes each harmonic of a cycle times a factor, in place. `factor` gets the harmonic's number.
+    /// Takes each harmonic of a cycle times a factor, in place. `factor` gets the harmonic's
+    /// number.
     pub fn shape(&mut self, values: &mut [f64], factor: impl Fn(usize) -> Complex<f64>) {
         self.transform(values);
         for (harmonic, value) in self.spectrum.iter_mut().enumerate() {
@@ -79,15 +84,20 @@ impl Spectral {
             self.spectrum[edge].im = 0.0;
         }
         // The lengths are those of the plan, and the two edges are real: it cannot fail.
-        let _ = self.backward.process_with_scratch(&mut self.spectrum, &mut self.input, &mut self.scratch);
+        let _ = self.backward.process_with_scratch(
+            &mut self.spectrum,
+            &mut self.input,
+            &mut self.scratch,
+        );
         let scale = 1.0 / self.samples as f64;
         for (value, shaped) in values.iter_mut().zip(&self.input) {
             *value = scale * shaped;
         }
     }
 
-    /// The low pass of eq. 4.3.2 without shift of phase: a Butterworth filter of second order run forward and then backward over the
-    /// endless repetition of the cycle, whose gain is exactly `1/(1 + (f/cutoff)^4)`: one half at the cut-off (Hz).
+    /// The low pass of eq. 4.3.2 without shift of phase: a Butterworth filter of second order run
+    /// forward and then backward over the endless repetition of the cycle, whose gain is exactly
+    /// `1/(1 + (f/cutoff)^4)`: one half at the cut-off (Hz).
     pub fn low_pass(&mut self, values: &mut [f64], cutoff_hz: f64) {
         let base_hz = self.base_hz;
         self.shape(values, |harmonic| {
@@ -95,8 +105,9 @@ impl Spectral {
         });
     }
 
-    /// Takes a cycle to its derivative with time (per s), in place: exact for what the samples can hold; the highest harmonic of an
-    /// even number of samples, whose phase they do not show, counts as none.
+    /// Takes a cycle to its derivative with time (per s), in place: exact for what the samples can
+    /// hold; the highest harmonic of an even number of samples, whose phase they do not show,
+    /// counts as none.
     pub fn differentiate(&mut self, values: &mut [f64]) {
         let omega = std::f64::consts::TAU * self.base_hz;
         let samples = self.samples;
@@ -109,7 +120,11 @@ impl Spectral {
     fn transform(&mut self, values: &[f64]) {
         self.input.copy_from_slice(values);
         // The lengths are those of the plan: it cannot fail.
-        let _ = self.forward.process_with_scratch(&mut self.input, &mut self.spectrum, &mut self.scratch);
+        let _ = self.forward.process_with_scratch(
+            &mut self.input,
+            &mut self.spectrum,
+            &mut self.scratch,
+        );
     }
 }
 
@@ -123,8 +138,8 @@ impl fmt::Debug for Spectral {
     }
 }
 
-/// Takes a cycle `samples` earlier, round the cycle: `e(n) = e'(n + N_d)`, § 4.3, with as many values as there are
-/// places (`docs/errata.md`).
+/// Takes a cycle `samples` earlier, round the cycle: `e(n) = e'(n + N_d)`, § 4.3, with as many
+/// values as there are places (`docs/errata.md`).
 pub fn advance(values: &mut [f64], samples: usize) {
     if !values.is_empty() {
         values.rotate_left(samples % values.len());
@@ -166,16 +181,19 @@ mod tests {
         assert!((spectrum[10].norm() - 0.5).abs() < 1e-12 && spectrum[100].norm() < 1.1e-4);
     }
 
-    /// The same as a second-order Butterworth filter, bilinear and prewarped, run forward and backward until the start is
-    /// forgotten, but for the warping of the frequency axis.
+    /// The same as a second-order Butterworth filter, bilinear and prewarped, run forward and
+    /// backward until the start is forgotten, but for the warping of the frequency axis.
     #[test]
     fn low_pass_is_forward_and_backward_filtering() {
         let (samples, cutoff) = (2000, 6.0);
         let original = wave(samples, &[(1, 1.0, 0.2), (5, 0.5, 1.1), (20, 0.3, 2.0)]);
         let k = (std::f64::consts::PI * cutoff / samples as f64).tan();
         let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * k + k * k);
-        let (b, a1, a2) =
-            (k * k * norm, 2.0 * (k * k - 1.0) * norm, (1.0 - std::f64::consts::SQRT_2 * k + k * k) * norm);
+        let (b, a1, a2) = (
+            k * k * norm,
+            2.0 * (k * k - 1.0) * norm,
+            (1.0 - std::f64::consts::SQRT_2 * k + k * k) * norm,
+        );
         let run = |values: Vec<f64>| -> Vec<f64> {
             let (mut x1, mut x2, mut y1, mut y2) = (0.0, 0.0, 0.0, 0.0);
             let filtered: Vec<f64> = (0..4 * samples)

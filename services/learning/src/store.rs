@@ -1,9 +1,11 @@
 //! A learnt reference on disk.
 //!
-//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the reference in bincode, little-endian. bincode is
-//! unmaintained (RUSTSEC-2025-0141); the version lets another encoding take its place.
+//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the reference
+//! in bincode, little-endian. bincode is unmaintained (RUSTSEC-2025-0141); the version lets another
+//! encoding take its place.
 //!
-//! A reference belongs to the machine that it was learnt on: its file names the rig, and is refused for any other.
+//! A reference belongs to the machine that it was learnt on: its file names the rig, and is refused
+//! for any other.
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -36,7 +38,8 @@ pub struct LearntReference {
     pub centre: f64,
     /// Whether control added its feed-forward.
     pub feedforward: bool,
-    /// Error of the block that the reference is of: mean magnitude over its settled cycles (rad or m); 0 where none was measured.
+    /// Error of the block that the reference is of: mean magnitude over its settled cycles (rad or
+    /// m); 0 where none was measured.
     pub error: f64,
     /// The master's position at each control step of one cycle (rad or m).
     pub positions: Vec<f64>,
@@ -60,7 +63,9 @@ pub enum StoreError {
         found: u16,
     },
     /// Damaged or cut off.
-    #[error("learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; learn anew")]
+    #[error(
+        "learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; learn anew"
+    )]
     Checksum {
         /// Checksum in the file.
         expected: u64,
@@ -70,8 +75,11 @@ pub enum StoreError {
     /// Sound bytes that do not decode, or a reference that does not encode.
     #[error("learnt reference cannot be coded: {0}; learn anew")]
     Coding(String),
-    /// Its numbers are no periodic movement: too few, not finite, or of another length than its period.
-    #[error("learnt reference: expected finite positions over one period, found {found}; learn anew")]
+    /// Its numbers are no periodic movement: too few, not finite, or of another length than its
+    /// period.
+    #[error(
+        "learnt reference: expected finite positions over one period, found {found}; learn anew"
+    )]
     Positions {
         /// What was found.
         found: String,
@@ -92,7 +100,9 @@ pub enum StoreError {
         found_name: String,
     },
     /// Of another axis.
-    #[error("learnt for another axis: expected axis {expected}, found {found}; choose that axis's file")]
+    #[error(
+        "learnt for another axis: expected axis {expected}, found {found}; choose that axis's file"
+    )]
     OtherAxis {
         /// Axis at hand.
         expected: u32,
@@ -110,7 +120,9 @@ pub enum StoreError {
         found: String,
     },
     /// Learnt at another rate.
-    #[error("learnt at another rate: expected {expected} Hz, found {found} Hz; learn anew at this rate")]
+    #[error(
+        "learnt at another rate: expected {expected} Hz, found {found} Hz; learn anew at this rate"
+    )]
     OtherRate {
         /// Rate of control at hand (Hz).
         expected: u32,
@@ -163,7 +175,8 @@ impl Belongs {
 }
 
 impl LearntReference {
-    /// A reference of `positions` (rad or m), one for each step of the cycle; `error` of the block that it is of (rad or m).
+    /// A reference of `positions` (rad or m), one for each step of the cycle; `error` of the block
+    /// that it is of (rad or m).
     ///
     /// # Errors
     /// [`StoreError::Positions`].
@@ -171,8 +184,18 @@ impl LearntReference {
         let Belongs { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *belongs;
         let period_s = positions.len() as f64 / f64::from(rate_hz);
         let rig_name = belongs.rig_name.clone();
-        let reference =
-            Self { rig, rig_name, axis, rate_hz, period_s, amplitude, centre, feedforward, error, positions };
+        let reference = Self {
+            rig,
+            rig_name,
+            axis,
+            rate_hz,
+            period_s,
+            amplitude,
+            centre,
+            feedforward,
+            error,
+            positions,
+        };
         reference.check()?;
         Ok(reference)
     }
@@ -192,12 +215,15 @@ impl LearntReference {
     /// The reference in kept bytes, whichever rig it belongs to.
     ///
     /// # Errors
-    /// Each [`StoreError`] up to [`StoreError::Positions`]; a damaged file never yields a reference.
+    /// Each [`StoreError`] up to [`StoreError::Positions`]; a damaged file never yields a
+    /// reference.
     pub fn decode(bytes: &[u8]) -> Result<Self, StoreError> {
         let short = || StoreError::NotAReference { found: format!("{} bytes", bytes.len()) };
         let (mark, rest) = bytes.split_first_chunk::<4>().ok_or_else(short)?;
         if *mark != MARK {
-            return Err(StoreError::NotAReference { found: format!("\"{}\"", mark.escape_ascii()) });
+            return Err(StoreError::NotAReference {
+                found: format!("\"{}\"", mark.escape_ascii()),
+            });
         }
         let (version, rest) = rest.split_first_chunk::<2>().ok_or_else(short)?;
         let version = u16::from_le_bytes(*version);
@@ -227,9 +253,12 @@ impl LearntReference {
         let path = path.as_ref();
         let bytes = self.encode()?;
         let failed = |doing| move |source| StoreError::Io { doing, path: path.to_owned(), source };
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file =
-            tempfile::Builder::new().prefix(".learnt-").tempfile_in(folder).map_err(failed("write beside"))?;
+        let folder =
+            path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut file = tempfile::Builder::new()
+            .prefix(".learnt-")
+            .tempfile_in(folder)
+            .map_err(failed("write beside"))?;
         file.write_all(&bytes).map_err(failed("write"))?;
         file.as_file().sync_all().map_err(failed("bring to the disk"))?;
         file.persist(path).map_err(|error| failed("replace")(error.error))?;
@@ -287,7 +316,10 @@ impl LearntReference {
                 feedforward: self.feedforward,
                 ..belongs.clone()
             };
-            return Err(StoreError::OtherMovement { expected: belongs.movement(), found: found.movement() });
+            return Err(StoreError::OtherMovement {
+                expected: belongs.movement(),
+                found: found.movement(),
+            });
         }
         Ok(())
     }
@@ -295,11 +327,17 @@ impl LearntReference {
     fn check(&self) -> Result<(), StoreError> {
         let found = |found| Err(StoreError::Positions { found });
         let numbers = [self.amplitude, self.centre, self.error, self.period_s];
-        if let Some(value) = self.positions.iter().chain(&numbers).find(|value| !value.is_finite()) {
+        if let Some(value) = self.positions.iter().chain(&numbers).find(|value| !value.is_finite())
+        {
             return found(format!("{value}"));
         }
         let steps = self.period_s * f64::from(self.rate_hz);
-        let matches = !self.positions.is_empty() && (steps - self.positions.len() as f64).abs() < 1e-6;
-        if matches { Ok(()) } else { found(format!("{} positions for {steps} steps", self.positions.len())) }
+        let matches =
+            !self.positions.is_empty() && (steps - self.positions.len() as f64).abs() < 1e-6;
+        if matches {
+            Ok(())
+        } else {
+            found(format!("{} positions for {steps} steps", self.positions.len()))
+        }
     }
 }

@@ -1,11 +1,13 @@
-//! Iterative learning: contraction on a plant with a closed form, symmetry, refusals, and what is kept on disk.
+//! Iterative learning: contraction on a plant with a closed form, symmetry, refusals, and what is
+//! kept on disk.
 #![allow(clippy::unwrap_used)]
 
 use std::f64::consts::TAU;
 
 use learning::store::{Belongs, LearntReference, StoreError};
 use learning::{
-    Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published, Response, Step, Stop,
+    Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published,
+    Response, Step, Stop,
 };
 use proptest::prelude::*;
 
@@ -15,7 +17,16 @@ const RATE_HZ: u32 = 500;
 const DELAY: usize = 15;
 
 fn belongs(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> Belongs {
-    Belongs { rig, rig_name: "bench".to_owned(), axis, rate_hz, steps, amplitude: 0.5, centre: 0.0, feedforward: true }
+    Belongs {
+        rig,
+        rig_name: "bench".to_owned(),
+        axis,
+        rate_hz,
+        steps,
+        amplitude: 0.5,
+        centre: 0.0,
+        feedforward: true,
+    }
 }
 
 fn sine(amplitude: f64, harmonic: usize, step: usize) -> f64 {
@@ -57,7 +68,8 @@ fn delayed(gain: f64) -> impl Fn(&[f64], usize) -> f64 {
     move |reference, step| gain * reference[(step + STEPS - DELAY) % STEPS]
 }
 
-/// Eq. 4.3.11 to the letter: `e_k = (1 - (γp + γd) g w) e_{k-1} + γd g w e_{k-2}` on the harmonic of the movement.
+/// Eq. 4.3.11 to the letter: `e_k = (1 - (γp + γd) g w) e_{k-1} + γd g w e_{k-2}` on the harmonic
+/// of the movement.
 #[test]
 fn the_error_follows_the_recursion_of_the_proof() {
     let (gain, gamma_p, gamma_d) = (0.8, 0.3, 0.05);
@@ -67,7 +79,10 @@ fn the_error_follows_the_recursion_of_the_proof() {
     // The first difference has no block before it.
     let mut expected = vec![errors[0], errors[0] * (1.0 - gamma_p * weight)];
     for k in 2..30 {
-        expected.push((1.0 - (gamma_p + gamma_d) * weight) * expected[k - 1] + gamma_d * weight * expected[k - 2]);
+        expected.push(
+            (1.0 - (gamma_p + gamma_d) * weight) * expected[k - 1]
+                + gamma_d * weight * expected[k - 2],
+        );
     }
     for (error, expected) in errors.iter().zip(&expected) {
         assert!((error - expected).abs() < 1e-9, "{error}, expected {expected}");
@@ -75,7 +90,8 @@ fn the_error_follows_the_recursion_of_the_proof() {
     assert!(errors[29] < 1e-3 * errors[0]);
 }
 
-/// A contraction is what eq. 4.3.12 needs: with `(γp + γd) g` above 2 the matrix is negative definite, and the error grows.
+/// A contraction is what eq. 4.3.12 needs: with `(γp + γd) g` above 2 the matrix is negative
+/// definite, and the error grows.
 #[test]
 fn a_negative_definite_matrix_is_no_convergence() {
     let mut learner = Learner::new(&desired(), config(published(1.0, 0.0))).unwrap();
@@ -94,8 +110,9 @@ fn learning_ends_at_the_best_reference_when_the_error_grows() {
     let best = learner.reference().to_vec();
     let (_, error) = block(&mut learner, delayed(1.0));
     // From now on the plant does as it likes.
-    let steps: Vec<Step> =
-        (1..=3).map(|k| block(&mut learner, |_, step| sine(-0.1 * f64::from(k), 1, step)).0).collect();
+    let steps: Vec<Step> = (1..=3)
+        .map(|k| block(&mut learner, |_, step| sine(-0.1 * f64::from(k), 1, step)).0)
+        .collect();
     assert!(matches!(steps[..2], [Step::Learnt, Step::Learnt]), "{steps:?}");
     assert!(
         matches!(steps[2], Step::Frozen(Frozen::Grew { best, found }) if best == error && found > 0.5),
@@ -138,7 +155,8 @@ fn where_the_response_is_unknown_nothing_is_learnt() {
     response.learn(3, Complex::from(1.0), Complex::from(1e-4), 1e-3);
     assert_eq!((response.known(), response.at(3)), (1, None));
     let law = ModelBased { response, gain: 1.0, regularisation: 1e-6 };
-    let mut learner = Learner::new(&desired(), config(LearningLaw::ModelBased(law.clone()))).unwrap();
+    let mut learner =
+        Learner::new(&desired(), config(LearningLaw::ModelBased(law.clone()))).unwrap();
     block(&mut learner, |reference, step| 0.8 * reference[step] + sine(0.1, 3, step));
     for (step, position) in learner.reference().iter().enumerate() {
         assert!((position - sine(0.5 / 0.8, 1, step)).abs() < 1e-6);
@@ -179,7 +197,10 @@ fn settings_out_of_range_are_refused() {
         refused(LearnerConfig { position_limits: (-0.4, 0.4), ..good.clone() }),
         LearningError::Desired { .. }
     ));
-    assert!(matches!(refused(LearnerConfig { speed_limit: 1.0, ..good.clone() }), LearningError::Desired { .. }));
+    assert!(matches!(
+        refused(LearnerConfig { speed_limit: 1.0, ..good.clone() }),
+        LearningError::Desired { .. }
+    ));
     assert!(matches!(Learner::new(&[0.0; 3], good.clone()), Err(LearningError::Desired { .. })));
     assert!(matches!(Learner::new(&[f64::NAN; 99], good), Err(LearningError::Desired { .. })));
 }
@@ -203,7 +224,8 @@ proptest! {
         }
     }
 
-    /// Whatever the sensor says, the reference stays finite and within the limits; steps without a value are not learnt from.
+    /// Whatever the sensor says, the reference stays finite and within the limits; steps without a
+    /// value are not learnt from.
     #[test]
     fn what_is_no_number_never_enters_the_reference(
         bad in prop::collection::vec((0usize..2 * STEPS, prop_oneof![
@@ -274,21 +296,35 @@ proptest! {
 #[test]
 fn files_of_others_are_refused_with_a_reason() {
     let error = LearntReference::decode(b"FRPS and more that is long enough").unwrap_err();
-    assert!(matches!(&error, StoreError::NotAReference { found } if found == "\"FRPS\""), "{error}");
-    let mut bytes = LearntReference::new(&belongs(1, 0, 500, 500), 0.0, vec![0.0; 500]).unwrap().encode().unwrap();
+    assert!(
+        matches!(&error, StoreError::NotAReference { found } if found == "\"FRPS\""),
+        "{error}"
+    );
+    let mut bytes = LearntReference::new(&belongs(1, 0, 500, 500), 0.0, vec![0.0; 500])
+        .unwrap()
+        .encode()
+        .unwrap();
     bytes[4] = 9;
-    assert!(matches!(LearntReference::decode(&bytes).unwrap_err(), StoreError::Version { found: 9 }));
+    assert!(matches!(
+        LearntReference::decode(&bytes).unwrap_err(),
+        StoreError::Version { found: 9 }
+    ));
     let missing = LearntReference::load("/nowhere/at/all", &belongs(1, 0, 500, 500)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
     assert!(LearntReference::new(&belongs(1, 0, 0, 5), 0.0, vec![0.0; 5]).is_err());
 }
 
-/// What one process kept, another goes on from: reference, best block, and the error that the published law compares with.
+/// What one process kept, another goes on from: reference, best block, and the error that the
+/// published law compares with.
 #[test]
 fn a_learner_goes_on_from_what_another_knew() {
     let mut response = Response::default();
     response.learn(1, Complex::from(1.0), Complex::from(0.5), 1e-3);
-    let model_based = ModelBased { response: Response::from_parts(&response.parts()), gain: 0.5, regularisation: 0.1 };
+    let model_based = ModelBased {
+        response: Response::from_parts(&response.parts()),
+        gain: 0.5,
+        regularisation: 0.1,
+    };
     for law in [published(0.2, 0.1), LearningLaw::ModelBased(model_based)] {
         let mut whole = Learner::new(&desired(), config(law.clone())).unwrap();
         let mut first = Learner::new(&desired(), config(law.clone())).unwrap();

@@ -13,8 +13,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters, Process, Severity,
-    TOPICS, heartbeat_topic,
+    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters,
+    Process, Severity, TOPICS, heartbeat_topic,
 };
 use recording::mcap_write::key;
 use rig::RigFile;
@@ -27,7 +27,8 @@ use crate::state;
 
 use desk::{Desk, Question};
 
-/// The shortest buffer of a topic at its fastest rate holds 100 ms and more; this leaves room for a late wake.
+/// The shortest buffer of a topic at its fastest rate holds 100 ms and more; this leaves room for a
+/// late wake.
 const PERIOD_NS: u64 = 5 * MILLISECOND_NS;
 /// Away from the tick at which the fast loops run.
 const PHASE_NS: u64 = 700_000;
@@ -35,7 +36,8 @@ const PHASE_NS: u64 = 700_000;
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// How long a recording asked for at the start may take to begin.
 const BEGIN_LIMIT: Duration = Duration::from_secs(5);
-/// Says for which session the recording asked for at the start has begun, so that a restart does not begin it again.
+/// Says for which session the recording asked for at the start has begun, so that a restart does
+/// not begin it again.
 const BEGUN: &str = "recording.begun";
 /// Name of the domain, beside the name that the rig file gives.
 const RIG_NAME: &str = "rig_name";
@@ -112,7 +114,10 @@ pub struct Logger {
 
 impl std::fmt::Debug for Logger {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Logger").field("service", &self.service).field("sink", &self.sink).finish_non_exhaustive()
+        f.debug_struct("Logger")
+            .field("service", &self.service)
+            .field("sink", &self.sink)
+            .finish_non_exhaustive()
     }
 }
 
@@ -128,12 +133,14 @@ impl Logger {
             .mode(0o700)
             .create(&directory)
             .map_err(|source| LoggerError::StateDirectory { path: directory.clone(), source })?;
-        // First the subscriptions: what is published while the file is being made waits in their buffers.
+        // First the subscriptions: what is published while the file is being made waits in their
+        // buffers.
         let mut topics = Vec::with_capacity(TOPICS.len());
         for topic in TOPICS {
             topics.push(open_raw(service.node(), topic)?);
         }
-        let heartbeat = heartbeat_topic(Process::Logger).ok_or(LoggerError::NoTopic(Process::Logger))?;
+        let heartbeat =
+            heartbeat_topic(Process::Logger).ok_or(LoggerError::NoTopic(Process::Logger))?;
         let session = service.identity().session;
         let mut metadata = options.metadata.clone();
         metadata.extend(
@@ -190,7 +197,8 @@ impl Logger {
             fs::write(&path, &mark).map_err(|source| LoggerError::StateDirectory { path, source })
         };
         if let Some(kept) = kept {
-            // A logger that was killed between the beginning and its mark would ask for part 1 anew once this is ended.
+            // A logger that was killed between the beginning and its mark would ask for part 1 anew
+            // once this is ended.
             if record == Some(kept.path.as_path()) {
                 set_mark()?;
             }
@@ -276,7 +284,8 @@ impl Logger {
             while let Some(question) = self.desk.next() {
                 self.answer(question)?;
             }
-            // Slots of the clock, not times since the last one: a late wake does not lower the rate.
+            // Slots of the clock, not times since the last one: a late wake does not lower the
+            // rate.
             let (beat, count) = (wake.woke_ns / HEARTBEAT_NS, wake.woke_ns / SECOND_NS);
             if beat != last_beat {
                 last_beat = beat;
@@ -295,12 +304,13 @@ impl Logger {
         self.end()
     }
 
-    /// Takes out of shared memory what is there now. What is published while it does so is left for the next time, so
-    /// that it comes to an end; a buffer never holds more than its length.
+    /// Takes out of shared memory what is there now. What is published while it does so is left for
+    /// the next time, so that it comes to an end; a buffer never holds more than its length.
     fn drain(&mut self) -> Result<(), PortError> {
         for (index, (subscriber, topic)) in self.topics.iter_mut().zip(TOPICS).enumerate() {
             let sink = &mut self.sink;
-            // A topic that is not recorded is counted by nobody else either: it is read and dropped.
+            // A topic that is not recorded is counted by nobody else either: it is read and
+            // dropped.
             let mut push = |bytes: &[u8]| {
                 if topic.recorded {
                     sink.push(index, bytes);
@@ -346,9 +356,12 @@ impl Logger {
     /// Tells what the writing thread reported: as an event, and to whoever asked for it.
     fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
         let (kind, severity, values, text) = match &outcome {
-            Outcome::Started { path } => {
-                (EventKind::RecordingStarted, Severity::Info, [0.0; 3], ending_of(&path.to_string_lossy()).to_owned())
-            }
+            Outcome::Started { path } => (
+                EventKind::RecordingStarted,
+                Severity::Info,
+                [0.0; 3],
+                ending_of(&path.to_string_lossy()).to_owned(),
+            ),
             Outcome::Stopped(summary) => {
                 let lost = self.sink.status().lost;
                 let text = ending_of(&summary.path.to_string_lossy()).to_owned();
@@ -357,11 +370,19 @@ impl Logger {
             }
             Outcome::StoppedWithError { error, refused, .. } => {
                 let written = self.sink.status().written as f64;
-                (EventKind::RecordingStopped, Severity::Error, [written, *refused as f64, 0.0], error.clone())
+                (
+                    EventKind::RecordingStopped,
+                    Severity::Error,
+                    [written, *refused as f64, 0.0],
+                    error.clone(),
+                )
             }
-            Outcome::Failed { error, .. } => {
-                (EventKind::DataLost, Severity::Error, [self.sink.status().lost as f64, 0.0, 0.0], error.clone())
-            }
+            Outcome::Failed { error, .. } => (
+                EventKind::DataLost,
+                Severity::Error,
+                [self.sink.status().lost as f64, 0.0, 0.0],
+                error.clone(),
+            ),
             Outcome::NotStarted { error, .. } => {
                 (EventKind::RecordingStopped, Severity::Error, [0.0; 3], error.clone())
             }
@@ -381,11 +402,17 @@ impl Logger {
         Ok(())
     }
 
-    fn tell(&mut self, kind: EventKind, severity: Severity, [a, b, c]: [f64; 3], text: &str) -> Result<(), PortError> {
+    fn tell(
+        &mut self,
+        kind: EventKind,
+        severity: Severity,
+        [a, b, c]: [f64; 3],
+        text: &str,
+    ) -> Result<(), PortError> {
         match &mut self.events {
-            Some(events) => {
-                events.send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) }).map(|_sequence| ())
-            }
+            Some(events) => events
+                .send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) })
+                .map(|_sequence| ()),
             None => self.service.event(kind, severity, [a, b, c], text),
         }
     }
@@ -395,7 +422,9 @@ impl Logger {
         if let Some(events) = &self.events {
             events.refresh();
         }
-        let lost = (0..TOPICS.len()).map(|topic| self.sink.counters(topic)).map(|c| c.gaps + c.dropped + c.refused);
+        let lost = (0..TOPICS.len())
+            .map(|topic| self.sink.counters(topic))
+            .map(|c| c.gaps + c.dropped + c.refused);
         let message = Heartbeat {
             lost: lost.sum::<u64>() + self.sink.unknown(),
             queued: self.sink.queued() as u64,
@@ -424,8 +453,8 @@ impl Logger {
         Ok(())
     }
 
-    /// An event for each topic that lost messages of the recording since the last look. What a failed disk refuses
-    /// is told once, when it fails, and counted from then on.
+    /// An event for each topic that lost messages of the recording since the last look. What a
+    /// failed disk refuses is told once, when it fails, and counted from then on.
     fn tell_losses(&mut self) -> Result<(), PortError> {
         for (index, topic) in TOPICS.iter().enumerate() {
             let counts = self.sink.losses(index);
@@ -443,8 +472,8 @@ impl Logger {
         Ok(())
     }
 
-    /// The last of everything into the file, then its end. The state is kept: a logger that is started again in this session
-    /// goes on with the next part.
+    /// The last of everything into the file, then its end. The state is kept: a logger that is
+    /// started again in this session goes on with the next part.
     fn end(mut self) -> Result<(), LoggerError> {
         self.tell_losses()?;
         self.publish_counts()?;

@@ -1,5 +1,5 @@
-//! The bounded hand-over from the loop that drains shared memory to the thread that writes the disk. All memory is
-//! there from the start: the draining side allocates nothing and never waits.
+//! The bounded hand-over from the loop that drains shared memory to the thread that writes the
+//! disk. All memory is there from the start: the draining side allocates nothing and never waits.
 
 use crossbeam_queue::ArrayQueue;
 use ipc_types::TOPICS;
@@ -33,7 +33,12 @@ pub struct Slot {
 impl Slot {
     /// A copy of a message; `None` if it is longer than any message of this build.
     pub fn new(generation: u32, topic: u16, message: &[u8]) -> Option<Self> {
-        let mut slot = Self { generation, topic, length: u16::try_from(message.len()).ok()?, bytes: [0; SLOT_BYTES] };
+        let mut slot = Self {
+            generation,
+            topic,
+            length: u16::try_from(message.len()).ok()?,
+            bytes: [0; SLOT_BYTES],
+        };
         slot.bytes.get_mut(..message.len())?.copy_from_slice(message);
         Some(slot)
     }
@@ -47,5 +52,6 @@ impl Slot {
 /// The queue.
 pub type Queue = ArrayQueue<Slot>;
 
-/// Slots for about four seconds of everything that a rig publishes at 2 kHz: a disk that stalls longer costs data.
+/// Slots for about four seconds of everything that a rig publishes at 2 kHz: a disk that stalls
+/// longer costs data.
 pub const SLOTS: usize = 40_000;

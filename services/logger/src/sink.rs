@@ -1,7 +1,9 @@
-//! The logger's core: counts what comes, hands it to the thread that writes, answers for what was lost.
+//! The logger's core: counts what comes, hands it to the thread that writes, answers for what was
+//! lost.
 //!
-//! The process loop owns a [`Sink`]. It pushes every message that it takes out of shared memory, tells the time
-//! once a cycle, and picks up what the writing thread reports. None of these calls waits for the disk.
+//! The process loop owns a [`Sink`]. It pushes every message that it takes out of shared memory,
+//! tells the time once a cycle, and picks up what the writing thread reports. None of these calls
+//! waits for the disk.
 //!
 //! ```no_run
 //! # use logger::sink::{Sink, Outcome, StartRequest};
@@ -82,7 +84,8 @@ pub enum Outcome {
         /// Why.
         error: String,
     },
-    /// The disk failed within a recording. It stays open, refusing and counting, until it is stopped.
+    /// The disk failed within a recording. It stays open, refusing and counting, until it is
+    /// stopped.
     Failed {
         /// The file.
         path: PathBuf,
@@ -133,7 +136,8 @@ pub enum SinkError {
     },
 }
 
-/// What the writing thread tells without being asked; plain counters, so that neither side waits for the other.
+/// What the writing thread tells without being asked; plain counters, so that neither side waits
+/// for the other.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) now_ns: AtomicU64,
@@ -180,17 +184,34 @@ impl Sink {
     ///
     /// # Errors
     /// [`SinkError::Thread`].
-    pub fn with(state_directory: Option<PathBuf>, slots: usize, opener: Opener) -> Result<Self, SinkError> {
+    pub fn with(
+        state_directory: Option<PathBuf>,
+        slots: usize,
+        opener: Opener,
+    ) -> Result<Self, SinkError> {
         let counters = || TOPICS.iter().map(|_| AtomicU64::new(0)).collect();
         let queue = Arc::new(Queue::new(slots.max(1)));
-        let shared = Arc::new(Shared { now_ns: AtomicU64::new(0), written: counters(), refused: counters() });
+        let shared = Arc::new(Shared {
+            now_ns: AtomicU64::new(0),
+            written: counters(),
+            refused: counters(),
+        });
         let (commands, command_inbox) = mpsc::channel();
         let (outcome_outbox, outcomes) = mpsc::channel();
         let thread = std::thread::Builder::new()
             .name("logger-disk".to_owned())
             .spawn({
                 let (queue, shared) = (Arc::clone(&queue), Arc::clone(&shared));
-                move || run(&queue, &shared, &command_inbox, &outcome_outbox, state_directory.as_deref(), &opener)
+                move || {
+                    run(
+                        &queue,
+                        &shared,
+                        &command_inbox,
+                        &outcome_outbox,
+                        state_directory.as_deref(),
+                        &opener,
+                    )
+                }
             })
             .map_err(|error| SinkError::Thread { what: error.to_string() })?;
         Ok(Self {
@@ -208,7 +229,8 @@ impl Sink {
         })
     }
 
-    /// Takes one message: counts it, and hands it on if a recording runs. Allocates nothing, waits for nothing.
+    /// Takes one message: counts it, and hands it on if a recording runs. Allocates nothing, waits
+    /// for nothing.
     pub fn push(&mut self, topic: usize, bytes: &[u8]) {
         let Some(count) = self.counts.get_mut(topic) else {
             self.unknown += 1;
@@ -218,7 +240,8 @@ impl Sink {
         if self.recording.is_none() || self.stopping {
             return;
         }
-        let slot = u16::try_from(topic).ok().and_then(|topic| Slot::new(self.generation, topic, bytes));
+        let slot =
+            u16::try_from(topic).ok().and_then(|topic| Slot::new(self.generation, topic, bytes));
         if slot.is_none_or(|slot| self.queue.push(slot).is_err()) {
             count.dropped += 1;
         }
@@ -229,8 +252,8 @@ impl Sink {
         self.shared.now_ns.store(now_ns, Ordering::Relaxed);
     }
 
-    /// Begins a recording: everything pushed from now on belongs to it. Whether the file could be made comes as
-    /// an [`Outcome`].
+    /// Begins a recording: everything pushed from now on belongs to it. Whether the file could be
+    /// made comes as an [`Outcome`].
     ///
     /// # Errors
     /// [`SinkError::Recording`], [`SinkError::RelativePath`], [`SinkError::Thread`].
@@ -256,7 +279,8 @@ impl Sink {
         Ok(())
     }
 
-    /// Ends the recording: everything pushed before is still written. The summary comes as an [`Outcome`].
+    /// Ends the recording: everything pushed before is still written. The summary comes as an
+    /// [`Outcome`].
     ///
     /// # Errors
     /// [`SinkError::NotRecording`], [`SinkError::Thread`].
@@ -287,7 +311,9 @@ impl Sink {
     fn note(&mut self, outcome: &Outcome) {
         match outcome {
             Outcome::Started { path } => self.recording = Some(path.clone()),
-            Outcome::Failed { error, .. } | Outcome::StateNotKept { error } => self.error.clone_from(error),
+            Outcome::Failed { error, .. } | Outcome::StateNotKept { error } => {
+                self.error.clone_from(error)
+            }
             Outcome::NotStarted { error, .. } | Outcome::StoppedWithError { error, .. } => {
                 self.error.clone_from(error);
                 self.recording = None;
@@ -300,11 +326,15 @@ impl Sink {
         }
     }
 
-    /// The counters of a topic for [`ipc_types::LOSS`]: received and gaps since the logger started, the others of the present
-    /// or last recording. Identity and time are stamped by the publisher.
+    /// The counters of a topic for [`ipc_types::LOSS`]: received and gaps since the logger started,
+    /// the others of the present or last recording. Identity and time are stamped by the publisher.
     pub fn counters(&self, topic: usize) -> LossCounters {
         let tracker = self.counts.get(topic).map(|count| count.tracker).unwrap_or_default();
-        LossCounters { received: tracker.received(), gaps: tracker.gaps(), ..self.losses_of_recording(topic) }
+        LossCounters {
+            received: tracker.received(),
+            gaps: tracker.gaps(),
+            ..self.losses_of_recording(topic)
+        }
     }
 
     /// The counters of a topic, all of them of the present or last recording.
@@ -314,7 +344,8 @@ impl Sink {
 
     fn losses_of_recording(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
-        let load = |list: &[AtomicU64]| list.get(topic).map_or(0, |value| value.load(Ordering::Relaxed));
+        let load =
+            |list: &[AtomicU64]| list.get(topic).map_or(0, |value| value.load(Ordering::Relaxed));
         LossCounters {
             received: count.tracker.received() - count.received_before,
             gaps: count.tracker.gaps() - count.gaps_before,
@@ -329,8 +360,9 @@ impl Sink {
     /// What is being recorded, how much of it, what was lost: the answer to a status request.
     pub fn status(&self) -> LoggerAnswer {
         let all = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic));
-        let (written, lost) =
-            all.fold((0, 0), |(written, lost), l| (written + l.written, lost + l.gaps + l.dropped + l.refused));
+        let (written, lost) = all.fold((0, 0), |(written, lost), l| {
+            (written + l.written, lost + l.gaps + l.dropped + l.refused)
+        });
         LoggerAnswer {
             recording: self.recording.as_ref().map(|path| path.to_string_lossy().into_owned()),
             written,
@@ -339,8 +371,9 @@ impl Sink {
         }
     }
 
-    /// Ends a file that is open in good order but keeps its state, as dropping does, waits for the disk, and returns what the
-    /// writing thread had to say about it. Nothing can be recorded afterwards.
+    /// Ends a file that is open in good order but keeps its state, as dropping does, waits for the
+    /// disk, and returns what the writing thread had to say about it. Nothing can be recorded
+    /// afterwards.
     pub fn end(&mut self) -> Vec<Outcome> {
         self.quit();
         let mut outcomes = Vec::new();
@@ -373,7 +406,9 @@ impl Sink {
     }
 
     fn send(&self, command: Command) -> Result<(), SinkError> {
-        self.commands.send(command).map_err(|_| SinkError::Thread { what: "it is gone".to_owned() })?;
+        self.commands
+            .send(command)
+            .map_err(|_| SinkError::Thread { what: "it is gone".to_owned() })?;
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }
@@ -382,7 +417,8 @@ impl Sink {
 }
 
 impl Drop for Sink {
-    /// Ends a file that is open in good order but keeps its state: a logger that is restarted goes on with the next part.
+    /// Ends a file that is open in good order but keeps its state: a logger that is restarted goes
+    /// on with the next part.
     fn drop(&mut self) {
         self.quit();
     }

@@ -1,4 +1,5 @@
-//! What is being recorded, on disk, so that a logger that was killed goes on after its restart, in the next part.
+//! What is being recorded, on disk, so that a logger that was killed goes on after its restart, in
+//! the next part.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -71,7 +72,9 @@ pub fn save(directory: &Path, state: &State) -> Result<(), StateError> {
 pub fn clear(directory: &Path) -> Result<(), StateError> {
     let path = directory.join(FILE);
     match fs::remove_file(&path) {
-        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(StateError::Io { path, source }),
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(StateError::Io { path, source })
+        }
         _ => Ok(()),
     }
 }
@@ -92,7 +95,8 @@ pub fn load(directory: &Path, session: u64) -> Result<Option<State>, StateError>
         Ok(_) => Ok(None),
         Err(error) => {
             let aside = directory.join("recording.json.damaged");
-            fs::rename(&path, &aside).map_err(|source| StateError::Io { path: path.clone(), source })?;
+            fs::rename(&path, &aside)
+                .map_err(|source| StateError::Io { path: path.clone(), source })?;
             Err(StateError::Damaged { path, what: error.to_string(), aside })
         }
     }

@@ -12,7 +12,8 @@ use crate::queue::{Queue, Slot};
 use crate::sink::{Outcome, Shared, StartRequest};
 use crate::state::{self, State};
 
-/// How long the thread sleeps when there is nothing to do. The queue holds seconds, so this need not be short.
+/// How long the thread sleeps when there is nothing to do. The queue holds seconds, so this need
+/// not be short.
 const NAP: Duration = Duration::from_millis(5);
 /// Messages written between two looks at the clock and the commands.
 const BATCH: usize = 512;
@@ -42,7 +43,8 @@ struct Disk<'a> {
     opener: &'a Opener,
     writer: Option<Writer>,
     generation: u32,
-    /// taken out of the queue too early: it belongs to a recording whose start has not been read yet
+    /// taken out of the queue too early: it belongs to a recording whose start has not been read
+    /// yet
     held: Option<Slot>,
 }
 
@@ -54,7 +56,16 @@ pub(crate) fn run(
     state_directory: Option<&Path>,
     opener: &Opener,
 ) {
-    let mut disk = Disk { queue, shared, outbox, state_directory, opener, writer: None, generation: 0, held: None };
+    let mut disk = Disk {
+        queue,
+        shared,
+        outbox,
+        state_directory,
+        opener,
+        writer: None,
+        generation: 0,
+        held: None,
+    };
     loop {
         let worked = disk.drain(BATCH);
         disk.tick();
@@ -97,7 +108,8 @@ impl Disk<'_> {
 
     fn write(&mut self, slot: &Slot) {
         let topic = usize::from(slot.topic);
-        let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation) else {
+        let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation)
+        else {
             // its file could not be made, or is closed
             if let Some(refused) = self.shared.refused.get(topic) {
                 refused.fetch_add(1, Ordering::Relaxed);
@@ -118,7 +130,10 @@ impl Disk<'_> {
     fn failed(&self, error: &WriteError) {
         if let Some(writer) = &self.writer {
             self.publish_all();
-            self.report(Outcome::Failed { path: writer.path().to_owned(), error: error.to_string() });
+            self.report(Outcome::Failed {
+                path: writer.path().to_owned(),
+                error: error.to_string(),
+            });
         }
     }
 
@@ -150,8 +165,11 @@ impl Disk<'_> {
         let mut part = request.part.max(1);
         let opened = loop {
             let path = state::part_path(&request.path, part);
-            let start = Start { realtime_offset_ns: request.realtime_offset_ns, metadata: request.metadata.clone() }
-                .with(key::PART, &part.to_string());
+            let start = Start {
+                realtime_offset_ns: request.realtime_offset_ns,
+                metadata: request.metadata.clone(),
+            }
+            .with(key::PART, &part.to_string());
             match (self.opener)(&path, &start, self.now_ns()) {
                 // part 1 is never guessed: a recording of that name is somebody's data
                 Err(WriteError::Exists { .. }) if part > 1 && part < PARTS => part += 1,
@@ -166,7 +184,10 @@ impl Disk<'_> {
                 self.report(Outcome::Started { path });
             }
             Err(error) => {
-                self.report(Outcome::NotStarted { path: request.path.clone(), error: error.to_string() });
+                self.report(Outcome::NotStarted {
+                    path: request.path.clone(),
+                    error: error.to_string(),
+                });
             }
         }
     }

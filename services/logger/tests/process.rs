@@ -1,5 +1,5 @@
-//! The process on a rig of its own: what is published is on disk, and a restart goes on. (One rig a test binary: the
-//! library's configuration is process-wide.)
+//! The process on a rig of its own: what is published is on disk, and a restart goes on. (One rig a
+//! test binary: the library's configuration is process-wide.)
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
@@ -33,7 +33,8 @@ impl Running {
 }
 
 fn rig() -> RigFile {
-    RigFile::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs/hydrostatic.toml")).unwrap()
+    RigFile::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs/hydrostatic.toml"))
+        .unwrap()
 }
 
 fn launch(options: &Options) -> Result<Running, LoggerError> {
@@ -57,7 +58,11 @@ fn ask(service: &Service, request: &LoggerRequest) -> LoggerAnswer {
 
 fn ticks(path: &Path) -> Vec<u64> {
     let recording = Recording::open(path).unwrap();
-    recording.messages::<Sample>("sample").unwrap().map(|message| message.unwrap().message.tick).collect()
+    recording
+        .messages::<Sample>("sample")
+        .unwrap()
+        .map(|message| message.unwrap().message.tick)
+        .collect()
 }
 
 fn events(path: &Path) -> Vec<(EventKind, String)> {
@@ -124,19 +129,31 @@ fn the_logger_from_first_message_to_second_part() {
     assert!(recording.metadata(key::REVISION).is_some());
     // its own topics are in it, the last words included
     for topic in ["loss", "clock", "heartbeat/logger", "event/logger"] {
-        assert!(check.topics.iter().any(|found| found.topic == topic && found.count > 0), "{topic}");
+        assert!(
+            check.topics.iter().any(|found| found.topic == topic && found.count > 0),
+            "{topic}"
+        );
     }
     let kinds: Vec<_> = events(&first).into_iter().map(|(kind, _)| kind).collect();
-    assert_eq!(kinds, [EventKind::RecordingStarted, EventKind::ProcessStarted, EventKind::ProcessEnding]);
+    assert_eq!(
+        kinds,
+        [EventKind::RecordingStarted, EventKind::ProcessStarted, EventKind::ProcessEnding]
+    );
 
-    // started again in the same session it goes on in the next part, not from the start; also where it was killed before it could note
-    // that it had begun
+    // started again in the same session it goes on in the next part, not from the start; also where
+    // it was killed before it could note that it had begun
     let begun = name.run_directory().join("recording.begun");
     std::fs::remove_file(&begun).unwrap();
     let logger = launch(&options).unwrap();
     let second = directory.path().join("run.part2.mcap");
-    assert!(begun.exists(), "once this part is ended, a logger that starts again must not ask for part 1");
-    assert_eq!(ask(&service, &LoggerRequest::Status).recording.as_deref(), Some(second.to_str().unwrap()));
+    assert!(
+        begun.exists(),
+        "once this part is ended, a logger that starts again must not ask for part 1"
+    );
+    assert_eq!(
+        ask(&service, &LoggerRequest::Status).recording.as_deref(),
+        Some(second.to_str().unwrap())
+    );
     publish(300..350);
     // the answer to a stop means that everything published before is on disk
     let answer = ask(&service, &LoggerRequest::Stop);
@@ -170,8 +187,12 @@ fn the_logger_from_first_message_to_second_part() {
     assert_eq!(written[0], 360);
     assert_eq!(answer.lost, 40 + 40 * buffer - written.len() as u64);
     assert!(answer.lost > 0, "the buffer was never full: the test says nothing");
-    let lost: Vec<_> = events(&third).into_iter().filter(|(kind, _)| *kind == EventKind::DataLost).collect();
-    assert!(!lost.is_empty() && lost.iter().all(|(_, text)| text.starts_with("sample: ")), "{lost:?}");
+    let lost: Vec<_> =
+        events(&third).into_iter().filter(|(kind, _)| *kind == EventKind::DataLost).collect();
+    assert!(
+        !lost.is_empty() && lost.iter().all(|(_, text)| text.starts_with("sample: ")),
+        "{lost:?}"
+    );
     assert!(Recording::open(&third).unwrap().check().unwrap().data_lost());
     let answer = ask(&service, &request(&third));
     assert!(answer.error.contains("never overwritten") && answer.recording.is_none(), "{answer:?}");

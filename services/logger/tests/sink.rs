@@ -29,7 +29,12 @@ fn push(sink: &mut Sink, incarnation: u64, sequences: impl IntoIterator<Item = u
 }
 
 fn request(path: &Path) -> StartRequest {
-    StartRequest { path: path.to_owned(), session: 5, realtime_offset_ns: 1_000, ..StartRequest::default() }
+    StartRequest {
+        path: path.to_owned(),
+        session: 5,
+        realtime_offset_ns: 1_000,
+        ..StartRequest::default()
+    }
 }
 
 fn started(sink: &mut Sink) -> PathBuf {
@@ -60,7 +65,10 @@ fn what_is_pushed_between_start_and_stop_is_in_the_file_and_nothing_else() {
     assert_eq!((summary.written, summary.refused), (4900, 0));
     assert_eq!(sequences(&path), (100..5000).collect::<Vec<_>>());
     let counters = sink.counters(0);
-    assert_eq!((counters.received, counters.gaps, counters.dropped, counters.written), (5100, 0, 0, 4900));
+    assert_eq!(
+        (counters.received, counters.gaps, counters.dropped, counters.written),
+        (5100, 0, 0, 4900)
+    );
     let recording = Recording::open(&path).unwrap();
     assert!(recording.ended_cleanly());
     assert_eq!(recording.end_record().unwrap()["sample.received"], "4900");
@@ -72,7 +80,10 @@ fn one_recording_after_another_and_never_two() {
     let dir = tempfile::tempdir().unwrap();
     let mut sink = Sink::new(None).unwrap();
     assert!(matches!(sink.stop(), Err(SinkError::NotRecording)));
-    assert!(matches!(sink.start(request(Path::new("run.mcap"))), Err(SinkError::RelativePath { .. })));
+    assert!(matches!(
+        sink.start(request(Path::new("run.mcap"))),
+        Err(SinkError::RelativePath { .. })
+    ));
     for round in 0..3u64 {
         let path = dir.path().join(format!("{round}.mcap"));
         sink.start(request(&path)).unwrap();
@@ -137,8 +148,9 @@ impl Output for Gate {
 
 fn gated(gate: &Gate, slots: usize) -> Sink {
     let gate = gate.clone();
-    let opener =
-        move |path: &Path, start: &Start, now: u64| Writer::to_output(Box::new(gate.clone()), path, start, now);
+    let opener = move |path: &Path, start: &Start, now: u64| {
+        Writer::to_output(Box::new(gate.clone()), path, start, now)
+    };
     Sink::with(None, slots, Box::new(opener)).unwrap()
 }
 
@@ -185,7 +197,9 @@ fn a_full_disk_is_reported_once_and_what_it_refuses_is_counted() {
     push(&mut sink, 1, sent..sent + 100);
     sent += 100;
     sink.stop().unwrap();
-    let Some(Outcome::StoppedWithError { refused, .. }) = sink.wait(LONG) else { panic!("no error") };
+    let Some(Outcome::StoppedWithError { refused, .. }) = sink.wait(LONG) else {
+        panic!("no error")
+    };
     assert_eq!(sink.status().written + refused, sent, "every message is written or refused");
     assert!(!sink.recording());
 }

@@ -1,5 +1,6 @@
-//! Writes a recording with messages of every topic, and beside it the same messages as JSON lines made from the
-//! messages themselves, not from the file: what foreign readers are held against (`.ci/readers`).
+//! Writes a recording with messages of every topic, and beside it the same messages as JSON lines
+//! made from the messages themselves, not from the file: what foreign readers are held against
+//! (`.ci/readers`).
 //!
 //! ```text
 //! $ cargo run -p recording --example reader_check -- OUT.mcap OUT.jsonl
@@ -20,7 +21,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (Some(mcap), Some(json)) = (arguments.next(), arguments.next()) else {
         return Err("expected two file names: OUT.mcap OUT.jsonl".into());
     };
-    let start = Start { realtime_offset_ns: OFFSET_NS, ..Start::default() }.with(key::RIG, "reader-check");
+    let start =
+        Start { realtime_offset_ns: OFFSET_NS, ..Start::default() }.with(key::RIG, "reader-check");
     let mut writer = Writer::create(Path::new(&mcap), &start, 0)?;
     let mut json = BufWriter::new(File::create_new(json)?);
     let mut noise = 0x9e37_79b9_7f4a_7c15u64;
@@ -30,7 +32,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let mut bytes = vec![0u8; topic.size];
             for field in topic.fields {
                 for element in 0..field.count() {
-                    noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    noise = noise
+                        .wrapping_mul(6_364_136_223_846_793_005)
+                        .wrapping_add(1_442_695_040_888_963_407);
                     let word = match field.name {
                         "sequence" => sequence,
                         "time_ns" => time_ns,
@@ -46,8 +50,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 .fields
                 .iter()
                 .map(|field| {
-                    let values: Vec<serde_json::Value> =
-                        (0..field.count()).filter_map(|i| field.read(&bytes, i)).map(number).collect();
+                    let values: Vec<serde_json::Value> = (0..field.count())
+                        .filter_map(|i| field.read(&bytes, i))
+                        .map(number)
+                        .collect();
                     let value = match field.array {
                         Some(_) => values.into(),
                         None => values.into_iter().next().unwrap_or_default(),
@@ -71,7 +77,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The bits of a value: any for integers; for floats ordinary numbers with all kinds of special ones among them.
+/// The bits of a value: any for integers; for floats ordinary numbers with all kinds of special
+/// ones among them.
 fn value(primitive: Primitive, noise: u64, sequence: u64) -> u64 {
     match primitive {
         Primitive::F64 => match sequence % 8 {

@@ -1,5 +1,5 @@
-//! Reading and writing of recordings: MCAP files of the rig's messages, and the measured records (CSV or MCAP)
-//! that identification and replay work on.
+//! Reading and writing of recordings: MCAP files of the rig's messages, and the measured records
+//! (CSV or MCAP) that identification and replay work on.
 //!
 //! - [`mcap_write`]: the logger's writer. A killed logger leaves a readable prefix.
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.

@@ -51,8 +51,8 @@ pub struct EditReport {
     pub attachments_left_out: u64,
 }
 
-/// Copies what can be read of `sources`, in the order of log time across files, into a new file. `from_ns` and `until_ns`
-/// limit the log time; `how` is noted in the file.
+/// Copies what can be read of `sources`, in the order of log time across files, into a new file.
+/// `from_ns` and `until_ns` limit the log time; `how` is noted in the file.
 ///
 /// # Errors
 /// [`EditError`]. A damaged chunk or torn tail is no error: see the report.
@@ -75,7 +75,8 @@ pub fn rewrite(
     match result {
         Ok(()) => Ok(copy.report),
         Err(error) => {
-            // Half a copy helps nobody, and the sources are still there. If this fails the error below tells enough.
+            // Half a copy helps nobody, and the sources are still there. If this fails the error
+            // below tells enough.
             let _ = std::fs::remove_file(output);
             Err(error)
         }
@@ -117,11 +118,20 @@ impl Copy<'_> {
                     0
                 } else {
                     writer
-                        .add_schema(&channel.schema_name, &channel.schema_encoding, channel.schema.as_bytes())
+                        .add_schema(
+                            &channel.schema_name,
+                            &channel.schema_encoding,
+                            channel.schema.as_bytes(),
+                        )
                         .map_err(&failed)?
                 };
                 let new = writer
-                    .add_channel(schema, &channel.topic, &channel.message_encoding, &channel.metadata)
+                    .add_channel(
+                        schema,
+                        &channel.topic,
+                        &channel.message_encoding,
+                        &channel.metadata,
+                    )
                     .map_err(&failed)?;
                 map.insert(id, new);
             }
@@ -155,7 +165,9 @@ impl Copy<'_> {
         metadata.insert("messages".to_owned(), self.report.messages.to_string());
         metadata.insert("damaged_chunks".to_owned(), self.report.damaged_chunks.to_string());
         metadata.insert("tail_bytes_lost".to_owned(), self.report.tail_bytes_lost.to_string());
-        writer.write_metadata(&Metadata { name: EDIT_RECORD.to_owned(), metadata }).map_err(&failed)?;
+        writer
+            .write_metadata(&Metadata { name: EDIT_RECORD.to_owned(), metadata })
+            .map_err(&failed)?;
         writer.finish().map_err(&failed)?;
         let io = |source: io::Error| failed(mcap::McapError::Io(source));
         let mut output = writer.into_inner().into_inner();
@@ -164,7 +176,10 @@ impl Copy<'_> {
     }
 }
 
-fn next(stream: &mut RawMessages<'_>, report: &mut EditReport) -> Result<Option<RawMessage>, EditError> {
+fn next(
+    stream: &mut RawMessages<'_>,
+    report: &mut EditReport,
+) -> Result<Option<RawMessage>, EditError> {
     loop {
         match stream.next() {
             None => return Ok(None),

@@ -1,8 +1,9 @@
 //! The field table of a message as the recording itself declares it.
 //!
-//! farreach's messages are flat, so of the `ros2msg` language only scalars and arrays of fixed length of the six
-//! numeric types in [`ipc_types::Primitive`] occur. The offsets follow the rules of plain CDR (each field aligned to its own
-//! size, counted from behind the four-byte header), so that a schema without hand-made padding reads right as well.
+//! farreach's messages are flat, so of the `ros2msg` language only scalars and arrays of fixed
+//! length of the six numeric types in [`ipc_types::Primitive`] occur. The offsets follow the rules
+//! of plain CDR (each field aligned to its own size, counted from behind the four-byte header), so
+//! that a schema without hand-made padding reads right as well.
 
 use ipc_types::{CDR_HEADER, Field, Message, Primitive, Value};
 
@@ -62,7 +63,13 @@ pub struct LayoutField {
 
 impl LayoutField {
     fn as_field(&self) -> Field {
-        Field { name: "", primitive: self.primitive, array: self.array, offset: self.offset, doc: "" }
+        Field {
+            name: "",
+            primitive: self.primitive,
+            array: self.array,
+            offset: self.offset,
+            doc: "",
+        }
     }
 
     /// Number of elements.
@@ -92,7 +99,8 @@ pub struct Layout {
     pub size: usize,
 }
 
-/// Largest message that a schema may declare [bytes]: far above any of farreach's, far below what could hurt.
+/// Largest message that a schema may declare [bytes]: far above any of farreach's, far below what
+/// could hurt.
 const LARGEST: usize = 1 << 24;
 
 impl Layout {
@@ -102,7 +110,10 @@ impl Layout {
     /// [`SchemaError::Encoding`], [`SchemaError::Line`].
     pub fn parse(name: &str, encoding: &str, text: &str) -> Result<Self, SchemaError> {
         if encoding != "ros2msg" {
-            return Err(SchemaError::Encoding { name: name.to_owned(), found: encoding.to_owned() });
+            return Err(SchemaError::Encoding {
+                name: name.to_owned(),
+                found: encoding.to_owned(),
+            });
         }
         let mut fields = Vec::new();
         let mut size = 0usize;
@@ -119,7 +130,11 @@ impl Layout {
             if line.is_empty() {
                 continue;
             }
-            let unknown = || SchemaError::Line { name: name.to_owned(), line: number + 1, found: line.to_owned() };
+            let unknown = || SchemaError::Line {
+                name: name.to_owned(),
+                line: number + 1,
+                found: line.to_owned(),
+            };
             let declaration = line.split('#').next().unwrap_or_default();
             let mut words = declaration.split_whitespace();
             let (Some(kind), Some(field), None) = (words.next(), words.next(), words.next()) else {
@@ -131,7 +146,10 @@ impl Layout {
             let (base, array) = match kind.split_once('[') {
                 None => (kind, None),
                 Some((base, rest)) => {
-                    let length = rest.strip_suffix(']').and_then(|n| n.parse::<usize>().ok()).ok_or_else(unknown)?;
+                    let length = rest
+                        .strip_suffix(']')
+                        .and_then(|n| n.parse::<usize>().ok())
+                        .ok_or_else(unknown)?;
                     (base, Some(length))
                 }
             };
@@ -164,11 +182,13 @@ impl Layout {
     /// # Errors
     /// [`SchemaError::Payload`] where the header is another or bytes are missing.
     pub fn body<'a>(&self, payload: &'a [u8]) -> Result<&'a [u8], SchemaError> {
-        payload.strip_prefix(&CDR_HEADER).and_then(|body| body.get(..self.size)).ok_or_else(|| SchemaError::Payload {
-            name: self.name.clone(),
-            expected: CDR_HEADER.len() + self.size,
-            found: payload.len(),
-            start: payload.iter().take(4).copied().collect(),
+        payload.strip_prefix(&CDR_HEADER).and_then(|body| body.get(..self.size)).ok_or_else(|| {
+            SchemaError::Payload {
+                name: self.name.clone(),
+                expected: CDR_HEADER.len() + self.size,
+                found: payload.len(),
+                start: payload.iter().take(4).copied().collect(),
+            }
         })
     }
 
@@ -184,9 +204,11 @@ impl Layout {
             })
     }
 
-    /// How to read this layout into this build's `T`: fields are matched by name and type, what the recording lacks stays zero.
+    /// How to read this layout into this build's `T`: fields are matched by name and type, what the
+    /// recording lacks stays zero.
     pub fn conversion<T: Message>(&self) -> Conversion {
-        let mut conversion = Conversion { size: size_of::<T>(), copies: Vec::new(), missing: Vec::new() };
+        let mut conversion =
+            Conversion { size: size_of::<T>(), copies: Vec::new(), missing: Vec::new() };
         if self.matches::<T>() {
             conversion.copies.push((0, 0, conversion.size));
             return conversion;
@@ -265,7 +287,9 @@ mod tests {
 
     #[test]
     fn fields_without_hand_made_padding_are_aligned_as_cdr_says() {
-        let layout = Layout::parse("x", "ros2msg", "uint8 a # trailing\nfloat64 b\nuint16[3] c\nuint32 d\n").unwrap();
+        let layout =
+            Layout::parse("x", "ros2msg", "uint8 a # trailing\nfloat64 b\nuint16[3] c\nuint32 d\n")
+                .unwrap();
         let offsets: Vec<_> = layout.fields.iter().map(|f| f.offset).collect();
         assert_eq!((offsets, layout.size), (vec![0, 8, 16, 24], 28));
     }
@@ -307,9 +331,14 @@ mod tests {
         }
         body.push(2);
         let conversion = old.conversion::<MotorCommand>();
-        assert!(conversion.missing.contains(&"incarnation") && !conversion.missing.contains(&"volts"));
+        assert!(
+            conversion.missing.contains(&"incarnation") && !conversion.missing.contains(&"volts")
+        );
         let command: MotorCommand = conversion.apply(&body).unwrap();
-        assert_eq!((command.session, command.sequence, command.incarnation, command.mode), (11, 12, 0, 2));
+        assert_eq!(
+            (command.session, command.sequence, command.incarnation, command.mode),
+            (11, 12, 0, 2)
+        );
         assert_eq!(command.volts, [1.5, -2.5, 0.0]);
         assert_eq!(conversion.apply::<MotorCommand>(&body[..20]), None);
         assert!(!old.matches::<Sample>());

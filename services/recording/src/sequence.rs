@@ -1,11 +1,13 @@
 //! What the sequence numbers of a topic say about loss: gaps and duplicates, per incarnation.
 //!
-//! A sender counts from 0 at each start, and draws a new incarnation. The first message of the first
-//! incarnation tells nothing about what came before it (the reader may have joined late). An incarnation that
-//! turns up later began while the reader was listening, so a first sequence above 0 is a loss. An old
-//! incarnation may come back (a process that wakes from SIGSTOP): it goes on where it stood.
+//! A sender counts from 0 at each start, and draws a new incarnation. The first message of the
+//! first incarnation tells nothing about what came before it (the reader may have joined late). An
+//! incarnation that turns up later began while the reader was listening, so a first sequence above
+//! 0 is a loss. An old incarnation may come back (a process that wakes from SIGSTOP): it goes on
+//! where it stood.
 
-/// How many incarnations of one topic are remembered; the one unheard for longest is forgotten first.
+/// How many incarnations of one topic are remembered; the one unheard for longest is forgotten
+/// first.
 const REMEMBERED: usize = 8;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,10 +47,14 @@ impl SequenceTracker {
     /// Takes note of one message.
     pub fn observe(&mut self, incarnation: u64, sequence: u64) -> Step {
         self.received += 1;
-        if let Some(known) = self.known.get(self.latest).filter(|k| self.used > 0 && k.incarnation == incarnation) {
+        if let Some(known) =
+            self.known.get(self.latest).filter(|k| self.used > 0 && k.incarnation == incarnation)
+        {
             return self.advance(self.latest, known.next, sequence);
         }
-        if let Some(index) = self.known[..self.used].iter().position(|k| k.incarnation == incarnation) {
+        if let Some(index) =
+            self.known[..self.used].iter().position(|k| k.incarnation == incarnation)
+        {
             return self.advance(index, self.known[index].next, sequence);
         }
         let first_of_all = self.incarnations == 0;

@@ -15,7 +15,12 @@ use recording::mcap_read::{ReadError, Recording, Selection};
 use recording::mcap_write::{FLUSH_NS, SYNC_NS, WriteError, Writer, key};
 
 fn samples(recording: &Recording) -> Vec<Sample> {
-    recording.messages::<Sample>("sample").unwrap().filter_map(Result::ok).map(|r| r.message).collect()
+    recording
+        .messages::<Sample>("sample")
+        .unwrap()
+        .filter_map(Result::ok)
+        .map(|r| r.message)
+        .collect()
 }
 
 #[test]
@@ -24,7 +29,8 @@ fn what_was_written_is_read_back_bit_by_bit_with_times_and_metadata() {
     let path = dir.path().join("run.mcap");
     let mut writer = Writer::create(&path, &start(), 7).unwrap();
     fill(&mut writer, 5000);
-    let losses = [LossCounters { topic: 0, received: 5000, gaps: 0, dropped: 0, ..LossCounters::default() }];
+    let losses =
+        [LossCounters { topic: 0, received: 5000, gaps: 0, dropped: 0, ..LossCounters::default() }];
     let summary = writer.finish(&losses).unwrap();
     assert_eq!((summary.written, summary.refused), (5000 + 1250 + 5, 0));
     assert_eq!(summary.bytes, fs::metadata(&path).unwrap().len());
@@ -41,7 +47,11 @@ fn what_was_written_is_read_back_bit_by_bit_with_times_and_metadata() {
         assert_eq!(recorded.message.as_bytes(), sample(i as u64).as_bytes());
         assert_eq!(recorded.log_time_ns, sample(i as u64).time_ns + OFFSET as u64);
     }
-    let commands: Vec<_> = recording.messages::<MotorCommand>("command").unwrap().map(|r| r.unwrap().message).collect();
+    let commands: Vec<_> = recording
+        .messages::<MotorCommand>("command")
+        .unwrap()
+        .map(|r| r.unwrap().message)
+        .collect();
     assert_eq!(commands, (0..1250).map(command).collect::<Vec<_>>());
 
     let check = recording.check().unwrap();
@@ -86,7 +96,10 @@ fn an_existing_file_is_never_overwritten() {
 fn a_message_of_another_build_is_refused_alone() {
     let out = Tiny { room: usize::MAX, ..Tiny::default() };
     let mut writer = Writer::to_output(Box::new(out), Path::new("x"), &start(), 0).unwrap();
-    assert!(matches!(writer.write(0, &[0; 16]), Err(WriteError::Length { topic: "sample", found: 16, .. })));
+    assert!(matches!(
+        writer.write(0, &[0; 16]),
+        Err(WriteError::Length { topic: "sample", found: 16, .. })
+    ));
     assert!(matches!(writer.write(TOPICS.len(), &[0; 16]), Err(WriteError::Topic { .. })));
     writer.write_message(&SAMPLE, &sample(0)).unwrap();
     assert_eq!((writer.written(), writer.refused(), writer.refused_of(0)), (1, 2, 1));
@@ -100,7 +113,8 @@ fn a_full_disk_is_said_once_counted_and_leaves_what_was_flushed() {
         let out = Tiny { room, ..Tiny::default() };
         let offered = 4000u64;
         let mut refused = 0;
-        match Writer::to_output(Box::new(out.clone()), Path::new("x"), &start(), sample(0).time_ns) {
+        match Writer::to_output(Box::new(out.clone()), Path::new("x"), &start(), sample(0).time_ns)
+        {
             Err(error) => assert!(matches!(error, WriteError::DiskFull { .. }), "{error}"),
             Ok(mut writer) => {
                 for i in 0..offered {
@@ -112,7 +126,10 @@ fn a_full_disk_is_said_once_counted_and_leaves_what_was_flushed() {
                 assert_eq!(taken + refused, offered, "every message is either taken or refused");
                 match writer.finish(&[]) {
                     Ok(_) => assert_eq!(refused, 0),
-                    Err(WriteError::DiskFull { refused: r, .. } | WriteError::Poisoned { refused: r, .. }) => {
+                    Err(
+                        WriteError::DiskFull { refused: r, .. }
+                        | WriteError::Poisoned { refused: r, .. },
+                    ) => {
                         seen_full += 1;
                         refused = r;
                     }
@@ -127,9 +144,15 @@ fn a_full_disk_is_said_once_counted_and_leaves_what_was_flushed() {
             Ok(recording) if !recording.channels().is_empty() => {
                 let found = samples(&recording);
                 assert!(found.iter().enumerate().all(|(i, s)| *s == sample(i as u64)));
-                assert!(found.len() as u64 + refused >= offered, "{room}: {} found, {refused} refused", found.len());
+                assert!(
+                    found.len() as u64 + refused >= offered,
+                    "{room}: {} found, {refused} refused",
+                    found.len()
+                );
             }
-            Ok(_) | Err(ReadError::Empty { .. } | ReadError::NotMcap { .. }) => assert!(room < 50_000, "{room}"),
+            Ok(_) | Err(ReadError::Empty { .. } | ReadError::NotMcap { .. }) => {
+                assert!(room < 50_000, "{room}")
+            }
             Err(other) => panic!("{other}"),
         }
     }
@@ -165,7 +188,8 @@ fn a_file_cut_anywhere_reads_as_a_prefix() {
     let path = dir.path().join("cut.mcap");
     let mut longest = 0;
     // every byte near both ends, a prime stride between
-    let places = (0..200).chain((200..bytes.len()).step_by(1009)).chain(bytes.len() - 200..bytes.len());
+    let places =
+        (0..200).chain((200..bytes.len()).step_by(1009)).chain(bytes.len() - 200..bytes.len());
     for place in places {
         fs::write(&path, &bytes[..place]).unwrap();
         let recording = match Recording::open(&path) {
@@ -216,9 +240,14 @@ fn a_file_cut_within_the_indices_of_its_last_chunk_hides_none_of_its_messages() 
         let recording = Recording::open(&path).unwrap();
         // The check reads every chunk, whatever its indices say.
         let check = recording.check().unwrap();
-        let counted = |topic: &str| check.topics.iter().find(|found| found.topic == topic).unwrap().count;
+        let counted =
+            |topic: &str| check.topics.iter().find(|found| found.topic == topic).unwrap().count;
         let read = recording.messages::<MotorCommand>("command").unwrap().count() as u64;
-        assert_eq!((samples(&recording).len() as u64, read), (counted("sample"), counted("command")), "{place}");
+        assert_eq!(
+            (samples(&recording).len() as u64, read),
+            (counted("sample"), counted("command")),
+            "{place}"
+        );
     }
 }
 
@@ -280,7 +309,10 @@ fn a_damaged_chunk_costs_that_chunk_only_and_recover_keeps_the_rest() {
     assert!(recovered.tail().complete && recovered.check().unwrap().damage.is_empty());
     assert_eq!(samples(&recovered), left);
     assert_eq!(recovered.metadata(key::RIG), Some("hydrostatic"));
-    assert!(rewrite(&[&recording], None, None, &BTreeMap::new(), &out).is_err(), "never overwrites");
+    assert!(
+        rewrite(&[&recording], None, None, &BTreeMap::new(), &out).is_err(),
+        "never overwrites"
+    );
 }
 
 #[test]
@@ -337,9 +369,18 @@ fn a_selection_reads_only_its_channels_and_times() {
     let recording = Recording::open(&path).unwrap();
     let ids = recording.channels_of("command").unwrap();
     let at = |i: u64| sample(i).time_ns + OFFSET as u64;
-    let selection = Selection { channels: Some(ids.clone()), from_ns: Some(at(1000)), until_ns: Some(at(2000)) };
+    let selection = Selection {
+        channels: Some(ids.clone()),
+        from_ns: Some(at(1000)),
+        until_ns: Some(at(2000)),
+    };
     let found: Vec<_> = recording.raw(selection).map(Result::unwrap).collect();
-    assert!(found.iter().all(|m| ids.contains(&m.channel_id()) && (at(1000)..at(2000)).contains(&m.log_time_ns())));
+    assert!(
+        found
+            .iter()
+            .all(|m| ids.contains(&m.channel_id())
+                && (at(1000)..at(2000)).contains(&m.log_time_ns()))
+    );
     assert_eq!(found.len(), 250);
 }
 
@@ -411,7 +452,8 @@ fn a_damaged_summary_makes_no_topic_another_and_hides_no_chunk() {
     let whole = Recording::open(&path).unwrap();
     assert_eq!((whole.damage().len(), whole.check().unwrap().data_lost()), (0, false));
     let written = samples(&whole);
-    // the footer stands before the end mark: opcode, length, start of the summary, start of its offsets, checksum
+    // the footer stands before the end mark: opcode, length, start of the summary, start of its
+    // offsets, checksum
     let footer = sound.len() - 8 - 29;
     let begin = u64::from_le_bytes(sound[footer + 9..footer + 17].try_into().unwrap()) as usize;
     assert!(begin > 0 && begin < footer);
@@ -436,7 +478,11 @@ fn what_no_chunk_guards_is_guarded_by_the_checksum_of_all_data() {
     bytes[at] = b'H';
     fs::write(&path, &bytes).unwrap();
     let check = Recording::open(&path).unwrap().check().unwrap();
-    assert!(check.damage.iter().any(|d| d.what.contains("checksum of all data")), "{:?}", check.damage);
+    assert!(
+        check.damage.iter().any(|d| d.what.contains("checksum of all data")),
+        "{:?}",
+        check.damage
+    );
     assert!(check.data_lost());
 }
 

@@ -39,33 +39,68 @@ fn a_sound_table_is_read_column_by_column() {
 
 #[test]
 fn each_fault_is_named_with_row_and_column() {
-    let with = |at: usize, text: &str| table(100, |i| if i == at { text.to_owned() } else { good(i) });
+    let with =
+        |at: usize, text: &str| table(100, |i| if i == at { text.to_owned() } else { good(i) });
     let gap = table(100, |i| good(if i < 50 { i } else { i + 3 }));
     let jitter = with(40, "0.0201,1,1");
     let cases: Vec<(String, &str)> = vec![
-        (with(10, "0.005,,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found an empty cell"),
-        (with(10, "0.005,1,NaN"), "r.csv: row 12, column `master_rad`: expected a finite number, found `NaN`"),
-        (with(10, "0.005,inf,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found `inf`"),
-        (with(10, "0.005,abc,1"), "r.csv: row 12, column `motor_v`: expected a finite number, found `abc`"),
-        (with(10, "0.005,1"), "r.csv: row 12: not a CSV table: expected 3 cells as in the header, found 2"),
-        (with(10, "0.0045,1,1"), "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0045 s"),
-        (with(10, "0.0001,1,1"), "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0001 s"),
+        (
+            with(10, "0.005,,1"),
+            "r.csv: row 12, column `motor_v`: expected a finite number, found an empty cell",
+        ),
+        (
+            with(10, "0.005,1,NaN"),
+            "r.csv: row 12, column `master_rad`: expected a finite number, found `NaN`",
+        ),
+        (
+            with(10, "0.005,inf,1"),
+            "r.csv: row 12, column `motor_v`: expected a finite number, found `inf`",
+        ),
+        (
+            with(10, "0.005,abc,1"),
+            "r.csv: row 12, column `motor_v`: expected a finite number, found `abc`",
+        ),
+        (
+            with(10, "0.005,1"),
+            "r.csv: row 12: not a CSV table: expected 3 cells as in the header, found 2",
+        ),
+        (
+            with(10, "0.0045,1,1"),
+            "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0045 s",
+        ),
+        (
+            with(10, "0.0001,1,1"),
+            "r.csv: row 12, column `t_s`: expected a time after 0.0045 s, found 0.0001 s",
+        ),
         (gap, "r.csv: row 52, column `t_s`: 3 samples are missing between 0.0245 s and 0.0265 s"),
         (jitter, "r.csv: row 42, column `t_s`: expected steps of 0.0005"),
         (table(3, good), "r.csv: expected at least 10 rows, found 3"),
         (table(0, good), "r.csv: expected at least 10 rows, found 0"),
-        (String::new(), "r.csv: row 1: expected a header with the columns' names, found an empty file"),
+        (
+            String::new(),
+            "r.csv: row 1: expected a header with the columns' names, found an empty file",
+        ),
         (
             table(20, good).replace("t_s,motor_v,master_rad\n", ""),
             "expected a header with the columns' names, found the number 0.0000",
         ),
-        (table(20, good).replace("t_s,", "time,"), "column `t_s` is missing; found time, motor_v, master_rad"),
-        (table(20, good).replace("master_rad", "motor_v"), "column `motor_v` stands there twice (columns 2 and 3)"),
+        (
+            table(20, good).replace("t_s,", "time,"),
+            "column `t_s` is missing; found time, motor_v, master_rad",
+        ),
+        (
+            table(20, good).replace("master_rad", "motor_v"),
+            "column `motor_v` stands there twice (columns 2 and 3)",
+        ),
         (table(20, good).replace("motor_v", ""), "no name for column 2"),
-        (table(20, good).replace("motor_v", "voltage"), "column `motor_v` is missing; found master_rad, voltage"),
+        (
+            table(20, good).replace("motor_v", "voltage"),
+            "column `motor_v` is missing; found master_rad, voltage",
+        ),
     ];
     for (text, expected) in cases {
-        let error = csv(&text, &Options::default().requiring(&["motor_v"])).unwrap_err().to_string();
+        let error =
+            csv(&text, &Options::default().requiring(&["motor_v"])).unwrap_err().to_string();
         assert!(error.contains(expected), "expected: {expected}\nfound:    {error}");
     }
     let error = from_csv(Path::new("/no/such.csv"), &Options::default()).unwrap_err().to_string();
@@ -89,7 +124,9 @@ fn the_longest_run_is_kept_where_that_is_allowed_and_reported() {
 
 #[test]
 fn dead_and_saturated_channels_are_findings() {
-    let text = table(2000, |i| format!("{:.4},0.25,{}", i as f64 * 5e-4, (i as f64 * 0.01).sin().min(0.8)));
+    let text = table(2000, |i| {
+        format!("{:.4},0.25,{}", i as f64 * 5e-4, (i as f64 * 0.01).sin().min(0.8))
+    });
     let record = csv(&text, &Options::default()).unwrap();
     let kinds: Vec<_> = record.findings.iter().map(|f| (f.column.as_str(), f.kind)).collect();
     assert_eq!(kinds, [("master_rad", FindingKind::Saturated), ("motor_v", FindingKind::Dead)]);
@@ -100,7 +137,8 @@ fn samples_come_out_bit_identical() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write_file(&path, 3000);
-    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    let record =
+        from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
     assert_eq!(record.len(), 3000);
     assert_eq!(record.sampling_s, 5e-4);
     for i in 0..3000 {
@@ -138,7 +176,8 @@ fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
             s
         }),
     );
-    let columns = SampleColumns { scan_hz: Some(2000.0), ..SampleColumns::new(ColumnNames::rotary()) };
+    let columns =
+        SampleColumns { scan_hz: Some(2000.0), ..SampleColumns::new(ColumnNames::rotary()) };
     let error = from_mcap(&path, &columns, &Options::default()).unwrap_err().to_string();
     assert!(error.contains("row 101") && error.contains("4 samples are missing"), "{error}");
     let record = from_mcap(&path, &columns, &Options::default().gaps(Gaps::LongestRun)).unwrap();
@@ -146,7 +185,11 @@ fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
     assert_eq!(record.columns.keys().collect::<Vec<_>>(), ["master_rad", "motor_v"]);
     let kinds: Vec<_> = record.findings.iter().map(|f| f.kind).collect();
     assert_eq!(kinds, [FindingKind::Partial, FindingKind::Masked]);
-    let error = from_mcap(&path, &columns, &Options::default().gaps(Gaps::LongestRun).requiring(&["slave_rad"]));
+    let error = from_mcap(
+        &path,
+        &columns,
+        &Options::default().gaps(Gaps::LongestRun).requiring(&["slave_rad"]),
+    );
     assert!(error.unwrap_err().to_string().contains("column `slave_rad` is missing"));
     let axis = SampleColumns { axis: 1, ..columns };
     assert!(matches!(from_mcap(&path, &axis, &Options::default()), Err(RecordError::Axis { .. })));
@@ -163,7 +206,9 @@ fn a_replayed_record_keeps_its_own_time_and_one_pass() {
         s
     };
     write(&path, (0..250).map(|i| replayed(i, (i % 100) as f64 * 0.0016384)));
-    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::one_mass_linear()), &Options::default()).unwrap();
+    let record =
+        from_mcap(&path, &SampleColumns::new(ColumnNames::one_mass_linear()), &Options::default())
+            .unwrap();
     assert_eq!(record.len(), 100);
     assert_eq!(record.time_s[99], 99.0 * 0.0016384);
     assert_eq!(record.findings[0].kind, FindingKind::Looped);
@@ -176,7 +221,9 @@ fn a_recording_that_was_cut_off_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write_file(&path, 3000);
-    let read = || from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    let read = || {
+        from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap()
+    };
     assert!(read().findings.iter().all(|finding| finding.kind != FindingKind::Torn));
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() - 2000]).unwrap();
@@ -190,7 +237,8 @@ fn repeated_samples_are_left_out_and_said() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write(&path, (0..100).chain(99..200).map(sample));
-    let record = from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
+    let record =
+        from_mcap(&path, &SampleColumns::new(ColumnNames::rotary()), &Options::default()).unwrap();
     assert_eq!((record.len(), record.findings[0].kind), (200, FindingKind::Repeated));
     assert_eq!(record.time_s[199], 199.0 * PERIOD_NS as f64 * 1e-9);
 }
@@ -218,9 +266,10 @@ fn scans_that_a_new_acquisition_reads_again_are_left_out_and_a_clock_that_goes_b
 #[test]
 fn the_measured_sets_of_others_are_read() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    for (name, rows, sampling_s, column) in
-        [("emps_train.csv", 24_841, 1e-3, "position_m"), ("silverbox_multisine.csv", 65_062, 0.0016384, "output")]
-    {
+    for (name, rows, sampling_s, column) in [
+        ("emps_train.csv", 24_841, 1e-3, "position_m"),
+        ("silverbox_multisine.csv", 65_062, 0.0016384, "output"),
+    ] {
         let path = data.join(name);
         if !path.exists() {
             eprintln!("SKIPPED: {} is not there", path.display());
@@ -258,12 +307,18 @@ proptest! {
 fn columns_are_taken_from_where_the_mapping_says() {
     let text = table(100, good).replace("t_s,motor_v,master_rad", "time ms,u,angle");
     let mapping = |list: &[&str]| list.iter().map(|one| one.parse().unwrap()).collect();
-    let with = |list: &[&str]| csv(&text, &Options { mapping: mapping(list), ..Options::default() });
+    let with =
+        |list: &[&str]| csv(&text, &Options { mapping: mapping(list), ..Options::default() });
     let record = with(&["t_s=time ms*1000", "motor_v=u*-2", "master_rad=angle"]).unwrap();
     let plain = csv(&table(100, good), &Options::default()).unwrap();
     assert_eq!(record.columns["master_rad"], plain.columns["master_rad"]);
     assert!((record.sampling_s - 1000.0 * plain.sampling_s).abs() < 1e-9);
-    assert!(record.columns["motor_v"].iter().zip(&plain.columns["motor_v"]).all(|(a, b)| *a == -2.0 * b));
+    assert!(
+        record.columns["motor_v"]
+            .iter()
+            .zip(&plain.columns["motor_v"])
+            .all(|(a, b)| *a == -2.0 * b)
+    );
     let said = with(&["t_s=time"]).unwrap_err().to_string();
     assert!(said.contains("column `time` is missing; found time ms, u, angle"), "{said}");
     let said = with(&["t_s=time ms", "angle=u"]).unwrap_err().to_string();
@@ -272,9 +327,12 @@ fn columns_are_taken_from_where_the_mapping_says() {
 
 #[test]
 fn rows_that_are_not_even_can_be_brought_to_a_rate() {
-    let uneven = table(200, |i| format!("{:.6},{},{i}", i as f64 * 1e-3 + 1e-4 * (i % 2) as f64, i as f64 * 1e-3));
+    let uneven = table(200, |i| {
+        format!("{:.6},{},{i}", i as f64 * 1e-3 + 1e-4 * (i % 2) as f64, i as f64 * 1e-3)
+    });
     assert!(csv(&uneven, &Options::default()).unwrap_err().to_string().contains("resample"));
-    let record = csv(&uneven, &Options { resample_hz: Some(1000.0), ..Options::default() }).unwrap();
+    let record =
+        csv(&uneven, &Options { resample_hz: Some(1000.0), ..Options::default() }).unwrap();
     assert!((record.sampling_s - 1e-3).abs() < 1e-9);
     assert_eq!(record.findings[0].kind, FindingKind::Resampled);
     for (row, time) in record.time_s.iter().enumerate() {

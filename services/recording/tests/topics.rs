@@ -36,17 +36,21 @@ fn joint_state<B: ByteOrder>(stamp_ns: u64, options: [u8; 4]) -> Vec<u8> {
     cdr.write_string("master");
     cdr.write_string("slave");
     cdr.write_sequence_length(2);
-    position((stamp_ns - START_NS) as f64 * 1e-9).into_iter().for_each(|value| cdr.write_f64(value));
+    position((stamp_ns - START_NS) as f64 * 1e-9)
+        .into_iter()
+        .for_each(|value| cdr.write_f64(value));
     cdr.write_sequence_length(0);
     cdr.write_sequence_length(0);
     [options.to_vec(), body].concat()
 }
 
-/// A recording of one second: joints at 1 kHz, stamped evenly and written late by turns; torque in mN·m as JSON at 500 Hz.
+/// A recording of one second: joints at 1 kHz, stamped evenly and written late by turns; torque in
+/// mN·m as JSON at 500 Hz.
 fn write(path: &Path) {
     let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Zstd));
     let mut mcap = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
-    let schema = mcap.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes()).unwrap();
+    let schema =
+        mcap.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes()).unwrap();
     let none = BTreeMap::new();
     let joints = mcap.add_channel(schema, "/joint_states", "cdr", &none).unwrap();
     let cell = mcap.add_channel(0, "/cell", "json", &none).unwrap();
@@ -64,8 +68,7 @@ fn write(path: &Path) {
         };
         put(joints, logged_ns, &data);
         if row % 2 == 0 {
-            let json =
-                serde_json::json!({ "wrench": { "torque": [0, 0, torque(row as f64 * 1e-3)] }, "frame": "cell" });
+            let json = serde_json::json!({ "wrench": { "torque": [0, 0, torque(row as f64 * 1e-3)] }, "frame": "cell" });
             put(cell, stamp_ns, json.to_string().as_bytes());
             put(other, stamp_ns, b"\x08\x01");
         }
@@ -105,7 +108,8 @@ fn topics_with_times_of_their_own_come_to_one_grid() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("other.mcap");
     write(&path);
-    let mapping = ["slave_rad=/joint_states:position[1]", "slave_torque_nm=/cell:wrench.torque[2]*0.001"];
+    let mapping =
+        ["slave_rad=/joint_states:position[1]", "slave_torque_nm=/cell:wrench.torque[2]*0.001"];
     let record = read(&path, &mapping, Some(800.0)).unwrap();
     assert!((record.sampling_s - 1.0 / 800.0).abs() < 1e-9);
     assert_eq!(record.findings[0].kind, FindingKind::Resampled);
@@ -124,8 +128,14 @@ fn what_cannot_be_had_is_said_with_topic_and_field() {
     write(&path);
     let cases: [(&[&str], &str); 8] = [
         (&["master_rad=position"], "expected TOPIC:FIELD"),
-        (&["master_rad=/joints:position[0]"], "no topic `/joints`; it has /camera, /cell, /joint_states"),
-        (&["master_rad=/joint_states:angle"], "the message has effort, header, name, position, velocity"),
+        (
+            &["master_rad=/joints:position[0]"],
+            "no topic `/joints`; it has /camera, /cell, /joint_states",
+        ),
+        (
+            &["master_rad=/joint_states:angle"],
+            "the message has effort, header, name, position, velocity",
+        ),
         (&["master_rad=/joint_states:position[2]"], "message 1: no number there"),
         (&["master_rad=/joint_states:name[0]"], "no number there"),
         (&["master_rad=/camera:x"], "found protobuf"),
@@ -134,7 +144,10 @@ fn what_cannot_be_had_is_said_with_topic_and_field() {
     ];
     for (mapping, expected) in cases {
         let said = read(&path, mapping, None).unwrap_err().to_string();
-        assert!(said.contains(expected) && said.contains("other.mcap"), "expected: {expected}\nfound:    {said}");
+        assert!(
+            said.contains(expected) && said.contains("other.mcap"),
+            "expected: {expected}\nfound:    {said}"
+        );
     }
     let twice = ["a=/cell:wrench.torque[2]", "a=/cell:wrench.torque[1]"];
     assert!(read(&path, &twice, None).unwrap_err().to_string().contains("mapped twice"));
@@ -145,7 +158,8 @@ fn no_bytes_make_it_panic() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cut.mcap");
     let mut mcap = mcap::Writer::new(BufWriter::new(File::create(&path).unwrap())).unwrap();
-    let schema = mcap.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes()).unwrap();
+    let schema =
+        mcap.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes()).unwrap();
     let joints = mcap.add_channel(schema, "/joint_states", "cdr", &BTreeMap::new()).unwrap();
     let whole = joint_state::<LittleEndian>(START_NS, [0, 1, 0, 0]);
     let header = MessageHeader { channel_id: joints, sequence: 0, log_time: 1, publish_time: 1 };

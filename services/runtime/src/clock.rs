@@ -46,7 +46,11 @@ impl ClockPair {
             let realtime = realtime_ns();
             let uncertainty_ns = (now_ns() - before) / 2;
             if uncertainty_ns < best.uncertainty_ns {
-                best = Self { monotonic_ns: before + uncertainty_ns, realtime_ns: realtime, uncertainty_ns };
+                best = Self {
+                    monotonic_ns: before + uncertainty_ns,
+                    realtime_ns: realtime,
+                    uncertainty_ns,
+                };
             }
         }
         best
@@ -61,7 +65,12 @@ pub fn sleep_until(time_ns: u64) {
     };
     // SAFETY: `until` lives through the call; no remainder is asked for with TIMER_ABSTIME.
     unsafe {
-        libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &raw const until, std::ptr::null_mut());
+        libc::clock_nanosleep(
+            libc::CLOCK_MONOTONIC,
+            libc::TIMER_ABSTIME,
+            &raw const until,
+            std::ptr::null_mut(),
+        );
     }
 }
 

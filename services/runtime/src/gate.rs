@@ -1,20 +1,24 @@
 //! The gate: the last function before the DAC, and the first of the two independent ways to 0 V.
 //!
-//! Acquisition runs it once a cycle. It lets a command's volts pass only while the newest [`EnableToken`] and
-//! the newest [`MotorCommand`] are fresh, in sequence, in range, finite, of this session and from the
-//! senders that the token names. It *latches*: a violation burns the enable epoch, and only a strictly
-//! higher epoch (issued by the watchdog after reset, arm and enable) opens the gate again.
+//! Acquisition runs it once a cycle. It lets a command's volts pass only while the newest
+//! [`EnableToken`] and the newest [`MotorCommand`] are fresh, in sequence, in range, finite, of
+//! this session and from the senders that the token names. It *latches*: a violation burns the
+//! enable epoch, and only a strictly higher epoch (issued by the watchdog after reset, arm and
+//! enable) opens the gate again.
 //!
 //! Pure: the time is an argument, nothing is allocated, no message is formatted.
 //!
 //! Use, once a cycle:
-//! 1. pass every received message to [`Gate::observe_token`] and [`Gate::observe_command`], in the order received,
-//!    so that a backward step or a foreign sender between two cycles is never missed;
-//! 2. read the clock, *after* the last receive (a message published in between would seem to come from the
-//!    future; [`GateConfig::future_ns`] tolerates a little);
-//! 3. call [`Gate::step`], write its volts, and call [`Gate::write_failed`] if the card refuses them.
+//! 1. pass every received message to [`Gate::observe_token`] and [`Gate::observe_command`], in the
+//!    order received, so that a backward step or a foreign sender between two cycles is never
+//!    missed;
+//! 2. read the clock, *after* the last receive (a message published in between would seem to come
+//!    from the future; [`GateConfig::future_ns`] tolerates a little);
+//! 3. call [`Gate::step`], write its volts, and call [`Gate::write_failed`] if the card refuses
+//!    them.
 //!
-//! A caller that keeps only the newest messages passes these to `step`; passing a message again is harmless.
+//! A caller that keeps only the newest messages passes these to `step`; passing a message again is
+//! harmless.
 
 use ipc_types::{AXES, EnableToken, GateCause, GateState, Message, MotorCommand, Profile};
 
@@ -33,10 +37,11 @@ pub struct GateConfig {
     pub max_cycle_gap_ns: u64,
     /// Oldest sample that a command may answer, counted from its scan (ns).
     pub max_sample_age_ns: u64,
-    /// How far ahead of the gate's clock a message's time may be (ns): covers a message that is published
-    /// between reading the clock and receiving.
+    /// How far ahead of the gate's clock a message's time may be (ns): covers a message that is
+    /// published between reading the clock and receiving.
     pub future_ns: u64,
-    /// Output limit of each axis, either sign (V). A limit that is not a positive number lets nothing pass.
+    /// Output limit of each axis, either sign (V). A limit that is not a positive number lets
+    /// nothing pass.
     pub volts_max: [f64; AXES],
     /// Axes of the rig: those above get 0 V always.
     pub axes: usize,
@@ -79,7 +84,8 @@ pub struct GateOutput {
     pub state: GateState,
     /// Why the last epoch was burnt.
     pub cause: GateCause,
-    /// What keeps a gate that is not open from opening; [`GateCause::None`] while open, or while no leave is given.
+    /// What keeps a gate that is not open from opening; [`GateCause::None`] while open, or while no
+    /// leave is given.
     pub hindrance: GateCause,
     /// Highest enable epoch that the gate saw.
     pub epoch: u64,
@@ -170,12 +176,13 @@ impl Gate {
         if !enabled {
             self.burnt_epoch = self.burnt_epoch.max(token.epoch);
         }
-        // An epoch belongs to one watchdog: another one that speaks ends it, also before it opened. Else the sequence of
-        // the first would be forgotten between its messages.
+        // An epoch belongs to one watchdog: another one that speaks ends it, also before it opened.
+        // Else the sequence of the first would be forgotten between its messages.
         if let Some(last) = self.token.filter(|last| last.incarnation != token.incarnation) {
             self.burnt_epoch = self.burnt_epoch.max(last.epoch);
         }
-        if let Some(last) = self.token.as_mut().filter(|last| last.incarnation == token.incarnation) {
+        if let Some(last) = self.token.as_mut().filter(|last| last.incarnation == token.incarnation)
+        {
             let backwards = token.sequence <= last.sequence || token.issued_ns < last.issued_ns;
             if backwards || token.epoch < last.epoch {
                 // What was refused still counts its number: nothing with that number passes later.
@@ -215,12 +222,14 @@ impl Gate {
         if self.open.is_some_and(|open| command.incarnation != open.control) {
             self.violated(GateCause::CommandSender);
         }
-        let other = self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
+        let other =
+            self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
         if other && self.pending().is_some() {
             // Two controls speak while leave is given: which of them would get it?
             self.violated(GateCause::CommandSender);
         }
-        if let Some(last) = self.command.as_mut().filter(|last| last.incarnation == command.incarnation)
+        if let Some(last) =
+            self.command.as_mut().filter(|last| last.incarnation == command.incarnation)
             && (command.sequence <= last.sequence
                 || command.sample_tick < last.sample_tick
                 || command.sample_time_ns < last.sample_time_ns
@@ -250,9 +259,9 @@ impl Gate {
             self.observe_command(command);
         }
         // Also true when time went backwards: then nothing is known about the gap.
-        let late = self
-            .last_step_ns
-            .is_some_and(|last| now_ns.checked_sub(last).is_none_or(|gap| gap > self.config.max_cycle_gap_ns));
+        let late = self.last_step_ns.is_some_and(|last| {
+            now_ns.checked_sub(last).is_none_or(|gap| gap > self.config.max_cycle_gap_ns)
+        });
         self.last_step_ns = Some(now_ns);
 
         let violation = self.violation.take();
@@ -284,7 +293,8 @@ impl Gate {
                 }
             }
         } else if self.token.is_some_and(|token| {
-            token.enabled == 1 && token.acquisition_incarnation != self.config.acquisition_incarnation
+            token.enabled == 1
+                && token.acquisition_incarnation != self.config.acquisition_incarnation
         }) {
             hindrance = GateCause::TokenReceiver;
         }
@@ -300,8 +310,8 @@ impl Gate {
         }
     }
 
-    /// The card refused the volts of the last step: an open epoch burns at once, a waiting one does not
-    /// open in the next cycle.
+    /// The card refused the volts of the last step: an open epoch burns at once, a waiting one does
+    /// not open in the next cycle.
     pub fn write_failed(&mut self) {
         match self.open {
             Some(open) => self.burn(open.epoch, GateCause::WriteFailed),
@@ -327,19 +337,27 @@ impl Gate {
 
     /// Volts of the newest command if token and command let them pass now.
     fn passing(&self, now_ns: u64) -> Result<[f64; AXES], GateCause> {
-        let token = self.token.as_ref().filter(|_| !self.token_refused).ok_or(GateCause::TokenStale)?;
+        let token =
+            self.token.as_ref().filter(|_| !self.token_refused).ok_or(GateCause::TokenStale)?;
         let newest_allowed_ns = now_ns.saturating_add(self.config.future_ns);
-        let life_ns = token.valid_until_ns.checked_sub(token.issued_ns).ok_or(GateCause::TokenTime)?;
+        let life_ns =
+            token.valid_until_ns.checked_sub(token.issued_ns).ok_or(GateCause::TokenTime)?;
         if token.issued_ns > newest_allowed_ns
             || token.time_ns > newest_allowed_ns
             || life_ns > self.config.token_life_ns
         {
             return Err(GateCause::TokenTime);
         }
-        if now_ns > token.valid_until_ns || now_ns.saturating_sub(token.issued_ns) > self.config.token_life_ns {
+        if now_ns > token.valid_until_ns
+            || now_ns.saturating_sub(token.issued_ns) > self.config.token_life_ns
+        {
             return Err(GateCause::TokenStale);
         }
-        let command = self.command.as_ref().filter(|_| !self.command_refused).ok_or(GateCause::CommandStale)?;
+        let command = self
+            .command
+            .as_ref()
+            .filter(|_| !self.command_refused)
+            .ok_or(GateCause::CommandStale)?;
         if command.computed_ns > newest_allowed_ns
             || command.time_ns > newest_allowed_ns
             || command.sample_time_ns > newest_allowed_ns
@@ -390,6 +408,7 @@ impl Gate {
         self.open = None;
         self.cause = cause;
         // A withdrawal in good order is no alarm; its epoch is burnt all the same.
-        self.burnt_state = if cause == GateCause::Withdrawn { GateState::Closed } else { GateState::Burnt };
+        self.burnt_state =
+            if cause == GateCause::Withdrawn { GateState::Closed } else { GateState::Burnt };
     }
 }

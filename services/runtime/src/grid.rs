@@ -1,8 +1,8 @@
 //! The absolute grid that every periodic process wakes on.
 //!
-//! tick = `CLOCK_MONOTONIC` ns / period: there is no origin to agree on, so that processes come and go and
-//! still count the same ticks. A loop that wakes late skips the periods that it missed and counts them; it
-//! never bursts to catch up.
+//! tick = `CLOCK_MONOTONIC` ns / period: there is no origin to agree on, so that processes come and
+//! go and still count the same ticks. A loop that wakes late skips the periods that it missed and
+//! counts them; it never bursts to catch up.
 
 use crate::clock::{now_ns, sleep_until};
 
@@ -22,7 +22,8 @@ pub struct Wake {
     pub tick: u64,
     /// When the loop should have woken for this tick (ns).
     pub scheduled_ns: u64,
-    /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped (ns).
+    /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped
+    /// (ns).
     pub due_ns: u64,
     /// When it did (ns).
     pub woke_ns: u64,
@@ -38,8 +39,8 @@ impl Wake {
 }
 
 impl Grid {
-    /// A grid of `period_ns` whose loop wakes `phase_ns` after each tick. A zero period is taken as 1 ns,
-    /// and the phase modulo the period.
+    /// A grid of `period_ns` whose loop wakes `phase_ns` after each tick. A zero period is taken as
+    /// 1 ns, and the phase modulo the period.
     pub fn new(period_ns: u64, phase_ns: u64) -> Self {
         let period_ns = period_ns.max(1);
         Self { period_ns, phase_ns: phase_ns % period_ns, next_tick: None, missed: 0 }
@@ -99,8 +100,8 @@ impl Grid {
         Some(Wake { tick, scheduled_ns: self.wake_time(tick), due_ns: due, woke_ns, skipped })
     }
 
-    /// Sleeps until the next wake. `None` when a signal cut the sleep short, so that the caller can look at
-    /// its stop flag.
+    /// Sleeps until the next wake. `None` when a signal cut the sleep short, so that the caller can
+    /// look at its stop flag.
     pub fn wait(&mut self) -> Option<Wake> {
         sleep_until(self.due(now_ns()));
         self.wake(now_ns())

@@ -1,5 +1,6 @@
-//! What every process is built from: the shared-memory domain, ports with identity and sequence, the grid
-//! loop and its timing, the gate, the command plane, the `Daq` trait, signals and readiness.
+//! What every process is built from: the shared-memory domain, ports with identity and sequence,
+//! the grid loop and its timing, the gate, the command plane, the `Daq` trait, signals and
+//! readiness.
 //!
 //! A process is a thin loop round a pure core:
 //!

@@ -15,7 +15,14 @@ pub(crate) struct LockFile(File);
 impl LockFile {
     /// Opens, or creates, a lock file (mode 0600).
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path).map(Self)
+        OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(path)
+            .map(Self)
     }
 
     fn attempt(&self, operation: FlockOperation) -> io::Result<bool> {

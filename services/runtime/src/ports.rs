@@ -6,8 +6,8 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
 use ipc_types::{
-    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming, LossCounters, Message,
-    MotorCommand, Sample, Setpoint, Topic, TypedTopic,
+    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming,
+    LossCounters, Message, MotorCommand, Sample, Setpoint, Topic, TypedTopic,
 };
 use thiserror::Error;
 
@@ -29,11 +29,15 @@ pub struct PortError {
     reason: String,
 }
 
-fn failed<E: std::fmt::Debug>(topic: &'static str, action: &'static str) -> impl FnOnce(E) -> PortError {
+fn failed<E: std::fmt::Debug>(
+    topic: &'static str,
+    action: &'static str,
+) -> impl FnOnce(E) -> PortError {
     move |error| PortError { topic, action, reason: format!("{error:?}") }
 }
 
-type Service<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, ()>;
+type Service<T> =
+    iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, ()>;
 
 fn service_name(topic: &Topic) -> Result<ServiceName, PortError> {
     topic.name.try_into().map_err(failed(topic.name, "naming the service"))
@@ -51,7 +55,10 @@ pub(crate) const fn messages_in_segment(topic: &Topic) -> usize {
     topic.subscribers * (topic.buffer + BORROWED) + topic.history + 1
 }
 
-fn hold_typed<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<T>, PortError> {
+fn hold_typed<T: Message>(
+    node: &Node<ipc::Service>,
+    topic: &Topic,
+) -> Result<Service<T>, PortError> {
     node.service_builder(&service_name(topic)?)
         .publish_subscribe::<T>()
         .max_publishers(topic.publishers)
@@ -117,20 +124,29 @@ macro_rules! with_type {
                 type $T = ClockSync;
                 $body
             }
-            other => Err(PortError { topic: $topic.name, action: "looking up the type", reason: other.to_owned() }),
+            other => Err(PortError {
+                topic: $topic.name,
+                action: "looking up the type",
+                reason: other.to_owned(),
+            }),
         }
     };
 }
 
 /// Creates a topic's service, or joins it, and keeps it open for as long as the result lives.
-pub(crate) fn hold(node: &Node<ipc::Service>, topic: &Topic) -> Result<Box<dyn std::any::Any>, DomainError> {
-    let held: Result<Box<dyn std::any::Any>, PortError> =
-        with_type!(topic, T => hold_typed::<T>(node, topic).map(|service| Box::new(service) as Box<dyn std::any::Any>));
-    held.map_err(|error| DomainError::Library { action: "creating a topic".to_owned(), reason: error.to_string() })
+pub(crate) fn hold(
+    node: &Node<ipc::Service>,
+    topic: &Topic,
+) -> Result<Box<dyn std::any::Any>, DomainError> {
+    let held: Result<Box<dyn std::any::Any>, PortError> = with_type!(topic, T => hold_typed::<T>(node, topic).map(|service| Box::new(service) as Box<dyn std::any::Any>));
+    held.map_err(|error| DomainError::Library {
+        action: "creating a topic".to_owned(),
+        reason: error.to_string(),
+    })
 }
 
-/// How often a port tries again when a connection could not be made. The library reports a peer that died while it
-/// was being connected once, and leaves the other connections in order.
+/// How often a port tries again when a connection could not be made. The library reports a peer
+/// that died while it was being connected once, and leaves the other connections in order.
 const ATTEMPTS: usize = 4;
 
 /// Publishes one topic: stamps session, incarnation, sequence and time.
@@ -144,7 +160,11 @@ pub struct Publisher<T: Message> {
 }
 
 impl<T: Message> Publisher<T> {
-    pub(crate) fn new(node: &Node<ipc::Service>, topic: TypedTopic<T>, identity: Identity) -> Result<Self, PortError> {
+    pub(crate) fn new(
+        node: &Node<ipc::Service>,
+        topic: TypedTopic<T>,
+        identity: Identity,
+    ) -> Result<Self, PortError> {
         let port = open::<T>(node, &topic.topic)?
             .publisher_builder()
             // The default would block the publisher on a full buffer.
@@ -164,7 +184,8 @@ impl<T: Message> Publisher<T> {
             let loaned = self.port.loan_uninit().map_err(failed(self.topic, "loaning"))?;
             match loaned.write_payload(message).send() {
                 Ok(_) => break,
-                // Nobody got it: a subscriber died while it was being connected. The others are in order.
+                // Nobody got it: a subscriber died while it was being connected. The others are in
+                // order.
                 Err(SendError::ConnectionError(_)) if attempt < ATTEMPTS => attempt += 1,
                 // All got it but one, whose connection is broken: its gap in the sequence tells it.
                 Err(SendError::ConnectionCorrupted | SendError::UnableToDeliver) => {
@@ -188,10 +209,12 @@ impl<T: Message> Publisher<T> {
         self.sequence
     }
 
-    /// Connects those that joined since the last message: a late subscriber gets its history only when the
-    /// publisher calls this, or sends; and what a dead one left is let go of only then. For slow topics.
+    /// Connects those that joined since the last message: a late subscriber gets its history only
+    /// when the publisher calls this, or sends; and what a dead one left is let go of only then.
+    /// For slow topics.
     pub fn refresh(&self) {
-        // A subscriber that died while it was being connected. It is reported once, and the others are in order.
+        // A subscriber that died while it was being connected. It is reported once, and the others
+        // are in order.
         let _failed = self.port.update_connections();
     }
 }
@@ -272,7 +295,9 @@ impl<T: Message> Subscriber<T> {
                     self.follower.observe(message.incarnation(), message.sequence());
                     return Ok(Some(look(message)));
                 }
-                Err(ReceiveError::ConnectionFailure(_)) => self.follower.counters.connections_failed += 1,
+                Err(ReceiveError::ConnectionFailure(_)) => {
+                    self.follower.counters.connections_failed += 1
+                }
                 Err(error) => return Err(failed(self.topic, "receiving")(error)),
             }
         }
@@ -295,7 +320,8 @@ impl<T: Message> Subscriber<T> {
     }
 }
 
-/// A subscriber to a topic whose type is known from the table only: hands out bytes (logger, probes).
+/// A subscriber to a topic whose type is known from the table only: hands out bytes (logger,
+/// probes).
 pub trait RawSubscriber {
     /// Hands the bytes of the next message to `sink`; `false` when there is none.
     fn take(&mut self, sink: &mut dyn FnMut(&[u8])) -> Result<bool, PortError>;
@@ -314,7 +340,10 @@ impl<T: Message> RawSubscriber for Subscriber<T> {
 }
 
 /// Subscribes to a topic of the table by its entry.
-pub fn open_raw(node: &Node<ipc::Service>, topic: &Topic) -> Result<Box<dyn RawSubscriber>, PortError> {
+pub fn open_raw(
+    node: &Node<ipc::Service>,
+    topic: &Topic,
+) -> Result<Box<dyn RawSubscriber>, PortError> {
     with_type!(topic, T => Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>))
 }
 

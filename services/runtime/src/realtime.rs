@@ -60,7 +60,9 @@ pub fn best_effort_wanted() -> bool {
 fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: 0 means the calling thread; the parameters live through the call.
-    unsafe { libc::sched_setscheduler(0, policy | libc::SCHED_RESET_ON_FORK, &raw const parameters) == 0 }
+    unsafe {
+        libc::sched_setscheduler(0, policy | libc::SCHED_RESET_ON_FORK, &raw const parameters) == 0
+    }
 }
 
 /// Asks for `SCHED_FIFO` at `priority` (1..=99) for the calling thread.
@@ -68,7 +70,8 @@ pub fn request_fifo(priority: i32) -> Profile {
     if !best_effort_wanted() && set_scheduler(libc::SCHED_FIFO, priority) {
         Profile::Realtime
     } else {
-        // A launcher may have set FIFO before: a loop that calls itself best-effort must not preempt the others.
+        // A launcher may have set FIFO before: a loop that calls itself best-effort must not
+        // preempt the others.
         request_normal();
         Profile::BestEffort
     }
@@ -79,26 +82,29 @@ pub fn request_normal() {
     set_scheduler(libc::SCHED_OTHER, 0);
 }
 
-/// Asks for normal scheduling in slices of 0.1 ms instead of the usual 3 ms or so, for the calling thread: the scheduler lets
-/// a short slice that wakes go before longer ones (EEVDF, Linux 6.12 and later; before, it is ignored or refused). Needs no
-/// privilege. Returns whether the kernel took it.
+/// Asks for normal scheduling in slices of 0.1 ms instead of the usual 3 ms or so, for the calling
+/// thread: the scheduler lets a short slice that wakes go before longer ones (EEVDF, Linux 6.12 and
+/// later; before, it is ignored or refused). Needs no privilege. Returns whether the kernel took
+/// it.
 pub fn request_short_slices() -> bool {
     // SAFETY: all zeros is a valid value of this plain structure.
     let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
     attributes.size = size_of::<libc::sched_attr>() as u32;
     attributes.sched_policy = libc::SCHED_OTHER as u32;
     attributes.sched_runtime = 100_000;
-    // SAFETY: 0 means the calling thread; the attributes live through the call, and give their own size.
+    // SAFETY: 0 means the calling thread; the attributes live through the call, and give their own
+    // size.
     unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) == 0 }
 }
 
-/// Priority of a process that starts (the unit files set it), and of the helper threads of one that runs: below every loop,
-/// so that the start of one does not hold up another; above everything that is not of the rig.
+/// Priority of a process that starts (the unit files set it), and of the helper threads of one that
+/// runs: below every loop, so that the start of one does not hold up another; above everything that
+/// is not of the rig.
 pub const HELPER_PRIORITY: i32 = 10;
 
-/// Priority of a process's loop. The watchdog goes before all that it watches; who is read goes before who reads, but for
-/// the simulated card, which catches up; the experiment's setpoints have a lease of their own. A process without a
-/// real-time loop has the helpers'.
+/// Priority of a process's loop. The watchdog goes before all that it watches; who is read goes
+/// before who reads, but for the simulated card, which catches up; the experiment's setpoints have
+/// a lease of their own. A process without a real-time loop has the helpers'.
 pub const fn loop_priority(process: Process) -> i32 {
     match process {
         Process::Watchdog => 85,
@@ -110,8 +116,9 @@ pub const fn loop_priority(process: Process) -> i32 {
     }
 }
 
-/// For a thread beside a real-time loop in the same process (readiness, the operator's verbs). It shares the
-/// loop's address space: were it preempted by ordinary load while it maps memory, the loop would wait for it.
+/// For a thread beside a real-time loop in the same process (readiness, the operator's verbs). It
+/// shares the loop's address space: were it preempted by ordinary load while it maps memory, the
+/// loop would wait for it.
 pub fn request_helper(profile: Profile) {
     match profile {
         Profile::Realtime => {
@@ -123,12 +130,14 @@ pub fn request_helper(profile: Profile) {
 
 /// Holds the processors awake while it lives; see [`stay_awake`].
 #[derive(Debug)]
-pub struct Awake(#[expect(dead_code, reason = "the kernel listens for as long as the file is open")] File);
+pub struct Awake(
+    #[expect(dead_code, reason = "the kernel listens for as long as the file is open")] File,
+);
 
-/// Asks the kernel for a wake latency of 0 µs (PM QoS): idle processors poll instead of sleeping, so that a timer finds one
-/// awake. A core that sleeps deeply, or a virtual one that its host has to schedule again, wakes late by hundreds of
-/// microseconds, now and then by milliseconds. `None` where the device may not be written: root's only, unless a udev rule
-/// says otherwise.
+/// Asks the kernel for a wake latency of 0 µs (PM QoS): idle processors poll instead of sleeping,
+/// so that a timer finds one awake. A core that sleeps deeply, or a virtual one that its host has
+/// to schedule again, wakes late by hundreds of microseconds, now and then by milliseconds. `None`
+/// where the device may not be written: root's only, unless a udev rule says otherwise.
 pub fn stay_awake() -> Option<Awake> {
     let mut device = OpenOptions::new().write(true).open("/dev/cpu_dma_latency").ok()?;
     device.write_all(&0_i32.to_ne_bytes()).ok()?;
@@ -155,20 +164,23 @@ pub fn name_thread(name: &str) {
     }
 }
 
-/// Locks the process's memory if that is allowed without limit: with a limited `RLIMIT_MEMLOCK` later maps
-/// of shared memory would fail. Returns whether it is locked.
+/// Locks the process's memory if that is allowed without limit: with a limited `RLIMIT_MEMLOCK`
+/// later maps of shared memory would fail. Returns whether it is locked.
 pub fn lock_memory() -> bool {
     let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
     // SAFETY: `limit` lives through the call.
-    let unlimited =
-        unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } == 0 && limit.rlim_cur == libc::RLIM_INFINITY;
+    let unlimited = unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } == 0
+        && limit.rlim_cur == libc::RLIM_INFINITY;
     if !unlimited && !has_ipc_lock() {
         return false;
     }
-    // What is mapped now is brought in and stays. What is mapped later (the segments of a peer that joins) is locked
-    // page by page as it is touched: to bring in ten megabytes at once would hold the loop up for milliseconds.
-    // SAFETY: takes flags only.
-    unsafe { libc::mlockall(libc::MCL_CURRENT) == 0 && libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) == 0 }
+    // What is mapped now is brought in and stays. What is mapped later (the segments of a peer that
+    // joins) is locked page by page as it is touched: to bring in ten megabytes at once would hold
+    // the loop up for milliseconds. SAFETY: takes flags only.
+    unsafe {
+        libc::mlockall(libc::MCL_CURRENT) == 0
+            && libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) == 0
+    }
 }
 
 /// Whether `CAP_IPC_LOCK` is in the effective set.
@@ -194,8 +206,13 @@ mod tests {
 
     #[test]
     fn priorities_go_watchdog_acquisition_simulator_control_experiment_helpers() {
-        let order =
-            [Process::Watchdog, Process::Acquisition, Process::Simulator, Process::Control, Process::Experiment];
+        let order = [
+            Process::Watchdog,
+            Process::Acquisition,
+            Process::Simulator,
+            Process::Control,
+            Process::Experiment,
+        ];
         let mut order = order.map(loop_priority).to_vec();
         order.push(HELPER_PRIORITY);
         assert!(order.windows(2).all(|pair| pair[0] > pair[1]), "{order:?}");

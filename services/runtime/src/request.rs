@@ -1,8 +1,9 @@
 //! The command plane: request and answer between processes, off the real-time path.
 //!
-//! Payloads are serde types in bincode 2.0.1, the last release that compiles. bincode is unmaintained
-//! (RUSTSEC-2025-0141); this module, the experiment's state file and the learnt-state files are its only users,
-//! and each goes through one `encode` and one `decode`: postcard would replace it there.
+//! Payloads are serde types in bincode 2.0.1, the last release that compiles. bincode is
+//! unmaintained (RUSTSEC-2025-0141); this module, the experiment's state file and the learnt-state
+//! files are its only users, and each goes through one `encode` and one `decode`: postcard would
+//! replace it there.
 
 use std::time::{Duration, Instant};
 
@@ -19,8 +20,9 @@ use crate::domain::DomainError;
 const NODES: usize = 16;
 /// Most clients of a service.
 const CLIENTS: usize = 8;
-/// Answers for which a server's segment has room, as the library reckons it: for each client, a question that it waits for
-/// and one that it gave up; for each of these an answer waiting, one borrowed, one being written.
+/// Answers for which a server's segment has room, as the library reckons it: for each client, a
+/// question that it waits for and one that it gave up; for each of these an answer waiting, one
+/// borrowed, one being written.
 pub(crate) const ANSWERS_IN_SEGMENT: usize = CLIENTS * 2 * 3;
 /// Most memory that decoding may claim, whatever the bytes say.
 const DECODE_LIMIT: usize = 1 << 20;
@@ -71,26 +73,32 @@ pub enum RequestError {
     },
 }
 
-fn failed<E: std::fmt::Debug>(service: &'static str, action: &'static str) -> impl FnOnce(E) -> RequestError {
+fn failed<E: std::fmt::Debug>(
+    service: &'static str,
+    action: &'static str,
+) -> impl FnOnce(E) -> RequestError {
     move |error| RequestError::Library { service, action, reason: format!("{error:?}") }
 }
 
 fn encode<M: Serialize>(service: &CommandService, message: &M) -> Result<Vec<u8>, RequestError> {
-    let bytes = bincode::serde::encode_to_vec(message, bincode::config::standard())
-        .map_err(|e| RequestError::Codec { service: service.name, action: "encode", reason: e.to_string() })?;
+    let bytes =
+        bincode::serde::encode_to_vec(message, bincode::config::standard()).map_err(|e| {
+            RequestError::Codec { service: service.name, action: "encode", reason: e.to_string() }
+        })?;
     if bytes.len() > service.bytes {
-        return Err(RequestError::TooLong { service: service.name, found: bytes.len(), most: service.bytes });
+        return Err(RequestError::TooLong {
+            service: service.name,
+            found: bytes.len(),
+            most: service.bytes,
+        });
     }
     Ok(bytes)
 }
 
 fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
     let config = bincode::config::standard().with_limit::<DECODE_LIMIT>();
-    let (message, used) = bincode::serde::decode_from_slice(bytes, config).map_err(|e| RequestError::Codec {
-        service,
-        action: "decode",
-        reason: e.to_string(),
-    })?;
+    let (message, used) = bincode::serde::decode_from_slice(bytes, config)
+        .map_err(|e| RequestError::Codec { service, action: "decode", reason: e.to_string() })?;
     if used != bytes.len() {
         let reason = format!("{} bytes too many", bytes.len() - used);
         return Err(RequestError::Codec { service, action: "decode", reason });
@@ -98,7 +106,13 @@ fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M,
     Ok(message)
 }
 
-type Factory = iceoryx2::service::port_factory::request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
+type Factory = iceoryx2::service::port_factory::request_response::PortFactory<
+    ipc::Service,
+    [u8],
+    (),
+    [u8],
+    (),
+>;
 
 fn name_of(service: &CommandService) -> Result<ServiceName, RequestError> {
     service.name.try_into().map_err(failed(service.name, "naming the service"))
@@ -112,13 +126,17 @@ fn open(node: &Node<ipc::Service>, service: &CommandService) -> Result<Factory, 
 }
 
 /// Creates a command service, or joins it, and keeps it open for as long as the result lives.
-pub(crate) fn hold(node: &Node<ipc::Service>, service: &CommandService) -> Result<Box<dyn std::any::Any>, DomainError> {
+pub(crate) fn hold(
+    node: &Node<ipc::Service>,
+    service: &CommandService,
+) -> Result<Box<dyn std::any::Any>, DomainError> {
     let held = name_of(service).and_then(|name| {
         node.service_builder(&name)
             .request_response::<[u8], [u8]>()
             .max_servers(3)
             .max_clients(CLIENTS)
-            // One question at a time, one answer to each: with the library's defaults a segment is eight times as large.
+            // One question at a time, one answer to each: with the library's defaults a segment is
+            // eight times as large.
             .max_active_requests_per_client(1)
             .max_loaned_requests(1)
             .max_response_buffer_size(1)
@@ -129,13 +147,15 @@ pub(crate) fn hold(node: &Node<ipc::Service>, service: &CommandService) -> Resul
     });
     match held {
         Ok(factory) => Ok(Box::new(factory)),
-        Err(error) => {
-            Err(DomainError::Library { action: "creating a command service".to_owned(), reason: error.to_string() })
-        }
+        Err(error) => Err(DomainError::Library {
+            action: "creating a command service".to_owned(),
+            reason: error.to_string(),
+        }),
     }
 }
 
-/// Answers requests. Lives in a thread of its own, with a node of its own, never in a real-time loop.
+/// Answers requests. Lives in a thread of its own, with a node of its own, never in a real-time
+/// loop.
 #[derive(Debug)]
 pub struct Server {
     port: LibraryServer<ipc::Service, [u8], (), [u8], ()>,
@@ -155,8 +175,8 @@ impl Server {
         Ok(Self { port, service: *service })
     }
 
-    /// Answers what is waiting; returns how many requests that were. A request that cannot be decoded is
-    /// dropped and reported to `broken`.
+    /// Answers what is waiting; returns how many requests that were. A request that cannot be
+    /// decoded is dropped and reported to `broken`.
     pub fn poll<Q: DeserializeOwned, A: Serialize>(
         &self,
         mut answer: impl FnMut(Q) -> A,
@@ -167,7 +187,8 @@ impl Server {
             let request = match self.port.receive() {
                 Ok(Some(request)) => request,
                 Ok(None) => break,
-                // A client that died while it was being connected; reported once, the others are in order.
+                // A client that died while it was being connected; reported once, the others are in
+                // order.
                 Err(ReceiveError::ConnectionFailure(error)) => {
                     broken(failed(self.service.name, "connecting a client")(error));
                     break;
@@ -177,9 +198,13 @@ impl Server {
             count += 1;
             let done = decode::<Q>(self.service.name, request.payload()).and_then(|question| {
                 let bytes = encode(&self.service, &answer(question))?;
-                let loaned =
-                    request.loan_slice_uninit(bytes.len()).map_err(failed(self.service.name, "loaning an answer"))?;
-                loaned.write_from_slice(&bytes).send().map_err(failed(self.service.name, "answering"))
+                let loaned = request
+                    .loan_slice_uninit(bytes.len())
+                    .map_err(failed(self.service.name, "loaning an answer"))?;
+                loaned
+                    .write_from_slice(&bytes)
+                    .send()
+                    .map_err(failed(self.service.name, "answering"))
             });
             if let Err(error) = done {
                 broken(error);
@@ -203,7 +228,8 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
         .backpressure_strategy(BackpressureStrategy::DiscardData)
         .create()
         .map_err(failed(service.name, "making a client"))?;
-    let loaned = client.loan_slice_uninit(bytes.len()).map_err(failed(service.name, "loaning a request"))?;
+    let loaned =
+        client.loan_slice_uninit(bytes.len()).map_err(failed(service.name, "loaning a request"))?;
     let pending = loaned.write_from_slice(&bytes).send().map_err(failed(service.name, "asking"))?;
     // Without a server the library calls this a success.
     if pending.number_of_server_connections() == 0 {
@@ -211,7 +237,9 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
     }
     let started = Instant::now();
     loop {
-        if let Some(response) = pending.receive().map_err(failed(service.name, "waiting for the answer"))? {
+        if let Some(response) =
+            pending.receive().map_err(failed(service.name, "waiting for the answer"))?
+        {
             return decode(service.name, response.payload());
         }
         if !pending.is_connected() {
@@ -233,7 +261,8 @@ mod tests {
 
     #[test]
     fn too_long_is_refused_before_it_is_sent() {
-        let request = LoggerRequest::Start { path: "x".repeat(LOGGER_COMMANDS.bytes), metadata: Vec::new() };
+        let request =
+            LoggerRequest::Start { path: "x".repeat(LOGGER_COMMANDS.bytes), metadata: Vec::new() };
         assert!(matches!(encode(&LOGGER_COMMANDS, &request), Err(RequestError::TooLong { .. })));
     }
 

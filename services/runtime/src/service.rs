@@ -1,4 +1,5 @@
-//! The frame of a process: joins the domain, asks for timing, says when it is ready, ends on a signal.
+//! The frame of a process: joins the domain, asks for timing, says when it is ready, ends on a
+//! signal.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -14,7 +15,8 @@ use crate::ports::{PortError, Publisher, Subscriber};
 use crate::realtime::{self, Grants, Lives, lives};
 use crate::request::RequestError;
 
-/// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried again.
+/// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried
+/// again.
 const START_LIMIT: Duration = Duration::from_secs(8);
 /// How often the attendant looks after the loop.
 const ATTEND_EVERY: Duration = Duration::from_millis(50);
@@ -117,7 +119,11 @@ impl Service {
 
     /// What the machine granted; known after [`Service::enter_loop`].
     pub fn grants(&self) -> Grants {
-        Grants { profile: self.profile, memory_locked: self.memory_locked, kept_awake: self.awake.is_some() }
+        Grants {
+            profile: self.profile,
+            memory_locked: self.memory_locked,
+            kept_awake: self.awake.is_some(),
+        }
     }
 
     /// The node of the main thread.
@@ -150,13 +156,14 @@ impl Service {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Asks for real-time scheduling at the process's own priority ([`realtime::loop_priority`]), locks memory and keeps
-    /// the processors awake where allowed, says that the process is ready, and looks after it from now on. Call when all
-    /// ports are made, right before the loop.
+    /// Asks for real-time scheduling at the process's own priority ([`realtime::loop_priority`]),
+    /// locks memory and keeps the processors awake where allowed, says that the process is ready,
+    /// and looks after it from now on. Call when all ports are made, right before the loop.
     ///
     /// Fails if the rig runs in the realtime profile and this process may not.
     pub fn enter_loop(&mut self) -> Result<Profile, ServiceError> {
-        // Before the priority: to bring in and lock what is mapped takes milliseconds, in which the other loops go first.
+        // Before the priority: to bring in and lock what is mapped takes milliseconds, in which the
+        // other loops go first.
         if self.domain.profile() == Profile::Realtime {
             self.memory_locked = realtime::lock_memory();
             self.awake = realtime::stay_awake();
@@ -192,7 +199,8 @@ impl Service {
         Ok(())
     }
 
-    /// Publishes an event. Not from within a real-time loop unless something broke the loop's rhythm anyway.
+    /// Publishes an event. Not from within a real-time loop unless something broke the loop's
+    /// rhythm anyway.
     pub fn event(
         &mut self,
         kind: EventKind,
@@ -230,7 +238,9 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
             std::thread::sleep(Duration::from_millis(20));
         }
         if !started.load(Ordering::Relaxed) {
-            eprintln!("farreach {process}: not ready after {START_LIMIT:?}; giving up so that it can be started again");
+            eprintln!(
+                "farreach {process}: not ready after {START_LIMIT:?}; giving up so that it can be started again"
+            );
             std::process::exit(1);
         }
     };
@@ -238,7 +248,8 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
     let _spawned = std::thread::Builder::new().name("start-limit".to_owned()).spawn(watch);
 }
 
-/// Tells the service manager that the process is ready, and that it lives for as long as the loop goes round.
+/// Tells the service manager that the process is ready, and that it lives for as long as the loop
+/// goes round.
 fn attend(beats: &AtomicU64, stop: &AtomicBool) {
     use sd_notify::NotifyState;
     let tell = |states: &[NotifyState<'_>]| {

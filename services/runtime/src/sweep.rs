@@ -16,7 +16,10 @@ fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
     }
 }
 
-fn each_segment(prefix: &str, mut action: impl FnMut(&Path, &str) -> io::Result<()>) -> io::Result<()> {
+fn each_segment(
+    prefix: &str,
+    mut action: impl FnMut(&Path, &str) -> io::Result<()>,
+) -> io::Result<()> {
     for entry in fs::read_dir(SHARED_MEMORY)? {
         let entry = entry?;
         if let Some(name) = entry.file_name().to_str()
@@ -48,13 +51,17 @@ pub(crate) fn close_to_others(prefix: &str) -> io::Result<()> {
             Err(_) => return Ok(()),
         };
         if mode & 0o077 != 0 {
-            return ignore_missing(fs::set_permissions(path, fs::Permissions::from_mode(mode & 0o700)));
+            return ignore_missing(fs::set_permissions(
+                path,
+                fs::Permissions::from_mode(mode & 0o700),
+            ));
         }
         Ok(())
     })
 }
 
-/// The process id inside one of the library's identifiers (seconds, nanoseconds, pid, counter: 32 bits each).
+/// The process id inside one of the library's identifiers (seconds, nanoseconds, pid, counter: 32
+/// bits each).
 fn pid_of(identifier: u128) -> u32 {
     (identifier >> 64) as u32
 }
@@ -65,7 +72,8 @@ fn is_dead(pid: u32) -> bool {
     !found && io::Error::last_os_error().raw_os_error() == Some(libc::ESRCH)
 }
 
-/// Process ids in a file name: every run of digits, of the length of an identifier, after the prefix.
+/// Process ids in a file name: every run of digits, of the length of an identifier, after the
+/// prefix.
 fn pids_in(name: &str) -> Vec<u32> {
     name.split(|c: char| !c.is_ascii_digit())
         .filter(|digits| digits.len() >= 20)
@@ -74,9 +82,9 @@ fn pids_in(name: &str) -> Vec<u32> {
         .collect()
 }
 
-/// Watches for remains that the library itself does not clean up: files of a node that died while it was
-/// being made (some of them empty, which the library's lister skips for ever), and segments of its ports.
-/// They are removed a good while after their process is known to be dead.
+/// Watches for remains that the library itself does not clean up: files of a node that died while
+/// it was being made (some of them empty, which the library's lister skips for ever), and segments
+/// of its ports. They are removed a good while after their process is known to be dead.
 #[derive(Debug)]
 pub(crate) struct Orphans {
     nodes: PathBuf,
@@ -109,11 +117,15 @@ impl Orphans {
         if let Ok(entries) = fs::read_dir(&self.nodes) {
             for entry in entries.flatten() {
                 let name = entry.file_name().to_string_lossy().into_owned();
-                remains.push((entry.path(), pids_in(name.strip_prefix(self.prefix.as_str()).unwrap_or(&name))));
+                remains.push((
+                    entry.path(),
+                    pids_in(name.strip_prefix(self.prefix.as_str()).unwrap_or(&name)),
+                ));
             }
         }
         let prefix = self.prefix.clone();
-        // Only segments of ports: a service's own segment outlives the process that happened to make it.
+        // Only segments of ports: a service's own segment outlives the process that happened to
+        // make it.
         let listed = each_segment(&prefix, |path, name| {
             if name.ends_with(".data") || name.ends_with(".connection") {
                 remains.push((path.to_path_buf(), pids_in(&name[prefix.len()..])));
@@ -123,16 +135,22 @@ impl Orphans {
         if listed.is_err() {
             return;
         }
-        let dead: HashSet<u32> =
-            remains.iter().flat_map(|(_, pids)| pids.iter().copied()).filter(|pid| is_dead(*pid)).collect();
+        let dead: HashSet<u32> = remains
+            .iter()
+            .flat_map(|(_, pids)| pids.iter().copied())
+            .filter(|pid| is_dead(*pid))
+            .collect();
         self.seen_dead_ns.retain(|pid, _| dead.contains(pid));
         for pid in &dead {
             self.seen_dead_ns.entry(*pid).or_insert(now);
         }
-        let long_dead = |pid: &u32| self.seen_dead_ns.get(pid).is_some_and(|since| now >= since + Self::PATIENCE_NS);
+        let long_dead = |pid: &u32| {
+            self.seen_dead_ns.get(pid).is_some_and(|since| now >= since + Self::PATIENCE_NS)
+        };
         for (path, pids) in &remains {
             if !pids.is_empty() && pids.iter().all(long_dead) {
-                let _gone = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+                let _gone =
+                    if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
             }
         }
     }

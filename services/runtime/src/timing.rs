@@ -1,4 +1,5 @@
-//! How punctual a loop was: histograms of wake lateness and execution time; what its process missed; and the message of both.
+//! How punctual a loop was: histograms of wake lateness and execution time; what its process
+//! missed; and the message of both.
 
 use std::fmt;
 
@@ -57,7 +58,15 @@ pub struct Losses {
 impl Losses {
     /// Those that a process told.
     pub fn told_by(timing: &LoopTiming) -> Self {
-        let &LoopTiming { lost, out_of_turn, connections_failed, undelivered, dropped, refused, .. } = timing;
+        let &LoopTiming {
+            lost,
+            out_of_turn,
+            connections_failed,
+            undelivered,
+            dropped,
+            refused,
+            ..
+        } = timing;
         Self { lost, out_of_turn, connections_failed, undelivered, dropped, refused }
     }
 
@@ -87,7 +96,15 @@ impl Losses {
     #[must_use]
     pub fn told_in(self, timing: LoopTiming) -> LoopTiming {
         let Self { lost, out_of_turn, connections_failed, undelivered, dropped, refused } = self;
-        LoopTiming { lost, out_of_turn, connections_failed, undelivered, dropped, refused, ..timing }
+        LoopTiming {
+            lost,
+            out_of_turn,
+            connections_failed,
+            undelivered,
+            dropped,
+            refused,
+            ..timing
+        }
     }
 }
 
@@ -124,7 +141,8 @@ pub struct LoopMeter {
 }
 
 impl LoopMeter {
-    /// A meter for a process. Errors only if the histogram's bounds were refused, which these are not.
+    /// A meter for a process. Errors only if the histogram's bounds were refused, which these are
+    /// not.
     pub fn new(process: Process, grants: Grants) -> Result<Self, hdrhistogram::CreationError> {
         let histogram = || Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, 2);
         Ok(Self {
@@ -193,11 +211,15 @@ mod tests {
 
     #[test]
     fn losses_pass_through_the_message() {
-        let saw = Counters { received: 9, lost: 1, backwards: 2, incarnations: 4, connections_failed: 3 };
+        let saw =
+            Counters { received: 9, lost: 1, backwards: 2, incarnations: 4, connections_failed: 3 };
         let losses = Losses::default().received(saw).received(saw).sent(4);
         let losses = Losses { dropped: 5, refused: 6, ..losses };
         assert_eq!(Losses::told_by(&losses.told_in(LoopTiming::default())), losses);
-        assert_eq!([losses.lost, losses.out_of_turn, losses.connections_failed, losses.undelivered], [2, 4, 6, 4]);
+        assert_eq!(
+            [losses.lost, losses.out_of_turn, losses.connections_failed, losses.undelivered],
+            [2, 4, 6, 4]
+        );
         let all = "2 messages lost on the way to it, 4 out of turn, 6 senders dead while being connected, 4 of its own not \
                    delivered, 5 dropped at a full queue of its own, 6 setpoints refused";
         assert_eq!(losses.to_string(), all);

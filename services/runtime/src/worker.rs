@@ -20,7 +20,8 @@ impl Worker {
     pub fn spawn(name: &str, work: impl FnOnce(&AtomicBool) + Send + 'static) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let ending = Arc::clone(&stop);
-        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || work(&ending))?;
+        let thread =
+            std::thread::Builder::new().name(name.to_owned()).spawn(move || work(&ending))?;
         Ok(Self { stop, thread: Some(thread) })
     }
 

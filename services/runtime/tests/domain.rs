@@ -1,5 +1,5 @@
-//! The domain in one process: keeper, ports, history, requests. (One rig: the library's configuration is
-//! process-wide.)
+//! The domain in one process: keeper, ports, history, requests. (One rig: the library's
+//! configuration is process-wide.)
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
@@ -24,8 +24,10 @@ fn a_rig_from_cold_start_to_clean_end() {
 
     // remains of an earlier rig of that name are wiped
     fs::create_dir(name.directory()).unwrap();
-    fs::set_permissions(name.directory(), std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
-    let remains = format!("/dev/shm/{}.old.data", name.directory().file_name().unwrap().to_string_lossy());
+    fs::set_permissions(name.directory(), std::os::unix::fs::PermissionsExt::from_mode(0o700))
+        .unwrap();
+    let remains =
+        format!("/dev/shm/{}.old.data", name.directory().file_name().unwrap().to_string_lossy());
     fs::write(&remains, "x").unwrap();
 
     let mut keeper = Keeper::start(&name).unwrap();
@@ -37,8 +39,9 @@ fn a_rig_from_cold_start_to_clean_end() {
 
     // nothing of it is open to others
     for file in segments(&name) {
-        let mode =
-            std::os::unix::fs::PermissionsExt::mode(&fs::metadata(format!("/dev/shm/{file}")).unwrap().permissions());
+        let mode = std::os::unix::fs::PermissionsExt::mode(
+            &fs::metadata(format!("/dev/shm/{file}")).unwrap().permissions(),
+        );
         assert_eq!(mode & 0o077, 0, "{file} has mode {mode:o}");
     }
 
@@ -51,7 +54,10 @@ fn a_rig_from_cold_start_to_clean_end() {
     }
     for tick in 0..100 {
         let sample = samples.take().unwrap().unwrap();
-        assert_eq!((sample.tick, sample.sequence, sample.incarnation), (tick, tick, service.identity().incarnation));
+        assert_eq!(
+            (sample.tick, sample.sequence, sample.incarnation),
+            (tick, tick, service.identity().incarnation)
+        );
     }
     assert!(samples.take().unwrap().is_none());
 

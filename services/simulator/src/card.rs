@@ -45,7 +45,8 @@ struct Sensors {
 pub struct Card {
     plant: Plant,
     sensors: Vec<Sensors>,
-    /// The EMG's channels, and the muscles under the electrodes, which move the first axis; none where there are no channels.
+    /// The EMG's channels, and the muscles under the electrodes, which move the first axis; none
+    /// where there are no channels.
     emg: Vec<usize>,
     muscles: Option<Emg>,
     other: Vec<usize>,
@@ -56,7 +57,8 @@ pub struct Card {
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand: Hand,
-    /// Scans since the motor has had power: a moving hand sets off with it, so that the rig can be armed at rest.
+    /// Scans since the motor has had power: a moving hand sets off with it, so that the rig can be
+    /// armed at rest.
     powered_scans: u64,
     generator: Pcg64Mcg,
     period_s: f64,
@@ -73,9 +75,9 @@ pub struct Card {
 }
 
 impl Card {
-    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis, beside those that the rig file
-    /// declares: no model is told of them.
-    /// `line_ns` is how long after the enable line's last toggle the motors keep their power.
+    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis,
+    /// beside those that the rig file declares: no model is told of them. `line_ns` is how long
+    /// after the enable line's last toggle the motors keep their power.
     pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
         let kind = rig.model.kind;
         if !kind.is_transmission() {
@@ -100,9 +102,14 @@ impl Card {
         let coupling = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling)?;
         let plant = Plant::new(transmissions, &coupling)?;
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
-            rig.channels.iter().filter(|channel| wanted(channel.kind)).map(|channel| channel.index).collect()
+            rig.channels
+                .iter()
+                .filter(|channel| wanted(channel.kind))
+                .map(|channel| channel.index)
+                .collect()
         };
-        let sensors = rig.axes.iter().zip(0..).map(|(axis, at)| Sensors::new(rig, axis, at)).collect();
+        let sensors =
+            rig.axes.iter().zip(0..).map(|(axis, at)| Sensors::new(rig, axis, at)).collect();
         let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
         let emg = channels(|kind| kind == ChannelKind::Emg);
         let standard = EmgParameters::default();
@@ -112,7 +119,8 @@ impl Card {
             floor_rms_v: simulation.emg_rms_v * standard.floor_rms_v / standard.full_rms_v,
             ..standard
         };
-        let muscles = (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
+        let muscles =
+            (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
         Ok(Self {
             plant,
             sensors,
@@ -139,7 +147,8 @@ impl Card {
         })
     }
 
-    /// Writes the DACs; they hold until the next write. A value that is not finite is written as 0 V.
+    /// Writes the DACs; they hold until the next write. A value that is not finite is written as 0
+    /// V.
     pub fn write(&mut self, volts: [f64; AXES], sequence: u64, incarnation: u64) {
         self.dac_v = volts.map(|v| if v.is_finite() { v } else { 0.0 });
         self.output_sequence = sequence;
@@ -156,17 +165,20 @@ impl Card {
         self.taken_tick
     }
 
-    /// A watchdog (`incarnation`) says at `time_ns` that it has changed the enable line's level `toggles` times. The same count again is
-    /// no edge. One edge is no sign of life, for a watchdog that starts again makes one when it sets the line to a known level:
-    /// power comes with the second of two edges that are no further apart than the card is patient. Two watchdogs that hold different
-    /// levels make no edges between them: what another one says is a level to begin with.
+    /// A watchdog (`incarnation`) says at `time_ns` that it has changed the enable line's level
+    /// `toggles` times. The same count again is no edge. One edge is no sign of life, for a
+    /// watchdog that starts again makes one when it sets the line to a known level: power comes
+    /// with the second of two edges that are no further apart than the card is patient. Two
+    /// watchdogs that hold different levels make no edges between them: what another one says is a
+    /// level to begin with.
     pub fn enable_line(&mut self, incarnation: u64, toggles: u64, time_ns: u64) {
         let before = self.line.replace((incarnation, toggles));
         if before.is_some_and(|(sender, _)| sender != incarnation) {
             self.edge_ns = None;
         } else if before.is_some_and(|(_, count)| count != toggles) {
             let edge_ns = self.edge_ns.map_or(time_ns, |before| before.max(time_ns));
-            if self.edge_ns.replace(edge_ns).is_some_and(|before| edge_ns - before <= self.line_ns) {
+            if self.edge_ns.replace(edge_ns).is_some_and(|before| edge_ns - before <= self.line_ns)
+            {
                 self.toggled_ns = Some(edge_ns);
             }
         }
@@ -182,8 +194,8 @@ impl Card {
         self.toggled_ns.is_some_and(|toggled| time_ns.saturating_sub(toggled) <= self.line_ns)
     }
 
-    /// One period of the card: takes a scan at `time_ns`, then lets the plant run to the next one on the volts
-    /// that reach the motors now.
+    /// One period of the card: takes a scan at `time_ns`, then lets the plant run to the next one
+    /// on the volts that reach the motors now.
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
         let powered = self.powered(time_ns);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
@@ -195,7 +207,9 @@ impl Card {
             motor_v,
             output_sequence: self.output_sequence,
             output_incarnation: self.output_incarnation,
-            line_age_ns: self.toggled_ns.map_or(u64::MAX, |toggled| time_ns.saturating_sub(toggled)),
+            line_age_ns: self
+                .toggled_ns
+                .map_or(u64::MAX, |toggled| time_ns.saturating_sub(toggled)),
             motor_power: u8::from(powered),
             axes: self.sensors.len() as u8,
             ..CardScan::default()
@@ -228,7 +242,8 @@ impl Card {
         let time_s = self.powered_scans as f64 * self.period_s;
         let inputs: [Input; AXES] = std::array::from_fn(|axis| {
             let motion = self.plant.motion(axis);
-            let hand_torque_nm = self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
+            let hand_torque_nm =
+                self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
             Input { motor_v: motor_v[axis], hand_torque_nm }
         });
         self.plant.step(&inputs, self.period_s);
@@ -239,7 +254,8 @@ impl Card {
     fn read_axis(&mut self, index: usize, scan: &mut CardScan) {
         let reading = self.plant.reading(index);
         let (master, slave) = (self.sensors[index].axis.master, self.sensors[index].axis.slave);
-        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an edge.
+        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an
+        // edge.
         let count = 1.0 / master.counts_per_unit;
         let jitter = self.noise(self.encoder_noise_counts * count);
         let master_rad = reading.master_rad / master.turns_per_handle_turn;

@@ -23,8 +23,14 @@ pub struct LockStepDaq {
 }
 
 impl LockStepDaq {
-    /// A card whose enable line toggles by itself (`keeps_power`), or only through [`LockStepDaq::card`].
-    pub fn new(rig: &RigFile, effects: &[String], line_ns: u64, keeps_power: bool) -> Result<Self, CardError> {
+    /// A card whose enable line toggles by itself (`keeps_power`), or only through
+    /// [`LockStepDaq::card`].
+    pub fn new(
+        rig: &RigFile,
+        effects: &[String],
+        line_ns: u64,
+        keeps_power: bool,
+    ) -> Result<Self, CardError> {
         Ok(Self {
             card: Card::new(rig, effects, line_ns)?,
             fifo: VecDeque::with_capacity(CARD_FIFO),

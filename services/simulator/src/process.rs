@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use ipc_types::{
-    CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, LoopTiming, Process, Severity, TypedTopic, timing_topic,
+    CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, LoopTiming, Process, Severity, TypedTopic,
+    timing_topic,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -55,7 +56,8 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
     let mut lines = service.subscriber(ENABLE_LINE)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
     let profile = service.enter_loop()?;
-    let mut meter = LoopMeter::new(Process::Simulator, service.grants()).map_err(ServiceError::from)?;
+    let mut meter =
+        LoopMeter::new(Process::Simulator, service.grants()).map_err(ServiceError::from)?;
     let mut last_tick = None;
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

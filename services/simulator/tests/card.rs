@@ -82,7 +82,8 @@ fn the_motor_has_power_only_while_the_line_toggles() {
         let scan = card.clock(tick, time(tick));
         assert_eq!((scan.motor_power, scan.motor_v[0], scan.dac_v[0]), (1, 2.0, 2.0));
     }
-    // the line stops (held level repeats the same count): power lasts 5 ms = 10 ticks from the last edge, no longer
+    // the line stops (held level repeats the same count): power lasts 5 ms = 10 ticks from the last
+    // edge, no longer
     let dead: Vec<u64> = (140..170)
         .filter(|tick| {
             card.enable_line(1, 139, time(*tick));
@@ -109,8 +110,13 @@ fn volts_move_the_handle_and_counts_say_so() {
     assert!(state.master_position_rad > 0.1, "{}", state.master_position_rad);
     let master = rig().axes[0].master.position(scan.master_counts[0]);
     // the scan is of the state one period before, at most one count and the noise away
-    let slack = 3.0 / rig().axes[0].master.counts_per_unit + state.master_velocity_rad_s.abs() * 0.5e-3;
-    assert!((master - state.master_position_rad).abs() <= slack, "{master} against {}", state.master_position_rad);
+    let slack =
+        3.0 / rig().axes[0].master.counts_per_unit + state.master_velocity_rad_s.abs() * 0.5e-3;
+    assert!(
+        (master - state.master_position_rad).abs() <= slack,
+        "{master} against {}",
+        state.master_position_rad
+    );
 }
 
 #[test]
@@ -158,7 +164,10 @@ fn volts_move_the_cables_handle_and_both_encoders_say_so() {
     // The motor's angle is read over the gear.
     let gear = master.turns_per_handle_turn;
     let error = master.position(scan.master_counts[0]) - motion.master_position_rad / gear;
-    assert!(error.abs() <= slack(master.counts_per_unit, motion.master_velocity_rad_s / gear), "{error}");
+    assert!(
+        error.abs() <= slack(master.counts_per_unit, motion.master_velocity_rad_s / gear),
+        "{error}"
+    );
     let error = slave.position(scan.slave_counts[0]) - motion.slave_position_rad;
     assert!(error.abs() <= slack(slave.counts_per_unit, motion.slave_velocity_rad_s), "{error}");
 }
@@ -166,8 +175,10 @@ fn volts_move_the_cables_handle_and_both_encoders_say_so() {
 #[test]
 fn the_hands_inertia_slows_the_cables_handle() {
     let travel = |inertia: &str| {
-        let text = shipped("cable").text().replace("inertia = 0.0 ", &format!("inertia = {inertia} "));
-        let mut card = Card::new(&RigFile::parse(&text, "cable.toml").unwrap(), &[], LINE_NS).unwrap();
+        let text =
+            shipped("cable").text().replace("inertia = 0.0 ", &format!("inertia = {inertia} "));
+        let mut card =
+            Card::new(&RigFile::parse(&text, "cable.toml").unwrap(), &[], LINE_NS).unwrap();
         card.write([6.0, 0.0, 0.0], 1, 7);
         for tick in 1..=200 {
             card.enable_line(1, tick, tick * TICK_NS);
@@ -194,7 +205,10 @@ fn an_effect_acts_in_the_cables_and_one_of_fluids_is_refused() {
     let (plain, rubbing) = (travel(&[]), travel(&["coulomb_friction@master=0.3".to_owned()]));
     assert!(rubbing < 0.9 * plain, "{rubbing} against {plain}");
     let error = Card::new(&rig, &["leakage".to_owned()], LINE_NS).unwrap_err().to_string();
-    assert!(error.contains("`leakage`") && error.contains("does not act on a cable transmission"), "{error}");
+    assert!(
+        error.contains("`leakage`") && error.contains("does not act on a cable transmission"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -205,14 +219,16 @@ fn a_machine_without_a_plant_is_refused() {
 
 #[test]
 fn the_torque_cells_zero_drifts_as_declared() {
-    let torque = |rig: &RigFile| scans(rig, 4000).iter().map(|scan| scan.analog_v[0]).collect::<Vec<_>>();
+    let torque =
+        |rig: &RigFile| scans(rig, 4000).iter().map(|scan| scan.analog_v[0]).collect::<Vec<_>>();
     let mean = |volts: &[f64]| volts.iter().sum::<f64>() / volts.len() as f64;
     let still = torque(&rig());
     assert!(mean(&still[3000..]).abs() < 3e-4, "{}", mean(&still[3000..]));
     let ramp = torque(&edited(&[("torque_drift_v_per_s = 0.0", "torque_drift_v_per_s = 0.1")]));
     // the last of two seconds: 0.175 V in the mean of its second half
     assert!((mean(&ramp[3000..]) - 0.175).abs() < 1e-3, "{}", mean(&ramp[3000..]));
-    let walk = torque(&edited(&[("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = 0.1")]));
+    let walk =
+        torque(&edited(&[("torque_walk_v_per_sqrt_s = 0.0", "torque_walk_v_per_sqrt_s = 0.1")]));
     // drift leaves the noise as it was: what is left is the walk, of 0.1 V after a second
     let steps: Vec<f64> = walk.iter().zip(&still).map(|(walk, still)| walk - still).collect();
     let squares: f64 = steps.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
@@ -266,7 +282,8 @@ fn two_watchdogs_that_hold_the_line_do_not_keep_it_alive_between_them() {
         let powered = card.clock(tick, time(tick)).motor_power == 1;
         assert_eq!(powered, tick >= 102, "tick {tick}");
     }
-    // The one that toggled holds its last level, and another one beside it, which has never toggled.
+    // The one that toggled holds its last level, and another one beside it, which has never
+    // toggled.
     let dead: Vec<u64> = (120..160)
         .filter(|tick| {
             card.enable_line(1, 119, time(*tick));
@@ -274,7 +291,11 @@ fn two_watchdogs_that_hold_the_line_do_not_keep_it_alive_between_them() {
             card.clock(*tick, time(*tick)).motor_power == 0
         })
         .collect();
-    assert_eq!(dead, (130..160).collect::<Vec<_>>(), "power ends with the last edge that one of them made");
+    assert_eq!(
+        dead,
+        (130..160).collect::<Vec<_>>(),
+        "power ends with the last edge that one of them made"
+    );
     // Once there is one again that toggles, there is power again.
     for tick in 160..170 {
         card.enable_line(2, tick, time(tick));

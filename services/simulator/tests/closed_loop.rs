@@ -1,4 +1,5 @@
-//! The shipped rigs under their own control: the law of the control process on the virtual card, in lock step.
+//! The shipped rigs under their own control: the law of the control process on the virtual card, in
+//! lock step.
 #![allow(clippy::unwrap_used)]
 
 use rig::RigFile;
@@ -38,12 +39,18 @@ fn guided_sine(rig: &RigFile, amplitude_deg: f64, hertz: f64, seconds: f64) -> F
             let motion = moment.motion;
             errors.push(moment.command.reference_position[0] - moment.sample.master_position[0]);
             steps.push(volts - last_v);
-            master = (master.0.min(motion.master_position_rad), master.1.max(motion.master_position_rad));
-            slave = (slave.0.min(motion.slave_position_rad), slave.1.max(motion.slave_position_rad));
+            master = (
+                master.0.min(motion.master_position_rad),
+                master.1.max(motion.master_position_rad),
+            );
+            slave =
+                (slave.0.min(motion.slave_position_rad), slave.1.max(motion.slave_position_rad));
         }
         last_v = volts;
     }
-    let rms = |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt();
+    let rms = |values: &[f64]| {
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+    };
     Followed {
         error_rad: rms(&errors),
         master_rad: 0.5 * (master.1 - master.0),

@@ -57,7 +57,8 @@ impl Shared {
     }
 }
 
-/// Whether the attendant goes round, as the loop sees it. One that hangs hears no `estop` and sees no launcher die.
+/// Whether the attendant goes round, as the loop sees it. One that hangs hears no `estop` and sees
+/// no launcher die.
 #[derive(Debug, Default)]
 pub(crate) struct Attendance {
     rounds: u64,
@@ -74,8 +75,8 @@ impl Attendance {
     }
 }
 
-/// Held by the attendant's thread: however it ends before the process is to, a panic among it, the watchdog ends too, and the service
-/// manager starts it anew. Without ears it must not go on.
+/// Held by the attendant's thread: however it ends before the process is to, a panic among it, the
+/// watchdog ends too, and the service manager starts it anew. Without ears it must not go on.
 struct Ears {
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
@@ -104,7 +105,8 @@ impl Launcher {
         Self { file: name.run_directory().join("launcher.pid"), handle: None, expected: false }
     }
 
-    /// Field 22 of `/proc/PID/stat`: distinguishes a process from another one that got its number later.
+    /// Field 22 of `/proc/PID/stat`: distinguishes a process from another one that got its number
+    /// later.
     fn start_time(pid: i32) -> Option<u64> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         stat.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()
@@ -126,7 +128,8 @@ impl Launcher {
         let Some(handle) = &self.handle else { return !self.expected };
         self.expected = true;
         let mut waiting = [PollFd::new(handle, PollFlags::IN)];
-        let ended = poll(&mut waiting, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0);
+        let ended = poll(&mut waiting, Some(&Timespec { tv_sec: 0, tv_nsec: 0 }))
+            .is_ok_and(|ready| ready > 0);
         if ended {
             self.handle = None;
         }
@@ -181,7 +184,10 @@ fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Atte
 }
 
 fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
-    let state = || WatchdogState::from_code(shared.state.load(Ordering::Relaxed)).unwrap_or(WatchdogState::Faulted);
+    let state = || {
+        WatchdogState::from_code(shared.state.load(Ordering::Relaxed))
+            .unwrap_or(WatchdogState::Faulted)
+    };
     // An answer that came too late for the verb before must not be taken for this one's.
     while shared.answers.pop().is_some() {}
     let refused = |reason: String| VerbAnswer { done: false, state: state(), reason };

@@ -1,5 +1,5 @@
-//! The watchdog's core: states, faults, tokens. Pure: the loop around it passes messages, verbs and the time,
-//! and publishes what comes out.
+//! The watchdog's core: states, faults, tokens. Pure: the loop around it passes messages, verbs and
+//! the time, and publishes what comes out.
 //!
 //! ```text
 //!            reset (no fault stands)      arm           enable (new epoch)
@@ -10,11 +10,13 @@
 //!                     └─ reset (no fault stands) ─> Disarmed
 //! ```
 //!
-//! Nothing enables by itself: a fault that goes away leaves Faulted or Tripped standing until a person resets.
+//! Nothing enables by itself: a fault that goes away leaves Faulted or Tripped standing until a
+//! person resets.
 //!
-//! Use, once a cycle: every received message to [`Machine::observe_sample`] and [`Machine::observe_command`], every
-//! received verb to [`Machine::command`], then read the clock and call [`Machine::step`]. Publish each
-//! step's token exactly once, so that its sequence is the one that the publisher stamps.
+//! Use, once a cycle: every received message to [`Machine::observe_sample`] and
+//! [`Machine::observe_command`], every received verb to [`Machine::command`], then read the clock
+//! and call [`Machine::step`]. Publish each step's token exactly once, so that its sequence is the
+//! one that the publisher stamps.
 
 mod config;
 mod faults;
@@ -24,7 +26,9 @@ mod watch;
 
 pub use config::{AxisLimits, Config};
 pub use faults::{Effect, FaultSet, PRIORITY, effect};
-use ipc_types::{AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState};
+use ipc_types::{
+    AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
+};
 pub use refusal::Refusal;
 use watch::{CommandWatch, SampleWatch, age_ns, lacks_realtime, takes_volts};
 
@@ -145,7 +149,8 @@ impl Machine {
             } else {
                 // Before it opened, only a sample that knows our epoch can say that it was burnt.
                 let waiting = sample.epoch < self.epoch
-                    || (sample.epoch == self.epoch && sample.gate_state == GateState::Closed.code());
+                    || (sample.epoch == self.epoch
+                        && sample.gate_state == GateState::Closed.code());
                 self.momentary.insert_if(self.gate_opened || !waiting, TripCause::GateBurnt);
             }
         }
@@ -189,7 +194,9 @@ impl Machine {
     pub fn step(&mut self, now_ns: u64, peers: Peers) -> Outputs {
         self.judge(now_ns, peers);
         let cause = match self.state {
-            WatchdogState::Armed | WatchdogState::Enabled => self.standing.first(|effect| effect != Effect::Blocks),
+            WatchdogState::Armed | WatchdogState::Enabled => {
+                self.standing.first(|effect| effect != Effect::Blocks)
+            }
             WatchdogState::Disarmed => self.standing.first(|effect| effect == Effect::Trips),
             WatchdogState::Faulted | WatchdogState::Tripped => None,
         };
@@ -201,8 +208,11 @@ impl Machine {
                 self.trip(cause, now_ns);
             }
         }
-        let event =
-            (self.state != self.told).then_some(StateChange { from: self.told, to: self.state, cause: self.cause });
+        let event = (self.state != self.told).then_some(StateChange {
+            from: self.told,
+            to: self.state,
+            cause: self.cause,
+        });
         self.told = self.state;
         let token = self.token(now_ns);
         self.issued_ns[self.sequence as usize % ISSUED] = now_ns;
@@ -216,10 +226,9 @@ impl Machine {
 
     /// Whether the newest sample is young enough for the line to go on toggling.
     fn samples_are_fresh(&self, now_ns: u64) -> bool {
-        self.samples
-            .newest
-            .as_ref()
-            .is_some_and(|sample| now_ns.saturating_sub(sample.scan_time_ns) <= self.config.line_pause_ns)
+        self.samples.newest.as_ref().is_some_and(|sample| {
+            now_ns.saturating_sub(sample.scan_time_ns) <= self.config.line_pause_ns
+        })
     }
 
     /// Finds out which faults stand now.
@@ -239,16 +248,27 @@ impl Machine {
         if let Some(sample) = &self.samples.newest {
             let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
             momentary.insert_if(age.is_none(), TripCause::SampleBackwards);
-            standing.insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::AcquisitionLost);
-            // The line has paused for want of fresh samples for almost as long as the card is patient.
+            standing.insert_if(
+                age.is_none_or(|age| age > config.peer_lost_ns),
+                TripCause::AcquisitionLost,
+            );
+            // The line has paused for want of fresh samples for almost as long as the card is
+            // patient.
             let paused_ns = now_ns.saturating_sub(self.toggled_ns);
             let paused = self.state == WatchdogState::Enabled && paused_ns > config.line_gap_ns;
             let fresh = self.samples_are_fresh(now_ns);
-            standing.insert_if(paused, if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost });
+            standing.insert_if(
+                paused,
+                if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost },
+            );
             standing.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
             standing.insert_if(!takes_volts(sample), TripCause::NoOutput);
-            standing.insert_if(lacks_realtime(sample, self.commands.newest.as_ref(), config), TripCause::NotRealtime);
-            // The gate must write 0 V soon after leave is withdrawn: watched here, so that it is not its own judge.
+            standing.insert_if(
+                lacks_realtime(sample, self.commands.newest.as_ref(), config),
+                TripCause::NotRealtime,
+            );
+            // The gate must write 0 V soon after leave is withdrawn: watched here, so that it is
+            // not its own judge.
             let overdue = self.state != WatchdogState::Enabled
                 && now_ns.saturating_sub(unpowered_ns) > config.echo_lost_ns
                 && sample.output_v.iter().any(|&volts| volts != 0.0);
@@ -259,7 +279,8 @@ impl Machine {
         if let Some(command) = &self.commands.newest {
             let age = age_ns(now_ns, command, command.computed_ns, config);
             momentary.insert_if(age.is_none(), TripCause::CommandBackwards);
-            standing.insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
+            standing
+                .insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
             let answer_ns = now_ns.saturating_sub(command.sample_time_ns);
             standing.insert_if(answer_ns > config.echo_lost_ns, TripCause::CommandStale);
             standing.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
@@ -290,7 +311,8 @@ impl Machine {
             return Err(self.wrong_state(WatchdogState::Disarmed));
         }
         self.refuse_standing(|_| true)?;
-        let sample = self.samples.newest.as_ref().ok_or(Refusal::Standing(TripCause::AcquisitionLost))?;
+        let sample =
+            self.samples.newest.as_ref().ok_or(Refusal::Standing(TripCause::AcquisitionLost))?;
         if sample.backend == ipc_types::Backend::Hardware.code() && !self.config.line_or_override {
             return Err(Refusal::NoEnableLine);
         }
@@ -319,7 +341,8 @@ impl Machine {
         }
         self.refuse_standing(|_| true)?;
         // The clock makes it rise over restarts of the watchdog; what samples show makes sure.
-        let above = self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
+        let above =
+            self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
         self.epoch = now_ns.max(above);
         self.enabled_ns = now_ns;
         self.toggled_ns = now_ns;
@@ -358,7 +381,10 @@ impl Machine {
             // Tokens issued so far have sequences below `sequence`.
             None | Some(0) => true,
             Some(behind) if behind > ISSUED as u64 => true,
-            Some(_) => now_ns.saturating_sub(self.issued_ns[echoed as usize % ISSUED]) > self.config.echo_lost_ns,
+            Some(_) => {
+                now_ns.saturating_sub(self.issued_ns[echoed as usize % ISSUED])
+                    > self.config.echo_lost_ns
+            }
         }
     }
 
@@ -371,10 +397,22 @@ impl Machine {
             time_ns: now_ns,
             epoch: self.epoch,
             watchdog_incarnation: self.config.incarnation,
-            acquisition_incarnation: self.samples.newest.as_ref().map_or(0, |sample| sample.incarnation),
-            control_incarnation: self.commands.newest.as_ref().map_or(0, |command| command.incarnation),
+            acquisition_incarnation: self
+                .samples
+                .newest
+                .as_ref()
+                .map_or(0, |sample| sample.incarnation),
+            control_incarnation: self
+                .commands
+                .newest
+                .as_ref()
+                .map_or(0, |command| command.incarnation),
             issued_ns: now_ns,
-            valid_until_ns: now_ns.saturating_add(if enabled { self.config.token_life_ns } else { 0 }),
+            valid_until_ns: now_ns.saturating_add(if enabled {
+                self.config.token_life_ns
+            } else {
+                0
+            }),
             sample_tick: self.samples.newest.as_ref().map_or(0, |sample| sample.tick),
             faults: self.standing.bits(),
             enabled: u8::from(enabled),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use ipc_types::{
-    AXES, COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, LoopTiming, Process, SAMPLE, Severity, TOKEN, TypedTopic,
-    Verb, WatchdogState, timing_topic,
+    AXES, COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, LoopTiming, Process, SAMPLE,
+    Severity, TOKEN, TypedTopic, Verb, WatchdogState, timing_topic,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -85,18 +85,24 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Watchdog, &options.rig_name)?;
     let no_topic = || WatchdogError::NoTopic(Process::Watchdog);
-    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Watchdog).ok_or_else(no_topic)?;
+    let timing_topic: TypedTopic<LoopTiming> =
+        timing_topic(Process::Watchdog).ok_or_else(no_topic)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut commands = service.subscriber(COMMAND)?;
     let mut tokens = service.publisher(TOKEN)?;
     let mut lines = service.publisher(ENABLE_LINE)?;
     let mut timings = service.publisher(timing_topic)?;
     let shared = Arc::new(Shared::new());
-    let attendant = attendant::start(service.domain().name().clone(), Arc::clone(&shared), service.stop_flag())?;
+    let attendant = attendant::start(
+        service.domain().name().clone(),
+        Arc::clone(&shared),
+        service.stop_flag(),
+    )?;
     let mut grid = Grid::of_rate(rig.rates.watchdog_hz, rig.phases.watchdog_ns);
     service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter = LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
+    let mut meter =
+        LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
     let identity = service.identity();
     let mut machine = Machine::new(Config::for_profile(
         service.domain().profile(),
@@ -144,15 +150,23 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
                 a: f64::from(change.from.code()),
                 b: f64::from(change.to.code()),
                 c: f64::from(change.cause.code()),
-                ..Event::new(Process::Watchdog, EventKind::StateChanged, severity, change.cause.text())
+                ..Event::new(
+                    Process::Watchdog,
+                    EventKind::StateChanged,
+                    severity,
+                    change.cause.text(),
+                )
             };
             events.send(told)?;
         }
         let end = now_ns();
         meter.record(&wake, end);
         if let Some(timing) = meter.due(&grid, end) {
-            let losses = Losses::default().received(samples.counters()).received(commands.counters());
-            timings.send(losses.sent(tokens.undelivered()).sent(lines.undelivered()).told_in(timing))?;
+            let losses =
+                Losses::default().received(samples.counters()).received(commands.counters());
+            timings.send(
+                losses.sent(tokens.undelivered()).sent(lines.undelivered()).told_in(timing),
+            )?;
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }

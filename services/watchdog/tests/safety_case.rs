@@ -1,5 +1,5 @@
-//! docs/safety-case.md and the tests say the same: every requirement has as many tests as it claims, and every
-//! test that bears an id belongs to a requirement of the document.
+//! docs/safety-case.md and the tests say the same: every requirement has as many tests as it
+//! claims, and every test that bears an id belongs to a requirement of the document.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
@@ -30,14 +30,17 @@ fn every_requirement_has_the_tests_that_it_claims() {
     for row in document.lines().filter(|line| line.starts_with("| SR-")) {
         let cells: Vec<&str> = row.split('|').map(str::trim).collect();
         // "`sr_04_*` (9)"; one test where no number is given.
-        let number = cells[3]
-            .split_once('(')
-            .map_or(1, |(_, rest)| rest.chars().take_while(char::is_ascii_digit).collect::<String>().parse().unwrap());
+        let number = cells[3].split_once('(').map_or(1, |(_, rest)| {
+            rest.chars().take_while(char::is_ascii_digit).collect::<String>().parse().unwrap()
+        });
         assert!(claimed.insert(cells[1].to_owned(), number).is_none(), "{} twice", cells[1]);
     }
     let mut found = BTreeMap::new();
     let control = ["services/control/tests/law", "services/control/tests/admit"];
-    for tests in ["services/runtime/tests/gate", "services/watchdog/tests/machine"].into_iter().chain(control) {
+    for tests in ["services/runtime/tests/gate", "services/watchdog/tests/machine"]
+        .into_iter()
+        .chain(control)
+    {
         count(&root.join(tests), &mut found);
     }
     assert!(found.len() > 20, "{found:?}");

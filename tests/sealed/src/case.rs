@@ -18,7 +18,19 @@ use crate::reference::{Kind, hand, reference};
 use crate::smoothing::Smoothing;
 
 /// The set that a case belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Set {
     /// One effect of the catalogue.
@@ -114,7 +126,11 @@ impl Builder {
     pub fn model(&self, change: Option<(&str, f64)>) -> Result<Model, CaseError> {
         let (mut machine, mut smoothing) = (self.machine.clone(), self.smoothing);
         if let Some((name, fraction)) = change {
-            let place = if name == SMOOTHING { Some(&mut smoothing.speed_rad_s) } else { machine.named_mut(name) };
+            let place = if name == SMOOTHING {
+                Some(&mut smoothing.speed_rad_s)
+            } else {
+                machine.named_mut(name)
+            };
             if let Some(value) = place {
                 *value *= 1.0 + fraction;
             }
@@ -138,7 +154,9 @@ impl Builder {
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
     /// No such effect.
-    #[error("no effect `{0}`: expected ID or ID@SITE of the catalogue or of those on no list (see --list)")]
+    #[error(
+        "no effect `{0}`: expected ID or ID@SITE of the catalogue or of those on no list (see --list)"
+    )]
     Unknown(String),
     /// An effect whose numbers are not whole.
     #[error("effect `{0}` cannot be built from its numbers")]
@@ -156,12 +174,18 @@ pub enum CaseError {
     },
 }
 
-/// The case of a set, an index within it and a campaign's seed. `kinds` is of those on no list; `forced` names effects instead of
-/// the set's choice.
+/// The case of a set, an index within it and a campaign's seed. `kinds` is of those on no list;
+/// `forced` names effects instead of the set's choice.
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
-pub fn make(set: Set, index: usize, campaign_seed: u64, kinds: Kinds, forced: &[String]) -> Result<Case, CaseError> {
+pub fn make(
+    set: Set,
+    index: usize,
+    campaign_seed: u64,
+    kinds: Kinds,
+    forced: &[String],
+) -> Result<Case, CaseError> {
     let mut case = unjudged(set, index, campaign_seed, kinds, forced)?;
     let mut machine = Machine::declared();
     for (name, value) in &case.truth.machine {
@@ -169,7 +193,8 @@ pub fn make(set: Set, index: usize, campaign_seed: u64, kinds: Kinds, forced: &[
             *place = *value;
         }
     }
-    let builder = Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
+    let builder =
+        Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
     case.truth.detectability = (0..builder.effects.len())
         .map(|index| detect(&case.truth.records, &case.records, &builder, &builder.without(index)))
         .collect::<Result<Vec<_>, CaseError>>()?;
@@ -197,8 +222,10 @@ pub fn unjudged(
     };
     let noise = Noise::drawn(&mut draw);
     let mut draw = Draw::new(subseed(seed, "effects"));
-    let effects: Vec<Effect> =
-        choose(set, index, kinds, forced, &mut draw)?.into_iter().map(|entry| entry.draw(&mut draw)).collect();
+    let effects: Vec<Effect> = choose(set, index, kinds, forced, &mut draw)?
+        .into_iter()
+        .map(|entry| entry.draw(&mut draw))
+        .collect();
     let plans = plan(seed);
     let builder = Builder { machine, smoothing, effects };
     let steps_per_row = builder.model(None)?.steps();
@@ -230,7 +257,8 @@ pub fn unjudged(
 /// Reference and torque of the hand of a planned record.
 pub fn signals(plan: &Plan) -> (Vec<f64>, Vec<f64>) {
     let wanted = reference(plan.kind, &mut Draw::new(plan.reference_seed), SAMPLES, SAMPLE_S);
-    let torque = plan.hand_seed.map_or_else(Vec::new, |seed| hand(&mut Draw::new(seed), SAMPLES, SAMPLE_S));
+    let torque =
+        plan.hand_seed.map_or_else(Vec::new, |seed| hand(&mut Draw::new(seed), SAMPLES, SAMPLE_S));
     (wanted, torque)
 }
 
@@ -242,7 +270,10 @@ fn choose(
     draw: &mut Draw,
 ) -> Result<Vec<&'static Entry>, CaseError> {
     if !forced.is_empty() {
-        return forced.iter().map(|name| effects::find(name).ok_or_else(|| CaseError::Unknown(name.clone()))).collect();
+        return forced
+            .iter()
+            .map(|name| effects::find(name).ok_or_else(|| CaseError::Unknown(name.clone())))
+            .collect();
     }
     let listed = effects::listed();
     Ok(match set {
@@ -313,7 +344,8 @@ impl Case {
             record.write(&mut file)?;
             file.flush()
         };
-        fs::create_dir_all(folder).map_err(|source| CaseError::Write { path: folder.to_owned(), source })?;
+        fs::create_dir_all(folder)
+            .map_err(|source| CaseError::Write { path: folder.to_owned(), source })?;
         let named = self.truth.records.iter().zip(&self.records);
         named
             .map(|(plan, record)| {

@@ -1,10 +1,12 @@
 //! How far an effect shows: the same volts and the same hand, with the effect and without it.
 //!
-//! The machine with its true constants is pulled toward the record by a light observer and predicts it once with all effects
-//! and once without the one in question. What the former leaves is the floor. The declared constants of the latter, and its
-//! smoothing speed, are then fitted within their tolerances, to first order about the truth: what that cannot take away is what
-//! shows of the effect, `gain` is by how much it exceeds the floor, and an effect counts as detectable from [`DETECTABLE`]
-//! on. A stand-in for the gain of a refit of the true model: one linear step, four records, some seconds of each.
+//! The machine with its true constants is pulled toward the record by a light observer and predicts
+//! it once with all effects and once without the one in question. What the former leaves is the
+//! floor. The declared constants of the latter, and its smoothing speed, are then fitted within
+//! their tolerances, to first order about the truth: what that cannot take away is what shows of
+//! the effect, `gain` is by how much it exceeds the floor, and an effect counts as detectable from
+//! [`DETECTABLE`] on. A stand-in for the gain of a refit of the true model: one linear step, four
+//! records, some seconds of each.
 
 use std::ops::Range;
 
@@ -19,14 +21,15 @@ use crate::machine::{DECLARED, Machine};
 use crate::model::{Input, Model};
 use crate::record::{Record, SAMPLE_S};
 
-/// The observer's natural frequency, rad/s. Well below, the machine sticks where its record slips, and the other way about: the true
-/// model then leaves fifty times as much.
+/// The observer's natural frequency, rad/s. Well below, the machine sticks where its record slips,
+/// and the other way about: the true model then leaves fifty times as much.
 const PULL_RAD_S: f64 = 120.0;
 /// Rows left out at the begin of a record, where the observer settles.
 const SETTLING: usize = 500;
 /// Every so many rows one counts.
 const STRIDE: usize = 10;
-/// Rows looked at of the first records: a free multisine, triangles, a hand, the fast end of a chirp.
+/// Rows looked at of the first records: a free multisine, triangles, a hand, the fast end of a
+/// chirp.
 const ROWS: [Range<usize>; 4] = [0..5000, 0..5000, 0..5000, 15_500..20_000];
 /// Least gain of an effect that counts as detectable.
 pub const DETECTABLE: f64 = 0.1;
@@ -54,7 +57,8 @@ pub const SMOOTHING: &str = "smoothing";
 /// How far it may go, as a fraction.
 const SMOOTHING_REACH: f64 = 0.5;
 
-/// How far an effect shows. Channels are master (rad), slave (rad), and torque with a free handle (N·m).
+/// How far an effect shows. Channels are master (rad), slave (rad), and torque with a free handle
+/// (N·m).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Detectability {
     /// Root mean square of what the true model leaves.
@@ -76,7 +80,8 @@ impl Detectability {
     }
 }
 
-/// What a pulled model leaves of a record: master, slave, torque (empty with a hand, whose torque nobody else knows).
+/// What a pulled model leaves of a record: master, slave, torque (empty with a hand, whose torque
+/// nobody else knows).
 type Left = [Vec<f64>; 3];
 
 /// Compares a machine with all its effects to one without the effect in question.
@@ -90,9 +95,13 @@ pub fn detect(
     without: &Builder,
 ) -> Result<Detectability, CaseError> {
     let count = records.len().min(ROWS.len());
-    let ((with, in_time), (without, as_read)) = (undelayed(with, records), undelayed(without, records));
+    let ((with, in_time), (without, as_read)) =
+        (undelayed(with, records), undelayed(without, records));
     let handed: Vec<Vec<f64>> = plans[..count].iter().map(|plan| signals(plan).1).collect();
-    let left = |builder: &Builder, change: Option<(&str, f64)>, knows: bool| -> Result<Vec<Left>, CaseError> {
+    let left = |builder: &Builder,
+                change: Option<(&str, f64)>,
+                knows: bool|
+     -> Result<Vec<Left>, CaseError> {
         (0..count)
             .map(|index| {
                 let hand = &handed[index];
@@ -100,26 +109,42 @@ pub fn detect(
                 let free = hand.is_empty();
                 // A model that knows nothing of its instruments takes the torque as it was read.
                 let torque = if free || knows { hand } else { &record.slave_torque_nm };
-                Ok(residual(&mut builder.model(change)?.coarse(), torque, free, record, ROWS[index].clone()))
+                Ok(residual(
+                    &mut builder.model(change)?.coarse(),
+                    torque,
+                    free,
+                    record,
+                    ROWS[index].clone(),
+                ))
             })
             .collect()
     };
-    let jobs: Vec<Option<(&str, f64)>> =
-        [None, None].into_iter().chain(FITTED.iter().map(|name| Some((*name, step(name))))).collect();
+    let jobs: Vec<Option<(&str, f64)>> = [None, None]
+        .into_iter()
+        .chain(FITTED.iter().map(|name| Some((*name, step(name)))))
+        .collect();
     let all = jobs
         .par_iter()
         .enumerate()
-        .map(|(job, change)| if job == 0 { left(&with, None, true) } else { left(&without, *change, false) })
+        .map(
+            |(job, change)| {
+                if job == 0 { left(&with, None, true) } else { left(&without, *change, false) }
+            },
+        )
         .collect::<Result<Vec<_>, CaseError>>()?;
     Ok(judge(&all, &without.machine))
 }
 
-/// Late readings would make the observer unstable: a model that knows of the dead time of its instruments takes the records as
-/// they would be without it.
+/// Late readings would make the observer unstable: a model that knows of the dead time of its
+/// instruments takes the records as they would be without it.
 fn undelayed(builder: &Builder, records: &[Record]) -> (Builder, Vec<Record>) {
     let late = |effect: &Effect| effect.id == "transport_delay" && effect.site == Site::Sensor;
-    let delay_s: f64 =
-        builder.effects.iter().filter(|effect| late(effect)).map(|effect| effect.parameters.get("delay_s")).sum();
+    let delay_s: f64 = builder
+        .effects
+        .iter()
+        .filter(|effect| late(effect))
+        .map(|effect| effect.parameters.get("delay_s"))
+        .sum();
     let mut builder = builder.clone();
     builder.effects.retain(|effect| !late(effect));
     let earlier = |values: &[f64]| -> Vec<f64> {
@@ -150,13 +175,15 @@ fn reach(name: &str) -> f64 {
     DECLARED.iter().find(|row| row.0 == name).map_or(SMOOTHING_REACH, |row| row.2)
 }
 
-/// First the true model's rest, then that of the one without the effect, then the latter's with each constant changed.
+/// First the true model's rest, then that of the one without the effect, then the latter's with
+/// each constant changed.
 fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
     let join = |left: &[Left], channel: usize| -> Vec<f64> {
         left.iter().flat_map(|record| record[channel].iter().copied()).collect()
     };
-    let rms =
-        |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
+    let rms = |values: &[f64]| {
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    };
     // A channel on which even the true model runs away says nothing.
     let floors: [f64; 3] = std::array::from_fn(|channel| {
         let floor = rms(&join(&all[0], channel));
@@ -167,27 +194,39 @@ fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
             (0..3).map(|channel| join(left, channel).len()).sum(),
             (0..3).flat_map(|channel| {
                 let floor = floors[channel];
-                join(left, channel).into_iter().map(move |value| if value.is_finite() { value / floor } else { 0.0 })
+                join(left, channel)
+                    .into_iter()
+                    .map(move |value| if value.is_finite() { value / floor } else { 0.0 })
             }),
         )
     };
     let rest = stacked(&all[1]);
     // Columns in units of the relative change.
-    let columns: Vec<DVector<f64>> =
-        FITTED.iter().zip(&all[2..]).map(|(name, left)| (stacked(left) - &rest) / step(name)).collect();
+    let columns: Vec<DVector<f64>> = FITTED
+        .iter()
+        .zip(&all[2..])
+        .map(|(name, left)| (stacked(left) - &rest) / step(name))
+        .collect();
     let jacobian = DMatrix::from_columns(&columns);
     let named = machine.named();
     let bounds: Vec<[f64; 2]> = FITTED
         .iter()
         .map(|name| {
             let reach = reach(name);
-            let off = DECLARED.iter().find(|row| row.0 == *name).map_or(1.0, |row| named[*name] / row.1);
+            let off =
+                DECLARED.iter().find(|row| row.0 == *name).map_or(1.0, |row| named[*name] / row.1);
             // Relative to the machine's own value; at least a little to either side.
             [((1.0 - reach) / off - 1.0).min(-1e-3), ((1.0 + reach) / off - 1.0).max(1e-3)]
         })
         .collect();
     let fitted = &rest + &jacobian * bounded_least_squares(&jacobian, &rest, &bounds);
-    let mut seen = Detectability { floor: floors, without: [0.0; 3], refitted: [0.0; 3], gain: -1.0, channel: 0 };
+    let mut seen = Detectability {
+        floor: floors,
+        without: [0.0; 3],
+        refitted: [0.0; 3],
+        gain: -1.0,
+        channel: 0,
+    };
     let mut from = 0;
     for (channel, floor) in floors.into_iter().enumerate() {
         let count = join(&all[0], channel).len();
@@ -202,8 +241,13 @@ fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
     seen
 }
 
-/// The change within bounds that leaves least of `rest + jacobian change`: coordinate descent on the normal equations.
-fn bounded_least_squares(jacobian: &DMatrix<f64>, rest: &DVector<f64>, bounds: &[[f64; 2]]) -> DVector<f64> {
+/// The change within bounds that leaves least of `rest + jacobian change`: coordinate descent on
+/// the normal equations.
+fn bounded_least_squares(
+    jacobian: &DMatrix<f64>,
+    rest: &DVector<f64>,
+    bounds: &[[f64; 2]],
+) -> DVector<f64> {
     let normal = jacobian.tr_mul(jacobian);
     let gradient = jacobian.tr_mul(rest);
     let mut change = DVector::zeros(bounds.len());
@@ -221,7 +265,13 @@ fn bounded_least_squares(jacobian: &DMatrix<f64>, rest: &DVector<f64>, bounds: &
 }
 
 /// What a pulled model leaves of a record.
-fn residual(model: &mut Model, torque_nm: &[f64], free: bool, record: &Record, rows: Range<usize>) -> Left {
+fn residual(
+    model: &mut Model,
+    torque_nm: &[f64],
+    free: bool,
+    record: &Record,
+    rows: Range<usize>,
+) -> Left {
     let mut left = Left::default();
     let last = record.motor_v.len().min(rows.end);
     let torque = |index: usize| torque_nm.get(index.min(last - 1)).copied().unwrap_or(0.0);
@@ -241,7 +291,10 @@ fn residual(model: &mut Model, torque_nm: &[f64], free: bool, record: &Record, r
         for deviation in model.deviations_mut() {
             deviation.sense_angles(&mut seen);
         }
-        let lag = [record.master_rad[index] - seen.position[0], record.slave_rad[index] - seen.position[1]];
+        let lag = [
+            record.master_rad[index] - seen.position[0],
+            record.slave_rad[index] - seen.position[1],
+        ];
         let (speed, rate) = (1.4 * PULL_RAD_S, PULL_RAD_S * PULL_RAD_S);
         let input = Input {
             volts: &record.motor_v[..=index],

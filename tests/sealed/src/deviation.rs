@@ -1,7 +1,8 @@
 //! Where a deviation from the declared machine can act.
 //!
-//! Deviations act on the equations in continuous time: every hook is a function of the state and of the time, and may have
-//! states of its own whose rates it gives. What sits in the instruments is asked once a sample and may remember.
+//! Deviations act on the equations in continuous time: every hook is a function of the state and of
+//! the time, and may have states of its own whose rates it gives. What sits in the instruments is
+//! asked once a sample and may remember.
 
 use std::fmt;
 
@@ -170,9 +171,11 @@ pub trait Deviation: fmt::Debug + Send {
     /// Changes what acts on a side.
     fn side(&self, _side: &mut Side, _view: &View<'_>, _own: &[f64], _rates: &mut [f64]) {}
 
-    /// Changes the angles that the encoders see; called once a sample, in order, before the control law.
+    /// Changes the angles that the encoders see; called once a sample, in order, before the control
+    /// law.
     fn sense_angles(&mut self, _seen: &mut Instruments) {}
 
-    /// Changes the torque that the cell sees; called once a sample, in order, when the volts of the sample are known.
+    /// Changes the torque that the cell sees; called once a sample, in order, when the volts of the
+    /// sample are known.
     fn sense_torque(&mut self, _seen: &mut Instruments) {}
 }

@@ -50,7 +50,8 @@ impl Draw {
     }
 }
 
-/// A seed of its own for a part of a case: the same for the same seed and part, and unlike its neighbours (splitmix64).
+/// A seed of its own for a part of a case: the same for the same seed and part, and unlike its
+/// neighbours (splitmix64).
 pub fn subseed(seed: u64, part: &str) -> u64 {
     part.bytes().fold(mix(seed), |mixed, byte| mix(mixed ^ u64::from(byte)))
 }

@@ -1,14 +1,14 @@
 //! The size of an effect as the records see it.
 //!
-//! Some effects add to a declared constant: how a total is shared between the two is nobody's to tell. Their effective value is
-//! the total: stiffness of the line, damping of a port, inertia or friction of a side, scale of the torque cell. For a
-//! nonlinear spring it is the cubic coefficient in N/m³, for bristles their stiffness. For all others it is the first
-//! parameter.
+//! Some effects add to a declared constant: how a total is shared between the two is nobody's to
+//! tell. Their effective value is the total: stiffness of the line, damping of a port, inertia or
+//! friction of a side, scale of the torque cell. For a nonlinear spring it is the cubic coefficient
+//! in N/m³, for bristles their stiffness. For all others it is the first parameter.
 
 use crate::machine::Machine;
 
-/// The effective value: of an effect `id` at `site` with its parameters, in a machine with these constants. `None` where a
-/// parameter is missing.
+/// The effective value: of an effect `id` at `site` with its parameters, in a machine with these
+/// constants. `None` where a parameter is missing.
 pub fn value(
     id: &str,
     site: &str,
@@ -22,7 +22,10 @@ pub fn value(
         if side == 0 { machine.master_friction_nm(speed) } else { machine.slave_friction_nm(speed) }
     };
     let found = match id {
-        "line_compliance" => machine.line_stiffness_n_per_m() / (1.0 + parameter("compliance_ratio").unwrap_or(first)),
+        "line_compliance" => {
+            machine.line_stiffness_n_per_m()
+                / (1.0 + parameter("compliance_ratio").unwrap_or(first))
+        }
         "line_damping" => machine.port_damping_n_s_per_m + first,
         "extra_inertia" => machine.inertia_kg_m2()[side] + first,
         // The kinetic value: the one at the corner speed.

@@ -1,7 +1,7 @@
 //! What a file is known by: a hash of its contents, the same on every machine and in every release.
 //!
-//! FNV-1a of 128 bits (Fowler, Noll, Vo; RFC 9923). It tells builds apart; against somebody who wants two of them to look alike it
-//! does nothing.
+//! FNV-1a of 128 bits (Fowler, Noll, Vo; RFC 9923). It tells builds apart; against somebody who
+//! wants two of them to look alike it does nothing.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -1,7 +1,8 @@
-//! The machine: the constants of § 3.2.1 as the rig file `hydrostatic.toml` declares them, and what follows from them.
+//! The machine: the constants of § 3.2.1 as the rig file `hydrostatic.toml` declares them, and what
+//! follows from them.
 //!
-//! Equations are those of chapter 3; [`Machine`] holds the numbers of one machine, which is never exactly the declared
-//! one: each constant is off by a log-normal factor within its tolerance.
+//! Equations are those of chapter 3; [`Machine`] holds the numbers of one machine, which is never
+//! exactly the declared one: each constant is off by a log-normal factor within its tolerance.
 
 use std::collections::BTreeMap;
 
@@ -18,8 +19,8 @@ macro_rules! machine {
             /// As declared.
             pub fn declared() -> Self { Self { $($name: $value,)+ } }
 
-            /// Each constant off by a log-normal factor: two standard deviations are its tolerance (0.25 at the most), where the
-            /// factor is clipped.
+            /// Each constant off by a log-normal factor: two standard deviations are its tolerance
+            /// (0.25 at the most), where the factor is clipped.
             pub fn drawn(draw: &mut Draw) -> Self {
                 let mut machine = Self::declared();
                 $(machine.$name *= factor(draw, $tolerance);)+
@@ -41,7 +42,8 @@ macro_rules! machine {
             }
         }
 
-        /// Name, declared value, tolerance as a fraction (0: not declared in the rig file, kept), unit.
+        /// Name, declared value, tolerance as a fraction (0: not declared in the rig file, kept),
+        /// unit.
         pub const DECLARED: &[(&str, f64, f64, &str)] = &[$((stringify!($name), $value, $tolerance, $unit),)+];
     };
 }
@@ -90,14 +92,16 @@ fn factor(draw: &mut Draw, tolerance: f64) -> f64 {
 }
 
 impl Machine {
-    /// Friction does not jump at the corner speed of a real slave: the falling slope leads to the kinetic value where its
-    /// tolerance lets it.
+    /// Friction does not jump at the corner speed of a real slave: the falling slope leads to the
+    /// kinetic value where its tolerance lets it.
     fn join_friction(&mut self) {
-        let slope = (self.slave_static_friction_nm - self.slave_kinetic_friction_nm) / self.slave_corner_speed_rad_s;
+        let slope = (self.slave_static_friction_nm - self.slave_kinetic_friction_nm)
+            / self.slave_corner_speed_rad_s;
         self.slave_falling_slope_nm_s = slope.clamp(0.15, 0.25);
     }
 
-    /// Stiffness `K = B A / L` of one line (eq. 3.1.7), softened, N/m; each half is a spring of `2K`.
+    /// Stiffness `K = B A / L` of one line (eq. 3.1.7), softened, N/m; each half is a spring of
+    /// `2K`.
     pub fn line_stiffness_n_per_m(&self) -> f64 {
         self.line_stiffness_factor * self.bulk_modulus_pa * self.hose_area_m2 / self.hose_length_m
     }
@@ -121,17 +125,22 @@ impl Machine {
 
     /// Fluid displacement in the hose per angle of master and slave, `α r`, m/rad.
     pub fn displacement_m_per_rad(&self) -> [f64; 2] {
-        [self.master_area_ratio * self.master_pulley_radius_m, self.slave_area_ratio * self.slave_pulley_radius_m]
+        [
+            self.master_area_ratio * self.master_pulley_radius_m,
+            self.slave_area_ratio * self.slave_pulley_radius_m,
+        ]
     }
 
     /// Dry friction on the master at a speed (rad/s): motor and piston, N·m.
     pub fn master_friction_nm(&self, speed: f64) -> f64 {
         let radius = self.master_pulley_radius_m;
         let piston = if speed < self.master_piston_corner_speed_rad_s {
-            self.master_piston_static_friction_n - self.master_piston_falling_slope_n_s_per_m * speed * radius
+            self.master_piston_static_friction_n
+                - self.master_piston_falling_slope_n_s_per_m * speed * radius
         } else {
             let beyond = speed - self.master_piston_corner_speed_rad_s;
-            self.master_piston_kinetic_friction_n + self.master_piston_rising_slope_n_s_per_m * beyond * radius
+            self.master_piston_kinetic_friction_n
+                + self.master_piston_rising_slope_n_s_per_m * beyond * radius
         };
         self.motor_coulomb_nm + radius * piston.max(0.0)
     }
@@ -141,15 +150,18 @@ impl Machine {
         let friction = if speed < self.slave_corner_speed_rad_s {
             self.slave_static_friction_nm - self.slave_falling_slope_nm_s * speed
         } else {
-            self.slave_kinetic_friction_nm + self.slave_rising_slope_nm_s * (speed - self.slave_corner_speed_rad_s)
+            self.slave_kinetic_friction_nm
+                + self.slave_rising_slope_nm_s * (speed - self.slave_corner_speed_rad_s)
         };
         friction.max(0.0)
     }
 
-    /// Loss of the fluid in one hose over its speed (m/s), N·s/m: eq. 3.1.10 and 3.1.11 with `64/Re` below Re 2000, Haaland's
-    /// form of Colebrook's equation above 4000, and a straight line between.
+    /// Loss of the fluid in one hose over its speed (m/s), N·s/m: eq. 3.1.10 and 3.1.11 with
+    /// `64/Re` below Re 2000, Haaland's form of Colebrook's equation above 4000, and a straight
+    /// line between.
     pub fn hose_loss_n_s_per_m(&self, speed_m_s: f64) -> f64 {
-        let reynolds = self.fluid_density_kg_m3 * speed_m_s.abs() * self.hose_diameter_m / self.fluid_viscosity_pa_s;
+        let reynolds = self.fluid_density_kg_m3 * speed_m_s.abs() * self.hose_diameter_m
+            / self.fluid_viscosity_pa_s;
         let volume = self.hose_area_m2 * self.hose_length_m;
         if reynolds <= 2000.0 {
             return 32.0 * self.fluid_viscosity_pa_s * volume / self.hose_diameter_m.powi(2);
@@ -191,7 +203,10 @@ mod tests {
         let rig: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
         let parameters = rig["model"]["parameters"].as_table().unwrap();
         for (name, entry) in parameters {
-            let found = DECLARED.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("{name} is not here"));
+            let found = DECLARED
+                .iter()
+                .find(|row| row.0 == name)
+                .unwrap_or_else(|| panic!("{name} is not here"));
             assert_eq!(found.1, entry["value"].as_float().unwrap(), "{name}");
             assert_eq!(found.2, entry["tolerance"].as_float().unwrap(), "{name}");
         }

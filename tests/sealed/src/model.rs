@@ -1,15 +1,17 @@
-//! The equations of motion (3.1.8 to 3.1.13) and their integrator: classical Runge-Kutta on the full state.
+//! The equations of motion (3.1.8 to 3.1.13) and their integrator: classical Runge-Kutta on the
+//! full state.
 //!
-//! State: angle and speed of master and slave, displacement and speed of the fluid in both lines, and whatever the deviations
-//! carry along. Dry friction is `F(|v|) g(v/v_e)` ([`crate::smoothing`]). Steps are 50 µs or shorter, a tenth of a
-//! sample or less, so that the friction's slope at rest, `F/(I v_e)`, stays well within the method's stability.
+//! State: angle and speed of master and slave, displacement and speed of the fluid in both lines,
+//! and whatever the deviations carry along. Dry friction is `F(|v|) g(v/v_e)`
+//! ([`crate::smoothing`]). Steps are 50 µs or shorter, a tenth of a sample or less, so that the
+//! friction's slope at rest, `F/(I v_e)`, stays well within the method's stability.
 
 use crate::deviation::{Deviation, Link, Side, View};
 use crate::machine::Machine;
 use crate::smoothing::Smoothing;
 
-/// Most states that a model may have: those of the declared model, 32 of transmission dead time, and up to eight of an effect
-/// beside it.
+/// Most states that a model may have: those of the declared model, 32 of transmission dead time,
+/// and up to eight of an effect beside it.
 pub const MOST: usize = 48;
 /// States of the declared model.
 const OWN: usize = 8;
@@ -43,7 +45,9 @@ pub struct Input<'a> {
 
 /// Deviations with more states than a model has room for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the model and its effects have {0} states, more than the {MOST} that a model has room for")]
+#[error(
+    "the model and its effects have {0} states, more than the {MOST} that a model has room for"
+)]
 pub struct TooManyStates(pub usize);
 
 /// The machine with its deviations.
@@ -79,7 +83,8 @@ impl Model {
         for deviation in &deviations {
             deviation.alter(&mut machine);
         }
-        let extra = [0, 1].map(|side| deviations.iter().map(|deviation| deviation.inertia(side)).sum::<f64>());
+        let extra = [0, 1]
+            .map(|side| deviations.iter().map(|deviation| deviation.inertia(side)).sum::<f64>());
         let own = machine.inertia_kg_m2();
         let mut model = Self {
             inertia: [own[0] + extra[0], own[1] + extra[1]],
@@ -93,7 +98,8 @@ impl Model {
             deviations,
             sample_s,
         };
-        model.steps = ((model.stiffest_rate() * sample_s / RATE_TIMES_STEP).ceil() as usize).clamp(STEPS.0, STEPS.1);
+        model.steps = ((model.stiffest_rate() * sample_s / RATE_TIMES_STEP).ceil() as usize)
+            .clamp(STEPS.0, STEPS.1);
         Ok(model)
     }
 
@@ -102,8 +108,8 @@ impl Model {
         self.states
     }
 
-    /// Slope of the friction at rest over the inertia, 1/s: the fastest decay in the model. Effects are asked at the begin of a
-    /// run, where what drifts is largest.
+    /// Slope of the friction at rest over the inertia, 1/s: the fastest decay in the model. Effects
+    /// are asked at the begin of a run, where what drifts is largest.
     fn stiffest_rate(&self) -> f64 {
         let view = View::at_rest();
         [0, 1]
@@ -143,7 +149,13 @@ impl Model {
     }
 
     /// What the state is called, at a time on the run and within the record (s).
-    pub fn view<'a>(&self, state: &[f64; MOST], time_s: f64, local_s: f64, volts: &'a [f64]) -> View<'a> {
+    pub fn view<'a>(
+        &self,
+        state: &[f64; MOST],
+        time_s: f64,
+        local_s: f64,
+        volts: &'a [f64],
+    ) -> View<'a> {
         View {
             time_s,
             local_s,
@@ -163,9 +175,15 @@ impl Model {
         state
     }
 
-    /// Moves the state on by one sample that begins at `time_s` on the run and `local_s` within the record. Returns the rates
-    /// of change at its begin.
-    pub fn advance(&self, state: &mut State, time_s: f64, local_s: f64, input: &Input<'_>) -> [f64; MOST] {
+    /// Moves the state on by one sample that begins at `time_s` on the run and `local_s` within the
+    /// record. Returns the rates of change at its begin.
+    pub fn advance(
+        &self,
+        state: &mut State,
+        time_s: f64,
+        local_s: f64,
+        input: &Input<'_>,
+    ) -> [f64; MOST] {
         let step = self.sample_s / self.steps as f64;
         let mut first = [0.0; MOST];
         for index in 0..self.steps {
@@ -173,7 +191,8 @@ impl Model {
             let at = |fraction: f64| (part + fraction / self.steps as f64) * self.sample_s;
             let rate = |state: &[f64; MOST], fraction: f64| {
                 let offset = at(fraction);
-                let hand = input.hand_nm[0] + (input.hand_nm[1] - input.hand_nm[0]) * offset / self.sample_s;
+                let hand = input.hand_nm[0]
+                    + (input.hand_nm[1] - input.hand_nm[0]) * offset / self.sample_s;
                 self.rates(state, time_s + offset, local_s + offset, hand, input)
             };
             let x = &state.0;
@@ -201,12 +220,21 @@ impl Model {
     }
 
     /// Rates of change of the state.
-    pub fn rates(&self, x: &[f64; MOST], time_s: f64, local_s: f64, hand_nm: f64, input: &Input<'_>) -> [f64; MOST] {
+    pub fn rates(
+        &self,
+        x: &[f64; MOST],
+        time_s: f64,
+        local_s: f64,
+        hand_nm: f64,
+        input: &Input<'_>,
+    ) -> [f64; MOST] {
         let view = self.view(x, time_s, local_s, input.volts);
         let mut rates = [0.0; MOST];
         // The motor.
         let mut volts = input.volts.last().copied().unwrap_or(0.0);
-        self.each(|deviation, own| volts = deviation.amplifier(volts, &view, &x[own.clone()], &mut rates[own]));
+        self.each(|deviation, own| {
+            volts = deviation.amplifier(volts, &view, &x[own.clone()], &mut rates[own])
+        });
         let mut torque = self.machine.motor_torque_per_volt_nm * volts;
         self.each(|deviation, _| torque = deviation.motor(torque, &view));
         // The lines: eq. 3.1.9 at both ends, then 3.1.8.
@@ -229,9 +257,12 @@ impl Model {
                     fluid_force_n: 0.0,
                 };
                 self.each(|deviation, own| deviation.stretch(&mut link, &view, &x[own]));
-                link.force_n = link.stiffness_n_per_m * link.deflection_m + link.damping_n_s_per_m * link.rate_m_s;
+                link.force_n = link.stiffness_n_per_m * link.deflection_m
+                    + link.damping_n_s_per_m * link.rate_m_s;
                 link.fluid_force_n = link.force_n;
-                self.each(|deviation, own| deviation.link(&mut link, &view, &x[own.clone()], &mut rates[own]));
+                self.each(|deviation, own| {
+                    deviation.link(&mut link, &view, &x[own.clone()], &mut rates[own])
+                });
                 *transmitted += ratio * link.force_n;
                 on_fluid += link.fluid_force_n;
             }
@@ -290,7 +321,9 @@ impl Model {
             viscous_forward: viscous,
             viscous_backward: viscous,
         };
-        self.each(|deviation, own| deviation.side(&mut acting, view, &x[own.clone()], &mut rates[own]));
+        self.each(|deviation, own| {
+            deviation.side(&mut acting, view, &x[own.clone()], &mut rates[own])
+        });
         acting
     }
 
@@ -312,7 +345,9 @@ impl Model {
             let (place, speed) = (x[4 + 2 * line], x[5 + 2 * line]);
             energy += 0.5 * self.fluid_mass_kg * speed * speed;
             for side in 0..2 {
-                energy += 0.5 * self.half_line_n_per_m * (place - self.displacement[side] * x[2 * side]).powi(2);
+                energy += 0.5
+                    * self.half_line_n_per_m
+                    * (place - self.displacement[side] * x[2 * side]).powi(2);
             }
         }
         energy
@@ -344,21 +379,33 @@ mod tests {
         ] {
             *machine.named_mut(name).unwrap() = 0.0;
         }
-        // No loss in the hose: a fluid so thin that it is turbulent loses by its density only, so Re is kept low instead.
+        // No loss in the hose: a fluid so thin that it is turbulent loses by its density only, so
+        // Re is kept low instead.
         machine.fluid_viscosity_pa_s = 1e-12;
         machine.hose_diameter_m = 1e6;
         machine.hose_roughness_m = 0.0;
-        Model::new(machine, Smoothing { shape: Shape::Root, speed_rad_s: 0.1 }, Vec::new(), SAMPLE_S).unwrap()
+        Model::new(
+            machine,
+            Smoothing { shape: Shape::Root, speed_rad_s: 0.1 },
+            Vec::new(),
+            SAMPLE_S,
+        )
+        .unwrap()
     }
 
-    /// Both lines move alike, so that there are three masses in a row; with `u = d_m q_m`, `w = d_s q_s` and the rates
-    /// `A = k d_m²/I_m`, `B = k/2m`, `C = k d_s²/I_s`, `k = 4K`: `λ² - λ (A + 2B + C) + AB + BC + CA = 0` beside the rigid one.
+    /// Both lines move alike, so that there are three masses in a row; with `u = d_m q_m`, `w = d_s
+    /// q_s` and the rates `A = k d_m²/I_m`, `B = k/2m`, `C = k d_s²/I_s`, `k = 4K`: `λ² - λ (A + 2B
+    /// + C) + AB + BC + CA = 0` beside the rigid one.
     #[test]
     fn frictionless_modes_as_in_closed_form() {
         let model = frictionless();
         let [m, s] = model.displacement;
         let k = 2.0 * model.half_line_n_per_m;
-        let (a, b, c) = (k * m * m / model.inertia[0], k / (2.0 * model.fluid_mass_kg), k * s * s / model.inertia[1]);
+        let (a, b, c) = (
+            k * m * m / model.inertia[0],
+            k / (2.0 * model.fluid_mass_kg),
+            k * s * s / model.inertia[1],
+        );
         let (sum, product) = (a + 2.0 * b + c, a * b + b * c + c * a);
         for sign in [-1.0, 1.0] {
             let lambda = 0.5 * (sum + sign * (sum * sum - 4.0 * product).sqrt());
@@ -388,9 +435,13 @@ mod tests {
     /// With friction and no input, energy only falls.
     #[test]
     fn friction_takes_energy() {
-        let model =
-            Model::new(Machine::declared(), Smoothing { shape: Shape::Tanh, speed_rad_s: 0.05 }, Vec::new(), SAMPLE_S)
-                .unwrap();
+        let model = Model::new(
+            Machine::declared(),
+            Smoothing { shape: Shape::Tanh, speed_rad_s: 0.05 },
+            Vec::new(),
+            SAMPLE_S,
+        )
+        .unwrap();
         let mut state = State::default();
         (state.0[1], state.0[3]) = (8.0, -6.0);
         let mut energy = model.energy_j(&state);
@@ -410,7 +461,10 @@ mod tests {
     fn converged_at_its_step() {
         let build = |steps: usize| {
             let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.04 };
-            Model { steps, ..Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap() }
+            Model {
+                steps,
+                ..Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap()
+            }
         };
         let run = |model: &Model| {
             let mut state = State::default();
@@ -421,12 +475,20 @@ mod tests {
             }
             [state.0[0], state.0[2]]
         };
-        let chosen =
-            Model::new(Machine::declared(), Smoothing { shape: Shape::Root, speed_rad_s: 0.04 }, Vec::new(), SAMPLE_S)
-                .unwrap();
+        let chosen = Model::new(
+            Machine::declared(),
+            Smoothing { shape: Shape::Root, speed_rad_s: 0.04 },
+            Vec::new(),
+            SAMPLE_S,
+        )
+        .unwrap();
         let (coarse, fine) = (run(&chosen), run(&build(4 * chosen.steps)));
         for side in 0..2 {
-            assert!((coarse[side] - fine[side]).abs() < 2e-5, "{coarse:?} {fine:?} at {} steps", chosen.steps);
+            assert!(
+                (coarse[side] - fine[side]).abs() < 2e-5,
+                "{coarse:?} {fine:?} at {} steps",
+                chosen.steps
+            );
         }
     }
 

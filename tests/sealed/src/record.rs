@@ -1,7 +1,7 @@
 //! One record: the machine under its position control, and what the instruments make of it.
 //!
-//! Conventions of a row: the angles are those at `t_s`, the volts are on the motor from `t_s` to the next row, the torque is the
-//! cell's at `t_s`.
+//! Conventions of a row: the angles are those at `t_s`, the volts are on the motor from `t_s` to
+//! the next row, the torque is the cell's at `t_s`.
 
 use std::io::{self, Write};
 
@@ -29,11 +29,14 @@ const ADC_STEP_NM: f64 = 20.0 / 65_536.0 / 0.5;
 /// Samples a cycle of control: 500 Hz.
 const CONTROL_SAMPLES: usize = 4;
 /// Control of `hydrostatic.toml`: V/rad and V·s/rad.
-const GAINS: [f64; 2] =
-    [4.5e-3 * COUNTS_PER_TURN / std::f64::consts::TAU, 7.0e-4 * COUNTS_PER_TURN / std::f64::consts::TAU];
+const GAINS: [f64; 2] = [
+    4.5e-3 * COUNTS_PER_TURN / std::f64::consts::TAU,
+    7.0e-4 * COUNTS_PER_TURN / std::f64::consts::TAU,
+];
 const VELOCITY_FILTER_HZ: f64 = 40.0;
 const OUTPUT_LIMIT_V: f64 = 8.0;
-/// Feed-forward of friction from reversal on and at speed, V, and the speed at which it is up, rad/s.
+/// Feed-forward of friction from reversal on and at speed, V, and the speed at which it is up,
+/// rad/s.
 const FRICTION_V: [f64; 2] = [1.5, 1.2];
 const REVERSAL_RAD_S: f64 = 0.17;
 const FRICTION_FLOOR_RAD_S: f64 = 3.0;
@@ -92,7 +95,8 @@ impl Disturbance {
     }
 
     fn next(&mut self, draw: &mut Draw) -> f64 {
-        self.value = self.kept * self.value + (1.0 - self.kept * self.kept).sqrt() * self.deviation * draw.normal();
+        self.value = self.kept * self.value
+            + (1.0 - self.kept * self.kept).sqrt() * self.deviation * draw.normal();
         self.value
     }
 }
@@ -104,16 +108,25 @@ pub fn counted(angle: f64) -> f64 {
 }
 
 /// Runs the machine from rest at zero along a reference.
-pub fn run(model: &mut Model, reference: &[f64], hand_nm: &[f64], start_s: f64, noise: &Noise, seed: u64) -> Record {
+pub fn run(
+    model: &mut Model,
+    reference: &[f64],
+    hand_nm: &[f64],
+    start_s: f64,
+    noise: &Noise,
+    seed: u64,
+) -> Record {
     let mut draw = Draw::new(seed);
     let mut record = Record { start_s, ..Record::default() };
-    let mut disturbances = noise.process_nm.map(|size| Disturbance::new(size, noise.process_hz, &mut draw));
+    let mut disturbances =
+        noise.process_nm.map(|size| Disturbance::new(size, noise.process_hz, &mut draw));
     let mut state = State::default();
     let mut control = Control::default();
-    let zero_count =
-        [draw.uniform(-0.5, 0.5), draw.uniform(-0.5, 0.5)].map(|part| part * std::f64::consts::TAU / COUNTS_PER_TURN);
-    let at =
-        |values: &[f64], index: usize| values.get(index.min(values.len().saturating_sub(1))).copied().unwrap_or(0.0);
+    let zero_count = [draw.uniform(-0.5, 0.5), draw.uniform(-0.5, 0.5)]
+        .map(|part| part * std::f64::consts::TAU / COUNTS_PER_TURN);
+    let at = |values: &[f64], index: usize| {
+        values.get(index.min(values.len().saturating_sub(1))).copied().unwrap_or(0.0)
+    };
     for (index, _) in reference.iter().enumerate() {
         let local = index as f64 * SAMPLE_S;
         let time = start_s + local;
@@ -170,8 +183,10 @@ impl Control {
         let share = 1.0 - (-std::f64::consts::TAU * VELOCITY_FILTER_HZ * cycle).exp();
         self.velocity += share * (difference - self.velocity);
         // The reference's speed and acceleration over one cycle to either side.
-        let of = |index: usize| reference.get(index.min(reference.len() - 1)).copied().unwrap_or(0.0);
-        let (before, now, after) = (of(index.saturating_sub(CONTROL_SAMPLES)), of(index), of(index + CONTROL_SAMPLES));
+        let of =
+            |index: usize| reference.get(index.min(reference.len() - 1)).copied().unwrap_or(0.0);
+        let (before, now, after) =
+            (of(index.saturating_sub(CONTROL_SAMPLES)), of(index), of(index + CONTROL_SAMPLES));
         let speed = 0.5 * (after - before) / cycle;
         let acceleration = (after - 2.0 * now + before) / (cycle * cycle);
         let fall = (speed.abs() / FRICTION_FLOOR_RAD_S).min(1.0);
@@ -180,7 +195,8 @@ impl Control {
             + GAINS[1] * (speed - self.velocity)
             + friction * (speed / REVERSAL_RAD_S).clamp(-1.0, 1.0)
             + INERTIA_V * acceleration;
-        self.volts = (wanted.clamp(-OUTPUT_LIMIT_V, OUTPUT_LIMIT_V) / DAC_STEP_V).round() * DAC_STEP_V;
+        self.volts =
+            (wanted.clamp(-OUTPUT_LIMIT_V, OUTPUT_LIMIT_V) / DAC_STEP_V).round() * DAC_STEP_V;
         self.volts
     }
 }
@@ -197,7 +213,10 @@ impl Record {
             writeln!(
                 to,
                 "{time:.4},{:.6},{:.8},{:.8},{:.6}",
-                self.motor_v[index], self.master_rad[index], self.slave_rad[index], self.slave_torque_nm[index]
+                self.motor_v[index],
+                self.master_rad[index],
+                self.slave_rad[index],
+                self.slave_torque_nm[index]
             )?;
         }
         Ok(())
@@ -227,8 +246,9 @@ mod tests {
         let text = String::from_utf8(text).unwrap();
         let mut lines = text.lines();
         assert_eq!(lines.next(), Some("t_s,motor_v,master_rad,slave_rad,slave_torque_nm"));
-        let rows: Vec<Vec<f64>> =
-            lines.map(|line| line.split(',').map(|field| field.parse().unwrap()).collect()).collect();
+        let rows: Vec<Vec<f64>> = lines
+            .map(|line| line.split(',').map(|field| field.parse().unwrap()).collect())
+            .collect();
         assert_eq!(rows.len(), 200);
         assert!(rows.iter().all(|row| row.len() == 5));
         assert_eq!((rows[0][0], rows[1][0]), (15.0, 15.0005));

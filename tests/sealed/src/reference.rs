@@ -30,7 +30,10 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
     let mut angles: Vec<f64> = match kind {
         Kind::Multisine => {
             let tones = tones(draw, 12, 0.1, 3.0);
-            scaled((0..samples).map(|index| sum(&tones, time(index))).collect(), draw.uniform(0.7, 1.0))
+            scaled(
+                (0..samples).map(|index| sum(&tones, time(index))).collect(),
+                draw.uniform(0.7, 1.0),
+            )
         }
         Kind::Triangles => {
             let (amplitude, period) = (draw.uniform(0.6, 0.95), draw.uniform(3.0, 5.5));
@@ -43,7 +46,8 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
                 .collect()
         }
         Kind::Chirp => {
-            let (amplitude, from, to) = (draw.uniform(0.5, 0.9), draw.uniform(0.15, 0.3), draw.uniform(3.0, 5.0));
+            let (amplitude, from, to) =
+                (draw.uniform(0.5, 0.9), draw.uniform(0.15, 0.3), draw.uniform(3.0, 5.0));
             let rate = (to / from).ln() / duration;
             (0..samples)
                 .map(|index| {
@@ -98,15 +102,23 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
     angles
 }
 
-/// The torque of a hand that pushes the handle to and fro, smooth and random, about 2 N·m at its largest; N·m.
+/// The torque of a hand that pushes the handle to and fro, smooth and random, about 2 N·m at its
+/// largest; N·m.
 pub fn hand(draw: &mut Draw, samples: usize, sample_s: f64) -> Vec<f64> {
     let tones = tones(draw, 10, 0.2, 1.6);
-    let torque =
-        scaled((0..samples).map(|index| sum(&tones, index as f64 * sample_s)).collect(), draw.uniform(1.8, 2.4));
-    torque.iter().enumerate().map(|(index, value)| value * smooth(index as f64 * sample_s / FADE_S)).collect()
+    let torque = scaled(
+        (0..samples).map(|index| sum(&tones, index as f64 * sample_s)).collect(),
+        draw.uniform(1.8, 2.4),
+    );
+    torque
+        .iter()
+        .enumerate()
+        .map(|(index, value)| value * smooth(index as f64 * sample_s / FADE_S))
+        .collect()
 }
 
-/// Tones of random phase with frequencies spread evenly over a logarithmic axis; amplitude, rate (rad/s), phase.
+/// Tones of random phase with frequencies spread evenly over a logarithmic axis; amplitude, rate
+/// (rad/s), phase.
 fn tones(draw: &mut Draw, count: usize, from_hz: f64, to_hz: f64) -> Vec<(f64, f64, f64)> {
     (0..count)
         .map(|index| {
@@ -140,9 +152,12 @@ mod tests {
         for kind in [Kind::Multisine, Kind::Triangles, Kind::Chirp, Kind::Steps, Kind::Sines] {
             for seed in 0..20 {
                 let angles = reference(kind, &mut Draw::new(seed), 20_000, 0.5e-3);
-                let largest = angles.iter().fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
+                let largest =
+                    angles.iter().fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
                 assert!((0.3..1.3).contains(&largest), "{kind:?} of {seed}: {largest} rad");
-                let fastest = angles.windows(2).fold(0.0_f64, |fastest, two| fastest.max((two[1] - two[0]).abs()));
+                let fastest = angles
+                    .windows(2)
+                    .fold(0.0_f64, |fastest, two| fastest.max((two[1] - two[0]).abs()));
                 assert!(fastest / 0.5e-3 < 30.0, "{kind:?} of {seed}: {} rad/s", fastest / 0.5e-3);
                 assert_eq!(angles[0], 0.0);
             }

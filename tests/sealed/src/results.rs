@@ -1,7 +1,9 @@
-//! The results file of a campaign: one line (JSON) a scored case, with all that its answer may depend on beside seed and case.
+//! The results file of a campaign: one line (JSON) a scored case, with all that its answer may
+//! depend on beside seed and case.
 //!
-//! Lines of different programs, or of one program asked differently, are different campaigns: they may share a file, and never a
-//! table. Older files lack some of the fields; their lines are campaigns of their own.
+//! Lines of different programs, or of one program asked differently, are different campaigns: they
+//! may share a file, and never a table. Older files lack some of the fields; their lines are
+//! campaigns of their own.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -47,7 +49,9 @@ impl Configuration {
         kinds: Kinds,
     ) -> Result<Self, ResultsError> {
         let hash = |path: &Path| {
-            fingerprint::of_file(path).map(Some).map_err(|source| ResultsError::Read { path: path.to_owned(), source })
+            fingerprint::of_file(path)
+                .map(Some)
+                .map_err(|source| ResultsError::Read { path: path.to_owned(), source })
         };
         Ok(Self {
             program: version.to_owned(),
@@ -76,10 +80,15 @@ impl Configuration {
 impl fmt::Display for Configuration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let short = |hash: &Option<String>| {
-            hash.as_ref().map_or_else(|| "not recorded".to_owned(), |hash| hash.chars().take(12).collect())
+            hash.as_ref()
+                .map_or_else(|| "not recorded".to_owned(), |hash| hash.chars().take(12).collect())
         };
         let number = |value: Option<String>| value.unwrap_or_else(|| "not recorded".to_owned());
-        let name = if self.program.is_empty() { "a program that does not say its version" } else { &self.program };
+        let name = if self.program.is_empty() {
+            "a program that does not say its version"
+        } else {
+            &self.program
+        };
         write!(
             f,
             "{name}; file {}, rig {}, limit-s {}, jobs {}, unlisted-kinds {}",
@@ -155,7 +164,8 @@ pub struct Results {
 /// Reads the lines of a seed; nothing where there is no file.
 ///
 /// # Errors
-/// [`ResultsError::Duplicate`] where a case stands twice for one configuration, [`ResultsError::Read`].
+/// [`ResultsError::Duplicate`] where a case stands twice for one configuration,
+/// [`ResultsError::Read`].
 pub fn read(path: &Path, seed: u64) -> Result<Results, ResultsError> {
     let unread = |source| ResultsError::Read { path: path.to_owned(), source };
     let mut results = Results::default();
@@ -187,7 +197,9 @@ pub fn read(path: &Path, seed: u64) -> Result<Results, ResultsError> {
                 results.campaigns.entry(configuration).or_default().push(score);
             }
             Ok(_) => {}
-            Err(error) => results.left_out.push(format!("{}, line {number}: {error}; left out", path.display())),
+            Err(error) => results
+                .left_out
+                .push(format!("{}, line {number}: {error}; left out", path.display())),
         }
     }
     Ok(results)

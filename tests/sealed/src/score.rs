@@ -160,7 +160,8 @@ pub struct Score {
     pub false_third: Option<bool>,
     /// Error after over repeat floor, of the worst channel that has a floor.
     pub over_floor: Option<f64>,
-    /// Error before over after: root mean square over the channels, each in its floor (or in what is left, without one).
+    /// Error before over after: root mean square over the channels, each in its floor (or in what
+    /// is left, without one).
     pub drop: Option<f64>,
     /// The same of the error that the rig file leaves as it is, where identify says it.
     #[serde(default)]
@@ -198,7 +199,11 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
     let true_names: Vec<String> = truth.effects.iter().map(Effect::name).collect();
     let flagged = answer.is_some() && (said.verdict == "unlisted" || said.remains);
     let two = truth.effects.len() == 2;
-    let hits = truth.effects.iter().filter(|effect| said.effects.iter().any(|named| said.meant(effect, named))).count();
+    let hits = truth
+        .effects
+        .iter()
+        .filter(|effect| said.effects.iter().any(|named| said.meant(effect, named)))
+        .count();
     let told = said.unlisted.as_ref();
     let unnamed = truth.effects.first().filter(|effect| !effect.listed);
     let sizes: Vec<(f64, f64)> = truth
@@ -213,7 +218,12 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         set: truth.set,
         index: truth.index,
         detectable: truth.detectability.iter().all(|seen| seen.detectable()),
-        gain: truth.detectability.iter().map(|seen| seen.gain).fold(f64::INFINITY, f64::min).min(1e9),
+        gain: truth
+            .detectability
+            .iter()
+            .map(|seen| seen.gain)
+            .fold(f64::INFINITY, f64::min)
+            .min(1e9),
         end: run.end,
         code: run.code,
         message: run.message.clone(),
@@ -223,12 +233,16 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         flagged,
         site_right: unnamed.map(|effect| told.is_some_and(|told| told.site == effect.site.name())),
         variable_right: unnamed.map(|effect| {
-            told.and_then(|told| variable(&told.depends_on)).is_some_and(|found| effect.depends_on.contains(&found))
+            told.and_then(|told| variable(&told.depends_on))
+                .is_some_and(|found| effect.depends_on.contains(&found))
         }),
         told: told.map(|told| (told.site.clone(), told.depends_on.clone())),
         both: two.then_some(hits == 2),
-        false_third: two
-            .then(|| said.effects.iter().any(|named| !truth.effects.iter().any(|effect| said.meant(effect, named)))),
+        false_third: two.then(|| {
+            said.effects
+                .iter()
+                .any(|named| !truth.effects.iter().any(|effect| said.meant(effect, named)))
+        }),
         over_floor: over_floor(said),
         drop: drop(said, |errors| errors.before),
         drop_from_file: drop(said, |errors| errors.declared),
@@ -245,7 +259,8 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
 /// The discrete parameter that says at which place within its site an effect acts.
 const PLACES: [(&str, &str); 1] = [("encoder_eccentricity", "on_master")];
 
-/// The place within the site, of an effect that has several: one of two. `None` where it is not told.
+/// The place within the site, of an effect that has several: one of two. `None` where it is not
+/// told.
 fn place(id: &str, parameter: impl Fn(&str) -> Option<f64>) -> Option<bool> {
     let (_, name) = PLACES.iter().find(|place| place.0 == id)?;
     parameter(name).map(|value| value > 0.5)
@@ -253,14 +268,17 @@ fn place(id: &str, parameter: impl Fn(&str) -> Option<f64>) -> Option<bool> {
 
 impl Named {
     fn place(&self) -> Option<bool> {
-        place(&self.id, |name| self.parameters.iter().find(|parameter| parameter.name == name)?.value)
+        place(&self.id, |name| {
+            self.parameters.iter().find(|parameter| parameter.name == name)?.value
+        })
     }
 
     fn named_as(&self, truth: &Effect) -> bool {
         self.id == truth.id && self.site == truth.site.name()
     }
 
-    /// Whether it is that effect: id, site, and place within it. A place that is not told is not the right one.
+    /// Whether it is that effect: id, site, and place within it. A place that is not told is not
+    /// the right one.
     fn is(&self, truth: &Effect) -> bool {
         self.named_as(truth) && self.place() == truth_place(truth)
     }
@@ -271,16 +289,20 @@ fn truth_place(truth: &Effect) -> Option<bool> {
 }
 
 impl Answer {
-    /// Whether the truth is among what is said to be the same to the records: at most two. A rival that does not tell its place
-    /// stands for all of them.
+    /// Whether the truth is among what is said to be the same to the records: at most two. A rival
+    /// that does not tell its place stands for all of them.
     fn says_rival(&self, truth: &Effect) -> bool {
         let same = |rival: &Named| {
-            rival.named_as(truth) && rival.place().is_none_or(|place| Some(place) == truth_place(truth))
+            rival.named_as(truth)
+                && rival.place().is_none_or(|place| Some(place) == truth_place(truth))
         };
-        self.verdict == "ambiguous" && self.ambiguous_with.len() <= 2 && self.ambiguous_with.iter().any(same)
+        self.verdict == "ambiguous"
+            && self.ambiguous_with.len() <= 2
+            && self.ambiguous_with.iter().any(same)
     }
 
-    /// Whether a named effect is that one, or it at another place within its site where the records are said not to tell which.
+    /// Whether a named effect is that one, or it at another place within its site where the records
+    /// are said not to tell which.
     fn meant(&self, truth: &Effect, named: &Named) -> bool {
         named.is(truth) || (named.named_as(truth) && self.says_rival(truth))
     }
@@ -289,7 +311,11 @@ impl Answer {
 fn naming(truth: &Effect, answer: Option<&Answer>) -> Naming {
     let Some(answer) = answer else { return Naming::NoAnswer };
     let Some(first) = answer.effects.first() else {
-        return if answer.verdict == "unlisted" || answer.remains { Naming::Unlisted } else { Naming::Missed };
+        return if answer.verdict == "unlisted" || answer.remains {
+            Naming::Unlisted
+        } else {
+            Naming::Missed
+        };
     };
     if answer.verdict == "ambiguous" && (first.is(truth) || answer.says_rival(truth)) {
         Naming::Ambiguous
@@ -324,8 +350,10 @@ pub fn variable(text: &str) -> Option<Variable> {
 }
 
 fn over_floor(answer: &Answer) -> Option<f64> {
-    let ratios =
-        answer.error.values().filter_map(|errors| Some(errors.after? / errors.floor.filter(|floor| *floor > 0.0)?));
+    let ratios = answer
+        .error
+        .values()
+        .filter_map(|errors| Some(errors.after? / errors.floor.filter(|floor| *floor > 0.0)?));
     ratios.reduce(f64::max)
 }
 
@@ -341,9 +369,15 @@ fn drop(answer: &Answer, from: impl Fn(&Errors) -> Option<f64>) -> Option<f64> {
 }
 
 /// Relative error of the effective and of the raw size.
-fn size_error(truth: &Truth, effect: &Effect, found: &Named, answer: &Answer) -> Option<(f64, f64)> {
+fn size_error(
+    truth: &Truth,
+    effect: &Effect,
+    found: &Named,
+    answer: &Answer,
+) -> Option<(f64, f64)> {
     let own = effect.parameters.0.first()?;
-    let lookup = |name: &str| found.parameters.iter().find(|parameter| parameter.name == name)?.value;
+    let lookup =
+        |name: &str| found.parameters.iter().find(|parameter| parameter.name == name)?.value;
     let first = lookup(&own.name).or_else(|| found.parameters.first()?.value)?;
     let mut fitted = Machine::declared();
     for parameter in &answer.parameters {

@@ -1,8 +1,8 @@
 //! How dry friction passes through zero speed.
 //!
-//! A simulator with ordinary steps cannot have friction that jumps; it has `F g(v/v_e)` with `g` from -1 to 1. Nobody knows the
-//! shape of `g` in a real machine, so cases differ in it: half of the clean ones have a shape that the model under
-//! test does not offer (its own is the root).
+//! A simulator with ordinary steps cannot have friction that jumps; it has `F g(v/v_e)` with `g`
+//! from -1 to 1. Nobody knows the shape of `g` in a real machine, so cases differ in it: half of
+//! the clean ones have a shape that the model under test does not offer (its own is the root).
 
 use serde::{Deserialize, Serialize};
 
@@ -23,8 +23,8 @@ pub enum Shape {
     Hyperbola,
     /// `(2/π) atan(π x/2)`: a longer one.
     Arctangent,
-    /// `x/√(1 + x²)`, and the static value is reached only at some speed: friction starts rounded and without the full peak
-    /// of the falling branch, `1 - 0.15 exp(-|x|/4)`.
+    /// `x/√(1 + x²)`, and the static value is reached only at some speed: friction starts rounded
+    /// and without the full peak of the falling branch, `1 - 0.15 exp(-|x|/4)`.
     RoundedStart,
 }
 
@@ -50,8 +50,13 @@ impl Smoothing {
 
     /// Of the other half of the clean cases: a shape that the model does not have.
     pub fn foreign(draw: &mut Draw) -> Self {
-        let shape =
-            draw.choose(&[Shape::Tanh, Shape::Quartic, Shape::Hyperbola, Shape::Arctangent, Shape::RoundedStart]);
+        let shape = draw.choose(&[
+            Shape::Tanh,
+            Shape::Quartic,
+            Shape::Hyperbola,
+            Shape::Arctangent,
+            Shape::RoundedStart,
+        ]);
         Self { shape, speed_rad_s: draw.log_uniform(0.03, 0.12) }
     }
 
@@ -64,8 +69,12 @@ impl Smoothing {
             Shape::Tanh => x.tanh(),
             Shape::Quartic => x / (1.0 + x.powi(4)).sqrt().sqrt(),
             Shape::Hyperbola => x / (1.0 + x.abs()),
-            Shape::Arctangent => (std::f64::consts::FRAC_PI_2 * x).atan() * std::f64::consts::FRAC_2_PI,
-            Shape::RoundedStart => x / (1.0 + x * x).sqrt() * (1.0 - 0.15 * (-0.25 * x.abs()).exp()),
+            Shape::Arctangent => {
+                (std::f64::consts::FRAC_PI_2 * x).atan() * std::f64::consts::FRAC_2_PI
+            }
+            Shape::RoundedStart => {
+                x / (1.0 + x * x).sqrt() * (1.0 - 0.15 * (-0.25 * x.abs()).exp())
+            }
         }
     }
 }
@@ -76,8 +85,14 @@ mod tests {
 
     #[test]
     fn odd_bounded_and_no_steeper_than_one() {
-        let shapes =
-            [Shape::Root, Shape::Tanh, Shape::Quartic, Shape::Hyperbola, Shape::Arctangent, Shape::RoundedStart];
+        let shapes = [
+            Shape::Root,
+            Shape::Tanh,
+            Shape::Quartic,
+            Shape::Hyperbola,
+            Shape::Arctangent,
+            Shape::RoundedStart,
+        ];
         for shape in shapes {
             let smoothing = Smoothing { shape, speed_rad_s: 0.1 };
             let mut last = 0.0;

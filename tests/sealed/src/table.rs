@@ -1,4 +1,5 @@
-//! The table of a campaign: counts with Wilson's 95 % bounds, medians and percentiles, and a row for each effect.
+//! The table of a campaign: counts with Wilson's 95 % bounds, medians and percentiles, and a row
+//! for each effect.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -101,7 +102,8 @@ pub struct Table {
 pub fn table(scores: &[Score]) -> Table {
     let mut rows = Vec::new();
     let all = |set: Set| scores.iter().filter(|score| score.set == set).collect::<Vec<_>>();
-    let seen = |set: Set| all(set).into_iter().filter(|score| score.detectable).collect::<Vec<&Score>>();
+    let seen =
+        |set: Set| all(set).into_iter().filter(|score| score.detectable).collect::<Vec<&Score>>();
     let mut share = |set: Set, what: &str, bar: &'static str, share: Share| {
         let (what, found) = (what.to_owned(), share.to_string());
         rows.push(Row { set: set.name(), what, bar, found, share: Some(share), value: None });
@@ -113,36 +115,81 @@ pub fn table(scores: &[Score]) -> Table {
         }
         share(set, "a verdict at all", "", Share::of(&cases, |score| score.end == End::Done));
         if set != Set::Clean {
-            share(set, "detectable (all rows below are of these)", "", Share::of(&cases, |score| score.detectable));
+            share(
+                set,
+                "detectable (all rows below are of these)",
+                "",
+                Share::of(&cases, |score| score.detectable),
+            );
         }
         let seen = seen(set);
         // What must not happen is counted over the cases that had an answer: silence is no merit.
-        let told: Vec<&Score> = seen.iter().copied().filter(|score| score.end == End::Done).collect();
+        let told: Vec<&Score> =
+            seen.iter().copied().filter(|score| score.end == End::Done).collect();
         match set {
             Set::Listed => {
-                let naming = |naming: Naming| Share::of(&seen, |score| score.naming == Some(naming));
+                let naming =
+                    |naming: Naming| Share::of(&seen, |score| score.naming == Some(naming));
                 let wrong = |naming: Naming| Share::of(&told, |score| score.naming == Some(naming));
                 share(set, "right name first (id and site)", ">= 95 %", naming(Naming::Right));
-                share(set, "ambiguous, the truth among at most two", "counted apart", naming(Naming::Ambiguous));
+                share(
+                    set,
+                    "ambiguous, the truth among at most two",
+                    "counted apart",
+                    naming(Naming::Ambiguous),
+                );
                 share(
                     set,
                     "right or ambiguous with the truth",
                     "",
-                    Share::of(&seen, |score| matches!(score.naming, Some(Naming::Right | Naming::Ambiguous))),
+                    Share::of(&seen, |score| {
+                        matches!(score.naming, Some(Naming::Right | Naming::Ambiguous))
+                    }),
                 );
                 share(set, "wrong name first (of those answered)", "<= 2 %", wrong(Naming::Wrong));
-                share(set, "right id at another site (likewise)", "(in the 2 %)", wrong(Naming::WrongSite));
+                share(
+                    set,
+                    "right id at another site (likewise)",
+                    "(in the 2 %)",
+                    wrong(Naming::WrongSite),
+                );
                 share(set, "said to have no name", "", naming(Naming::Unlisted));
                 share(set, "missed", "", naming(Naming::Missed));
                 share(set, "no answer", "", naming(Naming::NoAnswer));
-                share(set, "named more than the one effect", "", Share::of(&seen, |score| score.named.len() > 1));
+                share(
+                    set,
+                    "named more than the one effect",
+                    "",
+                    Share::of(&seen, |score| score.named.len() > 1),
+                );
             }
             Set::Clean => {
-                let (plain, foreign): (Vec<&Score>, Vec<&Score>) = told.iter().partition(|score| score.index % 2 == 0);
-                share(set, "false alarms (of those answered)", "0", Share::of(&told, |score| score.alarm));
-                share(set, "... with the model's own smoothing", "0", Share::of(&plain, |score| score.alarm));
-                share(set, "... with a smoothing it does not have", "0", Share::of(&foreign, |score| score.alarm));
-                share(set, "... that named an effect", "0", Share::of(&told, |score| !score.named.is_empty()));
+                let (plain, foreign): (Vec<&Score>, Vec<&Score>) =
+                    told.iter().partition(|score| score.index % 2 == 0);
+                share(
+                    set,
+                    "false alarms (of those answered)",
+                    "0",
+                    Share::of(&told, |score| score.alarm),
+                );
+                share(
+                    set,
+                    "... with the model's own smoothing",
+                    "0",
+                    Share::of(&plain, |score| score.alarm),
+                );
+                share(
+                    set,
+                    "... with a smoothing it does not have",
+                    "0",
+                    Share::of(&foreign, |score| score.alarm),
+                );
+                share(
+                    set,
+                    "... that named an effect",
+                    "0",
+                    Share::of(&told, |score| !score.named.is_empty()),
+                );
             }
             Set::Unlisted => {
                 share(set, "flagged", ">= 95 %", Share::of(&seen, |score| score.flagged));
@@ -158,11 +205,26 @@ pub fn table(scores: &[Score]) -> Table {
                     "",
                     Share::of(&told, |score| !score.named.is_empty() && !score.flagged),
                 );
-                share(set, "right site", ">= 85 %", Share::of(&seen, |score| score.site_right == Some(true)));
-                share(set, "right variable", ">= 60 %", Share::of(&seen, |score| score.variable_right == Some(true)));
+                share(
+                    set,
+                    "right site",
+                    ">= 85 %",
+                    Share::of(&seen, |score| score.site_right == Some(true)),
+                );
+                share(
+                    set,
+                    "right variable",
+                    ">= 60 %",
+                    Share::of(&seen, |score| score.variable_right == Some(true)),
+                );
             }
             Set::Pairs => {
-                share(set, "both named", ">= 80 %", Share::of(&seen, |score| score.both == Some(true)));
+                share(
+                    set,
+                    "both named",
+                    ">= 80 %",
+                    Share::of(&seen, |score| score.both == Some(true)),
+                );
                 share(
                     set,
                     "a false third (of those answered)",
@@ -177,23 +239,34 @@ pub fn table(scores: &[Score]) -> Table {
 }
 
 fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
-    let mut number =
-        |set: &'static str, what: &str, bar: &'static str, value: Option<f64>, found: String, share: Option<Share>| {
-            rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
-        };
+    let mut number = |set: &'static str,
+                      what: &str,
+                      bar: &'static str,
+                      value: Option<f64>,
+                      found: String,
+                      share: Option<Share>| {
+        rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
+    };
     let listed = seen(Set::Listed);
     let pairs = seen(Set::Pairs);
     let plain = |value: f64| format!("{value:.3}");
     let percent = |value: f64| format!("{:.2} %", 100.0 * value);
-    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or_else(|| "none".to_owned(), text);
-    // A case without an answer or without a floor does not hold the bar, and is behind all that have a number.
+    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| {
+        value.map_or_else(|| "none".to_owned(), text)
+    };
+    // A case without an answer or without a floor does not hold the bar, and is behind all that
+    // have a number.
     let over: Vec<Option<f64>> =
         listed.iter().map(|score| score.over_floor.filter(|ratio| ratio.is_finite())).collect();
     if !over.is_empty() {
         let without = over.iter().filter(|ratio| ratio.is_none()).count();
-        let missing =
-            if without > 0 { format!(", {without} of them without an answer or a floor") } else { String::new() };
-        let within = Share::new(over.iter().flatten().filter(|ratio| **ratio <= 1.4).count(), over.len());
+        let missing = if without > 0 {
+            format!(", {without} of them without an answer or a floor")
+        } else {
+            String::new()
+        };
+        let within =
+            Share::new(over.iter().flatten().filter(|ratio| **ratio <= 1.4).count(), over.len());
         number(
             "listed",
             "error at most 1.4 repeat floors",
@@ -211,7 +284,14 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
     number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain), None);
     let from_file: Vec<f64> = listed.iter().filter_map(|score| score.drop_from_file).collect();
     if let Some(median) = quantile(&from_file, 0.5) {
-        number("listed", "drop from what the rig file leaves as it is, median", "", Some(median), plain(median), None);
+        number(
+            "listed",
+            "drop from what the rig file leaves as it is, median",
+            "",
+            Some(median),
+            plain(median),
+            None,
+        );
     }
     let first = |errors: &[f64]| errors.first().copied().filter(|error| error.is_finite());
     // One effect a case: the size of another name is no size of this one.
@@ -227,15 +307,26 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
         number("listed", what, bar, value, of_all(value, values, &percent), None);
     }
     let named: Vec<f64> = sizes.iter().flatten().copied().collect();
-    for (what, at) in
-        [("... of those rightly named, median", 0.5), ("... of those rightly named, 90th percentile", 0.9)]
-    {
+    for (what, at) in [
+        ("... of those rightly named, median", 0.5),
+        ("... of those rightly named, 90th percentile", 0.9),
+    ] {
         let value = quantile(&named, at);
-        number("listed", what, "", value, format!("{} (n = {})", put(value, &percent), named.len()), None);
+        number(
+            "listed",
+            what,
+            "",
+            value,
+            format!("{} (n = {})", put(value, &percent), named.len()),
+            None,
+        );
     }
     for (set, cases, bar) in [("listed", &listed, "<= 30 s"), ("pairs", &pairs, "<= 60 s")] {
-        let seconds: Vec<f64> =
-            cases.iter().filter(|score| score.end != End::Failed).map(|score| score.seconds).collect();
+        let seconds: Vec<f64> = cases
+            .iter()
+            .filter(|score| score.end != End::Failed)
+            .map(|score| score.seconds)
+            .collect();
         let median = quantile(&seconds, 0.5);
         number(
             set,
@@ -289,7 +380,8 @@ fn of_all(quantile: Option<f64>, values: &[Option<f64>], text: &dyn Fn(f64) -> S
     format!("{shown} (n = {}{missing})", values.len())
 }
 
-/// [`quantile`] over all cases, those without a value behind all others; `None` where it falls on or between those.
+/// [`quantile`] over all cases, those without a value behind all others; `None` where it falls on
+/// or between those.
 fn quantile_of_all(values: &[Option<f64>], share: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
     sorted.sort_by(f64::total_cmp);
@@ -326,7 +418,8 @@ impl fmt::Display for Table {
         }
         writeln!(f)?;
         for (name, row) in &self.by_effect {
-            let mut text = format!("{name:36} {:3} cases, {:3} detectable", row.cases, row.detectable);
+            let mut text =
+                format!("{name:36} {:3} cases, {:3} detectable", row.cases, row.detectable);
             for (said, count) in &row.said {
                 write!(text, ", {count} {said}")?;
             }

@@ -1,4 +1,5 @@
-//! Campaigns with a program that answers what it is told: what is gone on after, what is not, and what is printed.
+//! Campaigns with a program that answers what it is told: what is gone on after, what is not, and
+//! what is printed.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::fs;
@@ -9,10 +10,8 @@ use std::process::Command;
 use serde_json::{Value, json};
 
 /// Arguments: identify --rig RIG --json FILE --jobs N RECORDS...
-const ALARM: &str =
-    r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && echo '{"verdict":"unlisted"}' > "$5""#;
-const FAILING: &str =
-    "[ \"$1\" = --version ] && echo 'farreach 9' && exit; echo 'kind hydrostatic: known: drive' >&2; exit 1";
+const ALARM: &str = r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && echo '{"verdict":"unlisted"}' > "$5""#;
+const FAILING: &str = "[ \"$1\" = --version ] && echo 'farreach 9' && exit; echo 'kind hydrostatic: known: drive' >&2; exit 1";
 
 fn program(folder: &Path, text: &str) -> PathBuf {
     let path = folder.join("answers");
@@ -23,7 +22,11 @@ fn program(folder: &Path, text: &str) -> PathBuf {
 
 /// Standard output and standard error of a campaign in a folder; what it said where it failed.
 fn campaign(folder: &Path, arguments: &[&str]) -> Result<(String, String), String> {
-    let output = Command::new(env!("CARGO_BIN_EXE_campaign")).current_dir(folder).args(arguments).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_campaign"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap();
     let [out, said] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
     if output.status.success() { Ok((out, said)) } else { Err(said) }
 }
@@ -33,9 +36,21 @@ fn clean(folder: &Path, cases: usize, more: &[&str]) -> (String, String) {
     let cases = cases.to_string();
     let rig = folder.join("rig.toml");
     if !rig.exists() {
-        fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"), &rig).unwrap();
+        fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"), &rig)
+            .unwrap();
     }
-    let arguments = ["--listed", "0", "--unlisted", "0", "--pairs", "0", "--clean", &cases, "--farreach", "./answers"];
+    let arguments = [
+        "--listed",
+        "0",
+        "--unlisted",
+        "0",
+        "--pairs",
+        "0",
+        "--clean",
+        &cases,
+        "--farreach",
+        "./answers",
+    ];
     campaign(folder, &[&arguments[..], &["--rig", "rig.toml"], more].concat()).unwrap()
 }
 
@@ -80,7 +95,8 @@ fn a_campaign_survives_a_program_that_fails() {
     assert_eq!(case["message"], json!("kind hydrostatic: known: drive"));
 }
 
-/// Another build, limit, number of jobs, rig or choice of effects begins anew in the same file, and it is said what was another.
+/// Another build, limit, number of jobs, rig or choice of effects begins anew in the same file, and
+/// it is said what was another.
 #[test]
 fn a_changed_configuration_is_not_gone_on_after() {
     let folder = tempfile::tempdir().unwrap();
@@ -88,7 +104,12 @@ fn a_changed_configuration_is_not_gone_on_after() {
     clean(folder.path(), 1, &[]);
     let anew = |more: &[&str], what: &str, count: usize| {
         let (text, said) = clean(folder.path(), 1, more);
-        assert!(said.contains(&format!("1 lines of seed 1 are not gone on after, the {what} was another")), "{said}");
+        assert!(
+            said.contains(&format!(
+                "1 lines of seed 1 are not gone on after, the {what} was another"
+            )),
+            "{said}"
+        );
         assert!(text.contains("seed 1, 1 cases"), "{text}");
         assert_eq!(lines(folder.path()).len(), count);
     };
@@ -119,7 +140,8 @@ fn one_table_a_program() {
         for index in 0..count {
             let mut line = all[index].clone();
             let fields = line.as_object_mut().unwrap();
-            for name in ["program", "program_hash", "rig_hash", "limit_s", "jobs", "unlisted_kinds"] {
+            for name in ["program", "program_hash", "rig_hash", "limit_s", "jobs", "unlisted_kinds"]
+            {
                 fields.remove(name);
             }
             if let Some(program) = program {
@@ -133,13 +155,21 @@ fn one_table_a_program() {
     assert_eq!(text.matches("a verdict at all").count(), 3, "{text}");
     assert_eq!(text.matches("seed 1, 2 cases").count(), 2, "{text}");
     assert!(!text.contains("seed 1, 5 cases") && text.contains("limit-s not recorded"), "{text}");
-    let (text, _) = campaign(folder.path(), &["--only-print", "--program", "(older)", "--json", "table.json"]).unwrap();
-    assert!(text.starts_with("farreach 1 (older);") && text.matches("a verdict at all").count() == 1, "{text}");
+    let (text, _) =
+        campaign(folder.path(), &["--only-print", "--program", "(older)", "--json", "table.json"])
+            .unwrap();
+    assert!(
+        text.starts_with("farreach 1 (older);") && text.matches("a verdict at all").count() == 1,
+        "{text}"
+    );
     assert_eq!(table(folder.path())["programs"], json!(["farreach 1 (older)"]));
     let said = campaign(folder.path(), &["--only-print", "--json", "table.json"]).unwrap_err();
     assert!(said.contains("has 3; choose with --program"), "{said}");
     let said = campaign(folder.path(), &["--only-print", "--program", "farreach 2"]).unwrap_err();
-    assert!(said.contains("no such lines of seed 1") && said.contains("farreach 1 (older)"), "{said}");
+    assert!(
+        said.contains("no such lines of seed 1") && said.contains("farreach 1 (older)"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -153,7 +183,8 @@ fn a_case_counts_once() {
     write_lines(folder.path(), &all);
     let said = campaign(folder.path(), &["--only-print"]).unwrap_err();
     assert!(said.contains(duplicate) && said.contains("on line 1 already"), "{said}");
-    let said = campaign(folder.path(), &["--farreach", "./answers", "--rig", "rig.toml"]).unwrap_err();
+    let said =
+        campaign(folder.path(), &["--farreach", "./answers", "--rig", "rig.toml"]).unwrap_err();
     assert!(said.contains(duplicate), "nor is it gone on after: {said}");
     // Another seed is another case.
     all[2]["seed"] = json!(2);
@@ -171,8 +202,13 @@ fn a_program_that_changes_meanwhile_is_not_counted() {
         folder.path().join("rig.toml"),
     )
     .unwrap();
-    let arguments = ["--listed", "0", "--unlisted", "0", "--pairs", "0", "--clean", "1", "--rig", "rig.toml"];
-    let said = campaign(folder.path(), &[&arguments[..], &["--farreach", "./answers"]].concat()).unwrap_err();
-    assert!(said.contains("clean-001 is not counted: the program file changed while the campaign ran"), "{said}");
+    let arguments =
+        ["--listed", "0", "--unlisted", "0", "--pairs", "0", "--clean", "1", "--rig", "rig.toml"];
+    let said = campaign(folder.path(), &[&arguments[..], &["--farreach", "./answers"]].concat())
+        .unwrap_err();
+    assert!(
+        said.contains("clean-001 is not counted: the program file changed while the campaign ran"),
+        "{said}"
+    );
     assert!(lines(folder.path()).is_empty());
 }

@@ -16,12 +16,19 @@ fn a_case_follows_from_its_seed() {
     let again = unjudged(Set::Pairs, 3, 11, Kinds::All, &[]).unwrap();
     assert_eq!(case.truth, again.truth);
     assert_eq!(case.records, again.records);
-    assert_ne!(unjudged(Set::Pairs, 3, 12, Kinds::All, &[]).unwrap().truth.machine, case.truth.machine);
+    assert_ne!(
+        unjudged(Set::Pairs, 3, 12, Kinds::All, &[]).unwrap().truth.machine,
+        case.truth.machine
+    );
     assert!((8..=10).contains(&case.records.len()));
     let [one, other] = &case.truth.effects[..] else { panic!("two effects") };
     assert!(one.site != other.site && one.id != other.id);
     assert!(case.truth.records.iter().filter(|plan| plan.hand_seed.is_some()).count() >= 2);
-    let repeats = case.truth.records.iter().filter(|plan| plan.reference_seed == case.truth.records[0].reference_seed);
+    let repeats = case
+        .truth
+        .records
+        .iter()
+        .filter(|plan| plan.reference_seed == case.truth.records[0].reference_seed);
     assert!(repeats.count() >= 2, "a repeat, for the floor");
     for (number, record) in case.records.iter().enumerate() {
         assert_eq!(record.start_s, 15.0 * number as f64);
@@ -35,16 +42,22 @@ fn a_written_case_has_its_records_and_its_truth() {
     let case = unjudged(Set::Clean, 1, 5, Kinds::All, &[]).unwrap();
     case.write(folder.path()).unwrap();
     let truth: sealed::case::Truth =
-        serde_json::from_str(&std::fs::read_to_string(folder.path().join("truth.json")).unwrap()).unwrap();
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("truth.json")).unwrap())
+            .unwrap();
     assert_eq!(truth, case.truth);
-    assert_ne!(truth.smoothing.shape, Shape::Root, "every second clean case has a foreign smoothing");
+    assert_ne!(
+        truth.smoothing.shape,
+        Shape::Root,
+        "every second clean case has a foreign smoothing"
+    );
     let text = std::fs::read_to_string(folder.path().join(&truth.records[1].file)).unwrap();
     assert_eq!(text.lines().next(), Some("t_s,motor_v,master_rad,slave_rad,slave_torque_nm"));
     assert_eq!(text.lines().count(), 20_001);
     assert!(text.lines().nth(1).unwrap().starts_with("15.0000,"), "time goes on over the records");
 }
 
-/// Every pair that the set of pairs can draw, in either order: each has room, and its first sample is a number.
+/// Every pair that the set of pairs can draw, in either order: each has room, and its first sample
+/// is a number.
 #[test]
 fn every_pair_can_be_built() {
     let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
@@ -63,7 +76,10 @@ fn every_pair_can_be_built() {
         }
     }
     assert!(pairs > 1000, "{pairs} pairs");
-    assert!((41..=MOST).contains(&most), "dead time of the line beside an effect with a state: {most} states");
+    assert!(
+        (41..=MOST).contains(&most),
+        "dead time of the line beside an effect with a state: {most} states"
+    );
 }
 
 /// Two seconds with a hand and noise from the same seed, with the effect and without it.
@@ -97,7 +113,11 @@ fn every_effect_leaves_its_mark() {
         let largest = change.into_iter().fold(0.0, f64::max);
         assert!(largest > 1.0, "{}: {change:?} times the noise", effect.name());
         for column in [&with.master_rad, &with.slave_rad, &with.slave_torque_nm, &with.motor_v] {
-            assert!(column.iter().all(|value| value.is_finite() && value.abs() < 20.0), "{} runs away", effect.name());
+            assert!(
+                column.iter().all(|value| value.is_finite() && value.abs() < 20.0),
+                "{} runs away",
+                effect.name()
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Which effects on no list a campaign draws from: the earlier ones stay what they were, and the others are a set by themselves.
+//! Which effects on no list a campaign draws from: the earlier ones stay what they were, and the
+//! others are a set by themselves.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeSet;
@@ -10,8 +11,8 @@ fn case(index: usize, kinds: Kinds) -> Case {
     unjudged(Set::Unlisted, index, 1, kinds, &[]).unwrap()
 }
 
-/// Cases of seed 1 as they were before there were others: name, numbers, bulk modulus (Pa), and of the second record at rows 400 and
-/// 1200 the volts, master and slave (rad).
+/// Cases of seed 1 as they were before there were others: name, numbers, bulk modulus (Pa), and of
+/// the second record at rows 400 and 1200 the volts, master and slave (rad).
 type Known = (usize, &'static str, &'static [f64], f64, [[f64; 3]; 2]);
 
 const KNOWN: [Known; 4] = [
@@ -65,7 +66,12 @@ fn old_cases_are_what_they_were() {
         assert_eq!(effect.name(), name);
         assert_eq!(effect.parameters.0.len(), numbers.len());
         for (value, known) in effect.parameters.0.iter().zip(numbers) {
-            assert!((value.value / known - 1.0).abs() < 1e-12, "{index}: {} {}", value.name, value.value);
+            assert!(
+                (value.value / known - 1.0).abs() < 1e-12,
+                "{index}: {} {}",
+                value.name,
+                value.value
+            );
         }
         assert!((case.truth.machine["bulk_modulus_pa"] / bulk_modulus_pa - 1.0).abs() < 1e-12);
         let record = &case.records[1];
@@ -83,7 +89,8 @@ fn old_cases_are_what_they_were() {
 
 #[test]
 fn all_begins_with_the_old_ones_and_new_has_none_of_them() {
-    let names = |kinds: Kinds| -> Vec<&str> { unlisted(kinds).iter().map(|entry| entry.id).collect() };
+    let names =
+        |kinds: Kinds| -> Vec<&str> { unlisted(kinds).iter().map(|entry| entry.id).collect() };
     let (old, new, all) = (names(Kinds::Old), names(Kinds::New), names(Kinds::All));
     assert_eq!(all, [old.clone(), new.clone()].concat());
     let common: BTreeSet<&&str> = old.iter().filter(|id| new.contains(id)).collect();
@@ -103,7 +110,10 @@ fn new_ones_can_be_seen() {
         let case = make(Set::Unlisted, index, 9, Kinds::New, &[]).unwrap();
         let (effect, seen) = (&case.truth.effects[0], &case.truth.detectability[0]);
         assert!(seen.detectable(), "{} {:?}: {seen:?}", effect.name(), effect.parameters);
-        let angles = case.records.iter().flat_map(|record| record.master_rad.iter().chain(&record.slave_rad));
+        let angles = case
+            .records
+            .iter()
+            .flat_map(|record| record.master_rad.iter().chain(&record.slave_rad));
         let largest = angles.fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
         assert!(largest < 2.0, "{} goes to {largest} rad", effect.name());
     }

@@ -9,7 +9,13 @@ use sealed::table::{Table, table as table_of};
 use serde_json::{Value, json};
 
 fn seen(gain: f64) -> Detectability {
-    Detectability { floor: [1e-3; 3], without: [1e-2; 3], refitted: [1e-3 * (1.0 + gain); 3], gain, channel: 0 }
+    Detectability {
+        floor: [1e-3; 3],
+        without: [1e-2; 3],
+        refitted: [1e-3 * (1.0 + gain); 3],
+        gain,
+        channel: 0,
+    }
 }
 
 /// The truth about the first case of a set whose effects are these, at their drawn sizes.
@@ -22,7 +28,11 @@ fn truth(set: Set, effects: &[&str]) -> Truth {
 
 fn judged(truth: &Truth, answer: Value) -> Score {
     let answer: Answer = serde_json::from_value(answer).unwrap();
-    score(truth, Some(&answer), &Run { end: End::Done, code: Some(0), message: String::new(), seconds: 12.0 })
+    score(
+        truth,
+        Some(&answer),
+        &Run { end: End::Done, code: Some(0), message: String::new(), seconds: 12.0 },
+    )
 }
 
 fn named(id: &str, site: &str) -> Value {
@@ -35,8 +45,14 @@ fn names_are_right_ambiguous_or_wrong() {
     let naming = |answer: Value| judged(&truth, answer).naming.unwrap();
     let right = named("backlash", "slave");
     assert_eq!(naming(json!({ "verdict": "effect", "effects": [right] })), Naming::Right);
-    assert_eq!(naming(json!({ "verdict": "effect", "effects": [named("backlash", "line")] })), Naming::WrongSite);
-    assert_eq!(naming(json!({ "verdict": "effect", "effects": [named("leakage", "line"), right] })), Naming::Wrong);
+    assert_eq!(
+        naming(json!({ "verdict": "effect", "effects": [named("backlash", "line")] })),
+        Naming::WrongSite
+    );
+    assert_eq!(
+        naming(json!({ "verdict": "effect", "effects": [named("leakage", "line"), right] })),
+        Naming::Wrong
+    );
     assert_eq!(naming(json!({ "verdict": "none" })), Naming::Missed);
     assert_eq!(naming(json!({ "verdict": "unlisted" })), Naming::Unlisted);
     let rivals = |rivals: Value| json!({ "verdict": "ambiguous", "effects": [named("leakage", "line")], "ambiguous_with": rivals });
@@ -46,7 +62,10 @@ fn names_are_right_ambiguous_or_wrong() {
     assert_eq!(naming(rivals(three)), Naming::Wrong, "at most two");
     let failed = Run { end: End::Failed, code: Some(1), message: "kind".to_owned(), seconds: 0.1 };
     let nothing = score(&truth, None, &failed);
-    assert_eq!((nothing.naming, nothing.alarm, nothing.flagged), (Some(Naming::NoAnswer), false, false));
+    assert_eq!(
+        (nothing.naming, nothing.alarm, nothing.flagged),
+        (Some(Naming::NoAnswer), false, false)
+    );
 }
 
 /// An eccentric disc as identify names it, at an encoder.
@@ -65,7 +84,9 @@ fn the_wrong_encoder_is_another_place() {
     let judged = |verdict: &str, effect: &Value, rivals: Value| {
         judged(&truth, json!({ "verdict": verdict, "effects": [effect], "ambiguous_with": rivals }))
     };
-    let naming = |verdict: &str, effect: &Value, rivals: Value| judged(verdict, effect, rivals).naming.unwrap();
+    let naming = |verdict: &str, effect: &Value, rivals: Value| {
+        judged(verdict, effect, rivals).naming.unwrap()
+    };
     assert_eq!(naming("effect", &right, json!([])), Naming::Right);
     assert_eq!(naming("effect", &wrong, json!([])), Naming::WrongSite);
     assert_eq!(naming("effect", &untold, json!([])), Naming::WrongSite, "not told is not right");
@@ -73,15 +94,28 @@ fn the_wrong_encoder_is_another_place() {
     assert_eq!(naming("effect", &wrong, json!([untold])), Naming::WrongSite);
     assert_eq!(naming("ambiguous", &wrong, json!([untold])), Naming::Ambiguous);
     assert_eq!(naming("ambiguous", &wrong, json!([right])), Naming::Ambiguous);
-    assert_eq!(naming("ambiguous", &wrong, json!([wrong])), Naming::WrongSite, "the rival is the same wrong one");
+    assert_eq!(
+        naming("ambiguous", &wrong, json!([wrong])),
+        Naming::WrongSite,
+        "the rival is the same wrong one"
+    );
     assert_eq!(naming("ambiguous", &wrong, json!([named("backlash", "slave")])), Naming::WrongSite);
     assert_eq!(naming("ambiguous", &right, json!([untold])), Naming::Ambiguous);
-    assert_eq!(naming("ambiguous", &named("backlash", "slave"), json!([untold])), Naming::Ambiguous);
+    assert_eq!(
+        naming("ambiguous", &named("backlash", "slave"), json!([untold])),
+        Naming::Ambiguous
+    );
     assert_eq!(judged("effect", &right, json!([])).size_errors.len(), 1);
-    assert!(judged("effect", &wrong, json!([])).size_errors.is_empty(), "no size of what is not there");
+    assert!(
+        judged("effect", &wrong, json!([])).size_errors.is_empty(),
+        "no size of what is not there"
+    );
     assert!(judged("ambiguous", &wrong, json!([untold])).size_errors.is_empty());
     let table = table_of(&[judged("effect", &wrong, json!([]))]);
-    assert_eq!(table.by_effect["encoder_eccentricity@sensor"].instead["encoder_eccentricity@sensor, elsewhere"], 1);
+    assert_eq!(
+        table.by_effect["encoder_eccentricity@sensor"].instead["encoder_eccentricity@sensor, elsewhere"],
+        1
+    );
 }
 
 #[test]
@@ -90,7 +124,10 @@ fn the_wrong_encoder_of_a_pair_is_no_hit() {
     let is = truth.effects[1].parameters.get("on_master");
     let judged = |verdict: &str, on_master: f64, rivals: Value| {
         let effects = [named("backlash", "slave"), eccentric(on_master)];
-        let score = judged(&truth, json!({ "verdict": verdict, "effects": effects, "ambiguous_with": rivals }));
+        let score = judged(
+            &truth,
+            json!({ "verdict": verdict, "effects": effects, "ambiguous_with": rivals }),
+        );
         (score.both.unwrap(), score.false_third.unwrap())
     };
     let untold = named("encoder_eccentricity", "sensor");
@@ -106,11 +143,11 @@ fn sizes_are_compared_as_totals_where_they_share() {
     let truth = truth(Set::Listed, &["coulomb_friction@master"]);
     let added = truth.effects[0].parameters.get("level");
     let coulomb = truth.machine["motor_coulomb_nm"];
-    let piston = ["master_piston_kinetic_friction_n", "master_pulley_radius_m"].map(|name| truth.machine[name]);
+    let piston = ["master_piston_kinetic_friction_n", "master_pulley_radius_m"]
+        .map(|name| truth.machine[name]);
     // A fifth of what was added is taken for motor friction: the total stays.
     let answer = |level: f64, base: f64| {
-        let effect =
-            json!({ "id": "coulomb_friction", "site": "master", "parameters": [{ "name": "level", "value": level }] });
+        let effect = json!({ "id": "coulomb_friction", "site": "master", "parameters": [{ "name": "level", "value": level }] });
         json!({ "verdict": "effect", "effects": [effect], "parameters": [
             { "name": "motor_coulomb_nm", "fitted": base },
             { "name": "master_piston_kinetic_friction_n", "fitted": piston[0] },
@@ -129,13 +166,25 @@ fn sizes_are_compared_as_totals_where_they_share() {
 fn unlisted_ones_need_flag_site_and_variable() {
     let truth = truth(Set::Unlisted, &["detent@slave"]);
     let told = |site: &str, on: &str| {
-        judged(&truth, json!({ "verdict": "unlisted", "unlisted": { "site": site, "depends_on": on, "table": [] } }))
+        judged(
+            &truth,
+            json!({ "verdict": "unlisted", "unlisted": { "site": site, "depends_on": on, "table": [] } }),
+        )
     };
     let right = told("slave", "slave_position");
-    assert_eq!((right.flagged, right.site_right, right.variable_right), (true, Some(true), Some(true)));
+    assert_eq!(
+        (right.flagged, right.site_right, right.variable_right),
+        (true, Some(true), Some(true))
+    );
     let wrong = told("line", "slave velocity (rad/s)");
-    assert_eq!((wrong.flagged, wrong.site_right, wrong.variable_right), (true, Some(false), Some(false)));
-    let missed = judged(&truth, json!({ "verdict": "effect", "effects": [named("gravity_imbalance", "slave")] }));
+    assert_eq!(
+        (wrong.flagged, wrong.site_right, wrong.variable_right),
+        (true, Some(false), Some(false))
+    );
+    let missed = judged(
+        &truth,
+        json!({ "verdict": "effect", "effects": [named("gravity_imbalance", "slave")] }),
+    );
     assert_eq!((missed.flagged, missed.site_right), (false, Some(false)));
 }
 
@@ -167,7 +216,8 @@ fn two_effects_and_errors() {
         "slave_rad": { "before": 2e-2, "after": 6e-4, "floor": 5e-4 },
         "slave_torque_nm": { "before": 1.0, "after": 1.0, "floor": null },
     });
-    let effects = [named("torque_ripple", "drive"), named("backlash", "slave"), named("leakage", "line")];
+    let effects =
+        [named("torque_ripple", "drive"), named("backlash", "slave"), named("leakage", "line")];
     let three = judged(&truth, json!({ "verdict": "effect", "effects": effects, "error": errors }));
     assert_eq!((three.both, three.false_third), (Some(true), Some(true)));
     assert!((three.over_floor.unwrap() - 1.2).abs() < 1e-12, "the worst channel with a floor");
@@ -189,13 +239,17 @@ fn the_table_counts() {
         truth.index = index;
         truth.detectability = vec![seen(if index == 9 { 0.05 } else { 2.0 })];
         let site = if index < 6 { "slave" } else { "line" };
-        scores.push(judged(&truth, json!({ "verdict": "effect", "effects": [named("backlash", site)] })));
+        scores.push(judged(
+            &truth,
+            json!({ "verdict": "effect", "effects": [named("backlash", site)] }),
+        ));
     }
     let table = table_of(&scores);
     let count = |what: &str| count_in(&table, what);
     assert_eq!(count("detectable (all rows below are of these)"), (9, 10));
     assert_eq!(count("right name first (id and site)"), (6, 9));
-    // Silence is no merit: a case without an answer is a missed name, and no proof against false alarms.
+    // Silence is no merit: a case without an answer is a missed name, and no proof against false
+    // alarms.
     let late = Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 };
     truth.detectability = vec![seen(2.0)];
     scores.push(score(&truth, None, &late));
@@ -230,9 +284,11 @@ fn bars_are_over_all_detectable_cases() {
                 0..7 => judged(&truth, answer(6e-4, json!(5e-4), "slave")),
                 7 => judged(&truth, answer(9e-4, json!(5e-4), "slave")),
                 8 => judged(&truth, answer(6e-4, Value::Null, "line")),
-                _ => {
-                    score(&truth, None, &Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 })
-                }
+                _ => score(
+                    &truth,
+                    None,
+                    &Run { end: End::TooLate, code: None, message: String::new(), seconds: 300.0 },
+                ),
             }
         })
         .collect();
@@ -247,7 +303,9 @@ fn bars_are_over_all_detectable_cases() {
     assert!(median.found.ends_with("(n = 10, 2 of them without)"), "{}", median.found);
     let p90 = row("error of the effective size, 90th percentile");
     assert_eq!((p90.value, &p90.found[..]), (None, "no bound (n = 10, 2 of them without)"));
-    assert!((row("... of those rightly named, 90th percentile").value.unwrap() - 0.01).abs() < 1e-9);
+    assert!(
+        (row("... of those rightly named, 90th percentile").value.unwrap() - 0.01).abs() < 1e-9
+    );
     // A case that cannot be seen is in no bar.
     for score in &mut scores[8..] {
         score.detectable = false;

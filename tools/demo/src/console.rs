@@ -1,4 +1,5 @@
-//! What a person sees while it runs: lines on standard output, and on a terminal a line that moves below them.
+//! What a person sees while it runs: lines on standard output, and on a terminal a line that moves
+//! below them.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::time::Duration;

@@ -41,11 +41,12 @@ pub enum FolderError {
 pub struct Folder(PathBuf);
 
 impl Folder {
-    /// Makes the folder, or clears an earlier run out of it: its recording (all parts), its page, its summary. Other files
-    /// stay.
+    /// Makes the folder, or clears an earlier run out of it: its recording (all parts), its page,
+    /// its summary. Other files stay.
     ///
     /// # Errors
-    /// [`FolderError::NotOurs`] where one of those names is taken by a file that no demo wrote; [`FolderError::Io`].
+    /// [`FolderError::NotOurs`] where one of those names is taken by a file that no demo wrote;
+    /// [`FolderError::Io`].
     pub fn prepare(path: &Path) -> Result<Self, FolderError> {
         let wrong = |doing, path: &Path| {
             let path = path.to_owned();
@@ -55,7 +56,8 @@ impl Folder {
         fs::create_dir_all(&path).map_err(wrong("make", &path))?;
         let mut found = Vec::new();
         for entry in fs::read_dir(&path).map_err(wrong("read", &path))? {
-            let name = entry.map_err(wrong("read", &path))?.file_name().to_string_lossy().into_owned();
+            let name =
+                entry.map_err(wrong("read", &path))?.file_name().to_string_lossy().into_owned();
             if is_result(&name) {
                 found.push(name);
             }
@@ -71,7 +73,8 @@ impl Folder {
             let file = path.join(file);
             fs::remove_file(&file).map_err(wrong("remove", &file))?;
         }
-        fs::write(&mark, "farreach demo replaces its files in this folder\n").map_err(wrong("write", &mark))?;
+        fs::write(&mark, "farreach demo replaces its files in this folder\n")
+            .map_err(wrong("write", &mark))?;
         Ok(Self(path))
     }
 
@@ -98,7 +101,8 @@ impl Folder {
 
 fn is_result(name: &str) -> bool {
     let part = name.strip_prefix("run.part").and_then(|rest| rest.strip_suffix(".mcap"));
-    [RECORDING, PAGE, SUMMARY].contains(&name) || part.is_some_and(|number| number.parse::<u32>().is_ok())
+    [RECORDING, PAGE, SUMMARY].contains(&name)
+        || part.is_some_and(|number| number.parse::<u32>().is_ok())
 }
 
 #[cfg(test)]
@@ -126,7 +130,10 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         fs::write(directory.path().join("run.mcap"), "precious").unwrap();
         let error = Folder::prepare(directory.path()).unwrap_err();
-        assert!(error.to_string().contains("run.mcap") && error.to_string().contains("--out"), "{error}");
+        assert!(
+            error.to_string().contains("run.mcap") && error.to_string().contains("--out"),
+            "{error}"
+        );
         assert_eq!(fs::read(directory.path().join("run.mcap")).unwrap(), b"precious");
     }
 

@@ -1,4 +1,5 @@
-//! The recording held against the declared model: `farreach identify` on what the demo recorded, as a call.
+//! The recording held against the declared model: `farreach identify` on what the demo recorded, as
+//! a call.
 
 use std::path::Path;
 
@@ -55,7 +56,9 @@ impl Identified {
     /// A line for the console.
     pub(crate) fn line(&self) -> Option<String> {
         match self {
-            Self::Said { outcome, sentence, .. } => Some(format!("{sentence} ({:.0} s)", outcome.seconds)),
+            Self::Said { outcome, sentence, .. } => {
+                Some(format!("{sentence} ({:.0} s)", outcome.seconds))
+            }
             Self::Refused(reason) => Some(format!("could not be run: {reason}")),
             Self::LeftOut => None,
         }
@@ -65,7 +68,10 @@ impl Identified {
     pub(crate) fn section(&self, page: Page) -> Page {
         match self {
             Self::Said { outcome, sentence, detail } => {
-                let page = page.heading("What the declared model lacks").paragraph(sentence).paragraph(detail);
+                let page = page
+                    .heading("What the declared model lacks")
+                    .paragraph(sentence)
+                    .paragraph(detail);
                 let page = match outcome.effects.is_empty() {
                     true => page,
                     false => page.table(
@@ -76,9 +82,9 @@ impl Identified {
                 };
                 page.paragraph(&outcome.notes.join(". "))
             }
-            Self::Refused(reason) => page
-                .heading("What the declared model lacks")
-                .paragraph(&format!("farreach identify could not be run on this recording: {reason}.")),
+            Self::Refused(reason) => page.heading("What the declared model lacks").paragraph(
+                &format!("farreach identify could not be run on this recording: {reason}."),
+            ),
             Self::LeftOut => page,
         }
     }
@@ -88,7 +94,8 @@ fn effects(found: &[FoundEffect]) -> Table {
     let short = |value: f64| if value == 0.0 { "0".to_owned() } else { format!("{value:.4}") };
     let rows = found.iter().flat_map(|effect| {
         effect.parameters.iter().enumerate().map(move |(at, parameter)| {
-            let name = if at == 0 { format!("{}@{}", effect.id, effect.site) } else { String::new() };
+            let name =
+                if at == 0 { format!("{}@{}", effect.id, effect.site) } else { String::new() };
             let std = parameter.std.map_or("–".to_owned(), short);
             [name, parameter.name.clone(), short(parameter.value), std, parameter.unit.clone()]
         })

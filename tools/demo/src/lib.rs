@@ -25,29 +25,35 @@
 //! all promises kept; the machine was too busy for a movement without interruption
 //! ```
 //!
-//! That was on two cores shared with compilers at work, so some loops came too late and the watchdog cut the power by
-//! itself; on a quiet machine those lines are missing. `demo/` then holds `run.mcap` (every topic, from the first sample),
-//! `report.html` (one page with figures, no network) and `summary.json` ([`Summary`]).
+//! That was on two cores shared with compilers at work, so some loops came too late and the
+//! watchdog cut the power by itself; on a quiet machine those lines are missing. `demo/` then holds
+//! `run.mcap` (every topic, from the first sample), `report.html` (one page with figures, no
+//! network) and `summary.json` ([`Summary`]).
 //!
 //! # What is done
 //!
-//! 1. A rig of its own (`demo-PID`) comes up with the simulated card, an operator resets, arms and enables, and
-//!    `launch/protocols/demo.toml` is played: rest, guided 1 Hz, a short excitation, hold.
-//! 2. In mid-movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V when the last command has
-//!    outlived its time. Later **acquisition** is killed: now the DAC holds its last volts, the watchdog stops toggling the
-//!    enable line, and the card takes the motor's power. Each time the launcher starts the dead again, and a person's
-//!    verbs bring power back while the protocol goes on.
-//! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by pure functions
-//!    ([`analysis`]); only the instants of the kills come from the program that killed.
-//! 4. The declared plant, without any effect but those of the rig file, is run on the volts that reached the motor. Nothing pulls it back to the
-//!    measurement. Without `--effect` what remains is the resolution of encoders and torque cell; with one, the error shows it.
+//! 1. A rig of its own (`demo-PID`) comes up with the simulated card, an operator resets, arms and
+//!    enables, and `launch/protocols/demo.toml` is played: rest, guided 1 Hz, a short excitation,
+//!    hold.
+//! 2. In mid-movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V when
+//!    the last command has outlived its time. Later **acquisition** is killed: now the DAC holds
+//!    its last volts, the watchdog stops toggling the enable line, and the card takes the motor's
+//!    power. Each time the launcher starts the dead again, and a person's verbs bring power back
+//!    while the protocol goes on.
+//! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by
+//!    pure functions ([`analysis`]); only the instants of the kills come from the program that
+//!    killed.
+//! 4. The declared plant, without any effect but those of the rig file, is run on the volts that
+//!    reached the motor. Nothing pulls it back to the measurement. Without `--effect` what remains
+//!    is the resolution of encoders and torque cell; with one, the error shows it.
 //!
-//! 5. `farreach identify`, as a call, cuts the recording into stretches and says which effect the declared model lacks, or that nothing is
-//!    missing. It takes a minute or more; `--no-identify` leaves it out.
+//! 5. `farreach identify`, as a call, cuts the recording into stretches and says which effect the
+//!    declared model lacks, or that nothing is missing. It takes a minute or more; `--no-identify`
+//!    leaves it out.
 //!
-//! Exit codes: 0 all went as promised; 1 a promise failed (the motor was not at 0 V, a process did not come back), or the run
-//! could not be made or was interrupted; 2 usage; 3 data was lost. Whatever happens, Ctrl-C included, the rig is brought
-//! down and its shared memory removed.
+//! Exit codes: 0 all went as promised; 1 a promise failed (the motor was not at 0 V, a process did
+//! not come back), or the run could not be made or was interrupted; 2 usage; 3 data was lost.
+//! Whatever happens, Ctrl-C included, the rig is brought down and its shared memory removed.
 
 pub mod analysis;
 mod console;

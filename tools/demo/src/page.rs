@@ -61,12 +61,17 @@ pub fn page(
     tables(identified.section(page), analysis, summary)
         .details("Events, in order", &events(&analysis.trace))
         .details("summary.json", &json)
-        .footer(&format!("farreach demo {}, revision {}", env!("CARGO_PKG_VERSION"), summary.revision))
+        .footer(&format!(
+            "farreach demo {}, revision {}",
+            env!("CARGO_PKG_VERSION"),
+            summary.revision
+        ))
         .render()
 }
 
 fn subtitle(analysis: &Analysis, summary: &Summary, rig: &RigFile) -> String {
-    let seconds = analysis.trace.samples.last().map_or(0.0, |sample| analysis.trace.seconds(sample.scan_ns));
+    let seconds =
+        analysis.trace.samples.last().map_or(0.0, |sample| analysis.trace.seconds(sample.scan_ns));
     format!(
         "Simulated rig \"{}\", {} timing, {seconds:.1} s at {} Hz, {}. {}",
         rig.name,
@@ -92,8 +97,10 @@ fn tone(analysis: &Analysis, outcome: &Outcome) -> Tone {
 fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
     match outcome {
         Outcome::Kept => {
-            let worst = analysis.outages.iter().filter_map(|outage| outage.trip_ms).fold(0.0, f64::max);
-            let victims: Vec<&str> = analysis.outages.iter().map(|outage| outage.kill.process.text()).collect();
+            let worst =
+                analysis.outages.iter().filter_map(|outage| outage.trip_ms).fold(0.0, f64::max);
+            let victims: Vec<&str> =
+                analysis.outages.iter().map(|outage| outage.kill.process.text()).collect();
             format!(
                 "Killed in mid-movement: {}. The motor was at 0 V within {worst:.1} ms, and no sample is missing.",
                 victims.join(", then ")
@@ -107,7 +114,8 @@ fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
 fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
     match outcome {
         Outcome::Kept => {
-            let back = analysis.outages.iter().filter_map(|outage| outage.restart_ms).fold(0.0, f64::max);
+            let back =
+                analysis.outages.iter().filter_map(|outage| outage.restart_ms).fold(0.0, f64::max);
             let tripped = match analysis.unprovoked.len() {
                 0 => String::new(),
                 count => format!(
@@ -132,9 +140,14 @@ const OVERVIEW: &str = "Reference of the guided movement, master (motor) and sla
 fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
     let trace = &analysis.trace;
     let (time, reference) = reference(trace, shown, f64::NEG_INFINITY, f64::INFINITY);
-    let sample_time: Vec<f64> = trace.samples.iter().map(|sample| trace.seconds(sample.scan_ns)).collect();
-    let mut figure = Figure::new("Movement", "time / s", format!("position / {}", shown.unit)).size(WIDTH, 320);
-    let extent = trace.samples.iter().map(|sample| sample.master.abs().max(sample.slave.abs()) * shown.factor);
+    let sample_time: Vec<f64> =
+        trace.samples.iter().map(|sample| trace.seconds(sample.scan_ns)).collect();
+    let mut figure =
+        Figure::new("Movement", "time / s", format!("position / {}", shown.unit)).size(WIDTH, 320);
+    let extent = trace
+        .samples
+        .iter()
+        .map(|sample| sample.master.abs().max(sample.slave.abs()) * shown.factor);
     let extent = extent.filter(|value| value.is_finite()).fold(1.0, f64::max) * 1.1;
     for (index, (from, until)) in dark(&trace.tokens).into_iter().enumerate() {
         let name = if index == 0 { "no power" } else { "" };
@@ -146,11 +159,16 @@ fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
         .colour(Colour::Grey)
         .dashed("reference", &time, &reference)
         .colour(Colour::Blue)
-        .line("master", &sample_time, &shown.scale(trace.samples.iter().map(|sample| sample.master)))
+        .line(
+            "master",
+            &sample_time,
+            &shown.scale(trace.samples.iter().map(|sample| sample.master)),
+        )
         .colour(Colour::Vermillion)
         .line("slave", &sample_time, &shown.scale(trace.samples.iter().map(|sample| sample.slave)));
     for outage in &analysis.outages {
-        figure = figure.vertical(format!("{} killed", outage.kill.process), trace.seconds(outage.kill.at_ns));
+        figure = figure
+            .vertical(format!("{} killed", outage.kill.process), trace.seconds(outage.kill.at_ns));
     }
     figure
 }
@@ -201,23 +219,31 @@ fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown:
     let (from, until) = (-(trip.max(10.0)), trip * 2.0 + 10.0);
     let within = |at: f64| at >= from - 1.0 && at <= until + 1.0;
 
-    let scans: Vec<_> =
-        trace.scans.iter().map(|scan| (since(scan.scan_ns), scan)).filter(|(at, _)| within(*at)).collect();
+    let scans: Vec<_> = trace
+        .scans
+        .iter()
+        .map(|scan| (since(scan.scan_ns), scan))
+        .filter(|(at, _)| within(*at))
+        .collect();
     let (motor_x, motor_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.motor_v)));
     let (dac_x, dac_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.dac_v)));
     let commands = trace.commands.iter().map(|command| (since(command.time_ns), command.volts));
-    let (command_x, command_y): (Vec<f64>, Vec<f64>) = commands.filter(|(at, _)| within(*at)).unzip();
-    let mut volts =
-        Figure::new(format!("Kill {}: {process}, volts", index + 1), "time since the kill / ms", "volts / V")
-            .size(WIDTH, 280)
-            .x_range(from, until)
-            .colour(Colour::Orange)
-            .scatter("command", &command_x, &command_y)
-            .colour(Colour::Sky)
-            .dashed("held by the DAC", &dac_x, &dac_y)
-            .colour(Colour::Vermillion)
-            .line("at the motor", &motor_x, &motor_y)
-            .vertical("killed", 0.0);
+    let (command_x, command_y): (Vec<f64>, Vec<f64>) =
+        commands.filter(|(at, _)| within(*at)).unzip();
+    let mut volts = Figure::new(
+        format!("Kill {}: {process}, volts", index + 1),
+        "time since the kill / ms",
+        "volts / V",
+    )
+    .size(WIDTH, 280)
+    .x_range(from, until)
+    .colour(Colour::Orange)
+    .scatter("command", &command_x, &command_y)
+    .colour(Colour::Sky)
+    .dashed("held by the DAC", &dac_x, &dac_y)
+    .colour(Colour::Vermillion)
+    .line("at the motor", &motor_x, &motor_y)
+    .vertical("killed", 0.0);
     if let Some(trip) = outage.trip_ms {
         volts = volts.colour(Colour::Green).vertical(format!("0 V after {trip:.1} ms"), trip);
     }
@@ -252,7 +278,9 @@ fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown:
         recovery = recovery.colour(Colour::Green).vertical("process back", kill_s + back * 1e-3);
     }
     if let Some(enabled) = outage.enabled_ms {
-        recovery = recovery.colour(Colour::Purple).vertical("enabled by the operator", kill_s + enabled * 1e-3);
+        recovery = recovery
+            .colour(Colour::Purple)
+            .vertical("enabled by the operator", kill_s + enabled * 1e-3);
     }
     let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
     page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1))
@@ -278,17 +306,22 @@ fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: 
     let tokens = trace.tokens.iter().map(|token| (since(token.time_ns), f64::from(token.state)));
     let (watchdog_x, watchdog_y) = stairs(tokens.filter(|(at, _)| within(at)));
     // The gate acts when the sample is published, not when the card took the scan.
-    let gates = trace.samples.iter().map(|sample| (since(sample.time_ns), f64::from(sample.gate_state)));
+    let gates =
+        trace.samples.iter().map(|sample| (since(sample.time_ns), f64::from(sample.gate_state)));
     let (gate_x, gate_y) = stairs(gates.filter(|(at, _)| within(at)));
-    Figure::new(format!("Kill {}: {}, states", index + 1, outage.kill.process), "time since the kill / ms", "state")
-        .size(WIDTH, 180)
-        .x_range(from, until)
-        .y_range(-0.3, 4.3)
-        .colour(Colour::Blue)
-        .line("watchdog", &watchdog_x, &watchdog_y)
-        .colour(Colour::Green)
-        .dashed("gate", &gate_x, &gate_y)
-        .vertical("killed", 0.0)
+    Figure::new(
+        format!("Kill {}: {}, states", index + 1, outage.kill.process),
+        "time since the kill / ms",
+        "state",
+    )
+    .size(WIDTH, 180)
+    .x_range(from, until)
+    .y_range(-0.3, 4.3)
+    .colour(Colour::Blue)
+    .line("watchdog", &watchdog_x, &watchdog_y)
+    .colour(Colour::Green)
+    .dashed("gate", &gate_x, &gate_y)
+    .vertical("killed", 0.0)
 }
 
 /// What the processes said, a line each.
@@ -302,9 +335,14 @@ fn events(trace: &Trace) -> String {
 }
 
 fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
-    let mut text = format!("The {process} process was killed with {:.2} V at the motor. ", outage.volts_before);
+    let mut text = format!(
+        "The {process} process was killed with {:.2} V at the motor. ",
+        outage.volts_before
+    );
     match outage.trip_ms {
-        Some(trip) => text += &format!("The motor was at 0 V after {trip:.1} ms and stayed there. "),
+        Some(trip) => {
+            text += &format!("The motor was at 0 V after {trip:.1} ms and stayed there. ")
+        }
         None => text += "The motor was not at 0 V until power was enabled again. ",
     }
     if let Some(tripped) = outage.tripped_ms {
@@ -315,7 +353,10 @@ fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
         None => text += &format!("No next {process} published. "),
     }
     if let Some(powered) = outage.powered_ms {
-        text += &format!("Reset, armed and enabled again, the motor had volts after {:.2} s.", powered * 1e-3);
+        text += &format!(
+            "Reset, armed and enabled again, the motor had volts after {:.2} s.",
+            powered * 1e-3
+        );
     }
     text
 }
@@ -333,34 +374,50 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &Shown) -> Page {
             "The simulated plant had {effect}, of which the model knows nothing: part of the error is its doing."
         ));
     }
-    let mut table = Table::new(["channel", "unit", "error, rms", "signal, rms", "error / signal, %"]);
+    let mut table =
+        Table::new(["channel", "unit", "error, rms", "signal, rms", "error / signal, %"]);
     for channel in &model.channels {
         let (factor, label) = match channel.unit {
             "rad" => (shown.factor, format!("position / {}", shown.unit)),
             unit => (1.0, format!("torque / {unit}")),
         };
-        let scaled = |values: &[f64]| values.iter().map(|value| value * factor).collect::<Vec<f64>>();
+        let scaled =
+            |values: &[f64]| values.iter().map(|value| value * factor).collect::<Vec<f64>>();
         let figure = Figure::new(channel.name, "time / s", label)
             .size(WIDTH, 240)
             .colour(Colour::Blue)
             .line("measured", &model.time_s, &scaled(&channel.measured))
             .colour(Colour::Vermillion)
             .dashed("declared model", &model.time_s, &scaled(&channel.declared));
-        page = page.figure(&figure, &format!("{}: {:.4} {} rms apart.", channel.name, channel.error, channel.unit));
+        page = page.figure(
+            &figure,
+            &format!("{}: {:.4} {} rms apart.", channel.name, channel.error, channel.unit),
+        );
         table = table.row([
             channel.name.to_owned(),
             channel.unit.to_owned(),
             format!("{:.4}", channel.error),
             format!("{:.4}", channel.size),
-            if channel.size > 0.0 { format!("{:.1}", 100.0 * channel.error / channel.size) } else { "–".to_owned() },
+            if channel.size > 0.0 {
+                format!("{:.1}", 100.0 * channel.error / channel.size)
+            } else {
+                "–".to_owned()
+            },
         ]);
     }
     page.table(table, "Error of the declared model by channel.")
 }
 
 fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
-    let mut kills =
-        Table::new(["killed", "V before", "0 V / ms", "tripped / ms", "back / ms", "enabled / ms", "volts again / ms"]);
+    let mut kills = Table::new([
+        "killed",
+        "V before",
+        "0 V / ms",
+        "tripped / ms",
+        "back / ms",
+        "enabled / ms",
+        "volts again / ms",
+    ]);
     for outage in &analysis.outages {
         kills = kills.row([
             outage.kill.process.to_string(),
@@ -375,21 +432,28 @@ fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
     let mut trips = Table::new(["time / s", "cause"]);
     for trip in &analysis.unprovoked {
         let cause = TripCause::from_code(trip.cause).unwrap_or(TripCause::None);
-        trips = trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
+        trips =
+            trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
     }
-    let mut timing = Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
+    let mut timing =
+        Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
     let row = |name: String, p: &Percentiles, missed: Option<u64>| {
         let us = |value: f64| format!("{value:.0}");
         let missed = missed.map_or("–".to_owned(), |count| count.to_string());
         [name, us(p.p50), us(p.p99), us(p.p99_9), us(p.max), missed]
     };
     for (process, late) in &summary.wake_late_us.by_process {
-        timing = timing.row(row(format!("{process} woke late"), late, summary.missed_periods.get(process).copied()));
+        timing = timing.row(row(
+            format!("{process} woke late"),
+            late,
+            summary.missed_periods.get(process).copied(),
+        ));
     }
     timing = timing.row(row("sample to command".to_owned(), &summary.sample_to_command_us, None));
     let mut rates = Table::new(["incarnation of control", "commands / Hz"]);
     for (index, rate) in analysis.timing.command_rates.iter().enumerate() {
-        rates = rates.row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
+        rates = rates
+            .row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
     }
     let mut disk = Table::new(["topic", "on disk", "lost"]);
     for topic in &analysis.losses.topics {

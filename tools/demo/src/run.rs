@@ -25,20 +25,25 @@ const LONGEST_S: f64 = 600.0;
 /// The guided movement among the protocol's segments.
 const GUIDED: usize = 1;
 /// What asks for an end.
-const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+const SIGNALS: [i32; 3] =
+    [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
 /// When within the guided movement the kills come, as a part of it.
 const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.55)];
 
 /// Brings the simulated rig up, moves it, kills two of its processes, and shows what came of it.
 ///
-/// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement control is killed with
-/// SIGKILL, later acquisition; each time the motor loses power, the launcher starts the process again, and the
-/// operator's verbs (reset, arm, enable) bring power back. Then the declared model is held against the recording, and `farreach identify` says
-/// which effect it lacks, or that nothing is missing. Needs no root, no systemd and no hardware; nothing is left running.
+/// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement
+/// control is killed with SIGKILL, later acquisition; each time the motor loses power, the launcher
+/// starts the process again, and the operator's verbs (reset, arm, enable) bring power back. Then
+/// the declared model is held against the recording, and `farreach identify` says which effect it
+/// lacks, or that nothing is missing. Needs no root, no systemd and no hardware; nothing is left
+/// running.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect backlash@slave=0.05\n\n\
+#[command(
+    after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect backlash@slave=0.05\n\n\
     Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise failed or the run could \
-    not be made, 2 usage, 3 data was lost")]
+    not be made, 2 usage, 3 data was lost"
+)]
 pub struct Args {
     /// Folder for the results; those of an earlier demo are replaced, nothing else is
     #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
@@ -49,7 +54,8 @@ pub struct Args {
     /// Puts an effect into the simulated plant that no model is told of; none unless given
     #[arg(long, value_name = "ID[@SITE][=SIZE]|none", default_value = "none")]
     pub effect: String,
-    /// Rig file, or the name of one that comes with farreach; its model must be one that can be simulated
+    /// Rig file, or the name of one that comes with farreach; its model must be one that can be
+    /// simulated
     #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
     pub rig: PathBuf,
     /// Leaves out the identification at the end, which takes a minute or more
@@ -62,17 +68,21 @@ fn seconds(text: &str) -> Result<f64, String> {
     if (SHORTEST_S..=LONGEST_S).contains(&seconds) {
         Ok(seconds)
     } else {
-        Err(format!("expected {SHORTEST_S} to {LONGEST_S} s: two kills and what follows them must fit in"))
+        Err(format!(
+            "expected {SHORTEST_S} to {LONGEST_S} s: two kills and what follows them must fit in"
+        ))
     }
 }
 
-/// Runs the demo. Returns the exit code: 0 all as promised, 3 data was lost, 1 a promise failed or the run was interrupted.
+/// Runs the demo. Returns the exit code: 0 all as promised, 3 data was lost, 1 a promise failed or
+/// the run was interrupted.
 ///
 /// # Errors
 /// When the run could not be made: what is wrong with the files, which process did not come up.
 pub fn run(args: Args) -> anyhow::Result<i32> {
     let begun = Instant::now();
-    let effect = Some(args.effect.as_str()).filter(|effect| *effect != "none" && !effect.is_empty());
+    let effect =
+        Some(args.effect.as_str()).filter(|effect| *effect != "none" && !effect.is_empty());
     let rig = load_rig(&args.rig)?;
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
@@ -89,13 +99,15 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let kills = match on_the_rig(&args, effect, &protocol, &folder, &console, &stop) {
         Ok(kills) => kills,
         Err(error) if error.is::<Interrupted>() => {
-            console.warn("interrupted: the rig is down, nothing is left running; no report was made");
+            console
+                .warn("interrupted: the rig is down, nothing is left running; no report was made");
             return Ok(operator::FAILED);
         }
         Err(error) if folder.recording().exists() => {
-            return Err(
-                error.context(format!("the run broke off; what was recorded is in {}", folder.recording().display()))
-            );
+            return Err(error.context(format!(
+                "the run broke off; what was recorded is in {}",
+                folder.recording().display()
+            )));
         }
         Err(error) => return Err(error),
     };
@@ -104,7 +116,8 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let analysis = analyse(trace, &kills, &rig)?;
     let mut outcome = Outcome::of(&analysis);
     if folder.further_parts() {
-        outcome = outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
+        outcome =
+            outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
     let results = |identified: &Identified| -> anyhow::Result<Summary> {
         let summary = Summary::new(&analysis, effect).with_identify(identified);
@@ -117,7 +130,10 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let mut identified = Identified::LeftOut;
     let mut summary = results(&identified)?;
     if !args.no_identify {
-        console.doing(|| "identify: what does the declared model lack? A minute or more; Ctrl-C ends it".to_owned());
+        console.doing(|| {
+            "identify: what does the declared model lack? A minute or more; Ctrl-C ends it"
+                .to_owned()
+        });
         // The rig is down: nothing needs to be put in order any more.
         for signal in SIGNALS {
             let at_once = Arc::new(AtomicBool::new(true));
@@ -143,14 +159,18 @@ fn write(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
 
 /// The embedded protocol, its guided movement as long as asked.
 fn protocol(seconds: Option<f64>) -> anyhow::Result<Protocol> {
-    let overrides: Vec<String> = seconds.iter().map(|s| format!("segments.{GUIDED}.duration_s={s:?}")).collect();
+    let overrides: Vec<String> =
+        seconds.iter().map(|s| format!("segments.{GUIDED}.duration_s={s:?}")).collect();
     Ok(load_protocol("demo".as_ref(), &overrides)?)
 }
 
 /// When the kills come, in seconds of the protocol.
 fn victims(protocol: &Protocol) -> anyhow::Result<Vec<(Process, f64)>> {
-    let durations: Vec<f64> = protocol.sequence().map(|(_, segment)| segment.movement.duration_s()).collect();
-    let Some(&guided) = durations.get(GUIDED) else { bail!("{}: no guided movement", protocol.file_name()) };
+    let durations: Vec<f64> =
+        protocol.sequence().map(|(_, segment)| segment.movement.duration_s()).collect();
+    let Some(&guided) = durations.get(GUIDED) else {
+        bail!("{}: no guided movement", protocol.file_name())
+    };
     let before: f64 = durations[..GUIDED].iter().sum();
     Ok(KILLS.iter().map(|(process, part)| (*process, before + part * guided)).collect())
 }
@@ -194,7 +214,9 @@ fn on_the_rig(
     let options = UpOptions {
         rig_name: name.clone(),
         rig: args.rig.clone(),
-        card: Some(CardChoice::Simulated { effects: effect.iter().map(|effect| (*effect).to_owned()).collect() }),
+        card: Some(CardChoice::Simulated {
+            effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
+        }),
         record: Some(folder.recording()),
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
@@ -223,10 +245,13 @@ fn on_the_rig(
     console.doing(|| "stopping all processes".to_owned());
     let down = guard.down()?;
     if down.cleaning == Cleaning::InUse {
-        console
-            .warn(&format!("the rig's shared memory is still in use (a probe?): {}", guard.name.directory().display()));
+        console.warn(&format!(
+            "the rig's shared memory is still in use (a probe?): {}",
+            guard.name.directory().display()
+        ));
     }
-    let killed = down.stopped.iter().flat_map(|report| &report.units).filter(|unit| unit.killed).count();
+    let killed =
+        down.stopped.iter().flat_map(|report| &report.units).filter(|unit| unit.killed).count();
     console.done(&match killed {
         0 => "rig is down, motor first; its shared memory is removed".to_owned(),
         count => format!("rig is down; {count} processes had to be killed"),
@@ -241,7 +266,13 @@ fn on_the_rig(
 }
 
 /// What a person wants to know in the end.
-fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Outcome, identified: &Identified) {
+fn tell(
+    console: &Console,
+    analysis: &Analysis,
+    summary: &Summary,
+    outcome: &Outcome,
+    identified: &Identified,
+) {
     let mut lines = vec![String::new()];
     let rates: Vec<String> = summary.command_hz.iter().map(|hz| format!("{hz:.2}")).collect();
     lines.push(format!(
@@ -253,7 +284,10 @@ fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Out
     ));
     lines.push(format!("control     {} Hz, by incarnation", rates.join(" and ")));
     let (late, answer) = (summary.wake_late_us.worst, summary.sample_to_command_us);
-    lines.push(format!("woke late   p50 {:.0}, p99 {:.0}, max {:.0} µs (worst process)", late.p50, late.p99, late.max));
+    lines.push(format!(
+        "woke late   p50 {:.0}, p99 {:.0}, max {:.0} µs (worst process)",
+        late.p50, late.p99, late.max
+    ));
     lines.push(format!(
         "to command  p50 {:.0}, p99 {:.0}, max {:.0} µs from the scan",
         answer.p50, answer.p99, answer.max
@@ -277,17 +311,23 @@ fn tell(console: &Console, analysis: &Analysis, summary: &Summary, outcome: &Out
         ));
     }
     if let Some(model) = &analysis.model {
-        let errors: Vec<String> =
-            model.channels.iter().map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit)).collect();
+        let errors: Vec<String> = model
+            .channels
+            .iter()
+            .map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit))
+            .collect();
         lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
     }
     lines.extend(identified.line().map(|line| format!("identify    {line}")));
     lines.push(String::new());
     match outcome {
-        Outcome::Kept if analysis.unprovoked.is_empty() => lines.push("all went as promised".to_owned()),
-        Outcome::Kept => {
-            lines.push("all promises kept; the machine was too busy for a movement without interruption".to_owned())
+        Outcome::Kept if analysis.unprovoked.is_empty() => {
+            lines.push("all went as promised".to_owned())
         }
+        Outcome::Kept => lines.push(
+            "all promises kept; the machine was too busy for a movement without interruption"
+                .to_owned(),
+        ),
         Outcome::DataLost(reasons) => lines.push(format!("DATA LOST: {}", reasons.join("; "))),
         Outcome::Broken(reasons) => lines.push(format!("A PROMISE FAILED: {}", reasons.join("; "))),
     }

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest, MotorCommand,
-    Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
+    CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
+    LoggerRequest, MotorCommand, Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Subscriber, Up};
 use rig::protocol::Protocol;
@@ -70,7 +70,11 @@ pub(crate) struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    pub(crate) fn open(up: &'a Up, console: &'a Console, stop: &'a AtomicBool) -> anyhow::Result<Self> {
+    pub(crate) fn open(
+        up: &'a Up,
+        console: &'a Console,
+        stop: &'a AtomicBool,
+    ) -> anyhow::Result<Self> {
         let link = RigLink::open(&up.running.status.rig_name.parse()?)?;
         Ok(Self {
             tokens: link.subscriber(TOKEN)?,
@@ -90,27 +94,43 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Plays the protocol and kills each of `victims` in mid-movement: `(process, from which second of the protocol)`.
-    pub(crate) fn play(&mut self, protocol: &Protocol, victims: &[(Process, f64)]) -> anyhow::Result<Done> {
+    /// Plays the protocol and kills each of `victims` in mid-movement: `(process, from which second
+    /// of the protocol)`.
+    pub(crate) fn play(
+        &mut self,
+        protocol: &Protocol,
+        victims: &[(Process, f64)],
+    ) -> anyhow::Result<Done> {
         let recording = self.link.logger(&LoggerRequest::Status)?;
         if recording.recording.is_none() {
             bail!("the logger does not record: {}", recording.error);
         }
         self.console.doing(|| "reset, arm, enable".to_owned());
         let took = self.power()?;
-        self.console.done(&format!("reset, armed, enabled by the operator after {:.1} s", took.as_secs_f64()));
-        let request =
-            ExperimentRequest::Run { protocol: protocol.text().to_owned(), name: protocol.file_name().to_owned() };
+        self.console.done(&format!(
+            "reset, armed, enabled by the operator after {:.1} s",
+            took.as_secs_f64()
+        ));
+        let request = ExperimentRequest::Run {
+            protocol: protocol.text().to_owned(),
+            name: protocol.file_name().to_owned(),
+        };
         let begun = self.link.experiment(&request)?;
         if !begun.error.is_empty() {
             bail!("the experiment process refused the protocol: {}", begun.error);
         }
-        self.console.done(&format!("protocol \"{}\" runs, {:.0} s", protocol.name, protocol.duration_s()));
+        self.console.done(&format!(
+            "protocol \"{}\" runs, {:.0} s",
+            protocol.name,
+            protocol.duration_s()
+        ));
         let mut done = Done { kills: Vec::new(), unprovoked: Vec::new() };
-        let limit = Instant::now() + Duration::from_secs_f64(protocol.duration_s()) + PROTOCOL_MARGIN;
+        let limit =
+            Instant::now() + Duration::from_secs_f64(protocol.duration_s()) + PROTOCOL_MARGIN;
         let mut victims = victims.iter();
         let mut next = victims.next();
-        let labels: Vec<&str> = protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
+        let labels: Vec<&str> =
+            protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
         loop {
             self.pause(Duration::from_millis(50))?;
             let answer = match self.link.experiment(&ExperimentRequest::Status) {
@@ -126,15 +146,21 @@ impl<'a> Session<'a> {
                     bail!("the protocol was stopped before its end");
                 }
                 if let Some((process, _)) = next {
-                    bail!("the protocol came to its end before {process} could be killed; give it more --seconds");
+                    bail!(
+                        "the protocol came to its end before {process} could be killed; give it more --seconds"
+                    );
                 }
                 break;
             }
             if Instant::now() > limit {
-                bail!("the protocol did not come to its end within {PROTOCOL_MARGIN:?} of its time");
+                bail!(
+                    "the protocol did not come to its end within {PROTOCOL_MARGIN:?} of its time"
+                );
             }
             let label = labels.get(answer.segment as usize).copied().unwrap_or_default();
-            self.console.doing(|| format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s));
+            self.console.doing(|| {
+                format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s)
+            });
             if self.state() != WatchdogState::Enabled {
                 done.unprovoked.push(self.unprovoked()?);
                 if done.unprovoked.len() >= UNPROVOKED {
@@ -174,7 +200,8 @@ impl<'a> Session<'a> {
         self.wait_for_movement()?;
         let status = launch::status(&self.up.running.run_dir)?;
         let unit = status.unit(process.text()).and_then(|unit| unit.process);
-        let victim = unit.with_context(|| format!("the launcher knows of no process of {process}"))?;
+        let victim =
+            unit.with_context(|| format!("the launcher knows of no process of {process}"))?;
         let killed = self.incarnation(process).map(|(incarnation, _)| incarnation);
         self.successor = Some((process, killed, None));
         let at_ns = now_ns();
@@ -210,7 +237,10 @@ impl<'a> Session<'a> {
 
     /// A trip that nobody provoked: told, and the operator's verbs again.
     fn unprovoked(&mut self) -> anyhow::Result<TripCause> {
-        let cause = self.token.and_then(|token| TripCause::from_code(token.cause)).unwrap_or(TripCause::None);
+        let cause = self
+            .token
+            .and_then(|token| TripCause::from_code(token.cause))
+            .unwrap_or(TripCause::None);
         let gate = self.sample.and_then(|sample| GateCause::from_code(sample.gate_cause));
         let words = match (cause, gate) {
             (TripCause::GateBurnt, Some(gate)) => format!("{cause}: {gate}"),
@@ -233,7 +263,9 @@ impl<'a> Session<'a> {
                     self.pause(LOOK)?;
                     let refused = match self.link.verb(verb) {
                         Ok(answer) if answer.done => break,
-                        Ok(answer) => format!("{} (the watchdog is {})", answer.reason, answer.state),
+                        Ok(answer) => {
+                            format!("{} (the watchdog is {})", answer.reason, answer.state)
+                        }
                         Err(error) => error.to_string(),
                     };
                     if begun.elapsed() > VERB_LIMIT {
@@ -242,7 +274,9 @@ impl<'a> Session<'a> {
                     self.console.doing(|| format!("{}: {refused}", verb.name()));
                     self.pause(AGAIN)?;
                     // A fault that came meanwhile sends the operator back to the first verb.
-                    if verb != Verb::Reset && matches!(self.state(), WatchdogState::Tripped | WatchdogState::Faulted) {
+                    if verb != Verb::Reset
+                        && matches!(self.state(), WatchdogState::Tripped | WatchdogState::Faulted)
+                    {
                         continue 'verbs;
                     }
                 }
@@ -250,7 +284,9 @@ impl<'a> Session<'a> {
             // The gate must open, too, or the watchdog takes the leave back.
             let open = |session: &Self| {
                 session.state() == WatchdogState::Enabled
-                    && session.sample.is_some_and(|sample| sample.gate_state == GateState::Open.code())
+                    && session
+                        .sample
+                        .is_some_and(|sample| sample.gate_state == GateState::Open.code())
             };
             if self.wait(Duration::from_millis(500), open)? {
                 self.powered_at = Instant::now();
@@ -266,16 +302,21 @@ impl<'a> Session<'a> {
     fn wait_for_movement(&mut self) -> anyhow::Result<()> {
         let moving = |session: &Self| {
             let volts = session.sample.is_some_and(|sample| sample.motor_v[0].abs() >= MOVING_V);
-            volts && session.command.is_some_and(|command| command.velocity[0].abs() >= MOVING_SPEED)
+            volts
+                && session.command.is_some_and(|command| command.velocity[0].abs() >= MOVING_SPEED)
         };
         if !self.wait(MOMENT_LIMIT, moving)? {
-            self.console.warn(&format!("the machine hardly moved for {MOMENT_LIMIT:?}; killing nevertheless"));
+            self.console.warn(&format!(
+                "the machine hardly moved for {MOMENT_LIMIT:?}; killing nevertheless"
+            ));
         }
         Ok(())
     }
 
     fn state(&self) -> WatchdogState {
-        self.token.and_then(|token| WatchdogState::from_code(token.state)).unwrap_or(WatchdogState::Faulted)
+        self.token
+            .and_then(|token| WatchdogState::from_code(token.state))
+            .unwrap_or(WatchdogState::Faulted)
     }
 
     /// Who publishes the process's topic, and the time of its newest message.
@@ -332,7 +373,8 @@ impl<'a> Session<'a> {
             if let Some((killed_ns, dark)) = &mut self.watched
                 && scan.scan_time_ns >= *killed_ns
             {
-                *dark = if scan.motor_v[0] == 0.0 { dark.or(Some(scan.scan_time_ns)) } else { None };
+                *dark =
+                    if scan.motor_v[0] == 0.0 { dark.or(Some(scan.scan_time_ns)) } else { None };
             }
         }
         Ok(())

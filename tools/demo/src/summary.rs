@@ -33,15 +33,18 @@ pub struct Summary {
     pub cycle_us: OfLoops,
     /// From the scan of a sample to the command that answers it (µs).
     pub sample_to_command_us: Percentiles,
-    /// From each kill to the card's first step at 0 V (ms); null where the motor was not at 0 V before power was enabled again.
+    /// From each kill to the card's first step at 0 V (ms); null where the motor was not at 0 V
+    /// before power was enabled again.
     pub trip_ms: Vec<Option<f64>>,
-    /// From each kill to the first valid message of the next incarnation (ms); null where none came.
+    /// From each kill to the first valid message of the next incarnation (ms); null where none
+    /// came.
     pub restart_ms: Vec<Option<f64>>,
     /// Size of `run.mcap`.
     pub recording_bytes: u64,
     /// Root mean square of measured against declared model, by channel (rad, N·m).
     pub model_error: BTreeMap<&'static str, f64>,
-    /// As `farreach identify --json`, of this recording; null where it was left out or could not be run.
+    /// As `farreach identify --json`, of this recording; null where it was left out or could not be
+    /// run.
     pub identify: Option<serde_json::Value>,
     /// Why it could not be run; null where it was, or was left out.
     pub identify_refused: Option<String>,
@@ -51,9 +54,15 @@ impl Summary {
     /// Of one run.
     pub fn new(analysis: &Analysis, injected: Option<&str>) -> Self {
         let (losses, timing) = (&analysis.losses, &analysis.timing);
-        let own = || option_env!("FARREACH_REVISION").unwrap_or(env!("CARGO_PKG_VERSION")).to_owned();
+        let own =
+            || option_env!("FARREACH_REVISION").unwrap_or(env!("CARGO_PKG_VERSION")).to_owned();
         Self {
-            revision: analysis.trace.revision.clone().filter(|text| !text.is_empty()).unwrap_or_else(own),
+            revision: analysis
+                .trace
+                .revision
+                .clone()
+                .filter(|text| !text.is_empty())
+                .unwrap_or_else(own),
             profile: timing.profile.text().to_owned(),
             injected: injected.map(str::to_owned),
             samples: losses.samples,
@@ -98,7 +107,9 @@ impl Outcome {
         for outage in &analysis.outages {
             let process = outage.kill.process;
             if outage.trip_ms.is_none() {
-                broken.push(format!("{process} killed: the motor was not at 0 V until power was enabled again"));
+                broken.push(format!(
+                    "{process} killed: the motor was not at 0 V until power was enabled again"
+                ));
             }
             if outage.restart_ms.is_none() {
                 broken.push(format!("{process} killed: no valid message of a successor"));

@@ -15,7 +15,8 @@ const KILLS: [Kill; 2] = [
 ];
 
 fn rig() -> RigFile {
-    RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml").unwrap()
+    RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml")
+        .unwrap()
 }
 
 fn run(script: Script) -> Analysis {
@@ -57,7 +58,10 @@ fn a_run_as_promised() {
     assert_eq!(analysis.timing.missed_periods[&Process::Acquisition], 1 + 5);
     assert_eq!(analysis.timing.missed_periods[&Process::Control], 0);
     let late = &analysis.timing.wake_late;
-    assert_eq!(late.by_process[&Process::Acquisition], Percentiles { p50: 10.0, p99: 25.0, p99_9: 30.0, max: 90.0 });
+    assert_eq!(
+        late.by_process[&Process::Acquisition],
+        Percentiles { p50: 10.0, p99: 25.0, p99_9: 30.0, max: 90.0 }
+    );
     assert_eq!(late.worst, Percentiles { p50: 11.0, p99: 25.0, p99_9: 30.0, max: 90.0 });
     assert_eq!(analysis.timing.profile, Profile::Realtime);
     assert_eq!(Outcome::of(&analysis), Outcome::Kept);
@@ -136,7 +140,8 @@ fn the_model_is_run_on_the_recorded_volts() {
     // at rest until the volts come at 100 ms, then it moves the way that they push
     assert!(master.declared[..200].iter().all(|position| position.abs() < 1e-9));
     assert!(master.declared[1000] > 0.05, "{}", master.declared[1000]);
-    let squares: f64 = master.measured.iter().zip(&master.declared).map(|(m, d)| (m - d).powi(2)).sum();
+    let squares: f64 =
+        master.measured.iter().zip(&master.declared).map(|(m, d)| (m - d).powi(2)).sum();
     assert!((master.error - (squares / 4000.0).sqrt()).abs() < 1e-12);
 }
 
@@ -147,7 +152,8 @@ fn a_machine_that_is_as_declared_leaves_only_its_sensors_resolution() {
 
 #[test]
 fn so_do_the_cables() {
-    let cable = RigFile::parse(include_str!("../../../launch/rigs/cable.toml"), "cable.toml").unwrap();
+    let cable =
+        RigFile::parse(include_str!("../../../launch/rigs/cable.toml"), "cable.toml").unwrap();
     leaves_only_the_resolution(&cable, 3.0, "coulomb_friction@slave=0.3");
 }
 
@@ -179,7 +185,8 @@ fn leaves_only_the_resolution(rig: &RigFile, peak_v: f64, effect: &str) {
         demo::analysis::model(&rows, rig).unwrap().unwrap().errors()
     };
     let declared = card(&[]);
-    // a count of the hydrostatic rig is 1.6 mrad; the torque cell has 2 mV of noise at 0.5 V/N·m, and its bandwidth
+    // a count of the hydrostatic rig is 1.6 mrad; the torque cell has 2 mV of noise at 0.5 V/N·m,
+    // and its bandwidth
     assert!(declared["master_rad"] < 1.6e-3 && declared["slave_rad"] < 1.6e-3, "{declared:?}");
     assert!(declared["slave_torque_nm"] < 0.05, "{declared:?}");
     let other = card(&[effect.to_owned()]);
@@ -239,11 +246,15 @@ fn summary_and_page_are_complete() {
     assert!(json["identify"].is_null() && json["identify_refused"].is_null());
     assert!(json["model_error"]["slave_rad"].as_f64().unwrap() > 0.0);
 
-    let html = page(&analysis, &summary, &Outcome::of(&analysis), &Identified::LeftOut, &rig()).unwrap();
+    let html =
+        page(&analysis, &summary, &Outcome::of(&analysis), &Identified::LeftOut, &rig()).unwrap();
     assert!(!html.contains("What the declared model lacks"));
     // overview, three a kill, three channels
     assert_eq!(html.matches("<svg").count(), 1 + 2 * 3 + 3);
-    assert!(html.contains("The control process was killed") && html.contains("The acquisition process was killed"));
+    assert!(
+        html.contains("The control process was killed")
+            && html.contains("The acquisition process was killed")
+    );
     assert!(html.contains("backlash@slave=0.01"));
 }
 
@@ -251,7 +262,9 @@ fn summary_and_page_are_complete() {
 fn a_recording_without_samples_says_so() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("run.mcap");
-    let writer = recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1).unwrap();
+    let writer =
+        recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1)
+            .unwrap();
     writer.finish(&[]).unwrap();
     let error = Trace::read(&path).unwrap_err();
     assert!(matches!(error, TraceError::Empty { .. }), "{error}");
@@ -261,9 +274,14 @@ fn a_recording_without_samples_says_so() {
 fn a_recording_that_identify_cannot_use_is_no_reason_to_have_no_page() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("run.mcap");
-    let writer = recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1).unwrap();
+    let writer =
+        recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1)
+            .unwrap();
     writer.finish(&[]).unwrap();
     let identified = Identified::of(&path, &rig());
-    assert!(matches!(&identified, Identified::Refused(reason) if reason.contains("run.mcap")), "{identified:?}");
+    assert!(
+        matches!(&identified, Identified::Refused(reason) if reason.contains("run.mcap")),
+        "{identified:?}"
+    );
     assert_eq!(identified.value(), None);
 }

@@ -4,16 +4,17 @@ use std::path::PathBuf;
 
 /// Redraws the thesis's figures from the models, beside the published values.
 ///
-/// One page (index.html, needs no network), each figure as SVG and PNG, and all numbers (figures.json; figure-4.6.csv has the
-/// error of each block of the learning). Fits one
-/// softening of the line to the measured resonance and predicts the other published numbers with it.
+/// One page (index.html, needs no network), each figure as SVG and PNG, and all numbers
+/// (figures.json; figure-4.6.csv has the error of each block of the learning). Fits one softening
+/// of the line to the measured resonance and predicts the other published numbers with it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  farreach figures --out figures\n  farreach figures --json | jq '.[] | select(.published != null)'\n\n\
     Exit codes: 0 done, 1 failed, 2 usage"
 )]
 pub struct Args {
-    /// Writes into this folder; an earlier run's is replaced [default: farreach-figures, with --json none]
+    /// Writes into this folder; an earlier run's is replaced [default: farreach-figures, with
+    /// --json none]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Prints all values as JSON

@@ -25,7 +25,9 @@ pub enum FiguresError {
     #[error("no published value `{0}`; its id must stand in the table of published values")]
     Published(&'static str),
     /// A result that a figure shows was not computed.
-    #[error("no case `{0}` in the learning study; the figure that shows it must name one that is there")]
+    #[error(
+        "no case `{0}` in the learning study; the figure that shows it must name one that is there"
+    )]
     Missing(&'static str),
     /// The model has no resonance where one is looked for.
     #[error("{what}: no peak between {low} and {high} Hz; widen the range or change the constants")]

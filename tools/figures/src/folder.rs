@@ -23,7 +23,8 @@ pub(crate) fn check(folder: &Path) -> Result<PathBuf> {
         }
         let ours = folder.join(MARK).exists();
         for entry in fs::read_dir(&folder).map_err(io("read", &folder))? {
-            let name = entry.map_err(io("read", &folder))?.file_name().to_string_lossy().into_owned();
+            let name =
+                entry.map_err(io("read", &folder))?.file_name().to_string_lossy().into_owned();
             if !(ours && is_result(&name)) {
                 return Err(FiguresError::NotOurs { folder, found: name });
             }
@@ -34,7 +35,8 @@ pub(crate) fn check(folder: &Path) -> Result<PathBuf> {
     Ok(folder)
 }
 
-/// Writes files into a folder that [`check`] passed. They are written beside it and take its place at the end.
+/// Writes files into a folder that [`check`] passed. They are written beside it and take its place
+/// at the end.
 ///
 /// # Errors
 /// [`FiguresError::Io`]; the folder is then as it was.
@@ -62,11 +64,16 @@ pub(crate) fn write(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
 fn beside(folder: &Path) -> Result<tempfile::TempDir> {
     let parent = folder.parent().unwrap_or(folder);
     fs::create_dir_all(parent).map_err(io("make", parent))?;
-    tempfile::Builder::new().prefix(".farreach-figures-").tempdir_in(parent).map_err(io("write into", parent))
+    tempfile::Builder::new()
+        .prefix(".farreach-figures-")
+        .tempdir_in(parent)
+        .map_err(io("write into", parent))
 }
 
 fn is_result(name: &str) -> bool {
-    let figure = name.strip_prefix("figure-").and_then(|rest| rest.strip_suffix(".svg").or(rest.strip_suffix(".png")));
+    let figure = name
+        .strip_prefix("figure-")
+        .and_then(|rest| rest.strip_suffix(".svg").or(rest.strip_suffix(".png")));
     [MARK, "index.html", "figures.json", ERRORS_CSV].contains(&name)
         || figure.is_some_and(|number| number.chars().all(|c| c.is_ascii_digit() || c == '.'))
 }
@@ -93,7 +100,11 @@ mod tests {
         let folder = check(&folder).unwrap();
         write(&folder, &files("two")).unwrap();
         assert_eq!(fs::read_to_string(folder.join("index.html")).unwrap(), "two");
-        assert_eq!(fs::read_dir(folder.parent().unwrap()).unwrap().count(), 1, "nothing is left beside it");
+        assert_eq!(
+            fs::read_dir(folder.parent().unwrap()).unwrap().count(),
+            1,
+            "nothing is left beside it"
+        );
     }
 
     #[test]
@@ -102,7 +113,10 @@ mod tests {
         let file = directory.path().join("index.html");
         fs::write(&file, "precious").unwrap();
         let error = check(directory.path()).unwrap_err();
-        assert!(matches!(&error, FiguresError::NotOurs { found, .. } if found == "index.html"), "{error}");
+        assert!(
+            matches!(&error, FiguresError::NotOurs { found, .. } if found == "index.html"),
+            "{error}"
+        );
         assert!(matches!(check(&file).unwrap_err(), FiguresError::NotAFolder(_)));
         let error = check(&file.join("below")).unwrap_err();
         assert!(error.to_string().contains("--out"), "{error}");
@@ -115,6 +129,8 @@ mod tests {
         let folder = directory.path().join("figures");
         write(&folder, &files("one")).unwrap();
         fs::write(folder.join("notes.txt"), "mine").unwrap();
-        assert!(matches!(check(&folder).unwrap_err(), FiguresError::NotOurs { found, .. } if found == "notes.txt"));
+        assert!(
+            matches!(check(&folder).unwrap_err(), FiguresError::NotOurs { found, .. } if found == "notes.txt")
+        );
     }
 }

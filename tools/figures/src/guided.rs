@@ -1,8 +1,10 @@
-//! Guided movement (§ 4.1) under each law of position control, on the rig's twin: from feedback alone to learning.
+//! Guided movement (§ 4.1) under each law of position control, on the rig's twin: from feedback
+//! alone to learning.
 //!
-//! The line is as traced, and nobody is at the handle. The handle is to follow a sine of ±[`AMPLITUDE_DEG`]; the master's reference is
-//! that same sine but where a loop on the slave or learning changes it. By the ratio of the pistons a master that
-//! follows perfectly moves the slave by 0.854 of that.
+//! The line is as traced, and nobody is at the handle. The handle is to follow a sine of
+//! ±[`AMPLITUDE_DEG`]; the master's reference is that same sine but where a loop on the slave or
+//! learning changes it. By the ratio of the pistons a master that follows perfectly moves the slave
+//! by 0.854 of that.
 
 use learning::LearningLaw;
 use plant::hydrostatic::Parameters;
@@ -106,9 +108,13 @@ impl LawKind {
         let control = &mut rig.axes[0].control;
         let options = &mut control.options;
         options.compensation.kind = match self {
-            Self::Proportional | Self::Feedback | Self::Learnt | Self::LearntByModel => CompensationKind::None,
+            Self::Proportional | Self::Feedback | Self::Learnt | Self::LearntByModel => {
+                CompensationKind::None
+            }
             Self::Printed => CompensationKind::Printed,
-            Self::Identified | Self::Observer | Self::Slave | Self::All => CompensationKind::Identified,
+            Self::Identified | Self::Observer | Self::Slave | Self::All => {
+                CompensationKind::Identified
+            }
         };
         if matches!(self, Self::Observer | Self::All) {
             options.observer = Some(Observer::default());
@@ -146,8 +152,9 @@ pub struct Guided {
 /// How many times [`laws`] calls `done`.
 pub const PARTS: usize = LawKind::ALL.len();
 
-/// Moves the twin under each law; calls `done` after each law. The learnt reference of the published law, and at 1 Hz that of the
-/// model-based law, come from the learning study: [`Guided::with_learnt`].
+/// Moves the twin under each law; calls `done` after each law. The learnt reference of the
+/// published law, and at 1 Hz that of the model-based law, come from the learning study:
+/// [`Guided::with_learnt`].
 ///
 /// # Errors
 /// Where the rig file that is built in is not in order.
@@ -161,7 +168,9 @@ pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
                 let trace = match law {
                     LawKind::Learnt => Trace::default(),
                     // A cycle of 3 Hz is no whole number of control steps at 500 Hz.
-                    LawKind::LearntByModel if hertz == FIGURE_HZ || hertz == 3.0 => Trace::default(),
+                    LawKind::LearntByModel if hertz == FIGURE_HZ || hertz == 3.0 => {
+                        Trace::default()
+                    }
                     LawKind::LearntByModel => learnt(&rig, hertz)?,
                     law => {
                         let amplitude = AMPLITUDE_DEG.to_radians();
@@ -194,7 +203,9 @@ impl Guided {
     pub fn with_learnt(mut self, learning: &Learning) -> Self {
         let Some(case) = learning.case(LEARNING_CASE) else { return self };
         let last = |course: &Course| course.cycles[2].clone();
-        for cell in self.cells.iter_mut().filter(|cell| cell.hertz == FIGURE_HZ && cell.law.learnt()) {
+        for cell in
+            self.cells.iter_mut().filter(|cell| cell.hertz == FIGURE_HZ && cell.law.learnt())
+        {
             cell.trace = match (cell.law, &case.model_based) {
                 (LawKind::Learnt, _) => last(&case.published),
                 (_, Some(course)) => last(course),
@@ -217,11 +228,17 @@ impl Guided {
             let Some(quality) = quality else { continue };
             let note = format!(
                 "{}, ±{AMPLITUDE_DEG:.0}° at {hertz} Hz, nobody at the handle",
-                if *law == LawKind::All { "PD + identified + slave loop + observer" } else { law.name() }
+                if *law == LawKind::All {
+                    "PD + identified + slave loop + observer"
+                } else {
+                    law.name()
+                }
             );
             for (name, unit, value, what) in values(quality) {
                 let id = format!("hydrostatic.guided.{hertz}hz.{}.{name}", law.id());
-                rows.push(Row::own(id, "4.1", unit, None, Some(value)).note(format!("{what}; {note}")));
+                rows.push(
+                    Row::own(id, "4.1", unit, None, Some(value)).note(format!("{what}; {note}")),
+                );
             }
         }
         rows
@@ -231,10 +248,25 @@ impl Guided {
 /// What is told of a movement: name, unit, value, what it is.
 fn values(quality: &Quality) -> [(&'static str, &'static str, f64, &'static str); 5] {
     [
-        ("error_deg", "°", quality.slave_error.to_degrees(), "root mean square of desired less slave"),
-        ("master_error_deg", "°", quality.master_error.to_degrees(), "root mean square of desired less master"),
+        (
+            "error_deg",
+            "°",
+            quality.slave_error.to_degrees(),
+            "root mean square of desired less slave",
+        ),
+        (
+            "master_error_deg",
+            "°",
+            quality.master_error.to_degrees(),
+            "root mean square of desired less master",
+        ),
         ("plateau_s", "s", quality.plateau_s, "longest time for which the slave stands still"),
-        ("jerk_deg_s3", "°/s³", quality.jerk.to_degrees(), "root mean square of the slave's jerk over 10 ms"),
+        (
+            "jerk_deg_s3",
+            "°/s³",
+            quality.jerk.to_degrees(),
+            "root mean square of the slave's jerk over 10 ms",
+        ),
         ("effort_v", "V", quality.effort_v, "root mean square of the motor's volts"),
     ]
 }
@@ -245,10 +277,13 @@ type Measure = (&'static str, fn(&Quality) -> String);
 /// The tables on the page, one a measure.
 const MEASURES: [Measure; 4] = [
     ("Error of the slave, root mean square in ° (of the master)", |quality| {
-        let [slave, master] = [quality.slave_error, quality.master_error].map(|error| short(Some(error.to_degrees())));
+        let [slave, master] = [quality.slave_error, quality.master_error]
+            .map(|error| short(Some(error.to_degrees())));
         format!("{slave} ({master})")
     }),
-    ("Longest time for which the slave stands still, ms", |quality| format!("{:.0}", 1e3 * quality.plateau_s)),
+    ("Longest time for which the slave stands still, ms", |quality| {
+        format!("{:.0}", 1e3 * quality.plateau_s)
+    }),
     ("Jerk of the slave, root mean square over 10 ms in 10⁶ °/s³", |quality| {
         short(Some(1e-6 * quality.jerk.to_degrees()))
     }),
@@ -272,8 +307,10 @@ pub fn on_page(page: Page, study: &Guided) -> Page {
         let mut table = Table::new(head.collect::<Vec<_>>());
         for law in LawKind::ALL {
             let cell = |hertz| study.cell(law, hertz).and_then(|cell| cell.quality);
-            let cells = HERTZ.map(|hertz| cell(hertz).map_or_else(|| "–".to_owned(), |quality| told(&quality)));
-            table = table.row(std::iter::once(law.name().to_owned()).chain(cells).collect::<Vec<_>>());
+            let cells = HERTZ
+                .map(|hertz| cell(hertz).map_or_else(|| "–".to_owned(), |quality| told(&quality)));
+            table =
+                table.row(std::iter::once(law.name().to_owned()).chain(cells).collect::<Vec<_>>());
         }
         page = page.table(table, title);
     }

@@ -1,5 +1,5 @@
-//! Iterative learning on the rig's twin (§ 4.3), for fig. 4.5 and 4.6: with the printed constants, with the traced line, and over what the
-//! thesis leaves open.
+//! Iterative learning on the rig's twin (§ 4.3), for fig. 4.5 and 4.6: with the printed constants,
+//! with the traced line, and over what the thesis leaves open.
 
 use std::fmt::Write;
 
@@ -87,10 +87,12 @@ impl Learning {
         let mut text = "block,published_law_traced_deg,model_based_law_traced_deg,published_law_printed_constants_deg,\
                         model_based_law_printed_constants_deg\n"
             .to_owned();
-        let columns = [&self.published[1], &self.model_based[1], &self.published[0], &self.model_based[0]];
+        let columns =
+            [&self.published[1], &self.model_based[1], &self.published[0], &self.model_based[0]];
         for block in 0..BLOCKS {
-            let cells = columns
-                .map(|course| course.errors_deg.get(block).map_or_else(String::new, |error| format!("{error:.4}")));
+            let cells = columns.map(|course| {
+                course.errors_deg.get(block).map_or_else(String::new, |error| format!("{error:.4}"))
+            });
             // Writing to a string cannot fail.
             let _ = writeln!(text, "{},{}", block + 1, cells.join(","));
         }
@@ -117,15 +119,29 @@ const CHANGES: [Change; 9] = [
     Change { amplitude_deg: Some(30.0), ..change("amplitude_30deg", "amplitude 30°") },
     Change { amplitude_deg: Some(40.0), ..change("amplitude_40deg", "amplitude 40°") },
     Change {
-        law: Published { gamma_p: 0.5 * PUBLISHED.gamma_p, gamma_d: 0.5 * PUBLISHED.gamma_d, ..PUBLISHED },
+        law: Published {
+            gamma_p: 0.5 * PUBLISHED.gamma_p,
+            gamma_d: 0.5 * PUBLISHED.gamma_d,
+            ..PUBLISHED
+        },
         ..change("gains_half", "half the learning gains")
     },
     Change {
-        law: Published { gamma_p: 2.0 * PUBLISHED.gamma_p, gamma_d: 2.0 * PUBLISHED.gamma_d, ..PUBLISHED },
+        law: Published {
+            gamma_p: 2.0 * PUBLISHED.gamma_p,
+            gamma_d: 2.0 * PUBLISHED.gamma_d,
+            ..PUBLISHED
+        },
         ..change("gains_twice", "twice the learning gains")
     },
-    Change { law: Published { cutoff_hz: 5.0, ..PUBLISHED }, ..change("cutoff_5hz", "cut-off of the filter 5 Hz") },
-    Change { law: Published { cutoff_hz: 12.0, ..PUBLISHED }, ..change("cutoff_12hz", "cut-off of the filter 12 Hz") },
+    Change {
+        law: Published { cutoff_hz: 5.0, ..PUBLISHED },
+        ..change("cutoff_5hz", "cut-off of the filter 5 Hz")
+    },
+    Change {
+        law: Published { cutoff_hz: 12.0, ..PUBLISHED },
+        ..change("cutoff_12hz", "cut-off of the filter 12 Hz")
+    },
     Change { hand: true, ..change("passive_hand", "a passive hand at the handle") },
     Change {
         amplitude_deg: Some(30.0),

@@ -11,9 +11,10 @@
 //! ```
 //!
 //! - [`published`] is the table of what the thesis says, [`row`] one line of the comparison;
-//! - [`mod@line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off it;
-//! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else predicted, over all that the
-//!   thesis leaves open, and against other explanations;
+//! - [`mod@line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off
+//!   it;
+//! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else
+//!   predicted, over all that the thesis leaves open, and against other explanations;
 //! - [`guided`] compares the laws of position control on the rig's twin (§ 4.1);
 //! - [`mod@learning`] lets the rig's twin learn a movement (§ 4.3);
 //! - [`drawn`] holds the figures, [`study`] computes all of it, [`page`] shows it.

@@ -1,4 +1,5 @@
-//! What is simulated: the hydrostatic line with its constants, what was put into it, and how it is moved.
+//! What is simulated: the hydrostatic line with its constants, what was put into it, and how it is
+//! moved.
 
 use plant::effects::{self, Effect, Site};
 use plant::hydrostatic::{Parameters, Plant};
@@ -9,7 +10,8 @@ use crate::measure::Rig;
 /// Amplitude of the master's sine where nothing else is said, degrees. The thesis prints none.
 pub const NOMINAL_AMPLITUDE_DEG: f64 = 30.0;
 
-/// Mean of the static friction measured at the motor in both directions, N·m (§ 5.2.2: 0.9 and 1.0).
+/// Mean of the static friction measured at the motor in both directions, N·m (§ 5.2.2: 0.9 and
+/// 1.0).
 pub const MEASURED_FRICTION_NM: f64 = 0.95;
 
 /// An effect by name, with its size and any further parameters.
@@ -39,10 +41,15 @@ pub struct Line {
 impl Line {
     /// As printed, moved at the nominal amplitude.
     pub fn printed() -> Self {
-        Self { parameters: Parameters::printed(), effects: Vec::new(), amplitude_deg: NOMINAL_AMPLITUDE_DEG }
+        Self {
+            parameters: Parameters::printed(),
+            effects: Vec::new(),
+            amplitude_deg: NOMINAL_AMPLITUDE_DEG,
+        }
     }
 
-    /// The same with a line of `factor` times the stiffness (effect `line_compliance` of size `1/factor - 1`).
+    /// The same with a line of `factor` times the stiffness (effect `line_compliance` of size
+    /// `1/factor - 1`).
     #[must_use]
     pub fn softened(mut self, factor: f64) -> Self {
         self.parameters.line_stiffness_factor *= factor;
@@ -63,7 +70,8 @@ impl Line {
         self
     }
 
-    /// The same with all dry and viscous friction of motor, piston and slave times `share`; the fluid's stays.
+    /// The same with all dry and viscous friction of motor, piston and slave times `share`; the
+    /// fluid's stays.
     #[must_use]
     pub fn with_friction(mut self, share: f64) -> Self {
         let p = &mut self.parameters;
@@ -98,7 +106,8 @@ impl Line {
         self
     }
 
-    /// The same with another hose length, m. A dead time in the line is a travel time, and grows with it.
+    /// The same with another hose length, m. A dead time in the line is a travel time, and grows
+    /// with it.
     #[must_use]
     pub fn with_length(mut self, length_m: f64) -> Self {
         let ratio = length_m / self.parameters.hose_length_m;

@@ -98,8 +98,8 @@ const COARSE: f64 = 1.1;
 /// Points of the fine search between the neighbours of the coarse top.
 const FINE: usize = 7;
 
-/// The largest gain between two frequencies, Hz: a coarse search, a fine one round its top, and a parabola through
-/// the three highest neighbours.
+/// The largest gain between two frequencies, Hz: a coarse search, a fine one round its top, and a
+/// parabola through the three highest neighbours.
 ///
 /// # Errors
 /// Those of [`Rig::plant`].
@@ -119,7 +119,8 @@ pub fn peak(rig: &impl Rig, low: f64, high: f64) -> Result<Peak> {
     if top + 1 == coarse.len() {
         return Ok(Peak::Above);
     }
-    let fine = sweep(rig, &logarithmic(coarse[top - 1].frequency_hz, coarse[top + 1].frequency_hz, FINE))?;
+    let fine =
+        sweep(rig, &logarithmic(coarse[top - 1].frequency_hz, coarse[top + 1].frequency_hz, FINE))?;
     let best = highest(&fine).clamp(1, FINE - 2);
     let (frequency_hz, gain) = vertex(&fine[best - 1..=best + 1]);
     Ok(Peak::Inside { frequency_hz, gain })
@@ -154,11 +155,17 @@ const REACH: f64 = 5.0;
 /// Its steps, in the logarithm of the frequency.
 const STEP: f64 = 0.05;
 
-/// The first frequency above `from_hz` at which `value` falls below `level`; `None` within five times `from_hz`.
+/// The first frequency above `from_hz` at which `value` falls below `level`; `None` within five
+/// times `from_hz`.
 ///
 /// # Errors
 /// Those of [`Rig::plant`].
-pub fn falls_below(rig: &impl Rig, from_hz: f64, level: f64, value: fn(&Response) -> f64) -> Result<Option<f64>> {
+pub fn falls_below(
+    rig: &impl Rig,
+    from_hz: f64,
+    level: f64,
+    value: fn(&Response) -> f64,
+) -> Result<Option<f64>> {
     // A few at a time: what lies far above the crossing need not be computed.
     let steps = (REACH.ln() / STEP).ceil() as usize;
     let frequencies = logarithmic(from_hz, REACH * from_hz, steps + 1);
@@ -193,9 +200,15 @@ pub fn cut_off(rig: &impl Rig, peak_hz: f64) -> Result<Option<f64>> {
 ///
 /// # Errors
 /// The first that the function returns.
-pub fn root(low: f64, high: f64, tolerance: f64, mut function: impl FnMut(f64) -> Result<f64>) -> Result<Option<f64>> {
+pub fn root(
+    low: f64,
+    high: f64,
+    tolerance: f64,
+    mut function: impl FnMut(f64) -> Result<f64>,
+) -> Result<Option<f64>> {
     let mut failed = None;
-    // The method asks for both ends of its bracket again and again, and each answer is a simulation.
+    // The method asks for both ends of its bracket again and again, and each answer is a
+    // simulation.
     let mut known: Vec<(f64, f64)> = Vec::new();
     let found = find_root_brent(
         low,
@@ -245,8 +258,8 @@ pub fn cycle(rig: &impl Rig, frequency_hz: f64) -> Result<Cycle> {
 }
 
 impl Cycle {
-    /// Efficiency exactly as eq. 3.2.1 prints it: `max(τ_m q̇_s) / max(τ_s q̇_m)`, which pairs torque and speed of
-    /// different sides.
+    /// Efficiency exactly as eq. 3.2.1 prints it: `max(τ_m q̇_s) / max(τ_s q̇_m)`, which pairs
+    /// torque and speed of different sides.
     pub fn efficiency_as_printed(&self) -> f64 {
         let largest = |power: fn(&Motion) -> f64| self.motion.iter().map(power).fold(0.0, f64::max);
         let slave = largest(|m| m.motor_torque_nm * m.slave_velocity_rad_s);
@@ -254,8 +267,8 @@ impl Cycle {
         if master > 0.0 { slave / master } else { 0.0 }
     }
 
-    /// Work that reaches the slave over work of the motor, over the cycle: an efficiency in the strict sense, which
-    /// inertia cannot lift above 1.
+    /// Work that reaches the slave over work of the motor, over the cycle: an efficiency in the
+    /// strict sense, which inertia cannot lift above 1.
     pub fn work_efficiency(&self) -> f64 {
         let sum = |power: fn(&Motion) -> f64| self.motion.iter().map(power).sum::<f64>();
         let given = sum(|m| m.motor_torque_nm * m.master_velocity_rad_s);

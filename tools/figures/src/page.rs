@@ -22,7 +22,9 @@ const VALUES: &str = "Published value, the model with the printed constants, the
 pub fn page(study: &Study, json: &str) -> Result<Page> {
     let (sentence, detail) = verdict(study)?;
     let mut page = Page::new("The thesis's figures from the models")
-        .subtitle("Published values beside ours, with the printed constants and with the traced line.")
+        .subtitle(
+            "Published values beside ours, with the printed constants and with the traced line.",
+        )
         .verdict(Tone::Warning, &sentence, &detail);
     page = tracing(page, study)?;
     for figure in &study.drawn {
@@ -85,7 +87,12 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
             format!("no ({} of {} cells against)", conclusion.against.len(), study.cells.len())
         };
         let range = conclusion.range.map_or_else(String::new, |(low, high, unit)| {
-            format!("{} to {} {}", short(Some(low)), short(Some(high)), if unit == "1" { "" } else { unit })
+            format!(
+                "{} to {} {}",
+                short(Some(low)),
+                short(Some(high)),
+                if unit == "1" { "" } else { unit }
+            )
         });
         statements = statements.row([holds, conclusion.statement.clone(), range]);
     }
@@ -166,7 +173,13 @@ fn cable_words(study: &Study) -> Result<String> {
 }
 
 fn cable_cells(cells: &[CableCell]) -> Table {
-    let head = ["amplitude of the slave / °", "damping / (N·s/m)", "times softer", "gain at the peak", "cut-off / Hz"];
+    let head = [
+        "amplitude of the slave / °",
+        "damping / (N·s/m)",
+        "times softer",
+        "gain at the peak",
+        "cut-off / Hz",
+    ];
     cells.iter().fold(Table::new(head), |table, cell| {
         table.row([
             format!("{:.0}", cell.amplitude_deg),
@@ -181,7 +194,8 @@ fn cable_cells(cells: &[CableCell]) -> Table {
 /// Which of the explanations of a softer line lie in the usual range of such parts.
 fn plausible(by: &Explanations) -> String {
     let judged = [
-        // Polyurethane to polyamide; gas in a badly bled line; a toothed belt of 5 mm or wider on half a metre.
+        // Polyurethane to polyamide; gas in a badly bled line; a toothed belt of 5 mm or wider on
+        // half a metre.
         ("the hose wall", (5e7..=4e9).contains(&by.wall_modulus_pa)),
         ("the gas", by.gas_fraction <= 0.01),
         ("the belts", by.belt_stiffness_n_per_m >= 5e4),
@@ -209,7 +223,13 @@ fn explanations(study: &Study) -> Result<Table> {
     ];
     first.extend(study.rivals.iter().map(|rival| short(rival.prediction.peak_hz)));
     table = table.row(first);
-    let names = ["cut-off / Hz", "lag at 1 Hz / s", "low-frequency gain", "peak at 1 m / Hz", "cut-off at 1 m / Hz"];
+    let names = [
+        "cut-off / Hz",
+        "lag at 1 Hz / s",
+        "low-frequency gain",
+        "peak at 1 m / Hz",
+        "cut-off at 1 m / Hz",
+    ];
     for (name, (row, read)) in names.into_iter().zip(crate::tracing::rivals::held_rows()?) {
         let mut cells = vec![
             format!("{name}, {}, predicted", row.kind.name()),
@@ -234,14 +254,18 @@ fn explanations(study: &Study) -> Result<Table> {
 
 /// Which explanation misses least.
 fn rival_words(study: &Study) -> Result<String> {
-    let mut words: Vec<String> =
-        study.rivals.iter().map(|rival| format!("{}: {}.", capital(rival.short), rival.what)).collect();
+    let mut words: Vec<String> = study
+        .rivals
+        .iter()
+        .map(|rival| format!("{}: {}.", capital(rival.short), rival.what))
+        .collect();
     let without: Vec<&str> =
         study.rivals.iter().filter(|rival| rival.size.is_none()).map(|rival| rival.short).collect();
     if !without.is_empty() {
         words.push(format!("No size gives 8 Hz: {}.", without.join(", ")));
     }
-    for (rows, only_measured) in [("the rows measured on the rig", true), ("all five rows", false)] {
+    for (rows, only_measured) in [("the rows measured on the rig", true), ("all five rows", false)]
+    {
         let mut best: Option<(&str, f64)> = None;
         for rival in &study.rivals {
             if let Some(miss) = rival.miss_percent(only_measured)?
@@ -264,7 +288,16 @@ fn capital(text: &str) -> String {
 
 /// The table under a figure.
 fn values(rows: &[Row]) -> Table {
-    let mut table = Table::new(["value", "unit", "role", "kind", "published", "as printed", "traced", "error / %"]);
+    let mut table = Table::new([
+        "value",
+        "unit",
+        "role",
+        "kind",
+        "published",
+        "as printed",
+        "traced",
+        "error / %",
+    ]);
     for row in rows {
         table = table.row([
             row.id.replace("hydrostatic.", "").replace("own.", "").replace('_', " "),
@@ -274,7 +307,8 @@ fn values(rows: &[Row]) -> Table {
             short(row.published),
             short(row.printed_constants),
             short(row.traced),
-            row.traced_error_percent.map_or("–".to_owned(), |error| format!("{error:+.0}").replace('-', "−")),
+            row.traced_error_percent
+                .map_or("–".to_owned(), |error| format!("{error:+.0}").replace('-', "−")),
         ]);
     }
     table

@@ -1,7 +1,7 @@
 //! What the thesis publishes, read from its text, each value with the place where it stands.
 //!
-//! Cut-off means a gain of 0.707, absolute, above the peak. Values of kind [`Kind::Formula`] are not printed: they
-//! follow from a printed equation, and a test works them out again.
+//! Cut-off means a gain of 0.707, absolute, above the peak. Values of kind [`Kind::Formula`] are
+//! not printed: they follow from a printed equation, and a test works them out again.
 
 use serde::Serialize;
 

@@ -27,7 +27,8 @@ impl Role {
     }
 }
 
-/// A published value (or none), beside the model's with the printed constants and with the traced effect.
+/// A published value (or none), beside the model's with the printed constants and with the traced
+/// effect.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Name, stable.
@@ -69,7 +70,12 @@ pub struct Row {
 
 impl Row {
     /// Beside a published value.
-    pub fn beside(published: &Published, role: Role, printed_constants: Option<f64>, traced: Option<f64>) -> Self {
+    pub fn beside(
+        published: &Published,
+        role: Role,
+        printed_constants: Option<f64>,
+        traced: Option<f64>,
+    ) -> Self {
         let error = |ours: Option<f64>| ours.map(|ours| error_percent(ours, published));
         Self {
             published: Some(published.value),

@@ -25,7 +25,9 @@ pub fn run(args: &Args) -> anyhow::Result<i32> {
     let out = args.out.clone().or_else(|| (!args.json).then(|| PathBuf::from(FOLDER)));
     let out = out.map(|out| folder::check(&out)).transpose()?;
     let bar = ProgressBar::new(STEPS as u64)
-        .with_style(ProgressStyle::with_template("{msg} [{bar:40}] {percent} %")?.progress_chars("=> "))
+        .with_style(
+            ProgressStyle::with_template("{msg} [{bar:40}] {percent} %")?.progress_chars("=> "),
+        )
         .with_message("simulating");
     let study = study(|| bar.inc(1))?;
     let json = serde_json::to_string_pretty(&study.rows)?;
@@ -41,7 +43,11 @@ pub fn run(args: &Args) -> anyhow::Result<i32> {
     let (sentence, detail) = page::verdict(&study)?;
     println!("{sentence}\n{detail}");
     for conclusion in &study.conclusions {
-        println!("  {:3}  {}", if conclusion.survives() { "yes" } else { "no" }, conclusion.statement);
+        println!(
+            "  {:3}  {}",
+            if conclusion.survives() { "yes" } else { "no" },
+            conclusion.statement
+        );
     }
     if let Some(out) = out {
         println!("page: {}", out.join("index.html").display());

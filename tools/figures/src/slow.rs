@@ -31,7 +31,8 @@ pub fn slow_cycle(rig: &impl Rig) -> Result<SlowCycle> {
     let mut plant = rig.plant()?;
     let amplitude = rig.amplitude_rad();
     let half = (0.5 / (SLOW_HZ * STEP_S)) as usize;
-    let mut cycle = SlowCycle { position_deg: Vec::new(), torque_nm: Vec::new(), mean_nm: [0.0; 2] };
+    let mut cycle =
+        SlowCycle { position_deg: Vec::new(), torque_nm: Vec::new(), mean_nm: [0.0; 2] };
     let mut counts = [0.0; 2];
     for step in 1..=3 * half {
         let (sine, cosine) = (TAU * SLOW_HZ * STEP_S * step as f64).sin_cos();
@@ -46,7 +47,8 @@ pub fn slow_cycle(rig: &impl Rig) -> Result<SlowCycle> {
         let Motion { motor_torque_nm, slave_position_rad, .. } = plant.motion();
         cycle.position_deg.push(slave_position_rad.to_degrees());
         cycle.torque_nm.push(motor_torque_nm);
-        // A soft line is wound up for a good part of each stroke, so only the second half of it counts.
+        // A soft line is wound up for a good part of each stroke, so only the second half of it
+        // counts.
         if step % half > half / 2 {
             let side = usize::from(sine < 0.0);
             cycle.mean_nm[side] += motor_torque_nm.abs();

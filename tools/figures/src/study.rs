@@ -50,7 +50,8 @@ pub const STEPS: usize = 2
 /// Where a constant is out of range, or no softening gives the measured resonance.
 pub fn study(done: impl Fn() + Sync) -> Result<Study> {
     // One after the other, tracing leaves a core idle.
-    let (tracing, (learning, guided)) = rayon::join(trace, || rayon::join(|| learn(&done), || guided::laws(&done)));
+    let (tracing, (learning, guided)) =
+        rayon::join(trace, || rayon::join(|| learn(&done), || guided::laws(&done)));
     let (tracing, learning) = (tracing?, learning?);
     let guided = guided?.with_learnt(&learning);
     done();

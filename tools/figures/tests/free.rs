@@ -7,7 +7,8 @@ use figures::drawn::free::free_movement;
 fn what_the_hand_spends_stands_in_the_rows() {
     let drawn = free_movement().unwrap();
     let traced = |id: &str| {
-        let row = drawn.rows.iter().find(|row| row.id == id).unwrap_or_else(|| panic!("no row {id}"));
+        let row =
+            drawn.rows.iter().find(|row| row.id == id).unwrap_or_else(|| panic!("no row {id}"));
         row.traced.expect(id)
     };
     for row in &drawn.rows {
@@ -15,8 +16,14 @@ fn what_the_hand_spends_stands_in_the_rows() {
     }
     for hertz in ["0.5", "1", "2", "3"] {
         let of = |name: &str| traced(&format!("hydrostatic.free.{hertz}hz.{name}"));
-        assert!(of("hand_torque_rms_nm") < 0.75 * of("uncompensated_hand_torque_rms_nm"), "{hertz} Hz");
-        assert!(of("hand_torque_peak_nm") < 0.9 * of("uncompensated_hand_torque_peak_nm"), "{hertz} Hz");
+        assert!(
+            of("hand_torque_rms_nm") < 0.75 * of("uncompensated_hand_torque_rms_nm"),
+            "{hertz} Hz"
+        );
+        assert!(
+            of("hand_torque_peak_nm") < 0.9 * of("uncompensated_hand_torque_peak_nm"),
+            "{hertz} Hz"
+        );
         assert!(of("torque_ripple_nm") > 0.0);
     }
     // What the caption says: possible at 3 Hz, and work.

@@ -21,12 +21,21 @@ fn both_laws_learn_on_the_traced_line_and_the_model_based_one_in_a_tenth_of_the_
             case.published.blocks_to_goal(),
             case.model_based.as_ref().map(figures::learning::Course::blocks_to_goal)
         );
-        assert!(case.published.last_deg().unwrap() < 0.5 * case.published.first_deg().unwrap(), "{}", case.id);
+        assert!(
+            case.published.last_deg().unwrap() < 0.5 * case.published.first_deg().unwrap(),
+            "{}",
+            case.id
+        );
     }
     // With the printed line both laws come to 1° as well, sooner than with the softer one.
-    let sooner = |courses: &[figures::learning::Course; 2]| courses[0].blocks_to_goal() < courses[1].blocks_to_goal();
+    let sooner = |courses: &[figures::learning::Course; 2]| {
+        courses[0].blocks_to_goal() < courses[1].blocks_to_goal()
+    };
     assert!(sooner(&learning.published) && sooner(&learning.model_based));
-    assert!(learning.published[0].blocks_to_goal().is_some() && learning.model_based[0].blocks_to_goal().is_some());
+    assert!(
+        learning.published[0].blocks_to_goal().is_some()
+            && learning.model_based[0].blocks_to_goal().is_some()
+    );
     let table = learning.csv();
     assert_eq!(table.lines().count(), 1 + BLOCKS);
     assert!(table.lines().all(|line| line.split(',').count() == 5));

@@ -15,7 +15,10 @@ use plant::effects::Site;
 use plant::response::LinearSystem;
 
 fn close(found: f64, expected: f64, share: f64) {
-    assert!((found / expected - 1.0).abs() <= share, "found {found}, expected {expected} within {share}");
+    assert!(
+        (found / expected - 1.0).abs() <= share,
+        "found {found}, expected {expected} within {share}"
+    );
 }
 
 fn value(id: &'static str) -> f64 {
@@ -32,10 +35,18 @@ fn values_of_printed_equations_follow_from_them() {
     let (ten, one) = (LinearSystem::TEN_METRES, LinearSystem::ONE_METRE);
     close(ten.low_frequency_gain(), value("hydrostatic.linear_fit_10m.low_frequency_gain"), 1e-3);
     close(linear::peak_hz(&ten), value("hydrostatic.linear_fit_10m.formula_peak_hz"), 2e-3);
-    close(linear::cut_off_hz(&ten).unwrap(), value("hydrostatic.linear_fit_10m.formula_cutoff_hz"), 5e-3);
+    close(
+        linear::cut_off_hz(&ten).unwrap(),
+        value("hydrostatic.linear_fit_10m.formula_cutoff_hz"),
+        5e-3,
+    );
     close(ten.lag_s(1.0), value("hydrostatic.linear_fit_10m.formula_lag_1hz_s"), 0.02);
     close(one.natural_frequency_hz(), value("hydrostatic.linear_fit_1m.formula_natural_hz"), 1e-3);
-    close(linear::cut_off_hz(&one).unwrap(), value("hydrostatic.linear_fit_1m.formula_cutoff_hz"), 2e-3);
+    close(
+        linear::cut_off_hz(&one).unwrap(),
+        value("hydrostatic.linear_fit_1m.formula_cutoff_hz"),
+        2e-3,
+    );
 }
 
 #[test]
@@ -57,7 +68,11 @@ fn printed_constants_peak_near_30_hz_and_hardly_lag() {
 #[test]
 fn softening_fitted_to_the_resonance_predicts_the_rest() {
     let tracing = trace().unwrap();
-    close(tracing.traced.peak_hz.unwrap(), value("hydrostatic.frequency_response_measured.resonance_hz"), 2e-3);
+    close(
+        tracing.traced.peak_hz.unwrap(),
+        value("hydrostatic.frequency_response_measured.resonance_hz"),
+        2e-3,
+    );
     assert!((12.0..16.0).contains(&(1.0 / tracing.factor)), "{}", tracing.factor);
     let predicted = [
         (tracing.traced.cut_off_hz, "hydrostatic.frequency_response_measured.cutoff_hz", 0.20),
@@ -69,8 +84,13 @@ fn softening_fitted_to_the_resonance_predicts_the_rest() {
     for (found, id, share) in predicted {
         close(found.unwrap(), value(id), share);
     }
-    // The factor's last bit decides when the slave sticks, and a gain is measured no closer than that.
-    assert!(tracing.misprint_difference < 5e-3, "a misprinted B gives other numbers: {}", tracing.misprint_difference);
+    // The factor's last bit decides when the slave sticks, and a gain is measured no closer than
+    // that.
+    assert!(
+        tracing.misprint_difference < 5e-3,
+        "a misprinted B gives other numbers: {}",
+        tracing.misprint_difference
+    );
     assert!(tracing.softening_as().wall_modulus_pa > 0.0);
 
     let json = serde_json::to_value(rows::rows(&tracing, &[], &[], &[]).unwrap()).unwrap();
@@ -85,7 +105,12 @@ fn lag_does_not_survive_what_the_thesis_leaves_open() {
     assert_eq!(cells.len(), 2 * Friction::ALL.len());
     let all = conclusions(&cells, 1.0 / 14.1).unwrap();
     let survives = |id: &str| all.iter().find(|conclusion| conclusion.id == id).unwrap().survives();
-    for id in ["printed_cannot_give_8_hz", "softer_line_gives_8_hz", "softening_is_fixed", "cut_off_predicted"] {
+    for id in [
+        "printed_cannot_give_8_hz",
+        "softer_line_gives_8_hz",
+        "softening_is_fixed",
+        "cut_off_predicted",
+    ] {
         assert!(survives(id), "{id}: {all:#?}");
     }
     for id in ["lag_predicted", "printed_lag"] {
@@ -103,12 +128,16 @@ fn friction_is_scaled_to_the_measured() {
 #[test]
 fn a_heavier_slave_does_not_explain_the_lag() {
     let heavier = |inertia: f64| {
-        let size = Added { id: "extra_inertia", site: Site::Slave, size: inertia, more: Vec::new() };
+        let size =
+            Added { id: "extra_inertia", site: Site::Slave, size: inertia, more: Vec::new() };
         Line::printed().with(size)
     };
     let inertia = fit(8.0, 1e-3, 1.0, heavier).unwrap().unwrap();
     let lag = at(&heavier(inertia), 1.0).unwrap().lag_s();
-    assert!(lag < 0.2 * value("hydrostatic.delay_measured.delay_s"), "{lag} s with {inertia} kg·m²");
+    assert!(
+        lag < 0.2 * value("hydrostatic.delay_measured.delay_s"),
+        "{lag} s with {inertia} kg·m²"
+    );
 }
 
 #[test]
@@ -122,7 +151,9 @@ fn no_size_gives_none() {
 
 /// The frequency at which the slave lags by 90°, Hz.
 fn resonance_hz(line: &Line) -> f64 {
-    falls_below(line, 5.0, -std::f64::consts::FRAC_PI_2, |response| response.phase_rad).unwrap().unwrap()
+    falls_below(line, 5.0, -std::f64::consts::FRAC_PI_2, |response| response.phase_rad)
+        .unwrap()
+        .unwrap()
 }
 
 #[test]
@@ -132,7 +163,9 @@ fn resonance_does_not_depend_on_the_diameter() {
         close(resonance_hz(&soft().with_diameter(diameter)), widest, 0.10);
     }
     // The top of the gain does sink in the narrowest hose, which damps most.
-    let top = |diameter: f64| peak(&soft().with_diameter(diameter), 3.0, 20.0).unwrap().frequency_hz().unwrap();
+    let top = |diameter: f64| {
+        peak(&soft().with_diameter(diameter), 3.0, 20.0).unwrap().frequency_hz().unwrap()
+    };
     close(top(0.009), top(0.015), 0.10);
     assert!(top(0.005) < 0.85 * top(0.015));
 }
@@ -140,7 +173,8 @@ fn resonance_does_not_depend_on_the_diameter() {
 #[test]
 fn efficiency_rises_with_diameter_and_falls_with_length() {
     let efficiency = |line: &Line| cycle(line, 5.0).unwrap().work_efficiency();
-    let by_diameter = [0.005, 0.009, 0.015].map(|diameter| efficiency(&soft().with_diameter(diameter)));
+    let by_diameter =
+        [0.005, 0.009, 0.015].map(|diameter| efficiency(&soft().with_diameter(diameter)));
     assert!(by_diameter.is_sorted_by(|a, b| a < b), "{by_diameter:?}");
     let at_8 = |length: f64| cycle(&soft().with_length(length), 8.0).unwrap().work_efficiency();
     let by_length = [5.0, 10.0, 15.0, 20.0].map(at_8);
@@ -158,8 +192,11 @@ fn cut_off_is_where_the_gain_is() {
 #[test]
 fn a_row_is_what_programs_expect() {
     let cut_off = published("hydrostatic.frequency_response_measured.cutoff_hz").unwrap();
-    let json = serde_json::to_value(Row::beside(cut_off, Role::Predicted, None, Some(13.2))).unwrap();
-    for (key, expected) in [("figure", "5.7"), ("unit", "Hz"), ("role", "predicted"), ("kind", "measured")] {
+    let json =
+        serde_json::to_value(Row::beside(cut_off, Role::Predicted, None, Some(13.2))).unwrap();
+    for (key, expected) in
+        [("figure", "5.7"), ("unit", "Hz"), ("role", "predicted"), ("kind", "measured")]
+    {
         assert_eq!(json[key], expected);
     }
     assert_eq!(json["published"], 12.0);

@@ -1,15 +1,19 @@
-//! How well does a model that `identify` fitted foretell records? A short way ahead, and all the way.
+//! How well does a model that `identify` fitted foretell records? A short way ahead, and all the
+//! way.
 //!
-//! `identify` itself states innovations of an observer, which black-box models do not have. For a comparison with them
-//! (`tests/peers`) this takes the model that its JSON describes and lets it run:
+//! `identify` itself states innovations of an observer, which black-box models do not have. For a
+//! comparison with them (`tests/peers`) this takes the model that its JSON describes and lets it
+//! run:
 //!
-//! - *ahead*: from every 25th row, `--rows` rows further with volts and hand torque as recorded and the model left to itself; until
-//!   then it was pulled along by an observer of each `--observer` (rad/s). What it then shows is held against the measured row.
+//! - *ahead*: from every 25th row, `--rows` rows further with volts and hand torque as recorded and
+//!   the model left to itself; until then it was pulled along by an observer of each `--observer`
+//!   (rad/s). What it then shows is held against the measured row.
 //! - *free*: from rest at the first row to the end of the record, pulled by nothing.
 //!
-//! Both are written to stdout as JSON: for each record and channel the sum of squared errors (rad²) and how many there are, `null` where
-//! the model was lost. Effects that change only what the torque cell shows, and a function without a name (`unlisted`), are left out
-//! and named under `left_out`. The torque of the hand is the measured one throughout.
+//! Both are written to stdout as JSON: for each record and channel the sum of squared errors (rad²)
+//! and how many there are, `null` where the model was lost. Effects that change only what the
+//! torque cell shows, and a function without a name (`unlisted`), are left out and named under
+//! `left_out`. The torque of the hand is the measured one throughout.
 //!
 //!     cargo run --release -p identify --example ahead -- --rig launch/rigs/hydrostatic.toml --identified identify.json run-1.csv
 
@@ -30,8 +34,14 @@ const APART: usize = 25;
 /// A model beyond this has lost the record (rad).
 const LOST_RAD: f64 = 1e3;
 /// Effects of the torque cell.
-const ON_TORQUE: [&str; 6] =
-    ["sensor_offset", "sensor_gain", "sensor_drift", "sensor_crosstalk", "mains_hum", "rectified_sensor"];
+const ON_TORQUE: [&str; 6] = [
+    "sensor_offset",
+    "sensor_gain",
+    "sensor_drift",
+    "sensor_crosstalk",
+    "mains_hum",
+    "rectified_sensor",
+];
 
 /// Runs a fitted model ahead.
 #[derive(Parser)]
@@ -108,12 +118,13 @@ fn model(args: &Args) -> anyhow::Result<Model> {
     let mut constants = rig.model.transmission(&args.rig.display().to_string())?;
     let text = std::fs::read_to_string(&args.identified)
         .with_context(|| format!("{}: cannot be read", args.identified.display()))?;
-    let found: Value =
-        serde_json::from_str(&text).with_context(|| format!("{}: no JSON", args.identified.display()))?;
+    let found: Value = serde_json::from_str(&text)
+        .with_context(|| format!("{}: no JSON", args.identified.display()))?;
     let list = |value: &Value, key: &str| value[key].as_array().cloned().unwrap_or_default();
     let mut slave_zero_rad = 0.0;
     for parameter in list(&found, "parameters") {
-        let (name, value) = (parameter["name"].as_str().unwrap_or_default(), number(&parameter, "fitted")?);
+        let (name, value) =
+            (parameter["name"].as_str().unwrap_or_default(), number(&parameter, "fitted")?);
         if name == "slave_encoder_zero_rad" {
             slave_zero_rad = value;
             continue;
@@ -122,12 +133,16 @@ fn model(args: &Args) -> anyhow::Result<Model> {
     }
     let (mut placed, mut left_out) = (Vec::new(), Vec::new());
     for effect in list(&found, "effects") {
-        let (id, site) = (effect["id"].as_str().unwrap_or_default(), effect["site"].as_str().unwrap_or_default());
+        let (id, site) = (
+            effect["id"].as_str().unwrap_or_default(),
+            effect["site"].as_str().unwrap_or_default(),
+        );
         if ON_TORQUE.contains(&id) {
             left_out.push(format!("{id}@{site}"));
             continue;
         }
-        let place = Site::from_name(site).with_context(|| format!("{id}: expected a site, found {site:?}"))?;
+        let place = Site::from_name(site)
+            .with_context(|| format!("{id}: expected a site, found {site:?}"))?;
         let parameters = list(&effect, "parameters");
         let size = parameters.first().with_context(|| format!("{id}@{site}: no parameters"))?;
         let mut made = effects::make(id, place, number(size, "value")?)?;
@@ -150,7 +165,9 @@ fn record(path: &std::path::Path) -> anyhow::Result<Record> {
     let file = recording::record::from_csv(path, &recording::record::Options::default())?;
     let column = |name: &str| {
         let found = file.columns.iter().find(|(own, _)| *own == name);
-        found.map(|(_, values)| values.clone()).with_context(|| format!("{}: no column {name}", path.display()))
+        found
+            .map(|(_, values)| values.clone())
+            .with_context(|| format!("{}: no column {name}", path.display()))
     };
     let time = &file.time_s;
     if time.len() < 2 {
@@ -178,16 +195,24 @@ impl Model {
     /// Measured less shown: master, slave (rad); `None` where the model is lost.
     fn off(&self, plant: &any::Plant, record: &Record, row: usize) -> Option<[f64; 2]> {
         let reading = plant.reading();
-        let off =
-            [record.master[row] - reading.master_rad, record.slave[row] - self.slave_zero_rad - reading.slave_rad];
+        let off = [
+            record.master[row] - reading.master_rad,
+            record.slave[row] - self.slave_zero_rad - reading.slave_rad,
+        ];
         // Also what is no number has lost it.
         off.iter().all(|off| off.abs() < LOST_RAD).then_some(off)
     }
 
-    fn ahead(&self, record: &Record, observer_rad_s: f64, args: &Args) -> anyhow::Result<Option<Errors>> {
+    fn ahead(
+        &self,
+        record: &Record,
+        observer_rad_s: f64,
+        args: &Args,
+    ) -> anyhow::Result<Option<Errors>> {
         let mut plant = self.plant(record)?;
         let dt = record.step_s;
-        let (on_position, on_speed) = (OBSERVER_DAMPING * observer_rad_s * dt, observer_rad_s * observer_rad_s * dt);
+        let (on_position, on_speed) =
+            (OBSERVER_DAMPING * observer_rad_s * dt, observer_rad_s * observer_rad_s * dt);
         let mut errors = Errors::default();
         for row in 0..record.volts.len().saturating_sub(args.rows) {
             let Some([master, slave]) = self.off(&plant, record, row) else { return Ok(None) };

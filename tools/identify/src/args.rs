@@ -6,17 +6,19 @@ use recording::record::Mapping;
 
 /// Holds the declared model against measured records and names what it lacks.
 ///
-/// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a transmission: t_s,
-/// motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured; of a drive: t_s, force_n, position_m (or torque_nm,
-/// position_rad); of an element: t_s, position_m, force_n; of an oscillator: t_s, input, output.
+/// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a
+/// transmission: t_s, motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured;
+/// of a drive: t_s, force_n, position_m (or torque_nm, position_rad); of an element: t_s,
+/// position_m, force_n; of an oscillator: t_s, input, output.
 ///
-/// A CSV file that names its columns otherwise, and a recording (MCAP) of another program, are read with --map: SOURCE is a name
-/// in the header, or TOPIC:FIELD with dots into messages and brackets into arrays; FACTOR brings it to SI units. Without a mapping of
-/// t_s the time of a recording is that at which messages were written.
+/// A CSV file that names its columns otherwise, and a recording (MCAP) of another program, are read
+/// with --map: SOURCE is a name in the header, or TOPIC:FIELD with dots into messages and brackets
+/// into arrays; FACTOR brings it to SI units. Without a mapping of t_s the time of a recording is
+/// that at which messages were written.
 ///
-/// A transmission needs three records or more, or one that moves for 9 s or more and is cut into stretches; whole records fit,
-/// select and report, unless --fit, --select and --report-on say otherwise. Of the other kinds one record does: blocks of it fit,
-/// select and report.
+/// A transmission needs three records or more, or one that moves for 9 s or more and is cut into
+/// stretches; whole records fit, select and report, unless --fit, --select and --report-on say
+/// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n  \
@@ -30,7 +32,8 @@ pub struct Args {
     /// Measured records
     #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]
     pub records: Vec<PathBuf>,
-    /// Where a column comes from, for all records (repeatable): slave_torque_nm=/handle:wrench.torque.z
+    /// Where a column comes from, for all records (repeatable):
+    /// slave_torque_nm=/handle:wrench.torque.z
     #[arg(long, value_name = "COLUMN=SOURCE[*FACTOR]")]
     pub map: Vec<Mapping>,
     /// Brings the rows to this rate by straight lines, for records that are not uniform in time
@@ -45,12 +48,13 @@ pub struct Args {
     /// Writes the rig file with the fitted parameters and the effects found; FILE must not exist
     #[arg(long, value_name = "FILE")]
     pub write_rig: Option<PathBuf>,
-    /// Writes a protocol that the rig can play: it tells apart what the records cannot, or shows parameters that they do not; FILE must not
-    /// exist
+    /// Writes a protocol that the rig can play: it tells apart what the records cannot, or shows
+    /// parameters that they do not; FILE must not exist
     #[arg(long, value_name = "FILE")]
     pub propose_experiment: Option<PathBuf>,
-    /// Searches N simulated machines that have all but the last effect found, or lack nothing; the effect is taken back where chance may have
-    /// given as much (p above 0.05; with fewer than 19 nothing less can be shown). Each takes as long as the search itself
+    /// Searches N simulated machines that have all but the last effect found, or lack nothing; the
+    /// effect is taken back where chance may have given as much (p above 0.05; with fewer than 19
+    /// nothing less can be shown). Each takes as long as the search itself
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
     /// Threads [default: one a processor]

@@ -14,7 +14,9 @@ pub enum IdentifyError {
         axes: usize,
     },
     /// The rig file declares a model that this program cannot hold against data.
-    #[error("{file}: [model] kind = \"{kind}\": expected one of {known}; identify has no such model")]
+    #[error(
+        "{file}: [model] kind = \"{kind}\": expected one of {known}; identify has no such model"
+    )]
     Kind {
         /// The rig file.
         file: String,
@@ -63,7 +65,9 @@ pub enum IdentifyError {
         expected: &'static str,
     },
     /// A column is missing.
-    #[error("{file}: expected a column {expected}, found {found}; SI units, names as in `farreach identify --help`")]
+    #[error(
+        "{file}: expected a column {expected}, found {found}; SI units, names as in `farreach identify --help`"
+    )]
     Column {
         /// The record.
         file: String,

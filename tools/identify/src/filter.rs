@@ -1,13 +1,15 @@
 //! Zero-phase low-pass and derivatives of uniformly sampled signals.
 //!
-//! The filter is a Butterworth low-pass of order 4 (two second-order sections, bilinear transform, cut-off
-//! pre-warped), run forward and then backward over the record. "Order 4" is the order of one pass, as published for
-//! the EMPS record: the two passes together have the magnitude `|H(f)|²`, so the amplitude is halved (-6 dB, not
-//! -3 dB) at the cut-off frequency, fall by 48 dB per octave, and have no phase.
+//! The filter is a Butterworth low-pass of order 4 (two second-order sections, bilinear transform,
+//! cut-off pre-warped), run forward and then backward over the record. "Order 4" is the order of
+//! one pass, as published for the EMPS record: the two passes together have the magnitude
+//! `|H(f)|²`, so the amplitude is halved (-6 dB, not -3 dB) at the cut-off frequency, fall by 48 dB
+//! per octave, and have no phase.
 //!
-//! Edges: the record is continued at both ends by its reflection through the end point (odd extension, three periods of
-//! the cut-off), and each pass begins in the steady state of its first value. What is left of the edges
-//! decays within [`ZeroPhase::settling`] samples, which callers leave out.
+//! Edges: the record is continued at both ends by its reflection through the end point (odd
+//! extension, three periods of the cut-off), and each pass begins in the steady state of its first
+//! value. What is left of the edges decays within [`ZeroPhase::settling`] samples, which callers
+//! leave out.
 
 use std::f64::consts::PI;
 
@@ -26,8 +28,8 @@ pub struct ZeroPhase {
 }
 
 impl ZeroPhase {
-    /// A filter with its cut-off frequency (of one pass, -3 dB) and the sampling frequency, both in Hz.
-    /// `None` unless `0 < cut_off < sampling / 2`.
+    /// A filter with its cut-off frequency (of one pass, -3 dB) and the sampling frequency, both in
+    /// Hz. `None` unless `0 < cut_off < sampling / 2`.
     pub fn new(cut_off: f64, sampling: f64) -> Option<Self> {
         if !(cut_off > 0.0 && cut_off < 0.5 * sampling) {
             return None;
@@ -38,7 +40,10 @@ impl ZeroPhase {
             let damping = 2.0 * angle.cos();
             let norm = 1.0 / (1.0 + damping * k + k * k);
             let b = k * k * norm;
-            Section { b: [b, 2.0 * b, b], a: [2.0 * (k * k - 1.0) * norm, (1.0 - damping * k + k * k) * norm] }
+            Section {
+                b: [b, 2.0 * b, b],
+                a: [2.0 * (k * k - 1.0) * norm, (1.0 - damping * k + k * k) * norm],
+            }
         };
         let pad = (3.0 * sampling / cut_off).ceil() as usize;
         Some(Self { sections: [section(PI / 8.0), section(3.0 * PI / 8.0)], pad })
@@ -87,8 +92,9 @@ impl Section {
 
 /// First and second derivative by five-point central differences, step `step` (s).
 ///
-/// The relative error is `(ωh)⁴/30` and `(ωh)⁴/90`: below 2e-4 at 40 Hz and 1 kHz. The two samples at each
-/// end have no centre and repeat their neighbour; they lie within the filter's settling anyway.
+/// The relative error is `(ωh)⁴/30` and `(ωh)⁴/90`: below 2e-4 at 40 Hz and 1 kHz. The two samples
+/// at each end have no centre and repeat their neighbour; they lie within the filter's settling
+/// anyway.
 pub fn derivatives(signal: &[f64], step: f64) -> (Vec<f64>, Vec<f64>) {
     let n = signal.len();
     let (mut first, mut second) = (vec![0.0; n], vec![0.0; n]);
@@ -96,7 +102,8 @@ pub fn derivatives(signal: &[f64], step: f64) -> (Vec<f64>, Vec<f64>) {
         return (first, second);
     }
     for i in 2..n - 2 {
-        let (a, b, c, d, e) = (signal[i - 2], signal[i - 1], signal[i], signal[i + 1], signal[i + 2]);
+        let (a, b, c, d, e) =
+            (signal[i - 2], signal[i - 1], signal[i], signal[i + 1], signal[i + 2]);
         first[i] = (a - e + 8.0 * (d - b)) / (12.0 * step);
         second[i] = (16.0 * (b + d) - a - e - 30.0 * c) / (12.0 * step * step);
     }
@@ -111,7 +118,8 @@ pub fn derivatives(signal: &[f64], step: f64) -> (Vec<f64>, Vec<f64>) {
 mod tests {
     use super::*;
 
-    /// Amplitude and phase of the filter's answer to a sine, by projection over whole periods mid-record.
+    /// Amplitude and phase of the filter's answer to a sine, by projection over whole periods
+    /// mid-record.
     fn answer(frequency: f64) -> (f64, f64) {
         let (fs, n) = (1000.0, 8000);
         let wave: Vec<f64> = (0..n).map(|i| (2.0 * PI * frequency * i as f64 / fs).sin()).collect();
@@ -131,7 +139,10 @@ mod tests {
         for frequency in [1.0, 10.0, 20.0, 30.0, 40.0, 50.0, 80.0] {
             let (magnitude, phase) = answer(frequency);
             let closed = 1.0 / (1.0 + (warp(frequency) / warp(40.0)).powi(8));
-            assert!((magnitude - closed).abs() < 1e-9 + 1e-6 * closed, "{frequency} Hz: {magnitude} {closed}");
+            assert!(
+                (magnitude - closed).abs() < 1e-9 + 1e-6 * closed,
+                "{frequency} Hz: {magnitude} {closed}"
+            );
             assert!(phase.abs() < 1e-6, "{frequency} Hz: {phase} rad");
         }
         assert!((answer(40.0).0 - 0.5).abs() < 1e-9);
@@ -156,7 +167,8 @@ mod tests {
         reversed = filter.run(&reversed);
         reversed.reverse();
         let settled = filter.settling();
-        for (a, b) in filter.run(&signal)[settled..3000 - settled].iter().zip(&reversed[settled..]) {
+        for (a, b) in filter.run(&signal)[settled..3000 - settled].iter().zip(&reversed[settled..])
+        {
             assert!((a - b).abs() < 1e-6, "{a} {b}");
         }
     }

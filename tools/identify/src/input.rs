@@ -36,10 +36,12 @@ impl Series {
     /// # Errors
     /// [`IdentifyError::Column`].
     pub fn any(&self, names: &[&'static str]) -> Result<(&'static str, &[f64])> {
-        names.iter().find_map(|n| self.column(n).map(|c| (*n, c))).ok_or_else(|| IdentifyError::Column {
-            file: self.file.clone(),
-            expected: names.join(" or "),
-            found: self.columns.iter().map(|c| c.0.as_str()).collect::<Vec<_>>().join(", "),
+        names.iter().find_map(|n| self.column(n).map(|c| (*n, c))).ok_or_else(|| {
+            IdentifyError::Column {
+                file: self.file.clone(),
+                expected: names.join(" or "),
+                found: self.columns.iter().map(|c| c.0.as_str()).collect::<Vec<_>>().join(", "),
+            }
         })
     }
 
@@ -59,9 +61,15 @@ impl Series {
         let median = steps[steps.len() / 2];
         for (i, step) in unsorted.iter().enumerate() {
             let (expected, advice) = if *step <= 0.0 {
-                ("a later time than the row before".to_owned(), "sort the rows and take doubles out")
+                (
+                    "a later time than the row before".to_owned(),
+                    "sort the rows and take doubles out",
+                )
             } else if (step - median).abs() > JITTER * median {
-                (format!("a step of {median:.6} s"), "cut the record at the gap, or resample it uniformly")
+                (
+                    format!("a step of {median:.6} s"),
+                    "cut the record at the gap, or resample it uniformly",
+                )
             } else {
                 continue;
             };
@@ -105,7 +113,12 @@ impl Series {
         let values = self.column(name).unwrap_or(&[]);
         let first = values.first().copied().unwrap_or(0.0);
         let channel = |found: String, advice: String| {
-            Err(IdentifyError::Channel { file: self.file.clone(), column: name.into(), found, advice })
+            Err(IdentifyError::Channel {
+                file: self.file.clone(),
+                column: name.into(),
+                found,
+                advice,
+            })
         };
         if values.iter().all(|v| *v == first) {
             return channel(
@@ -125,8 +138,8 @@ impl Series {
         Ok(())
     }
 
-    /// Share of rows that repeat the column's largest or smallest value at least five times in a row: a channel at
-    /// its rail.
+    /// Share of rows that repeat the column's largest or smallest value at least five times in a
+    /// row: a channel at its rail.
     pub fn railed(&self, name: &str) -> f64 {
         let values = self.column(name).unwrap_or(&[]);
         let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -160,7 +173,12 @@ mod tests {
     use super::*;
 
     fn series(time: Vec<f64>) -> Series {
-        Series { file: "a.csv".into(), columns: vec![("t_s".into(), time)], role: None, notes: Vec::new() }
+        Series {
+            file: "a.csv".into(),
+            columns: vec![("t_s".into(), time)],
+            role: None,
+            notes: Vec::new(),
+        }
     }
 
     #[test]

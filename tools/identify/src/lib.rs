@@ -1,13 +1,15 @@
 //! Holds the model against measured data and names what it lacks.
 //!
-//! Given a rig file (the declared model, its nominal values and tolerances) and measured records, identify fits the
-//! declared parameters within their tolerances, finds the residual, adds the listed effects that the records demand one
-//! by one, and reports the error before and after on rows that took no part in fitting or choosing. It
-//! says as readily that nothing is missing, or that something is missing that has no name here.
+//! Given a rig file (the declared model, its nominal values and tolerances) and measured records,
+//! identify fits the declared parameters within their tolerances, finds the residual, adds the
+//! listed effects that the records demand one by one, and reports the error before and after on
+//! rows that took no part in fitting or choosing. It says as readily that nothing is missing, or
+//! that something is missing that has no name here.
 //!
-//! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of model behind
-//! [`models::Model`], [`effects`] one file for each effect of drives, elements and oscillators (those of transmissions are the
-//! plant's). Records are read in [`study::read`] and [`study::read_mapped`]; all else is read and written in [`run`] only.
+//! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of
+//! model behind [`models::Model`], [`effects`] one file for each effect of drives, elements and
+//! oscillators (those of transmissions are the plant's). Records are read in [`study::read`] and
+//! [`study::read_mapped`]; all else is read and written in [`run`] only.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;

@@ -12,7 +12,9 @@ pub(crate) fn stretch(recording: &str, from: f64, to: f64) -> String {
 
 /// The recording that a stretch of this name was cut from; other names stay as they are.
 pub(crate) fn recording_of(name: &str) -> &str {
-    name.strip_suffix(END).and_then(|name| name.rsplit_once('[')).map_or(name, |(recording, _)| recording)
+    name.strip_suffix(END)
+        .and_then(|name| name.rsplit_once('['))
+        .map_or(name, |(recording, _)| recording)
 }
 
 /// Records as captions call them: by the names of their files, where those differ.
@@ -27,10 +29,11 @@ pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<&'
 
 /// What a model was held against: stretches of one recording together.
 pub(crate) fn held(labels: &[&str]) -> String {
-    let told = labels.chunk_by(|a, b| recording_of(a) == recording_of(b)).map(|of_one| match of_one {
-        [one] => (*one).to_owned(),
-        many => format!("{} ({} stretches)", recording_of(many[0]), many.len()),
-    });
+    let told =
+        labels.chunk_by(|a, b| recording_of(a) == recording_of(b)).map(|of_one| match of_one {
+            [one] => (*one).to_owned(),
+            many => format!("{} ({} stretches)", recording_of(many[0]), many.len()),
+        });
     told.collect::<Vec<_>>().join(", ")
 }
 
@@ -46,9 +49,13 @@ mod tests {
 
     #[test]
     fn stretches_are_told_together_and_a_bracket_in_a_name_is_none() {
-        let cut = [stretch("b[1].mcap", 1.5, 4.5), stretch("b[1].mcap", 4.5, 7.4), "c[2].csv".to_owned()];
+        let cut =
+            [stretch("b[1].mcap", 1.5, 4.5), stretch("b[1].mcap", 4.5, 7.4), "c[2].csv".to_owned()];
         assert_eq!(cut[0], "b[1].mcap[1.5..4.5 s]");
-        assert_eq!(cut.each_ref().map(|name| recording_of(name)), ["b[1].mcap", "b[1].mcap", "c[2].csv"]);
+        assert_eq!(
+            cut.each_ref().map(|name| recording_of(name)),
+            ["b[1].mcap", "b[1].mcap", "c[2].csv"]
+        );
         assert_eq!(held(&cut.each_ref().map(String::as_str)), "b[1].mcap (2 stretches), c[2].csv");
     }
 }

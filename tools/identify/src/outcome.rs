@@ -19,8 +19,8 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The word for so many effects added, so many rivals that the records cannot tell from them, and whether something
-    /// is left that no listed effect explains.
+    /// The word for so many effects added, so many rivals that the records cannot tell from them,
+    /// and whether something is left that no listed effect explains.
     pub fn of(effects: usize, rivals: usize, remains: bool) -> Self {
         match (effects, rivals) {
             (0, _) if remains => Self::Unlisted,
@@ -40,7 +40,8 @@ pub struct Outcome {
     pub effects: Vec<FoundEffect>,
     /// What the data cannot tell from the last effect added that had a rival.
     pub ambiguous_with: Vec<Named>,
-    /// Whether something is left that no listed effect explains, or, but for transmissions, that a fourth one would.
+    /// Whether something is left that no listed effect explains, or, but for transmissions, that a
+    /// fourth one would.
     pub remains: bool,
     /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,8 +49,8 @@ pub struct Outcome {
     /// How often chance gives as much, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
-    /// What shows and gets no name, because it is too small or might be chance, one by one, largest gain first. Always empty for
-    /// transmissions.
+    /// What shows and gets no name, because it is too small or might be chance, one by one, largest
+    /// gain first. Always empty for transmissions.
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
@@ -59,7 +60,8 @@ pub struct Outcome {
     pub records: Roles,
     /// What to measure next.
     pub next_experiment: NextExperiment,
-    /// Error after each step, on the rows of each role and on all rows: to be compared with publications. Always empty for transmissions.
+    /// Error after each step, on the rows of each role and on all rows: to be compared with
+    /// publications. Always empty for transmissions.
     pub steps: Vec<StepError>,
     /// How all candidates did, round by round.
     pub candidates: Vec<CandidateGain>,
@@ -89,8 +91,9 @@ pub struct FoundEffect {
     pub parameters: Vec<EffectParameter>,
     /// Block t of its gain on the selecting rows.
     pub t: f64,
-    /// Fall of the root-mean-square residual on the selecting rows (%). For transmissions 1 - exp(-g), where g is the fall of its
-    /// logarithm summed over channels, by blocks or by whole records, whichever is less by mean.
+    /// Fall of the root-mean-square residual on the selecting rows (%). For transmissions 1 -
+    /// exp(-g), where g is the fall of its logarithm summed over channels, by blocks or by whole
+    /// records, whichever is less by mean.
     pub gain_percent: f64,
 }
 
@@ -107,16 +110,19 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
-/// What searches of simulated machines say that have all effects that were found but the last; where none was found, none.
+/// What searches of simulated machines say that have all effects that were found but the last;
+/// where none was found, none.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibration {
     /// How many were searched: those that cannot be simulated along the records are not.
     pub machines: usize,
     /// In how many something was found that is not there, with a name or without.
     pub alarms: usize,
-    /// Of each, the largest gain of a name that it should not have got, as in [`FoundEffect::gain_percent`]; 0 where there was none (%).
+    /// Of each, the largest gain of a name that it should not have got, as in
+    /// [`FoundEffect::gain_percent`]; 0 where there was none (%).
     pub gains_percent: Vec<f64>,
-    /// The last effect that was found, which they do not have; `null` where none was found in the records.
+    /// The last effect that was found, which they do not have; `null` where none was found in the
+    /// records.
     pub of: Option<Named>,
     /// How many gave as much as that one.
     pub as_much: Option<usize>,
@@ -129,14 +135,18 @@ pub struct Calibration {
 /// What is left, as a function of one variable.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct UnlistedTable {
-    /// For transmissions, where it acts. The other kinds do not tell: it is the first of the sites at which their effects sit.
+    /// For transmissions, where it acts. The other kinds do not tell: it is the first of the sites
+    /// at which their effects sit.
     pub site: String,
-    /// Of which variable; [`UNKNOWN`] where no function of one variable explains enough of it (of transmissions only).
+    /// Of which variable; [`UNKNOWN`] where no function of one variable explains enough of it (of
+    /// transmissions only).
     pub depends_on: String,
-    /// Abscissa, value, standard deviation (`null` where the records do not reach); empty without a function.
+    /// Abscissa, value, standard deviation (`null` where the records do not reach); empty without a
+    /// function.
     pub table: Vec<[f64; 3]>,
-    /// What no torque at a place can explain of all that is missing, place by place. Left out for what is left beside a named effect, where
-    /// no movement is repeated or no slave measured, and for drives, oscillators and elements.
+    /// What no torque at a place can explain of all that is missing, place by place. Left out for
+    /// what is left beside a named effect, where no movement is repeated or no slave measured, and
+    /// for drives, oscillators and elements.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unexplained: Vec<Unexplained>,
 }
@@ -182,15 +192,16 @@ pub struct Left {
 /// Root-mean-square error of one channel on the reporting rows.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelError {
-    /// Of the declared model with the values of the rig file as they are, without effects that it declares; left out where that loses the
-    /// record, and for drives, oscillators and elements.
+    /// Of the declared model with the values of the rig file as they are, without effects that it
+    /// declares; left out where that loses the record, and for drives, oscillators and elements.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub declared: Option<f64>,
     /// Of the declared model, fitted within its tolerances.
     pub before: f64,
     /// With the effects.
     pub after: f64,
-    /// What no model can explain; `null` without repeated records, and for drives, oscillators and elements.
+    /// What no model can explain; `null` without repeated records, and for drives, oscillators and
+    /// elements.
     pub floor: Option<f64>,
     /// Unit of the three.
     pub unit: String,
@@ -209,7 +220,8 @@ pub struct FittedParameter {
     pub declared: Option<f64>,
     /// Fitted value.
     pub fitted: f64,
-    /// Standard deviation; `null` where it stands at the edge of its tolerance, is a shape or was not fitted.
+    /// Standard deviation; `null` where it stands at the edge of its tolerance, is a shape or was
+    /// not fitted.
     pub std: Option<f64>,
     /// Unit.
     pub unit: String,
@@ -277,7 +289,8 @@ pub struct NextExperiment {
     pub protocol: Option<String>,
 }
 
-/// Error after a step, in percent of the force's root mean square on the same rows; of an oscillator, of its output's.
+/// Error after a step, in percent of the force's root mean square on the same rows; of an
+/// oscillator, of its output's.
 #[derive(Clone, Debug, Serialize)]
 pub struct StepError {
     /// `declared`, then the id of each effect as it is added.
@@ -299,17 +312,19 @@ pub struct StepError {
 pub struct CandidateGain {
     /// Round, from 1.
     pub round: usize,
-    /// Id of the effect, or the variable of a generic function. For transmissions followed by `@` and the site; for oscillators by
-    /// ` (screened)` where it was not simulated.
+    /// Id of the effect, or the variable of a generic function. For transmissions followed by `@`
+    /// and the site; for oscillators by ` (screened)` where it was not simulated.
     pub id: String,
     /// Whether it is a generic function, not a listed effect.
     pub generic: bool,
-    /// As [`FoundEffect::gain_percent`]; of an oscillator's candidate that was only screened, of the residual of its input.
+    /// As [`FoundEffect::gain_percent`]; of an oscillator's candidate that was only screened, of
+    /// the residual of its input.
     pub gain_percent: f64,
     /// Block t.
     pub t: f64,
-    /// Selecting blocks that it makes better and worse by more than 1 %. For transmissions whole records, by more than 1 % and more than
-    /// a tenth of what all gain by mean (in logarithms, summed over channels).
+    /// Selecting blocks that it makes better and worse by more than 1 %. For transmissions whole
+    /// records, by more than 1 % and more than a tenth of what all gain by mean (in logarithms,
+    /// summed over channels).
     pub blocks_better: usize,
     /// See `blocks_better`.
     pub blocks_worse: usize,

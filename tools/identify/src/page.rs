@@ -81,19 +81,32 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
         Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
         Verdict::Ambiguous => {
             let others: Vec<&str> = outcome.ambiguous_with.iter().map(|n| n.id.as_str()).collect();
-            (Tone::Warning, format!("The declared model lacks {list}, or else {}.", others.join(" or ")))
+            (
+                Tone::Warning,
+                format!("The declared model lacks {list}, or else {}.", others.join(" or ")),
+            )
         }
-        Verdict::None => (Tone::Good, "Nothing is missing that these records could show.".to_owned()),
+        Verdict::None => {
+            (Tone::Good, "Nothing is missing that these records could show.".to_owned())
+        }
         Verdict::Unlisted => {
             let on = outcome.unlisted.as_ref().map_or("something", |u| u.depends_on.as_str());
-            (Tone::Warning, format!("Something is missing that no listed effect explains; it depends on {on}."))
+            (
+                Tone::Warning,
+                format!("Something is missing that no listed effect explains; it depends on {on}."),
+            )
         }
     };
     let mut detail = String::new();
     for (channel, e) in &outcome.error {
         let held = "on rows that took no part in fitting or choosing";
         detail += &if outcome.effects.is_empty() {
-            format!("Error of {channel} {held}: {} {} ({:.2} %). ", short(e.after), e.unit, e.after_percent)
+            format!(
+                "Error of {channel} {held}: {} {} ({:.2} %). ",
+                short(e.after),
+                e.unit,
+                e.after_percent
+            )
         } else {
             format!(
                 "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its root mean square). ",
@@ -109,7 +122,8 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
         detail += "More than three effects show; the rest stands under what is left.";
     } else if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let on = outcome.unlisted.as_ref().map_or("", |u| u.depends_on.as_str());
-        detail += &format!("Something is left that depends on {on} and that no listed effect explains.");
+        detail +=
+            &format!("Something is left that depends on {on} and that no listed effect explains.");
     }
     (tone, sentence, detail.trim_end().to_owned())
 }
@@ -155,9 +169,12 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
     );
     if let Some(unlisted) = &outcome.unlisted {
         let column = |i: usize| unlisted.table.iter().map(|row| row[i]).collect::<Vec<f64>>();
-        let figure =
-            Figure::new("What has no name", unlisted.depends_on.replace('_', " "), format!("force / {}", u.force))
-                .errors("", &column(0), &column(1), &column(2));
+        let figure = Figure::new(
+            "What has no name",
+            unlisted.depends_on.replace('_', " "),
+            format!("force / {}", u.force),
+        )
+        .errors("", &column(0), &column(1), &column(2));
         page = page.figure(
             &figure,
             "Generic function of one variable, fitted beside the model; bars are one standard deviation.",
@@ -234,21 +251,28 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
             },
         )
     };
-    let curves = against(Figure::new(title, "time / s", format!("{name} / {unit}")), &r.time[part.clone()]);
+    let curves =
+        against(Figure::new(title, "time / s", format!("{name} / {unit}")), &r.time[part.clone()]);
     let residual = Figure::new("Residual", "time / s", format!("residual / {unit}")).size(680, 260);
     let residual = drawn(&r.before, &r.after, with)
         .into_iter()
         .fold(residual, |figure, (name, colour, y)| figure.colour(colour).line(name, &r.time, y))
         .horizontal("", 0.0);
     let how = match view.channel {
-        Channel::Force => "measured force, and the force that the measured motion needs by the model",
+        Channel::Force => {
+            "measured force, and the force that the measured motion needs by the model"
+        }
         Channel::Output => "measured output, and the output that the model makes of the input",
     };
     let mut page = page
         .figure(&curves, &format!("{label}: {how}; a part from the middle."))
         .figure(&residual, &format!("{label}: measured {name} less the model's, whole record."));
     if view.spring && view.channel == Channel::Force {
-        let figure = Figure::new("Loops", format!("position / {}", view.units.position), format!("{name} / {unit}"));
+        let figure = Figure::new(
+            "Loops",
+            format!("position / {}", view.units.position),
+            format!("{name} / {unit}"),
+        );
         page = page.figure(
             &against(figure, &r.position[part.clone()]),
             &format!("{label}: force over position, the same part."),
@@ -259,24 +283,31 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
 
 /// Amplitudes in bands of the first record.
 fn spectrum(view: &View, with: bool) -> Figure {
-    let mut figure =
-        Figure::new("", "frequency / Hz", format!("amplitude / {}", view.unit())).size(680, 300).log_x().log_y();
+    let mut figure = Figure::new("", "frequency / Hz", format!("amplitude / {}", view.unit()))
+        .size(680, 300)
+        .log_x()
+        .log_y();
     let Some(r) = view.records.first().filter(|r| r.time.len() > 16) else { return figure };
     let sampling = (r.time.len() - 1) as f64 / (r.time[r.time.len() - 1] - r.time[0]);
     let lowest = 2.0 * sampling / r.time.len() as f64;
     let measured = (view.channel.name(), Colour::Black, &r.measured);
-    for (name, colour, values) in std::iter::once(measured).chain(drawn(&r.before, &r.after, with)) {
+    for (name, colour, values) in std::iter::once(measured).chain(drawn(&r.before, &r.after, with))
+    {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         // A Hann window: what does not repeat within the record must not leak into all bands.
         let window = |i: usize| 1.0 - (std::f64::consts::TAU * i as f64 / n).cos();
-        let windowed: Vec<f64> = values.iter().enumerate().map(|(i, v)| (v - mean) * window(i)).collect();
-        let mut bands: std::collections::BTreeMap<i64, (f64, f64, f64)> = std::collections::BTreeMap::new();
+        let windowed: Vec<f64> =
+            values.iter().enumerate().map(|(i, v)| (v - mean) * window(i)).collect();
+        let mut bands: std::collections::BTreeMap<i64, (f64, f64, f64)> =
+            std::collections::BTreeMap::new();
         let bins = periodogram(&windowed, sampling);
         // Bins are a quarter of what the record resolves; the window has a mean square of 1.5.
         let scale = 2.0 / (1.5 * n * (2.0 * (bins.len() as f64 - 1.0)));
         for (frequency, power) in bins.into_iter().filter(|bin| bin.0 >= lowest) {
-            let band = bands.entry(((frequency / lowest).log2() * BANDS_PER_OCTAVE).floor() as i64).or_default();
+            let band = bands
+                .entry(((frequency / lowest).log2() * BANDS_PER_OCTAVE).floor() as i64)
+                .or_default();
             *band = (band.0 + frequency, band.1 + power * scale, band.2 + 1.0);
         }
         let x: Vec<f64> = bands.values().map(|b| b.0 / b.2).collect();
@@ -287,10 +318,14 @@ fn spectrum(view: &View, with: bool) -> Figure {
 }
 
 fn left(left: &[Left]) -> Table {
-    let mut table = Table::new(["what", "size", "unit", "error falls by / %", "block t", "parameters"]);
+    let mut table =
+        Table::new(["what", "size", "unit", "error falls by / %", "block t", "parameters"]);
     for l in left {
-        let parameters: Vec<String> =
-            l.parameters.iter().map(|p| format!("{} {} {}", p.name, short(p.value), p.unit)).collect();
+        let parameters: Vec<String> = l
+            .parameters
+            .iter()
+            .map(|p| format!("{} {} {}", p.name, short(p.value), p.unit))
+            .collect();
         table = table.row([
             what_is_left(l),
             short(l.size),
@@ -311,9 +346,14 @@ pub fn what_is_left(left: &Left) -> String {
     }
 }
 
-/// What is drawn of the declared model and of that with what was found, each with its name and colour: one curve where the two are the same,
-/// since the second would hide the first; `with` says whether effects were found that merely do not act on this channel.
-pub(crate) fn drawn<T: PartialEq>(before: T, after: T, with: bool) -> Vec<(&'static str, Colour, T)> {
+/// What is drawn of the declared model and of that with what was found, each with its name and
+/// colour: one curve where the two are the same, since the second would hide the first; `with` says
+/// whether effects were found that merely do not act on this channel.
+pub(crate) fn drawn<T: PartialEq>(
+    before: T,
+    after: T,
+    with: bool,
+) -> Vec<(&'static str, Colour, T)> {
     if before == after {
         let name = if with { "declared model, and with effects" } else { "declared model" };
         return vec![(name, Colour::Vermillion, before)];
@@ -321,8 +361,9 @@ pub(crate) fn drawn<T: PartialEq>(before: T, after: T, with: bool) -> Vec<(&'sta
     vec![("declared model", Colour::Vermillion, before), ("with effects", Colour::Blue, after)]
 }
 
-/// Rows in order of a variable, in bins of about a fortieth of them; a bin without rows stands for a hole that is wider than a twentieth of
-/// the range, as between records: no line may lead across it.
+/// Rows in order of a variable, in bins of about a fortieth of them; a bin without rows stands for
+/// a hole that is wider than a twentieth of the range, as between records: no line may lead across
+/// it.
 fn bins(values: &[f64]) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_finite()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
@@ -334,12 +375,16 @@ fn bins(values: &[f64]) -> Vec<Vec<usize>> {
             bins.push(Vec::new());
         }
         let parts = (BINS * run.len()).div_ceil(order.len());
-        bins.extend((0..parts).map(|part| run[part * run.len() / parts..(part + 1) * run.len() / parts].to_vec()));
+        bins.extend(
+            (0..parts)
+                .map(|part| run[part * run.len() / parts..(part + 1) * run.len() / parts].to_vec()),
+        );
     }
     bins
 }
 
-/// Residuals against a variable: mean and standard deviation in some forty bins with about equal numbers of rows.
+/// Residuals against a variable: mean and standard deviation in some forty bins with about equal
+/// numbers of rows.
 pub(crate) fn banded(
     what: &str,
     unit: &str,
@@ -350,23 +395,37 @@ pub(crate) fn banded(
 ) -> Figure {
     let bins = bins(values);
     // Of a hole not a number, which ends a line.
-    let mean = |bin: &[usize], of: &dyn Fn(usize) -> f64| bin.iter().map(|i| of(*i)).sum::<f64>() / bin.len() as f64;
+    let mean = |bin: &[usize], of: &dyn Fn(usize) -> f64| {
+        bin.iter().map(|i| of(*i)).sum::<f64>() / bin.len() as f64
+    };
     let x: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| values[i])).collect();
-    let mut figure =
-        Figure::new("", format!("{what} / {unit}"), format!("residual / {force}")).size(680, 270).horizontal("", 0.0);
+    let mut figure = Figure::new("", format!("{what} / {unit}"), format!("residual / {force}"))
+        .size(680, 270)
+        .horizontal("", 0.0);
     for (name, colour, residual) in drawn(before, after, with) {
         let means: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| residual[i])).collect();
-        let spread = |(bin, m): (&Vec<usize>, &f64)| mean(bin, &|i| (residual[i] - m).powi(2)).sqrt();
+        let spread =
+            |(bin, m): (&Vec<usize>, &f64)| mean(bin, &|i| (residual[i] - m).powi(2)).sqrt();
         let spreads: Vec<f64> = bins.iter().zip(&means).map(spread).collect();
-        let edge = |sign: f64| means.iter().zip(&spreads).map(|(m, s)| m + sign * s).collect::<Vec<f64>>();
-        figure = figure.colour(colour).band("", &x, &edge(-1.0), &edge(1.0)).colour(colour).line(name, &x, &means);
+        let edge =
+            |sign: f64| means.iter().zip(&spreads).map(|(m, s)| m + sign * s).collect::<Vec<f64>>();
+        figure = figure
+            .colour(colour)
+            .band("", &x, &edge(-1.0), &edge(1.0))
+            .colour(colour)
+            .line(name, &x, &means);
     }
     figure
 }
 
 fn steps(outcome: &Outcome) -> Table {
-    let mut table =
-        Table::new(["model", "fitting rows / %", "selecting rows / %", "reporting rows / %", "all rows / %"]);
+    let mut table = Table::new([
+        "model",
+        "fitting rows / %",
+        "selecting rows / %",
+        "reporting rows / %",
+        "all rows / %",
+    ]);
     for (i, s) in outcome.steps.iter().enumerate() {
         let model = if i == 0 { "declared".to_owned() } else { format!("+ {}", s.model) };
         let numbers = [s.fit_percent, s.select_percent, s.report_percent, s.all_rows_percent];
@@ -376,8 +435,15 @@ fn steps(outcome: &Outcome) -> Table {
 }
 
 pub(crate) fn ranking(outcome: &Outcome) -> Table {
-    let mut table =
-        Table::new(["round", "candidate", "error falls by / %", "block t", "blocks better", "worse", "result"]);
+    let mut table = Table::new([
+        "round",
+        "candidate",
+        "error falls by / %",
+        "block t",
+        "blocks better",
+        "worse",
+        "result",
+    ]);
     let mut shown = (0, 0);
     for c in &outcome.candidates {
         shown = if shown.0 == c.round { (c.round, shown.1 + 1) } else { (c.round, 1) };
@@ -386,7 +452,11 @@ pub(crate) fn ranking(outcome: &Outcome) -> Table {
         }
         table = table.row([
             c.round.to_string(),
-            if c.generic { format!("generic, of {}", c.id.replace('_', " ")) } else { c.id.clone() },
+            if c.generic {
+                format!("generic, of {}", c.id.replace('_', " "))
+            } else {
+                c.id.clone()
+            },
             format!("{:.1}", c.gain_percent).replace('-', "−"),
             format!("{:.1}", c.t).replace('-', "−"),
             c.blocks_better.to_string(),
@@ -401,13 +471,27 @@ pub(crate) fn parameters(outcome: &Outcome) -> Table {
     let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
     let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
     for p in &outcome.parameters {
-        let cells = [p.name.clone(), number(p.declared), short(p.fitted), number(p.std), p.unit.clone(), p.remark()];
+        let cells = [
+            p.name.clone(),
+            number(p.declared),
+            short(p.fitted),
+            number(p.std),
+            p.unit.clone(),
+            p.remark(),
+        ];
         table = table.row(cells);
     }
     for effect in &outcome.effects {
         for p in &effect.parameters {
             let name = format!("{}@{}: {}", effect.id, effect.site, p.name);
-            table = table.row([name, "–".into(), short(p.value), number(p.std), p.unit.clone(), "effect".into()]);
+            table = table.row([
+                name,
+                "–".into(),
+                short(p.value),
+                number(p.std),
+                p.unit.clone(),
+                "effect".into(),
+            ]);
         }
     }
     table
@@ -419,7 +503,11 @@ pub fn short(value: f64) -> String {
         return format!("{value}");
     }
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    let text = if (1e-4..1e7).contains(&value.abs()) { format!("{value:.digits$}") } else { format!("{value:.3e}") };
+    let text = if (1e-4..1e7).contains(&value.abs()) {
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.3e}")
+    };
     text.replace('-', "−")
 }
 
@@ -438,19 +526,25 @@ mod tests {
             drawn(&one, &one, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
             ["declared model, and with effects"]
         );
-        assert_eq!(drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(), ["declared model"]);
+        assert_eq!(
+            drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            ["declared model"]
+        );
     }
 
     #[test]
     fn no_bin_reaches_across_a_hole_and_every_row_is_in_one() {
-        let values: Vec<f64> = (0..400).map(|i| f64::from(i) * 0.01 + if i < 100 { 0.0 } else { 20.0 }).collect();
+        let values: Vec<f64> =
+            (0..400).map(|i| f64::from(i) * 0.01 + if i < 100 { 0.0 } else { 20.0 }).collect();
         let bins = bins(&values);
         assert_eq!(bins.iter().filter(|bin| bin.is_empty()).count(), 1);
         assert_eq!(bins.len(), 41);
         let mut rows: Vec<usize> = bins.iter().flatten().copied().collect();
         rows.sort_unstable();
         assert!(rows.iter().copied().eq(0..400));
-        assert!(bins.iter().all(|bin| bin.iter().all(|i| *i < 100) || bin.iter().all(|i| *i >= 100)));
+        assert!(
+            bins.iter().all(|bin| bin.iter().all(|i| *i < 100) || bin.iter().all(|i| *i >= 100))
+        );
         assert!(super::bins(&[]).is_empty());
         assert_eq!(super::bins(&[2.0, f64::NAN, 2.0]).concat(), [0, 2]);
     }

@@ -40,7 +40,8 @@ impl Gram {
 
     /// Sum of squared residuals of these coefficients.
     pub fn squares(&self, coefficients: &DVector<f64>) -> f64 {
-        (self.yy - 2.0 * self.xy.dot(coefficients) + (&self.xx * coefficients).dot(coefficients)).max(0.0)
+        (self.yy - 2.0 * self.xy.dot(coefficients) + (&self.xx * coefficients).dot(coefficients))
+            .max(0.0)
     }
 }
 
@@ -58,11 +59,12 @@ pub struct Fit {
     pub squares: f64,
 }
 
-/// A part in 1e10 of each column's own size, so that empty bins of a spline do not break the solution.
+/// A part in 1e10 of each column's own size, so that empty bins of a spline do not break the
+/// solution.
 const RIDGE: f64 = 1e-10;
 
-/// Least squares within bounds, by the active-set method of Stark and Parker, "Bounded-variable least
-/// squares: an algorithm and applications", Computational Statistics 10 (1995).
+/// Least squares within bounds, by the active-set method of Stark and Parker, "Bounded-variable
+/// least squares: an algorithm and applications", Computational Statistics 10 (1995).
 ///
 /// `None` where the free columns cannot be told apart.
 pub fn solve(gram: &Gram, bounds: &[Bound]) -> Option<Fit> {
@@ -76,8 +78,9 @@ pub fn solve(gram: &Gram, bounds: &[Bound]) -> Option<Fit> {
     let b = DVector::from_fn(p, |i, _| gram.xy[i] / scale[i]);
     let bound = |i: usize| (bounds[i].0 * scale[i], bounds[i].1 * scale[i]);
     let mut fixed: Vec<Option<f64>> = vec![None; p];
-    // Those that start infeasible without bounds are clamped one at a time, the worst first; those whose gradient
-    // points inward are freed again. Each pass lowers the squares, so the loop ends; the count is a safeguard.
+    // Those that start infeasible without bounds are clamped one at a time, the worst first; those
+    // whose gradient points inward are freed again. Each pass lowers the squares, so the loop ends;
+    // the count is a safeguard.
     let mut x = DVector::zeros(p);
     for _ in 0..6 * p + 6 {
         x = solve_free(&a, &b, &fixed)?;
@@ -124,13 +127,15 @@ fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, fixed: &[Option<f64>]) -> Opti
     Some(x)
 }
 
-/// Standard deviations by the cluster sandwich of Liang and Zeger (1986): residuals may be correlated in any way within
-/// a cluster (after a low-pass they are) and have any variance; clusters are independent. `scores` holds
-/// `Xᵀe` of each cluster. Coefficients at a bound have no standard deviation of their own: 0.
+/// Standard deviations by the cluster sandwich of Liang and Zeger (1986): residuals may be
+/// correlated in any way within a cluster (after a low-pass they are) and have any variance;
+/// clusters are independent. `scores` holds `Xᵀe` of each cluster. Coefficients at a bound have no
+/// standard deviation of their own: 0.
 pub fn standard_deviations(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> Vec<f64> {
     let free: Vec<usize> = (0..fit.at_bound.len()).filter(|&i| !fit.at_bound[i]).collect();
     let mut out = vec![0.0; fit.at_bound.len()];
-    let scale: Vec<f64> = free.iter().map(|&i| gram.xx[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
+    let scale: Vec<f64> =
+        free.iter().map(|&i| gram.xx[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
     let k = free.len();
     let bread = DMatrix::from_fn(k, k, |i, j| {
         gram.xx[(free[i], free[j])] / (scale[i] * scale[j]) + if i == j { RIDGE } else { 0.0 }
@@ -178,8 +183,12 @@ mod tests {
     fn bounded_solution_is_the_best_of_a_fine_search() {
         let a: Vec<f64> = (0..40).map(|i| f64::from(i * 7 % 11) - 5.0).collect();
         let b: Vec<f64> = a.iter().enumerate().map(|(i, a)| 0.8 * a + (i % 3) as f64).collect();
-        let target: Vec<f64> =
-            a.iter().zip(&b).enumerate().map(|(i, (a, b))| 3.0 * a - 2.0 * b + (i % 2) as f64).collect();
+        let target: Vec<f64> = a
+            .iter()
+            .zip(&b)
+            .enumerate()
+            .map(|(i, (a, b))| 3.0 * a - 2.0 * b + (i % 2) as f64)
+            .collect();
         let g = gram(&[a, b], &target);
         let bounds = [(0.0, 1.5), (-0.5, 4.0)];
         let fit = solve(&g, &bounds).unwrap();
@@ -187,7 +196,8 @@ mod tests {
         for i in 0..=300 {
             for j in 0..=300 {
                 let at = |b: Bound, k: i32| b.0 + (b.1 - b.0) * f64::from(k) / 300.0;
-                best = best.min(g.squares(&DVector::from_vec(vec![at(bounds[0], i), at(bounds[1], j)])));
+                best = best
+                    .min(g.squares(&DVector::from_vec(vec![at(bounds[0], i), at(bounds[1], j)])));
             }
         }
         assert!(fit.squares <= best + 1e-9, "{} {best}", fit.squares);
@@ -196,18 +206,22 @@ mod tests {
 
     #[test]
     fn sandwich_covers_correlated_noise_where_the_classic_formula_does_not() {
-        // Noise that is constant over clusters of 20 rows: the mean of 400 rows is as uncertain as that of 20 values.
+        // Noise that is constant over clusters of 20 rows: the mean of 400 rows is as uncertain as
+        // that of 20 values.
         let noise: Vec<f64> = (0..400).map(|i| f64::from((i / 20) * 7919 % 13) - 6.0).collect();
         let ones = vec![1.0; 400];
         let g = gram(&[ones], &noise);
         let fit = solve(&g, &[FREE]).unwrap();
         let scores: Vec<_> = noise
             .chunks(20)
-            .map(|c| DVector::from_vec(vec![c.iter().map(|e| e - fit.coefficients[0]).sum::<f64>()]))
+            .map(|c| {
+                DVector::from_vec(vec![c.iter().map(|e| e - fit.coefficients[0]).sum::<f64>()])
+            })
             .collect();
         let values: Vec<f64> = noise.iter().step_by(20).copied().collect();
         let mean = values.iter().sum::<f64>() / 20.0;
-        let expected = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 19.0 / 20.0).sqrt();
+        let expected =
+            (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 19.0 / 20.0).sqrt();
         let std = standard_deviations(&g, &fit, &scores)[0];
         assert!((std / expected - 1.0).abs() < 0.01, "{std} {expected}");
     }

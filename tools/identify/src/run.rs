@@ -20,18 +20,24 @@ use crate::write_rig::fitted;
 /// How often the spinner turns.
 const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
-/// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the verdict, 1 when the data or the
-/// rig file cannot be used (the reason goes to stderr).
+/// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the
+/// verdict, 1 when the data or the rig file cannot be used (the reason goes to stderr).
 ///
 /// # Errors
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<i32> {
-    let asked = [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
-    let taken =
-        asked.iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).find(|(_, path)| path.exists());
+    let asked =
+        [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
+    let taken = asked
+        .iter()
+        .filter_map(|(option, path)| Some((option, path.as_ref()?)))
+        .find(|(_, path)| path.exists());
     if let Some((option, path)) = taken {
         // Said before the work, not after it.
-        eprintln!("error: {option}: {}: exists already and is not overwritten: name another file", path.display());
+        eprintln!(
+            "error: {option}: {}: exists already and is not overwritten: name another file",
+            path.display()
+        );
         return Ok(1);
     }
     let (rig, studied) = match whole(&args) {
@@ -45,9 +51,11 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     let Studied { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    // What took so long is kept before anything is printed: whoever reads may close the pipe (`| head`).
+    // What took so long is kept before anything is printed: whoever reads may close the pipe (`|
+    // head`).
     if let Some(path) = &args.json {
-        let file = whole_file(path, &json).with_context(|| format!("{}: cannot be written", path.display()))?;
+        let file = whole_file(path, &json)
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
         file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     // Each file by itself: where one cannot be written the others are.
@@ -101,7 +109,12 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
 }
 
 /// Writes the protocol of the next experiment, or says why there is none.
-fn propose(path: &Path, rig: &RigFile, outcome: &Outcome, told: &mut Vec<String>) -> anyhow::Result<()> {
+fn propose(
+    path: &Path,
+    rig: &RigFile,
+    outcome: &Outcome,
+    told: &mut Vec<String>,
+) -> anyhow::Result<()> {
     let Some(text) = &outcome.next_experiment.protocol else {
         let why = match rig.model.kind.is_transmission() {
             true => "no movement that the rig can play by itself tells more; see next",
@@ -119,7 +132,12 @@ fn propose(path: &Path, rig: &RigFile, outcome: &Outcome, told: &mut Vec<String>
 }
 
 /// Writes the rig file whole or not at all, never over another.
-fn write_rig(path: &Path, rig: &RigFile, outcome: &Outcome, told: &mut Vec<String>) -> anyhow::Result<i32> {
+fn write_rig(
+    path: &Path,
+    rig: &RigFile,
+    outcome: &Outcome,
+    told: &mut Vec<String>,
+) -> anyhow::Result<i32> {
     let written = match fitted(rig.text(), rig.file_name(), outcome) {
         Ok(written) => written,
         Err(error) => {
@@ -142,7 +160,8 @@ fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
 
 /// A file beside `path` with all of a text, that has no name yet.
 fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)?;
     let mut file = tempfile::Builder::new();
     #[cfg(unix)]
@@ -156,7 +175,9 @@ fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFil
 /// All records with the roles that the command line fixes.
 fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
-    for (paths, role) in [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)] {
+    for (paths, role) in
+        [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)]
+    {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
     }
     // One file by two names is one file; what is not there is said when it is read.
@@ -178,12 +199,19 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     if fixed {
         share_out(&mut asked)?;
     }
-    let options =
-        recording::record::Options { mapping: args.map.clone(), resample_hz: args.resample, ..Default::default() };
-    asked.into_iter().map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, &options)? })).collect()
+    let options = recording::record::Options {
+        mapping: args.map.clone(),
+        resample_hz: args.resample,
+        ..Default::default()
+    };
+    asked
+        .into_iter()
+        .map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, &options)? }))
+        .collect()
 }
 
-/// Gives the records without a part the parts that nobody plays: fit first, then report, then select.
+/// Gives the records without a part the parts that nobody plays: fit first, then report, then
+/// select.
 fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     let played = |role| asked.iter().any(|(_, r)| *r == Some(role));
     let missing: Vec<Role> =
@@ -209,20 +237,33 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
 fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
     println!("{sentence}\n{detail}");
     for s in &outcome.steps {
-        println!("  {:32} {:6.2} % held out, {:6.2} % all rows", s.model, s.report_percent, s.all_rows_percent);
+        println!(
+            "  {:32} {:6.2} % held out, {:6.2} % all rows",
+            s.model, s.report_percent, s.all_rows_percent
+        );
     }
     for p in &outcome.parameters {
         let std = p.std.map_or("–".to_owned(), short);
-        let remark = if p.sight == Sight::Seen { String::new() } else { format!(" ({})", p.remark()) };
+        let remark =
+            if p.sight == Sight::Seen { String::new() } else { format!(" ({})", p.remark()) };
         println!("  {:32} {:>10} ± {std} {}{remark}", p.name, short(p.fitted), p.unit);
     }
-    for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
+    for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)))
+    {
         let name = format!("{}: {}", effect.id, p.name);
-        println!("  {name:32} {:>10} ± {} {}", short(p.value), p.std.map_or("–".to_owned(), short), p.unit);
+        println!(
+            "  {name:32} {:>10} ± {} {}",
+            short(p.value),
+            p.std.map_or("–".to_owned(), short),
+            p.unit
+        );
     }
     for l in &outcome.left {
         let (what, size) = (what_is_left(l), short(l.size));
-        println!("  left: {what:32} {size:>10} {} rms, {:.1} % of the error", l.unit, l.gain_percent);
+        println!(
+            "  left: {what:32} {size:>10} {} rms, {:.1} % of the error",
+            l.unit, l.gain_percent
+        );
     }
     println!("next: {}", outcome.next_experiment.what);
 }
@@ -239,7 +280,8 @@ mod tests {
         let rows: String = (0..20).map(|row| format!("{row},{},{}\n", row % 3, row % 5)).collect();
         std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
         let other = folder.path().join(".").join("a.csv");
-        let rig = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"));
+        let rig =
+            PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"));
         let args = Args {
             rig: rig.clone(),
             records: Vec::new(),
@@ -260,7 +302,8 @@ mod tests {
         let text = records(&args, &rig).unwrap_err().to_string();
         assert!(text.contains("plays two parts"), "{text}");
         // Given twice without a part it is one record.
-        let args = Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
+        let args =
+            Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
         assert_eq!(records(&args, &rig).unwrap().len(), 1);
     }
 

@@ -1,10 +1,10 @@
-//! Signals whose spectrum ends below half the sampling frequency: interpolated, differentiated and low-passed by their
-//! Fourier transform.
+//! Signals whose spectrum ends below half the sampling frequency: interpolated, differentiated and
+//! low-passed by their Fourier transform.
 //!
-//! A record is no period of anything, so its end is joined to its start by a stretch of odd reflections that fade into
-//! one another. What that does to the record itself decays within [`LowPass::settling`] samples of both ends, which callers
-//! leave out. Between the two edges the result is exact for a band-limited signal: the interpolation of Whittaker and
-//! Shannon.
+//! A record is no period of anything, so its end is joined to its start by a stretch of odd
+//! reflections that fade into one another. What that does to the record itself decays within
+//! [`LowPass::settling`] samples of both ends, which callers leave out. Between the two edges the
+//! result is exact for a band-limited signal: the interpolation of Whittaker and Shannon.
 
 use std::cell::RefCell;
 use std::f64::consts::{PI, TAU};
@@ -20,7 +20,8 @@ thread_local! {
     static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
 }
 
-/// The transform of some rows, at frequencies from 0 to half the sampling frequency; `None` where it fails.
+/// The transform of some rows, at frequencies from 0 to half the sampling frequency; `None` where
+/// it fails.
 pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
     let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(rows.len()));
     let mut bins = plan.make_output_vec();
@@ -35,7 +36,8 @@ pub struct Spectrum {
     samples: usize,
 }
 
-/// The smallest even number from `least` on whose prime factors are 2, 3 and 5: transforms of such lengths are fast.
+/// The smallest even number from `least` on whose prime factors are 2, 3 and 5: transforms of such
+/// lengths are fast.
 fn smooth_length(least: usize) -> usize {
     let smooth = |n: &usize| {
         let mut rest = *n;
@@ -70,9 +72,16 @@ impl Spectrum {
         Some(Self { bins: transform(work)?, length, samples: n })
     }
 
-    /// The signal, or its derivative of that order, at `factor` times the sampling frequency, from the first sample to
-    /// the last; each frequency (Hz) weighted. `None` where the transform fails.
-    pub fn wave(&self, factor: usize, derivative: u32, sampling: f64, weight: impl Fn(f64) -> f64) -> Option<Vec<f64>> {
+    /// The signal, or its derivative of that order, at `factor` times the sampling frequency, from
+    /// the first sample to the last; each frequency (Hz) weighted. `None` where the transform
+    /// fails.
+    pub fn wave(
+        &self,
+        factor: usize,
+        derivative: u32,
+        sampling: f64,
+        weight: impl Fn(f64) -> f64,
+    ) -> Option<Vec<f64>> {
         let length = self.length * factor;
         let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(length));
         let mut bins = plan.make_input_vec();
@@ -108,16 +117,21 @@ impl Spectrum {
     }
 }
 
-/// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Parts that take no part are 0.
+/// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves.
+/// Parts that take no part are 0.
 pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
     let length = smooth_length(4 * signal.len().max(1));
     let mut work = signal.to_vec();
     work.resize(length, 0.0);
     let bins = transform(work).unwrap_or_default();
-    bins.iter().enumerate().map(|(k, bin)| (k as f64 * sampling / length as f64, bin.norm_sqr())).collect()
+    bins.iter()
+        .enumerate()
+        .map(|(k, bin)| (k as f64 * sampling / length as f64, bin.norm_sqr()))
+        .collect()
 }
 
-/// A low-pass without phase: 1 up to the cut-off, 0 from 1.25 times the cut-off on, a half cosine between.
+/// A low-pass without phase: 1 up to the cut-off, 0 from 1.25 times the cut-off on, a half cosine
+/// between.
 #[derive(Clone, Copy, Debug)]
 pub struct LowPass {
     /// End of what passes unchanged (Hz).
@@ -182,9 +196,11 @@ mod tests {
         let sampling = 600.0;
         let low_pass = LowPass { cut_off: 100.0, sampling };
         for (frequency, gain) in [(20.0, 1.0), (99.0, 1.0), (126.0, 0.0), (250.0, 0.0)] {
-            let wave: Vec<f64> = (0..6000).map(|i| (TAU * frequency * f64::from(i) / sampling).sin()).collect();
+            let wave: Vec<f64> =
+                (0..6000).map(|i| (TAU * frequency * f64::from(i) / sampling).sin()).collect();
             let settled = low_pass.settling();
-            for (a, b) in low_pass.run(&wave)[settled..6000 - settled].iter().zip(&wave[settled..]) {
+            for (a, b) in low_pass.run(&wave)[settled..6000 - settled].iter().zip(&wave[settled..])
+            {
                 assert!((a - gain * b).abs() < 2e-3, "{frequency} Hz: {a} {b}");
             }
         }
@@ -195,7 +211,8 @@ mod tests {
         let wave: Vec<f64> = (0..3000).map(|i| (TAU * 31.4 * f64::from(i) / 500.0).sin()).collect();
         let edge = Spectrum::of(&wave).unwrap().energy_below(0.99, 500.0);
         assert!((31.0..33.0).contains(&edge), "{edge}");
-        let peak = periodogram(&wave, 500.0).into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let peak =
+            periodogram(&wave, 500.0).into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         assert!((peak.0 - 31.4).abs() < 0.05, "{peak:?}");
     }
 
@@ -203,7 +220,10 @@ mod tests {
     fn lengths_are_even_and_smooth() {
         for (least, expected) in [(2, 2), (7, 8), (62, 64), (65_574, 65_610)] {
             let length = smooth_length(least);
-            assert!(length >= least && length.is_multiple_of(2) && length <= expected, "{least}: {length}");
+            assert!(
+                length >= least && length.is_multiple_of(2) && length <= expected,
+                "{least}: {length}"
+            );
         }
     }
 }

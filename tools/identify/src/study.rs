@@ -57,11 +57,12 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     let [axis] = rig.axes.as_slice() else {
         return Err(IdentifyError::Axes { file, axes: rig.axes.len() });
     };
-    let model = ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
-        file: file.clone(),
-        kind: rig.model.kind.name().to_owned(),
-        known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
-    })?;
+    let model =
+        ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
+            file: file.clone(),
+            kind: rig.model.kind.name().to_owned(),
+            known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
+        })?;
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
     let stage = Stage::of(rig);
@@ -83,7 +84,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
     let (sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {
-        let names: Vec<String> = rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
+        let names: Vec<String> =
+            rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
         outcome.notes.push(format!(
             "{file} declares {} already: it took no part, since which effects there are is asked anew of these records",
             names.join(", ")
@@ -93,11 +95,12 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     Ok(Studied { outcome, page, sentence, detail })
 }
 
-/// Records whose time begins with the first of them: what drifts begins when somebody starts to record, not when a clock did. `None` where
-/// it does already.
+/// Records whose time begins with the first of them: what drifts begins when somebody starts to
+/// record, not when a clock did. `None` where it does already.
 fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
     let times = records.iter().filter_map(|record| record.column(record::TIME)?.first().copied());
-    let first = times.filter(|first| first.is_finite()).reduce(f64::min).filter(|first| *first != 0.0)?;
+    let first =
+        times.filter(|first| first.is_finite()).reduce(f64::min).filter(|first| *first != 0.0)?;
     let mut records = records.to_vec();
     let columns = records.iter_mut().flat_map(|record| &mut record.columns);
     for (_, time) in columns.filter(|(name, _)| name == record::TIME) {
@@ -106,8 +109,8 @@ fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
     Some(records)
 }
 
-/// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses holes, gaps and time that runs
-/// backwards; what it merely finds odd goes into the notes.
+/// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses holes,
+/// gaps and time that runs backwards; what it merely finds odd goes into the notes.
 ///
 /// # Errors
 /// [`IdentifyError::Read`], with file, row and column.
@@ -115,7 +118,8 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
     read_mapped(path, rig, &record::Options::default())
 }
 
-/// The same of a file that names its columns otherwise, or of another program's recording; its rows may be brought to another rate.
+/// The same of a file that names its columns otherwise, or of another program's recording; its rows
+/// may be brought to another rate.
 ///
 /// # Errors
 /// As [`read`].
@@ -152,7 +156,10 @@ mod tests {
     #[test]
     fn time_begins_with_the_first_record() {
         let series = |from: f64| Series {
-            columns: vec![("t_s".to_owned(), vec![from, from + 0.5]), ("force_n".to_owned(), vec![7.0, 8.0])],
+            columns: vec![
+                ("t_s".to_owned(), vec![from, from + 0.5]),
+                ("force_n".to_owned(), vec![7.0, 8.0]),
+            ],
             ..Series::default()
         };
         let shifted = from_the_first(&[series(1.7e9 + 20.0), series(1.7e9)]).unwrap();
@@ -164,15 +171,21 @@ mod tests {
 
     #[test]
     fn what_the_reader_finds_odd_is_told_with_row_and_column() {
-        let rig = RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml")).unwrap();
+        let rig =
+            RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"))
+                .unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("dead.csv");
-        let rows: String =
-            (0..200).map(|row| format!("{},1.5,{}\n", f64::from(row) * 1e-3, (f64::from(row) * 0.1).sin())).collect();
+        let rows: String = (0..200)
+            .map(|row| format!("{},1.5,{}\n", f64::from(row) * 1e-3, (f64::from(row) * 0.1).sin()))
+            .collect();
         std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
         let series = read(&path, &rig).unwrap();
         let [note] = &series.notes[..] else { panic!("{:?}", series.notes) };
-        assert!(note.contains("dead.csv, from row") && note.contains("`force_n`: never changes: 1.5"), "{note}");
+        assert!(
+            note.contains("dead.csv, from row") && note.contains("`force_n`: never changes: 1.5"),
+            "{note}"
+        );
     }
 
     #[test]
@@ -180,9 +193,16 @@ mod tests {
         for kind in ["emps", "silverbox", "element"] {
             let path = format!("{}/../../launch/rigs/{kind}.toml", env!("CARGO_MANIFEST_DIR"));
             let rig = RigFile::load(path).unwrap();
-            let error = study(&rig, &[], How { calibrate: 19, ..How::default() }).unwrap_err().to_string();
-            assert!(error.contains("--calibrate") && error.contains("leave --calibrate out"), "{error}");
-            assert!(error.contains(rig.file_name()) && error.contains(rig.model.kind.name()), "{error}");
+            let error =
+                study(&rig, &[], How { calibrate: 19, ..How::default() }).unwrap_err().to_string();
+            assert!(
+                error.contains("--calibrate") && error.contains("leave --calibrate out"),
+                "{error}"
+            );
+            assert!(
+                error.contains(rig.file_name()) && error.contains(rig.model.kind.name()),
+                "{error}"
+            );
         }
     }
 }

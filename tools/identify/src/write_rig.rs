@@ -1,12 +1,15 @@
-//! A rig file with what was found: the fitted parameters in place of the declared, and the effects beside them.
+//! A rig file with what was found: the fitted parameters in place of the declared, and the effects
+//! beside them.
 //!
-//! The text of the original is kept, comments and all; only values, tolerances and the list `[[model.effects]]` change. A tolerance becomes
-//! five standard deviations, no less than a third of what was declared and no more than that: a standard deviation is of one set of records,
-//! and values fitted to another set differ by more. Where the records do not show a parameter, or something is left that has no name, its
-//! tolerance stays as declared.
+//! The text of the original is kept, comments and all; only values, tolerances and the list
+//! `[[model.effects]]` change. A tolerance becomes five standard deviations, no less than a third
+//! of what was declared and no more than that: a standard deviation is of one set of records, and
+//! values fitted to another set differ by more. Where the records do not show a parameter, or
+//! something is left that has no name, its tolerance stays as declared.
 //!
-//! A parameter that an effect exceeds stays as declared, too, with the excess as the effect beside it: the sum is what was fitted, and
-//! identify, which leaves declared effects out, will ask anew whether the excess is there. With the sum as the parameter it never would.
+//! A parameter that an effect exceeds stays as declared, too, with the excess as the effect beside
+//! it: the sum is what was fitted, and identify, which leaves declared effects out, will ask anew
+//! whether the excess is there. With the sum as the parameter it never would.
 
 mod entries;
 
@@ -17,7 +20,8 @@ use crate::forward::machine::{SMOOTHING, SMOOTHING_SHAPE};
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
 use entries::{Entries, entries};
 
-/// What the fit has of its own and the model takes: declared nowhere, and without them the plant would not be the fitted one.
+/// What the fit has of its own and the model takes: declared nowhere, and without them the plant
+/// would not be the fitted one.
 const OWN: [(&str, &str); 2] =
     [(SMOOTHING, "rounds dry friction at rest"), (SMOOTHING_SHAPE, "shape of that rounding")];
 
@@ -79,23 +83,31 @@ pub enum WriteRigError {
 pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, WriteRigError> {
     if outcome.verdict == Verdict::Ambiguous {
         let names = |list: &mut dyn Iterator<Item = String>| list.collect::<Vec<_>>().join(" or ");
-        let found = names(&mut outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)));
-        let rivals = names(&mut outcome.ambiguous_with.iter().map(|named| format!("{}@{}", named.id, named.site)));
+        let found = names(
+            &mut outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)),
+        );
+        let rivals = names(
+            &mut outcome.ambiguous_with.iter().map(|named| format!("{}@{}", named.id, named.site)),
+        );
         let what = format!(
             "no rig file: these records cannot tell {found} from {rivals}, and each would come with parameters of its own"
         );
         return Ok(Written { text: None, told: String::new(), left_out: vec![what] });
     }
-    let mut document: DocumentMut = text
-        .parse()
-        .map_err(|error: toml_edit::TomlError| WriteRigError::Text { file: file.into(), found: error.to_string() })?;
+    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
+        WriteRigError::Text { file: file.into(), found: error.to_string() }
+    })?;
     let read = |text: &str| {
-        RigFile::parse(text, file)
-            .map_err(|problems| WriteRigError::Refused { file: file.into(), problems: problems.to_string() })
+        RigFile::parse(text, file).map_err(|problems| WriteRigError::Refused {
+            file: file.into(),
+            problems: problems.to_string(),
+        })
     };
     let Entries { effects, beside, mut left_out } = entries(outcome, &read(text)?.model);
     let mut count = 0;
-    for parameter in outcome.parameters.iter().filter(|p| p.declared.is_some() || own(&p.name).is_some()) {
+    for parameter in
+        outcome.parameters.iter().filter(|p| p.declared.is_some() || own(&p.name).is_some())
+    {
         if !beside.contains(&parameter.name.as_str()) {
             put_parameter(&mut document, file, parameter, !outcome.remains)?;
             count += 1;
@@ -111,14 +123,17 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
     };
     if outcome.remains {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-            let over = unlisted.variable().map_or(String::new(), |on| format!(", over {}", on.replace('_', " ")));
+            let over = unlisted
+                .variable()
+                .map_or(String::new(), |on| format!(", over {}", on.replace('_', " ")));
             format!(" (at the {}{over})", unlisted.site)
         });
         left_out.push(format!(
             "what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters"
         ));
     }
-    let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
+    let parameters =
+        if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
     let told = format!("{parameters} as fitted, {effects}");
     Ok(Written { text: Some(text), told, left_out })
 }
@@ -131,10 +146,22 @@ fn own(name: &str) -> Option<&'static str> {
 /// The table that holds a parameter: the axis's own where it has it, else the model's.
 fn table_of<'d>(document: &'d mut DocumentMut, name: &str) -> Option<&'d mut dyn TableLike> {
     let of_axis = |document: &DocumentMut| {
-        document.get("axes")?.as_array_of_tables()?.get(0)?.get("model")?.as_table_like()?.get(name).map(|_| ())
+        document
+            .get("axes")?
+            .as_array_of_tables()?
+            .get(0)?
+            .get("model")?
+            .as_table_like()?
+            .get(name)
+            .map(|_| ())
     };
     if of_axis(document).is_some() {
-        return document.get_mut("axes")?.as_array_of_tables_mut()?.get_mut(0)?.get_mut("model")?.as_table_like_mut();
+        return document
+            .get_mut("axes")?
+            .as_array_of_tables_mut()?
+            .get_mut(0)?
+            .get_mut("model")?
+            .as_table_like_mut();
     }
     let model = document.entry("model").or_insert(Item::Table(Table::new())).as_table_like_mut()?;
     model.entry("parameters").or_insert(Item::Table(Table::new())).as_table_like_mut()
@@ -147,10 +174,15 @@ fn put_parameter(
     narrow: bool,
 ) -> Result<(), WriteRigError> {
     let name = parameter.name.as_str();
-    let wrong = |found| WriteRigError::Key { file: file.into(), key: format!("model.parameters.{name}"), found };
+    let wrong = |found| WriteRigError::Key {
+        file: file.into(),
+        key: format!("model.parameters.{name}"),
+        found,
+    };
     let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
     if table.get(name).is_none() {
-        let comment = own(name).map_or(String::new(), |what| format!("     # the fit's own: {what}"));
+        let comment =
+            own(name).map_or(String::new(), |what| format!("     # the fit's own: {what}"));
         table.insert(name, Item::Value(number(parameter.fitted).decorated(" ", comment)));
         return Ok(());
     }
@@ -213,7 +245,8 @@ fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
     let mut list = ArrayOfTables::new();
     for (at, effect) in effects.iter().enumerate() {
         let mut entry = Table::new();
-        let before = if at == 0 { "\n# Found in measured records by `farreach identify`.\n" } else { "\n" };
+        let before =
+            if at == 0 { "\n# Found in measured records by `farreach identify`.\n" } else { "\n" };
         entry.decor_mut().set_prefix(before);
         entry.insert("id", toml_edit::value(effect.id.as_str()));
         entry.insert("site", toml_edit::value(effect.site.as_str()));
@@ -232,7 +265,11 @@ fn number(value: f64) -> Value {
     let value: f64 = format!("{value:.7e}").parse().unwrap_or(value);
     let plain = value == 0.0 || (1e-3..1e6).contains(&value.abs());
     // The text is kept as it is, where a number would be written without an exponent.
-    if plain { Value::from(value) } else { format!("{value:e}").parse().unwrap_or(Value::from(value)) }
+    if plain {
+        Value::from(value)
+    } else {
+        format!("{value:e}").parse().unwrap_or(Value::from(value))
+    }
 }
 
 /// Two digits, not below the value.

@@ -1,4 +1,5 @@
-//! The whole method on records whose truth is known, made by another integrator than any in the project.
+//! The whole method on records whose truth is known, made by another integrator than any in the
+//! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::error::IdentifyError;
@@ -37,13 +38,16 @@ impl Noise {
     }
 }
 
-/// A carriage under position control, 500 Hz, 16 s: semi-implicit Euler at 20 kHz (the force too, so that no sample and
-/// hold stands between force and motion), dry friction as an impulse that stops the mass exactly, position in counts of 1e-7 m, force with 0.3 N of noise.
+/// A carriage under position control, 500 Hz, 16 s: semi-implicit Euler at 20 kHz (the force too,
+/// so that no sample and hold stands between force and motion), dry friction as an impulse that
+/// stops the mass exactly, position in counts of 1e-7 m, force with 0.3 N of noise.
 fn record(truth: Truth, seed: u64) -> Series {
     let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let phase: Vec<f64> = (0..4).map(|_| std::f64::consts::TAU * noise.uniform()).collect();
     let reference = |t: f64| {
-        let wave = |k: usize, f: f64, a: f64| a * ((std::f64::consts::TAU * f * t + phase[k]).sin() - phase[k].sin());
+        let wave = |k: usize, f: f64, a: f64| {
+            a * ((std::f64::consts::TAU * f * t + phase[k]).sin() - phase[k].sin())
+        };
         wave(0, 0.31, 0.05) + wave(1, 0.83, 0.02) + wave(2, 2.1, 0.004) + wave(3, 4.3, 0.001)
     };
     let mass = MASS * if truth.mass_factor > 0.0 { truth.mass_factor } else { 1.0 };
@@ -59,14 +63,22 @@ fn record(truth: Truth, seed: u64) -> Series {
             position.push((x / 1e-7).round() * 1e-7);
             forces.push(force + 0.3 * noise.normal());
         }
-        let smooth = VISCOUS * v + truth.viscous_difference * v.abs() + OFFSET + truth.bump * (40.0 * x).sin().powi(2);
+        let smooth = VISCOUS * v
+            + truth.viscous_difference * v.abs()
+            + OFFSET
+            + truth.bump * (40.0 * x).sin().powi(2);
         let free = v + h / mass * (force - smooth);
         let dry = truth.coulomb
-            + if truth.stribeck > 0.0 { truth.stribeck * (-(v / truth.stribeck_speed).powi(2)).exp() } else { 0.0 };
+            + if truth.stribeck > 0.0 {
+                truth.stribeck * (-(v / truth.stribeck_speed).powi(2)).exp()
+            } else {
+                0.0
+            };
         v = free.signum() * (free.abs() - h * dry / mass).max(0.0);
         x += h * v;
     }
-    let columns = vec![("t_s".into(), time), ("position_m".into(), position), ("force_n".into(), forces)];
+    let columns =
+        vec![("t_s".into(), time), ("position_m".into(), position), ("force_n".into(), forces)];
     Series { file: format!("synthetic-{seed}.csv"), columns, role: None, notes: Vec::new() }
 }
 
@@ -96,7 +108,15 @@ fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyErr
         "rig.toml",
         rig,
         records,
-        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None, propose: false, calibrate: 0 },
+        Options {
+            jobs: 2,
+            seed: 1,
+            gear: 1.0,
+            slave_count_rad: None,
+            stage: None,
+            propose: false,
+            calibrate: 0,
+        },
     )?;
     // Every outcome must make a page.
     page.render().unwrap();
@@ -126,7 +146,13 @@ fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
 fn nothing_is_found_where_nothing_is_missing() {
     for seed in 1..=20 {
         let outcome = identify(&[record(Truth::default(), seed)], &rig(0.25)).unwrap();
-        assert_eq!(outcome.verdict, Verdict::None, "seed {seed}: {:?} {:?}", ids(&outcome), outcome.unlisted);
+        assert_eq!(
+            outcome.verdict,
+            Verdict::None,
+            "seed {seed}: {:?} {:?}",
+            ids(&outcome),
+            outcome.unlisted
+        );
         assert!(!outcome.remains);
         let (mass, std) = declared(&outcome, "mass_kg");
         assert!(within(mass, std, MASS, 4.5), "seed {seed}: {mass} ± {std}");
@@ -135,7 +161,8 @@ fn nothing_is_found_where_nothing_is_missing() {
 
 #[test]
 fn coulomb_friction_is_named_and_measured() {
-    let outcome = identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
+    let outcome =
+        identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
     assert_eq!(outcome.verdict, Verdict::Effect, "{:?}", outcome.candidates);
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     let (coulomb, std) = effect(&outcome, "coulomb");
@@ -152,7 +179,12 @@ fn coulomb_friction_is_named_and_measured() {
 fn asymmetric_friction_is_named_after_coulomb_friction() {
     let truth = Truth { coulomb: 20.0, viscous_difference: -60.0, ..Truth::default() };
     let outcome = identify(&[record(truth, 4)], &rig(0.25)).unwrap();
-    assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
+    assert_eq!(
+        ids(&outcome),
+        ["coulomb_friction", "asymmetric_friction"],
+        "{:?}",
+        outcome.candidates
+    );
     let (difference, std) = effect(&outcome, "viscous_difference");
     assert!(within(difference, std, -60.0, 4.0) && std < 6.0, "{difference} ± {std}");
 }
@@ -161,7 +193,12 @@ fn asymmetric_friction_is_named_after_coulomb_friction() {
 fn stribeck_friction_is_named_after_coulomb_friction() {
     let truth = Truth { coulomb: 15.0, stribeck: 20.0, stribeck_speed: 0.02, ..Truth::default() };
     let outcome = identify(&[record(truth, 5)], &rig(0.25)).unwrap();
-    assert_eq!(ids(&outcome), ["coulomb_friction", "stribeck_friction"], "{:?}", outcome.candidates);
+    assert_eq!(
+        ids(&outcome),
+        ["coulomb_friction", "stribeck_friction"],
+        "{:?}",
+        outcome.candidates
+    );
     let (speed, _) = effect(&outcome, "stribeck_speed");
     assert!((speed / 0.02 - 1.0).abs() < 0.15, "{speed}");
     let (stribeck, std) = effect(&outcome, "stribeck");
@@ -170,7 +207,8 @@ fn stribeck_friction_is_named_after_coulomb_friction() {
 
 #[test]
 fn what_has_no_name_is_said_to_have_none() {
-    let outcome = identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
+    let outcome =
+        identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?}", outcome.candidates);
     let unlisted = outcome.unlisted.unwrap();
     assert_eq!(unlisted.depends_on, "position");
@@ -189,7 +227,8 @@ fn a_heavier_mass_is_missing_physics_outside_of_its_tolerance_and_calibration_in
 
 #[test]
 fn whole_records_play_whole_parts() {
-    let records: Vec<Series> = (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
+    let records: Vec<Series> =
+        (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
     let outcome = identify(&records, &rig(0.25)).unwrap();
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     assert_eq!(outcome.records.fit, ["synthetic-1.csv"]);
@@ -226,7 +265,10 @@ fn the_measured_emps_record_gives_the_published_figures() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let path = root.join("../shared/data/emps_train.csv");
     if !path.exists() {
-        eprintln!("SKIPPED: {} is not there; the measured EMPS record took no part in this test", path.display());
+        eprintln!(
+            "SKIPPED: {} is not there; the measured EMPS record took no part in this test",
+            path.display()
+        );
         return;
     }
     let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
@@ -235,14 +277,25 @@ fn the_measured_emps_record_gives_the_published_figures() {
     let series = Series { file: "emps_train.csv".into(), columns, role: None, notes: Vec::new() };
     let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
     let outcome = identify(&[series], &rig.model).unwrap();
-    assert_eq!(ids(&outcome), ["coulomb_friction", "asymmetric_friction"], "{:?}", outcome.candidates);
-    // What is left: a delay of about one sample gets a note and no name; ripple once a motor turn is small.
+    assert_eq!(
+        ids(&outcome),
+        ["coulomb_friction", "asymmetric_friction"],
+        "{:?}",
+        outcome.candidates
+    );
+    // What is left: a delay of about one sample gets a note and no name; ripple once a motor turn
+    // is small.
     assert!(!outcome.remains, "{:?}", outcome.unlisted);
-    assert!(outcome.notes.iter().any(|n| n.starts_with("transport_delay: 1.0")), "{:?}", outcome.notes);
+    assert!(
+        outcome.notes.iter().any(|n| n.starts_with("transport_delay: 1.0")),
+        "{:?}",
+        outcome.notes
+    );
     let ripple = outcome.left.iter().find(|l| l.id == "torque_ripple").unwrap();
     let order = ripple.parameters.iter().find(|p| p.name == "order").unwrap().value;
     assert!((order - 1.0).abs() < 0.01 && (0.2..1.0).contains(&ripple.size), "{ripple:?}");
-    // Published on all rows: 4.08 % and 3.11 %; 95.1 kg, 203.5 N·s/m, 20.4 N, -3.2 N (symmetric model).
+    // Published on all rows: 4.08 % and 3.11 %; 95.1 kg, 203.5 N·s/m, 20.4 N, -3.2 N (symmetric
+    // model).
     let [declared, coulomb, asymmetric] = &outcome.steps[..] else { panic!("{:?}", outcome.steps) };
     assert!(declared.all_rows_percent > 15.0);
     assert!((coulomb.all_rows_percent - 4.08).abs() < 0.3, "{}", coulomb.all_rows_percent);
@@ -250,7 +303,10 @@ fn the_measured_emps_record_gives_the_published_figures() {
     assert!(asymmetric.report_percent < 0.85 * coulomb.report_percent, "held out too");
     for (i, published) in [95.1, 203.5, -3.2, 20.4].iter().enumerate() {
         let (name, value, std) = &coulomb.all_rows_parameters[i];
-        assert!(within(*value, *std, *published, 2.5), "{name}: {value} ± {std}, published {published}");
+        assert!(
+            within(*value, *std, *published, 2.5),
+            "{name}: {value} ± {std}, published {published}"
+        );
     }
 }
 
@@ -263,11 +319,14 @@ fn a_record_too_short_to_select_on_is_refused() {
         series.role = Some(role);
         series
     };
-    // 0.6 s once the ends are off, a single block: of its gain no error can be told, and anything would pass.
+    // 0.6 s once the ends are off, a single block: of its gain no error can be told, and anything
+    // would pass.
     let records = [part(8000, Role::Fit), part(400, Role::Select), part(8000, Role::Report)];
     let error = identify(&records, &rig(0.25)).unwrap_err().to_string();
     assert!(
-        error.contains("select.csv") && error.contains("0.60 s to select on") && error.contains("3 stretches"),
+        error.contains("select.csv")
+            && error.contains("0.60 s to select on")
+            && error.contains("3 stretches"),
         "{error}"
     );
 }

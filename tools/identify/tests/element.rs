@@ -1,4 +1,5 @@
-//! Parts under imposed motion, made by integrators of their own: fine steps, exact motion, no code of the models.
+//! Parts under imposed motion, made by integrators of their own: fine steps, exact motion, no code
+//! of the models.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod one_channel;
@@ -26,14 +27,15 @@ struct Now {
 /// Force beyond spring, damper and offset.
 type Extra<'a> = &'a mut dyn FnMut(&Now) -> f64;
 
-/// 24 s at 500 Hz, followed at 10 kHz; position in counts of 0.1 µm, force with 0.08 N of noise. The motion is a sum of
-/// sines with a slow one that covers the travel, and a held step every 6 s.
+/// 24 s at 500 Hz, followed at 10 kHz; position in counts of 0.1 µm, force with 0.08 N of noise.
+/// The motion is a sum of sines with a slow one that covers the travel, and a held step every 6 s.
 fn record(seed: u64, stiffness: f64, damping: f64, extra: Extra<'_>) -> identify::input::Series {
     let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let tau = std::f64::consts::TAU;
-    let waves: Vec<(f64, f64, f64)> = [(0.23, 1.6e-3), (1.1, 6e-4), (4.7, 2e-4), (11.9, 5e-5), (23.0, 2e-5)]
-        .map(|(f, a)| (tau * f, a, tau * noise.uniform()))
-        .to_vec();
+    let waves: Vec<(f64, f64, f64)> =
+        [(0.23, 1.6e-3), (1.1, 6e-4), (4.7, 2e-4), (11.9, 5e-5), (23.0, 2e-5)]
+            .map(|(f, a)| (tau * f, a, tau * noise.uniform()))
+            .to_vec();
     let motion = |t: f64| {
         let mut m = (0.0, 0.0, 0.0);
         for (w, a, p) in &waves {
@@ -73,7 +75,10 @@ fn record(seed: u64, stiffness: f64, damping: f64, extra: Extra<'_>) -> identify
             force.push(f + 0.08 * noise.normal());
         }
     }
-    series(&format!("part-{seed}.csv"), [("t_s", time), ("position_m", position), ("force_n", force)])
+    series(
+        &format!("part-{seed}.csv"),
+        [("t_s", time), ("position_m", position), ("force_n", force)],
+    )
 }
 
 fn declared(stiffness_tolerance: f64, damping_tolerance: f64) -> rig::Model {
@@ -100,7 +105,13 @@ fn only(outcome: &Outcome, id: &str) {
 fn nothing_is_found_where_nothing_is_missing() {
     for seed in 1..=12 {
         let outcome = identify(seed, &mut |_| 0.0);
-        assert_eq!(outcome.verdict, Verdict::None, "seed {seed}: {:?} {:?}", ids(&outcome), outcome.unlisted);
+        assert_eq!(
+            outcome.verdict,
+            Verdict::None,
+            "seed {seed}: {:?} {:?}",
+            ids(&outcome),
+            outcome.unlisted
+        );
         assert!(!outcome.remains);
         let stiffness = &outcome.parameters[0];
         assert!((stiffness.fitted / STIFFNESS - 1.0).abs() < 0.003, "{stiffness:?}");
@@ -218,8 +229,9 @@ fn unusable_data_are_refused_with_a_reason() {
         change(&mut series);
         run(&declared(0.25, 0.5), &[series]).unwrap_err().to_string()
     };
-    let scaled =
-        |column: usize, factor: f64| broken(&move |s| s.columns[column].1.iter_mut().for_each(|v| *v *= factor));
+    let scaled = |column: usize, factor: f64| {
+        broken(&move |s| s.columns[column].1.iter_mut().for_each(|v| *v *= factor))
+    };
     assert!(scaled(1, 1000.0).contains("check the units"), "position in mm");
     assert!(scaled(2, 1e-3).contains("check the units"), "force in kN");
     assert!(scaled(2, -1.0).contains("change the sign"));
@@ -229,7 +241,8 @@ fn unusable_data_are_refused_with_a_reason() {
     assert!(text.contains("row 42") && text.contains("position_m"), "{text}");
     let text = broken(&|s| s.columns.iter_mut().for_each(|c| c.1.truncate(400)));
     assert!(text.contains("400 rows"), "{text}");
-    let text =
-        run(&rig(Element, vec![parameter("stiffness_n_per_m", 2e4, 0.25, None)]), &[good]).unwrap_err().to_string();
+    let text = run(&rig(Element, vec![parameter("stiffness_n_per_m", 2e4, 0.25, None)]), &[good])
+        .unwrap_err()
+        .to_string();
     assert!(text.contains("viscous_damping_n_s_per_m") && text.contains("element"), "{text}");
 }

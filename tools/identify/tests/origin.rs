@@ -1,4 +1,5 @@
-//! Where something enters that is no function of one variable: torques that jump, put into the plant at one place after another.
+//! Where something enters that is no function of one variable: torques that jump, put into the
+//! plant at one place after another.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::f64::consts::TAU;
@@ -54,14 +55,20 @@ impl Effect for Jumps {
 
 impl ParameterSet for Jumps {}
 
-/// What is told of a machine with something at a site, once the declared model is fitted; at the sensor it is the cell that jumps.
+/// What is told of a machine with something at a site, once the declared model is fitted; at the
+/// sensor it is the cell that jumps.
 fn told(site: Option<Site>, size: f64, hands: &[usize]) -> Option<Origin> {
     let mut records: Vec<_> = (0..6)
         .map(|turn| {
             let of_plant = site.filter(|site| *site != Site::Sensor);
-            let effects = of_plant.map(|site| Box::new(Jumps { site, size }) as Box<dyn Effect>).into_iter().collect();
+            let effects = of_plant
+                .map(|site| Box::new(Jumps { site, size }) as Box<dyn Effect>)
+                .into_iter()
+                .collect();
             let hand = hands.contains(&turn);
-            let cell = |time_s: f64| if hand && site == Some(Site::Sensor) { size * jumps(time_s) } else { 0.0 };
+            let cell = |time_s: f64| {
+                if hand && site == Some(Site::Sensor) { size * jumps(time_s) } else { 0.0 }
+            };
             record(turn, effects, hand, PUSH_V, &cell)
         })
         .collect();
@@ -76,7 +83,9 @@ const HANDS: [usize; 2] = [4, 5];
 
 #[test]
 fn a_torque_is_found_where_it_acts() {
-    for (site, size) in [(Site::Master, 1.0), (Site::Slave, 0.2), (Site::Line, 4.0), (Site::Sensor, 0.4)] {
+    for (site, size) in
+        [(Site::Master, 1.0), (Site::Slave, 0.2), (Site::Line, 4.0), (Site::Sensor, 0.4)]
+    {
         let origin = told(Some(site), size, &HANDS).unwrap();
         println!("{site}: {:?}", origin.left);
         assert_eq!(origin.site(), site, "{:?}", origin.left);
@@ -88,6 +97,12 @@ fn without_records_of_both_kinds_cell_and_slave_are_not_told_apart() {
     let origin = told(Some(Site::Slave), 0.2, &[]).unwrap();
     assert_eq!(origin.site(), Site::Slave, "{:?}", origin.left);
     assert!(origin.left.iter().all(|(place, _)| *place != Place::Cell));
-    assert!(origin.allows((Site::Sensor, Variable::Torque)) && origin.allows((Site::Slave, Variable::Torque)));
-    assert!(!origin.allows((Site::Master, Variable::Torque)) && !origin.allows((Site::Slave, Variable::Force)));
+    assert!(
+        origin.allows((Site::Sensor, Variable::Torque))
+            && origin.allows((Site::Slave, Variable::Torque))
+    );
+    assert!(
+        !origin.allows((Site::Master, Variable::Torque))
+            && !origin.allows((Site::Slave, Variable::Force))
+    );
 }

@@ -1,4 +1,5 @@
-//! Oscillators made by an integrator of the test's own, at 16 steps a sample and with the input as a closed form.
+//! Oscillators made by an integrator of the test's own, at 16 steps a sample and with the input as
+//! a closed form.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod one_channel;
@@ -12,15 +13,22 @@ const DAMPING: f64 = 3e-4;
 const STIFFNESS: f64 = 1.05;
 const OFFSET: f64 = 0.002;
 
-/// What the test's machine has beyond mass, damper, spring and offset, as a force against the input.
+/// What the test's machine has beyond mass, damper, spring and offset, as a force against the
+/// input.
 type Extra<'a> = &'a dyn Fn(f64, f64, f64) -> f64;
 
-/// 14 s at 600 Hz; the input is forty sines of random phase up to 150 Hz, 40 mV rms, the output has 0.1 mV of noise.
-fn record(seed: u64, shape_input: &dyn Fn(f64) -> f64, extra: Extra<'_>) -> identify::input::Series {
+/// 14 s at 600 Hz; the input is forty sines of random phase up to 150 Hz, 40 mV rms, the output has
+/// 0.1 mV of noise.
+fn record(
+    seed: u64,
+    shape_input: &dyn Fn(f64) -> f64,
+    extra: Extra<'_>,
+) -> identify::input::Series {
     let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let tau = std::f64::consts::TAU;
-    let waves: Vec<(f64, f64)> =
-        (0..40).map(|k| (tau * (1.3 + 3.7 * f64::from(k) + 0.5 * noise.uniform()), tau * noise.uniform())).collect();
+    let waves: Vec<(f64, f64)> = (0..40)
+        .map(|k| (tau * (1.3 + 3.7 * f64::from(k) + 0.5 * noise.uniform()), tau * noise.uniform()))
+        .collect();
     let size = 0.04 * (2.0f64 / 40.0).sqrt();
     let input = |t: f64| waves.iter().map(|(w, p)| size * (w * t + p).sin()).sum::<f64>();
     let (sampling, fine) = (600.0, 16);
@@ -38,7 +46,8 @@ fn record(seed: u64, shape_input: &dyn Fn(f64) -> f64, extra: Extra<'_>) -> iden
             inputs.push(u);
             outputs.push(y + 1e-4 * noise.normal());
         }
-        // Heun's method with a correction by the midpoint: third order (Kutta), unlike the code under test.
+        // Heun's method with a correction by the midpoint: third order (Kutta), unlike the code
+        // under test.
         let (middle, end) = (input(t + 0.5 * h), input(t + h));
         let k1 = rate(t, u, y, v);
         let k2 = rate(t + 0.5 * h, middle, y + 0.5 * h * k1.0, v + 0.5 * h * k1.1);
@@ -75,12 +84,21 @@ fn only(outcome: &Outcome, id: &str) {
 fn nothing_is_found_where_nothing_is_missing() {
     for seed in 1..=6 {
         let outcome = identify(seed, &|_, _, _| 0.0);
-        assert_eq!(outcome.verdict, Verdict::None, "seed {seed}: {:?} {:?}", ids(&outcome), outcome.unlisted);
+        assert_eq!(
+            outcome.verdict,
+            Verdict::None,
+            "seed {seed}: {:?} {:?}",
+            ids(&outcome),
+            outcome.unlisted
+        );
         let error = &outcome.error["output"];
         assert!(error.after < 1.1e-4, "the noise is 0.1 mV: {error:?}");
         for (p, truth) in outcome.parameters.iter().zip([MASS, DAMPING, STIFFNESS, OFFSET]) {
             let std = p.std.unwrap();
-            assert!((p.fitted - truth).abs() < 4.5 * std && std < 0.02 * truth, "{p:?}, true {truth}");
+            assert!(
+                (p.fitted - truth).abs() < 4.5 * std && std < 0.02 * truth,
+                "{p:?}, true {truth}"
+            );
         }
     }
 }
@@ -135,8 +153,9 @@ fn unusable_data_are_refused_with_a_reason() {
         change(&mut series);
         run(&declared(), &[series]).unwrap_err().to_string()
     };
-    let scaled =
-        |column: usize, factor: f64| broken(&move |s| s.columns[column].1.iter_mut().for_each(|v| *v *= factor));
+    let scaled = |column: usize, factor: f64| {
+        broken(&move |s| s.columns[column].1.iter_mut().for_each(|v| *v *= factor))
+    };
     assert!(scaled(2, 1000.0).contains("check the units"), "output in mV");
     assert!(scaled(1, 1000.0).contains("check the units"), "input in mV");
     assert!(scaled(2, -1.0).contains("change the sign"));
@@ -174,7 +193,10 @@ fn the_measured_silverbox_record_has_a_cubic_spring() {
     // With the even term of the same effect, before any other.
     let spring = &outcome.steps[2];
     assert_eq!(spring.model, "nonlinear_stiffness");
-    assert!(volts(spring.report_percent) < 0.35e-3 && error.after < 0.35e-3, "{spring:?} {error:?}");
+    assert!(
+        volts(spring.report_percent) < 0.35e-3 && error.after < 0.35e-3,
+        "{spring:?} {error:?}"
+    );
     assert!(outcome.ambiguous_with.is_empty(), "{:?}", outcome.ambiguous_with);
     close(&outcome, "cubic", 3.95, 0.02);
 }

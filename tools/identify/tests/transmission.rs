@@ -1,4 +1,5 @@
-//! A transmission's records, made by a plant with an effect that the declared model lacks: the search names it, and nothing where nothing is missing.
+//! A transmission's records, made by a plant with an effect that the declared model lacks: the
+//! search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::forward::catalogue::{Candidate, candidates};
@@ -25,22 +26,26 @@ fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record 
 }
 
 fn found(effect: Option<&str>, push_v: f64) -> (Machine, Found) {
-    let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect();
+    let mut records: Vec<Record> =
+        (0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect();
     share_out(&mut records, false);
-    let mut machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let mut machine =
+        Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
     let found = search(&mut machine).unwrap();
     (machine, found)
 }
 
 fn slave_error(machine: &Machine, found: &Found) -> [f64; 2] {
     let report = machine.of_role(Role::Report);
-    [&found.base.setting, &found.last().setting].map(|setting| errors(machine, &report, setting).unwrap()[1].1)
+    [&found.base.setting, &found.last().setting]
+        .map(|setting| errors(machine, &report, setting).unwrap()[1].1)
 }
 
 #[test]
 fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
     let (machine, found) = found(Some("backlash@slave=0.06"), 0.0);
-    let names: Vec<_> = found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
+    let names: Vec<_> =
+        found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
     assert_eq!(names, [("backlash", "slave")]);
     let gap = found.last().setting.placed[0].value("gap").unwrap();
     assert!((gap - 0.06).abs() < 0.006, "{gap} rad");
@@ -58,9 +63,14 @@ fn where_nothing_is_missing_nothing_gets_a_name() {
         found.steps.iter().map(|step| &step.added).collect::<Vec<_>>()
     );
     let [error, _] = slave_error(&machine, &found);
-    // What is left is what a count is: COUNT_RAD/√12 is 0.45 mrad a row, and less where rows are averaged.
+    // What is left is what a count is: COUNT_RAD/√12 is 0.45 mrad a row, and less where rows are
+    // averaged.
     assert!(error < 1e-3, "{error} rad");
-    let torque = machine.base.iter().position(|parameter| parameter.name == "motor_torque_per_volt_nm").unwrap();
+    let torque = machine
+        .base
+        .iter()
+        .position(|parameter| parameter.name == "motor_torque_per_volt_nm")
+        .unwrap();
     let fitted = found.base.setting.base[torque];
     assert!((fitted / 1.62 - 1.0).abs() < 0.03, "{fitted} N·m/V");
 }
@@ -68,25 +78,32 @@ fn where_nothing_is_missing_nothing_gets_a_name() {
 #[test]
 fn friction_beside_declared_friction_gets_its_name() {
     let (_, found) = found(Some("coulomb_friction@slave=1.2"), 0.0);
-    let names: Vec<_> = found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
+    let names: Vec<_> =
+        found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
     assert_eq!(names, [("coulomb_friction", "slave")]);
 }
 
 #[test]
 fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
     for (effect, is_there) in [(Some("presliding_hysteresis@slave=0.8"), true), (None, false)] {
-        let mut records: Vec<Record> = (0..5).map(|turn| record(turn, effect, turn == 4, 0.0)).collect();
+        let mut records: Vec<Record> =
+            (0..5).map(|turn| record(turn, effect, turn == 4, 0.0)).collect();
         share_out(&mut records, false);
-        let machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+        let machine =
+            Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
         let (fit, select) = (View::of(&machine, Role::Fit), View::of(&machine, Role::Select));
         let (base, knobs) = fit_base(&fit).unwrap();
         let listed = candidates(&scale(&fit, &base));
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();
         let own = [knobs.clone(), knobs_of(of, 0)].concat();
-        let fits = of.starts.iter().filter_map(|start| fit.fit(&base.setting.with(&start.placed), &own, 3));
+        let fits = of
+            .starts
+            .iter()
+            .filter_map(|start| fit.fit(&base.setting.with(&start.placed), &own, 3));
         let fitted = fits.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap();
-        let [before, after] = [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());
+        let [before, after] =
+            [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());
         let mut judged = judge((of.id, of.site), &before, &after);
         println!("{effect:?}: gain {:.2}", judged.gain);
         // Where there is none, steps of 2 ms are supposed to have shown one.
@@ -105,7 +122,11 @@ fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ
     assert!(setting.placed.is_empty(), "{:?}", setting.placed);
     for (old, new) in machine.records.iter().zip(&redrawn.records) {
         let off = rms(old.master.iter().zip(&new.master).map(|(old, new)| old - new));
-        assert!(off > 0.0 && off < 0.2 * rms(old.master.iter().copied()), "{}: {off} rad", old.name);
+        assert!(
+            off > 0.0 && off < 0.2 * rms(old.master.iter().copied()),
+            "{}: {off} rad",
+            old.name
+        );
         assert_eq!((old.idle, old.role, old.volts.len()), (new.idle, new.role, new.volts.len()));
     }
     let all: Vec<usize> = (0..machine.records.len()).collect();
@@ -131,7 +152,11 @@ fn machines_that_lack_nothing_give_nothing() {
 fn an_effect_that_is_taken_back_leaves_the_declared_model() {
     let (machine, mut found) = found(Some("backlash@slave=0.06"), 0.0);
     found.without_last(&machine).unwrap();
-    assert!(found.steps.is_empty() && found.effect_knobs.is_empty() && found.last().setting.placed.is_empty());
+    assert!(
+        found.steps.is_empty()
+            && found.effect_knobs.is_empty()
+            && found.last().setting.placed.is_empty()
+    );
     assert!(found.without_last(&machine).is_some(), "nothing to take back is no failure");
     // What it explained is missing again, and that must be said.
     found.judge_anew(&machine);
@@ -142,7 +167,8 @@ fn an_effect_that_is_taken_back_leaves_the_declared_model() {
 fn records_that_report_do_not_tell_whether_the_floor_is_reached() {
     let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
     share_out(&mut records, false);
-    let mut machine = Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let mut machine =
+        Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
     let (select, setting) = (machine.of_role(Role::Select), machine.start());
     let above = |machine: &Machine| above_floor(machine, &select, &setting);
     assert!(above(&machine).is_some(), "the fourth record repeats the first");

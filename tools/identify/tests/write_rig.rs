@@ -1,9 +1,10 @@
-//! `--write-rig`: the file that is written makes the plant that was fitted, and keeps what the laboratory wrote.
+//! `--write-rig`: the file that is written makes the plant that was fitted, and keeps what the
+//! laboratory wrote.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::outcome::{
-    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight, UNKNOWN,
-    UnlistedTable, Verdict,
+    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight,
+    UNKNOWN, UnlistedTable, Verdict,
 };
 use identify::write_rig::{Written, fitted};
 use plant::ParameterSet as _;
@@ -36,7 +37,12 @@ fn parameter(name: &str, declared: Option<f64>, fitted: f64, std: Option<f64>) -
 fn effect(id: &str, site: &str, values: &[(&str, f64)]) -> FoundEffect {
     let parameters = values
         .iter()
-        .map(|(name, value)| EffectParameter { name: (*name).into(), value: *value, std: None, unit: String::new() })
+        .map(|(name, value)| EffectParameter {
+            name: (*name).into(),
+            value: *value,
+            std: None,
+            unit: String::new(),
+        })
         .collect();
     FoundEffect { id: id.into(), site: site.into(), parameters, t: 9.0, gain_percent: 40.0 }
 }
@@ -53,17 +59,29 @@ fn found_by_columns(id: &str, site: &str, values: &[(&str, f64, &str)]) -> Found
 
 /// A declared parameter in its unit: declared, fitted.
 fn in_unit(name: &str, unit: &str, (declared, fitted): (f64, f64)) -> FittedParameter {
-    FittedParameter { unit: unit.into(), ..parameter(name, Some(declared), fitted, Some(1e-3 * fitted.abs())) }
+    FittedParameter {
+        unit: unit.into(),
+        ..parameter(name, Some(declared), fitted, Some(1e-3 * fitted.abs()))
+    }
 }
 
 /// The file that is written for a model of one channel.
-fn written_for(original: &str, parameters: Vec<FittedParameter>, effects: Vec<FoundEffect>) -> (Written, RigFile) {
-    let written = fitted(original, "rig.toml", &outcome(Verdict::Effect, parameters, effects)).unwrap();
+fn written_for(
+    original: &str,
+    parameters: Vec<FittedParameter>,
+    effects: Vec<FoundEffect>,
+) -> (Written, RigFile) {
+    let written =
+        fitted(original, "rig.toml", &outcome(Verdict::Effect, parameters, effects)).unwrap();
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();
     (written, rig)
 }
 
-fn outcome(verdict: Verdict, parameters: Vec<FittedParameter>, effects: Vec<FoundEffect>) -> Outcome {
+fn outcome(
+    verdict: Verdict,
+    parameters: Vec<FittedParameter>,
+    effects: Vec<FoundEffect>,
+) -> Outcome {
     Outcome {
         verdict,
         effects,
@@ -94,7 +112,8 @@ const FITTED: [(&str, f64, f64); 5] = [
 fn found(effects: Vec<FoundEffect>) -> Outcome {
     let original = RigFile::parse(RIG, "rig.toml").unwrap();
     let declared = |name: &str| original.model.parameter(name).map(|parameter| parameter.value);
-    let parameters = FITTED.iter().map(|(name, value, std)| parameter(name, declared(name), *value, Some(*std)));
+    let parameters =
+        FITTED.iter().map(|(name, value, std)| parameter(name, declared(name), *value, Some(*std)));
     let mut parameters: Vec<_> = parameters.collect();
     parameters.push(parameter("slave_encoder_zero_rad", None, 4e-4, Some(1e-5)));
     parameters.push(parameter("bulk_modulus_pa", declared("bulk_modulus_pa"), 1.86e9, None));
@@ -123,11 +142,15 @@ fn the_plant_made_from_the_file_is_the_fitted_one() {
         effect("torque_ripple", "drive", &[("amplitude", 0.13), ("order", 12.0), ("phase", -0.4)]),
     ];
     let written = fitted(RIG, "rig.toml", &found(effects)).unwrap();
-    assert_eq!((written.told.as_str(), written.left_out.len()), ("6 parameters as fitted, 2 effects", 0));
+    assert_eq!(
+        (written.told.as_str(), written.left_out.len()),
+        ("6 parameters as fitted, 2 effects", 0)
+    );
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();
     let of_file = moved(rig.axis_parameters(&rig.axes[0]).unwrap(), rig.model_effects().unwrap());
 
-    let Parameters::Hydrostatic(mut own) = RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap()
+    let Parameters::Hydrostatic(mut own) =
+        RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap()
     else {
         panic!("a hydrostatic rig")
     };
@@ -137,17 +160,30 @@ fn the_plant_made_from_the_file_is_the_fitted_one() {
     let mut ripple = make("torque_ripple", Site::Drive, 0.13).unwrap();
     ripple.set("order", 12.0).unwrap();
     ripple.set("phase", -0.4).unwrap();
-    let direct = moved(own.clone().into(), vec![make("backlash", Site::Slave, 0.061_234).unwrap(), ripple]);
-    assert!((of_file.slave_position_rad - direct.slave_position_rad).abs() < 1e-6, "{of_file:?} {direct:?}");
-    assert!((of_file.master_velocity_rad_s - direct.master_velocity_rad_s).abs() < 1e-4, "{of_file:?} {direct:?}");
+    let direct =
+        moved(own.clone().into(), vec![make("backlash", Site::Slave, 0.061_234).unwrap(), ripple]);
+    assert!(
+        (of_file.slave_position_rad - direct.slave_position_rad).abs() < 1e-6,
+        "{of_file:?} {direct:?}"
+    );
+    assert!(
+        (of_file.master_velocity_rad_s - direct.master_velocity_rad_s).abs() < 1e-4,
+        "{of_file:?} {direct:?}"
+    );
     // With dry friction rounded in another shape it would be another.
     own.set("friction_smoothing_shape", 0.0).unwrap();
     let plain = moved(own.clone().into(), Vec::new());
     own.set("friction_smoothing_shape", -0.6).unwrap();
     let long = moved(own.into(), Vec::new());
-    assert!((plain.slave_position_rad - long.slave_position_rad).abs() > 1e-5, "{plain:?} {long:?}");
+    assert!(
+        (plain.slave_position_rad - long.slave_position_rad).abs() > 1e-5,
+        "{plain:?} {long:?}"
+    );
     // And it is another one than the declared.
-    let declared = moved(RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap(), Vec::new());
+    let declared = moved(
+        RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap(),
+        Vec::new(),
+    );
     assert!((of_file.slave_position_rad - declared.slave_position_rad).abs() > 1e-3);
 }
 
@@ -159,34 +195,63 @@ fn comments_stay_and_tolerances_are_what_the_records_say() {
     };
     let (before, after) = (kept(RIG), kept(text(&written)));
     assert!(before.iter().all(|comment| after.contains(comment)), "{after:#?}");
-    assert_eq!(after.len(), before.len() + 2, "two more say what speed and shape of the smoothing are");
+    assert_eq!(
+        after.len(),
+        before.len() + 2,
+        "two more say what speed and shape of the smoothing are"
+    );
     let others = |text: &str| -> Vec<String> {
         let fitted = |line: &&str| FITTED.iter().any(|(name, ..)| line.starts_with(name));
         text.lines().filter(|line| !fitted(line)).map(str::to_owned).collect()
     };
-    assert_eq!(others(text(&written)), others(RIG), "lines that have nothing to do with it are as they were");
+    assert_eq!(
+        others(text(&written)),
+        others(RIG),
+        "lines that have nothing to do with it are as they were"
+    );
 
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();
     let of = |name: &str| rig.model.parameter(name).unwrap().clone();
     let torque = of("motor_torque_per_volt_nm");
     assert!((torque.value - 1.621_234_567).abs() < 1e-7);
-    assert_eq!((torque.tolerance, torque.source), (0.13, ParameterSource::Traced), "5 · 0.04 / 1.62, rounded up");
-    assert_eq!(of("line_stiffness_factor").tolerance, 0.084, "a third of the declared, however sure the fit is");
+    assert_eq!(
+        (torque.tolerance, torque.source),
+        (0.13, ParameterSource::Traced),
+        "5 · 0.04 / 1.62, rounded up"
+    );
+    assert_eq!(
+        of("line_stiffness_factor").tolerance,
+        0.084,
+        "a third of the declared, however sure the fit is"
+    );
     assert_eq!(of("slave_static_friction_nm").tolerance, 0.25, "no wider than declared");
     assert_eq!(of("friction_smoothing_shape").value, -0.6);
     let unseen = of("bulk_modulus_pa");
-    assert_eq!((unseen.value, unseen.tolerance, unseen.source), (1.86e9, 0.05, ParameterSource::Printed));
-    assert!(rig.model.parameter("slave_encoder_zero_rad").is_none(), "it belongs to the recording, not to the machine");
+    assert_eq!(
+        (unseen.value, unseen.tolerance, unseen.source),
+        (1.86e9, 0.05, ParameterSource::Printed)
+    );
+    assert!(
+        rig.model.parameter("slave_encoder_zero_rad").is_none(),
+        "it belongs to the recording, not to the machine"
+    );
     assert!(rig.model.effects.is_empty());
 }
 
 #[test]
 fn a_second_time_replaces_the_first() {
-    let first = fitted(RIG, "rig.toml", &found(vec![effect("backlash", "slave", &[("gap", 0.06)])])).unwrap();
-    let second =
-        fitted(text(&first), "rig.toml", &found(vec![effect("leakage", "line", &[("conductance", 5e-13)])])).unwrap();
+    let first =
+        fitted(RIG, "rig.toml", &found(vec![effect("backlash", "slave", &[("gap", 0.06)])]))
+            .unwrap();
+    let second = fitted(
+        text(&first),
+        "rig.toml",
+        &found(vec![effect("leakage", "line", &[("conductance", 5e-13)])]),
+    )
+    .unwrap();
     let rig = RigFile::parse(text(&second), "rig.toml").unwrap();
-    let names: Vec<_> = rig.model.effects.iter().map(|effect| (effect.id, effect.parameters.clone())).collect();
+    let names: Vec<_> =
+        rig.model.effects.iter().map(|effect| (effect.id, effect.parameters.clone())).collect();
     assert_eq!(names, [("leakage", vec![("conductance".to_owned(), 5e-13)])]);
     assert_eq!(text(&second).matches("Found in measured records").count(), 1);
     assert_eq!(text(&second).matches("\nfriction_smoothing_rad_s = ").count(), 1);
@@ -200,13 +265,21 @@ fn what_is_not_known_is_not_written_and_said() {
     ambiguous.ambiguous_with = vec![Named { id: "amplifier_lag".into(), site: "drive".into() }];
     let written = fitted(RIG, "rig.toml", &ambiguous).unwrap();
     assert_eq!(written.text, None);
-    assert!(written.left_out[0].contains("cannot tell transport_delay@drive from amplifier_lag@drive"), "{written:?}");
+    assert!(
+        written.left_out[0].contains("cannot tell transport_delay@drive from amplifier_lag@drive"),
+        "{written:?}"
+    );
 
     let mut unlisted = found(Vec::new());
     unlisted.verdict = Verdict::Unlisted;
     unlisted.remains = true;
     let told = |depends_on: &str, table: Vec<[f64; 3]>| {
-        Some(UnlistedTable { site: "slave".into(), depends_on: depends_on.into(), table, ..UnlistedTable::default() })
+        Some(UnlistedTable {
+            site: "slave".into(),
+            depends_on: depends_on.into(),
+            table,
+            ..UnlistedTable::default()
+        })
     };
     unlisted.unlisted = told(UNKNOWN, Vec::new());
     let written = fitted(RIG, "rig.toml", &unlisted).unwrap();
@@ -216,7 +289,11 @@ fn what_is_not_known_is_not_written_and_said() {
     assert!(written.left_out[0].contains("at the slave, over position"), "{written:?}");
     let rig = RigFile::parse(text(&written), "fitted.toml").unwrap();
     let torque = rig.model.parameter("motor_torque_per_volt_nm").unwrap();
-    assert_eq!((torque.tolerance, rig.model.effects.len()), (0.25, 0), "a residual without a name narrows nothing");
+    assert_eq!(
+        (torque.tolerance, rig.model.effects.len()),
+        (0.25, 0),
+        "a residual without a name narrows nothing"
+    );
 }
 
 #[test]
@@ -253,7 +330,10 @@ fn gains_that_the_fitted_machine_does_not_bear_are_refused_not_written() {
     // A motor four times as strong: the loop has four times the gain.
     weak.parameters[0].fitted = 14.0;
     let error = fitted(RIG, "rig.toml", &weak).unwrap_err().to_string();
-    assert!(error.contains("is not written") && error.contains("axes.0.control.p_v_per_count"), "{error}");
+    assert!(
+        error.contains("is not written") && error.contains("axes.0.control.p_v_per_count"),
+        "{error}"
+    );
 }
 
 /// Where a drive is after it was pushed to and fro.
@@ -275,18 +355,35 @@ fn the_drive_made_from_the_file_has_what_was_fitted_once() {
     let effects = vec![
         found_by_columns("extra_inertia", "master", &[("mass_beyond_declared", 40.0, "kg")]),
         found_by_columns("coulomb_friction", "master", &[("coulomb", 20.4, "N")]),
-        found_by_columns("viscous_friction", "master", &[("viscous_beyond_declared", 420.0, "N·s/m")]),
+        found_by_columns(
+            "viscous_friction",
+            "master",
+            &[("viscous_beyond_declared", 420.0, "N·s/m")],
+        ),
     ];
     let (written, rig) = written_for(DRIVE, parameters, effects);
-    assert_eq!((written.told.as_str(), written.left_out.len()), ("1 parameter as fitted, 3 effects", 0), "{written:?}");
+    assert_eq!(
+        (written.told.as_str(), written.left_out.len()),
+        ("1 parameter as fitted, 3 effects", 0),
+        "{written:?}"
+    );
     let mass = rig.model.parameter("mass_kg").unwrap();
-    assert_eq!((mass.value, mass.tolerance, mass.source), (100.0, 0.25, ParameterSource::Assumed), "as declared");
-    let names: Vec<_> = rig.model.effects.iter().flat_map(|effect| effect.parameters.clone()).collect();
+    assert_eq!(
+        (mass.value, mass.tolerance, mass.source),
+        (100.0, 0.25, ParameterSource::Assumed),
+        "as declared"
+    );
+    let names: Vec<_> =
+        rig.model.effects.iter().flat_map(|effect| effect.parameters.clone()).collect();
     let expected = [("inertia", 40.0), ("level", 20.4), ("coefficient", 420.0)];
     assert_eq!(names, expected.map(|(name, value)| (name.to_owned(), value)));
 
     let of_file = pushed(rig.drive_parameters().unwrap(), rig.model_effects().unwrap());
-    let total = drive::Parameters { mass_kg: 140.0, viscous_friction_n_s_per_m: 620.0, force_offset_n: -3.2 };
+    let total = drive::Parameters {
+        mass_kg: 140.0,
+        viscous_friction_n_s_per_m: 620.0,
+        force_offset_n: -3.2,
+    };
     let coulomb = || vec![make("coulomb_friction", Site::Master, 20.4).unwrap()];
     let direct = pushed(total.clone(), coulomb());
     assert!((of_file - direct).abs() < 1e-9, "{of_file} {direct}");
@@ -296,24 +393,33 @@ fn the_drive_made_from_the_file_has_what_was_fitted_once() {
 
 #[test]
 fn an_excess_that_is_no_effect_of_the_plant_stays_in_the_parameter() {
-    let lighter = found_by_columns("extra_inertia", "master", &[("mass_beyond_declared", -38.0, "kg")]);
-    let (written, rig) = written_for(DRIVE, vec![in_unit("mass_kg", "kg", (100.0, 62.0))], vec![lighter]);
+    let lighter =
+        found_by_columns("extra_inertia", "master", &[("mass_beyond_declared", -38.0, "kg")]);
+    let (written, rig) =
+        written_for(DRIVE, vec![in_unit("mass_kg", "kg", (100.0, 62.0))], vec![lighter]);
     assert_eq!((rig.model.parameter("mass_kg").unwrap().value, rig.model.effects.len()), (62.0, 0));
     assert_eq!(written.told, "1 parameter as fitted, no effect");
     let said = &written.left_out[0];
     assert!(said.starts_with("extra_inertia at the master: `inertia` = -38 "), "{said}");
     assert!(said.ends_with("mass_kg has all of the fitted value instead"), "{said}");
 
-    let heavier = found_by_columns("extra_inertia", "slave", &[("mass_beyond_declared", 4e-6, "s²")]);
-    let (written, rig) = written_for(OSCILLATOR, vec![in_unit("mass_s2", "s²", (5e-6, 9e-6))], vec![heavier]);
+    let heavier =
+        found_by_columns("extra_inertia", "slave", &[("mass_beyond_declared", 4e-6, "s²")]);
+    let (written, rig) =
+        written_for(OSCILLATOR, vec![in_unit("mass_s2", "s²", (5e-6, 9e-6))], vec![heavier]);
     assert_eq!((rig.model.parameter("mass_s2").unwrap().value, rig.model.effects.len()), (9e-6, 0));
     assert!(written.left_out[0].contains("in kg m^2 (kg), and it was found in s²"), "{written:?}");
 
-    let damped = found_by_columns("line_damping", "line", &[("damping_beyond_declared", 1400.0, "N·s/m")]);
+    let damped =
+        found_by_columns("line_damping", "line", &[("damping_beyond_declared", 1400.0, "N·s/m")]);
     let damping = in_unit("viscous_damping_n_s_per_m", "N·s/m", (50.0, 1450.0));
     let (written, rig) = written_for(ELEMENT, vec![damping], vec![damped]);
     let value = rig.model.parameter("viscous_damping_n_s_per_m").unwrap().value;
-    assert_eq!((value, rig.model.effects.len(), written.left_out.len()), (1450.0, 0, 1), "beyond the effect's range");
+    assert_eq!(
+        (value, rig.model.effects.len(), written.left_out.len()),
+        (1450.0, 0, 1),
+        "beyond the effect's range"
+    );
 }
 
 #[test]
@@ -323,9 +429,17 @@ fn of_an_element_line_and_branch_are_told_by_its_stiffness() {
         in_unit("viscous_damping_n_s_per_m", "N·s/m", (50.0, 80.0)),
     ];
     let effects = vec![
-        found_by_columns("line_compliance", "line", &[("stiffness_beyond_declared", -7.5e3, "N/m")]),
+        found_by_columns(
+            "line_compliance",
+            "line",
+            &[("stiffness_beyond_declared", -7.5e3, "N/m")],
+        ),
         found_by_columns("line_damping", "line", &[("damping_beyond_declared", 30.0, "N·s/m")]),
-        found_by_columns("viscoelastic_line", "line", &[("branch_stiffness", 5e3, "N/m"), ("relaxation", 0.3, "s")]),
+        found_by_columns(
+            "viscoelastic_line",
+            "line",
+            &[("branch_stiffness", 5e3, "N/m"), ("relaxation", 0.3, "s")],
+        ),
     ];
     let (written, rig) = written_for(ELEMENT, parameters, effects);
     assert!(written.left_out.is_empty(), "{written:?}");
@@ -335,18 +449,26 @@ fn of_an_element_line_and_branch_are_told_by_its_stiffness() {
     let ratio = made[0].get("compliance_ratio").unwrap();
     assert!((2e4 / (1.0 + ratio) - 1.25e4).abs() < 1e-2, "{ratio}");
     assert_eq!(made[1].get("damping"), Some(30.0));
-    assert_eq!((made[2].get("stiffness_ratio"), made[2].get("relaxation_s")), (Some(0.4), Some(0.3)));
+    assert_eq!(
+        (made[2].get("stiffness_ratio"), made[2].get("relaxation_s")),
+        (Some(0.4), Some(0.3))
+    );
 }
 
 #[test]
 fn what_the_plant_has_otherwise_is_left_out_and_said() {
     let effects = vec![
         found_by_columns("coulomb_friction", "master", &[("coulomb", 20.4, "N")]),
-        found_by_columns("asymmetric_friction", "master", &[("viscous_difference", -60.0, "N·s/m")]),
+        found_by_columns(
+            "asymmetric_friction",
+            "master",
+            &[("viscous_difference", -60.0, "N·s/m")],
+        ),
         found_by_columns("transport_delay", "drive", &[("delay", -2e-3, "s")]),
     ];
     let (written, rig) = written_for(DRIVE, vec![in_unit("mass_kg", "kg", (100.0, 95.1))], effects);
-    let names: Vec<_> = rig.model.effects.iter().map(|effect| (effect.id, effect.parameters.clone())).collect();
+    let names: Vec<_> =
+        rig.model.effects.iter().map(|effect| (effect.id, effect.parameters.clone())).collect();
     assert_eq!(names, [("coulomb_friction", vec![("level".to_owned(), 20.4)])]);
     assert_eq!(written.told, "1 parameter as fitted, 1 effect");
     assert_eq!(
@@ -358,18 +480,25 @@ fn what_the_plant_has_otherwise_is_left_out_and_said() {
         ]
     );
     let volts = found_by_columns("coulomb_friction", "slave", &[("coulomb", 0.02, "V")]);
-    let (written, rig) = written_for(OSCILLATOR, vec![in_unit("stiffness", "1", (1.0, 1.1))], vec![volts]);
+    let (written, rig) =
+        written_for(OSCILLATOR, vec![in_unit("stiffness", "1", (1.0, 1.1))], vec![volts]);
     assert!(rig.model.effects.is_empty());
     assert!(
-        written.left_out[0].starts_with("coulomb_friction at the slave: rig files have its `level` in"),
+        written.left_out[0]
+            .starts_with("coulomb_friction at the slave: rig files have its `level` in"),
         "{written:?}"
     );
 }
 
 /// What an effect at the mass puts on it, at a position and a time.
 fn put_on_the_mass(effect: &mut dyn Effect, position_rad: f64, time_s: f64) -> f64 {
-    let mut load =
-        SideLoad { side: Side::Master, position_rad, velocity_rad_s: 0.0, transmitted_nm: 0.0, load: Load::default() };
+    let mut load = SideLoad {
+        side: Side::Master,
+        position_rad,
+        velocity_rad_s: 0.0,
+        transmitted_nm: 0.0,
+        load: Load::default(),
+    };
     effect.side(&mut load, &Moment { time_s, ..Moment::default() });
     load.load.force
 }
@@ -398,14 +527,16 @@ fn waves_are_those_that_the_motion_had_to_overcome() {
         // A turn of this drive's motor is 2.5 mm.
         let ripple = made[0].motor(0.0, &moment) + asked(3.0 * std::f64::consts::TAU * at / 0.0025);
         let gravity = put_on_the_mass(made[1].as_mut(), at, 0.0) + asked(at);
-        let vibration = put_on_the_mass(made[2].as_mut(), 0.0, at) + asked(7.5 * std::f64::consts::TAU * at);
+        let vibration =
+            put_on_the_mass(made[2].as_mut(), 0.0, at) + asked(7.5 * std::f64::consts::TAU * at);
         assert!(
             ripple.abs() < 1e-3 && gravity.abs() < 1e-6 && vibration.abs() < 1e-6,
             "{ripple} {gravity} {vibration}"
         );
     }
     // Where no turn is declared, waves are counted by the metre.
-    let by_metre = found_by_columns("torque_ripple", "drive", &with("N", ("order", 50.0, "waves/m")));
+    let by_metre =
+        found_by_columns("torque_ripple", "drive", &with("N", ("order", 50.0, "waves/m")));
     let (_, rig) = written_for(DRIVE, Vec::new(), vec![by_metre]);
     let order = rig.model_effects().unwrap()[0].get("order").unwrap();
     assert!((order - 50.0 * std::f64::consts::TAU).abs() < 1e-4, "{order}");

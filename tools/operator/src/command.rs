@@ -14,14 +14,19 @@ use runtime::RigName;
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
     /// Starts all processes of a rig, and waits until they are ready
-    #[command(after_help = "Examples:\n  farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
-        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop")]
+    #[command(
+        after_help = "Examples:\n  farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
+        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop"
+    )]
     Up(UpArguments),
     /// Stops all processes, motor first, and removes the rig's shared memory
     #[command(after_help = "Example:\n  farreach --rig-name bench down")]
     Down(Json),
-    /// Who is up, since when, restarts, rates, late ticks, interlocks, recording. Exit code 1 if the rig is not up
-    #[command(after_help = "Examples:\n  farreach status --watch\n  farreach status --json | jq .watchdog.state")]
+    /// Who is up, since when, restarts, rates, late ticks, interlocks, recording. Exit code 1 if
+    /// the rig is not up
+    #[command(
+        after_help = "Examples:\n  farreach status --watch\n  farreach status --json | jq .watchdog.state"
+    )]
     Status {
         /// Shows it again each second, until Ctrl-C
         #[arg(long)]

@@ -9,8 +9,9 @@ use runtime::RigName;
 
 use crate::{Error, RigLink};
 
-/// How long the watchdog may take to answer, and how long the way to it may take. A hung process must not keep the rig
-/// from being stopped, and stopping the watchdog takes the motor's power away all the same.
+/// How long the watchdog may take to answer, and how long the way to it may take. A hung process
+/// must not keep the rig from being stopped, and stopping the watchdog takes the motor's power away
+/// all the same.
 const DISARM_LIMIT: Duration = Duration::from_millis(500);
 const JOIN_LIMIT: Duration = Duration::from_secs(2);
 
@@ -34,8 +35,9 @@ pub struct Down {
     pub cleaning: Cleaning,
 }
 
-/// Brings a rig down: the watchdog takes the motor's power away, the launcher stops all processes in order (killing those
-/// that hang), the shared memory is removed. Works also when the launcher is dead, and when nothing runs.
+/// Brings a rig down: the watchdog takes the motor's power away, the launcher stops all processes
+/// in order (killing those that hang), the shared memory is removed. Works also when the launcher
+/// is dead, and when nothing runs.
 ///
 /// # Errors
 /// When something lives that cannot be stopped, or the shared memory cannot be removed.
@@ -58,7 +60,8 @@ fn disarm(name: &RigName) -> Option<bool> {
     std::thread::Builder::new()
         .name("disarm".to_owned())
         .spawn(move || {
-            let asked = RigLink::open(&name).and_then(|link| link.verb_within(Verb::Disarm, DISARM_LIMIT));
+            let asked =
+                RigLink::open(&name).and_then(|link| link.verb_within(Verb::Disarm, DISARM_LIMIT));
             // Nobody listens any more when it took too long.
             let _told = sender.send(asked.ok());
         })

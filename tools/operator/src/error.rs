@@ -27,7 +27,8 @@ pub enum Error {
     /// The rig file, or the protocol, is wrong.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The simulated card cannot be made: an effect that does not exist, a model that cannot be simulated.
+    /// The simulated card cannot be made: an effect that does not exist, a model that cannot be
+    /// simulated.
     #[error(transparent)]
     Card(#[from] simulator::CardError),
     /// The record cannot be replayed on this rig.
@@ -116,7 +117,9 @@ impl Error {
     /// The exit code of a command that ends with it.
     pub fn exit_code(&self) -> i32 {
         match self {
-            Self::NoCard | Self::File(FileError::NotShipped { .. }) | Self::Domain(DomainError::Name(_)) => USAGE,
+            Self::NoCard
+            | Self::File(FileError::NotShipped { .. })
+            | Self::Domain(DomainError::Name(_)) => USAGE,
             _ => FAILED,
         }
     }

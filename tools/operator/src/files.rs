@@ -10,9 +10,10 @@ use runtime::RigName;
 
 use crate::Error;
 
-/// Puts the text of a rig file into the run directory. All processes read that copy, also those that are started again
-/// hours later, so that a rig runs with one file however its original is edited. Its identity stands in its
-/// name: a rig file with other contents is another setting, which the launcher sees.
+/// Puts the text of a rig file into the run directory. All processes read that copy, also those
+/// that are started again hours later, so that a rig runs with one file however its original is
+/// edited. Its identity stands in its name: a rig file with other contents is another setting,
+/// which the launcher sees.
 pub(crate) fn keep_copy(run_dir: &Path, asked: &Path, rig: &RigFile) -> Result<PathBuf, Error> {
     let stem = asked.file_stem().and_then(|stem| stem.to_str()).unwrap_or("rig");
     let path = run_dir.join(format!("{stem}.{:016x}.toml", rig.identity()));
@@ -34,10 +35,13 @@ pub fn running(name: &RigName) -> Result<launch::Config, Error> {
     let path = RunDir::new(name.run_directory()).launch_json();
     let text = match fs::read(&path) {
         Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Err(Error::NotUp(name.to_string())),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Err(Error::NotUp(name.to_string()));
+        }
         Err(source) => return Err(Error::Io { doing: "read", path, source }),
     };
-    serde_json::from_slice(&text).map_err(|error| Error::Launched { path, reason: error.to_string() })
+    serde_json::from_slice(&text)
+        .map_err(|error| Error::Launched { path, reason: error.to_string() })
 }
 
 /// The rig file of a rig that is up.

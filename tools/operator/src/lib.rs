@@ -1,4 +1,5 @@
-//! What an operator does with a rig: `up`, `down`, `status`, `reset`, `arm`, `enable`, `disarm`, `estop`, `run`.
+//! What an operator does with a rig: `up`, `down`, `status`, `reset`, `arm`, `enable`, `disarm`,
+//! `estop`, `run`.
 //!
 //! ```text
 //! $ farreach up --simulate && farreach reset && farreach arm
@@ -6,8 +7,9 @@
 //! $ farreach down
 //! ```
 //!
-//! [`up`], [`down`], [`RigLink`] and [`run_protocol`] are the same as functions, for programs; [`command`] is the
-//! command line round them. A rig is known by its name: everything of it lies in one directory of shared memory.
+//! [`up`], [`down`], [`RigLink`] and [`run_protocol`] are the same as functions, for programs;
+//! [`command`] is the command line round them. A rig is known by its name: everything of it lies in
+//! one directory of shared memory.
 
 pub mod command;
 mod down;

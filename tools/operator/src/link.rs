@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Node, ipc};
 use ipc_types::{
-    EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest, LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, Message,
-    TypedTopic, Verb, VerbAnswer, WATCHDOG_COMMANDS,
+    EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest, LOGGER_COMMANDS, LoggerAnswer,
+    LoggerRequest, Message, TypedTopic, Verb, VerbAnswer, WATCHDOG_COMMANDS,
 };
 use runtime::{Counters, Domain, PortError, RawSubscriber, RigName, call, open_raw};
 
@@ -19,7 +19,8 @@ const LOGGER_LIMIT: Duration = Duration::from_secs(15);
 /// How long the experiment runner may take.
 const EXPERIMENT_LIMIT: Duration = Duration::from_secs(2);
 
-/// Joined to a rig that is up: asks its processes and reads its topics, publishes nothing. Stays in its thread.
+/// Joined to a rig that is up: asks its processes and reads its topics, publishes nothing. Stays in
+/// its thread.
 #[derive(Debug)]
 pub struct RigLink {
     // Field order is drop order: the node before the domain's lock.
@@ -131,5 +132,9 @@ impl<T: Message> Subscriber<T> {
 /// [`Error::Refused`] with the reason; or when there is no rig, or no watchdog that answers.
 pub fn verb(link: &RigLink, verb: Verb) -> Result<VerbAnswer, Error> {
     let answer = link.verb(verb)?;
-    if answer.done { Ok(answer) } else { Err(Error::Refused { verb, reason: answer.reason, state: answer.state }) }
+    if answer.done {
+        Ok(answer)
+    } else {
+        Err(Error::Refused { verb, reason: answer.reason, state: answer.state })
+    }
 }

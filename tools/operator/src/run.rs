@@ -1,10 +1,13 @@
-//! Running a protocol: send it to the experiment process, see that the motor has leave, watch both to the end.
+//! Running a protocol: send it to the experiment process, see that the motor has leave, watch both
+//! to the end.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ipc_types::{EnableToken, ExperimentAnswer, ExperimentRequest, TOKEN, TripCause, Verb, WatchdogState};
+use ipc_types::{
+    EnableToken, ExperimentAnswer, ExperimentRequest, TOKEN, TripCause, Verb, WatchdogState,
+};
 use rig::protocol::Protocol;
 use runtime::RequestError;
 
@@ -55,7 +58,8 @@ pub enum RunOutcome {
         /// Time played (s).
         elapsed_s: f64,
     },
-    /// The caller asked for it: the handle comes to rest, is held for a moment, and the volts go to 0.
+    /// The caller asked for it: the handle comes to rest, is held for a moment, and the volts go to
+    /// 0.
     Stopped {
         /// Time played (s).
         elapsed_s: f64,
@@ -71,12 +75,12 @@ pub enum RunOutcome {
     },
 }
 
-/// Runs a protocol on a rig that is up, enabling the motor where a person armed it. `progress` is told ten times a second;
-/// `stop`, once set, ends it early.
+/// Runs a protocol on a rig that is up, enabling the motor where a person armed it. `progress` is
+/// told ten times a second; `stop`, once set, ends it early.
 ///
 /// # Errors
-/// What is wrong with the protocol, or does not fit the rig; that the rig is not armed; that a process does not answer.
-/// After an error nothing plays on.
+/// What is wrong with the protocol, or does not fit the rig; that the rig is not armed; that a
+/// process does not answer. After an error nothing plays on.
 pub fn run_protocol(
     link: &RigLink,
     options: &RunOptions,
@@ -102,8 +106,9 @@ pub fn run_protocol(
         Some(subject) => format!("{} (subject {subject})", protocol.name),
         None => protocol.name.clone(),
     };
-    let begun =
-        link.experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name }).inspect_err(|_| {
+    let begun = link
+        .experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name })
+        .inspect_err(|_| {
             // It may have heard, and play.
             let _stopped = link.experiment(&ExperimentRequest::Stop);
         })?;
@@ -112,7 +117,8 @@ pub fn run_protocol(
     }
     let outcome = follow(link, &protocol, &mut tokens, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
-        // Where it does not answer there is nothing to stop: control holds when the setpoint's lease lapses.
+        // Where it does not answer there is nothing to stop: control holds when the setpoint's
+        // lease lapses.
         let _stopped = link.experiment(&ExperimentRequest::Stop);
     }
     outcome
@@ -125,7 +131,8 @@ fn follow(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let labels: Vec<&str> = protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
+    let labels: Vec<&str> =
+        protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
     let mut shown = Progress {
         elapsed_s: 0.0,
         duration_s: protocol.duration_s(),
@@ -153,7 +160,9 @@ fn follow(
                 shown.away = false;
                 shown.elapsed_s = answer.elapsed_s;
                 shown.segment = answer.segment + 1;
-                shown.label = labels.get(answer.segment as usize).map_or_else(String::new, |label| (*label).to_owned());
+                shown.label = labels
+                    .get(answer.segment as usize)
+                    .map_or_else(String::new, |label| (*label).to_owned());
                 if let Some(outcome) = ending(&answer)? {
                     progress(&shown);
                     return Ok(outcome);
@@ -230,14 +239,28 @@ mod tests {
 
     fn answer(running: bool, completed: bool, error: &str) -> ExperimentAnswer {
         let error = error.to_owned();
-        ExperimentAnswer { running, segment: 0, segments: 1, elapsed_s: 2.5, duration_s: 3.0, completed, error }
+        ExperimentAnswer {
+            running,
+            segment: 0,
+            segments: 1,
+            elapsed_s: 2.5,
+            duration_s: 3.0,
+            completed,
+            error,
+        }
     }
 
     #[test]
     fn an_end_is_told_from_a_stop_and_from_a_failure() {
         assert_eq!(ending(&answer(true, false, "")).unwrap(), None);
-        assert_eq!(ending(&answer(false, true, "")).unwrap(), Some(RunOutcome::Completed { elapsed_s: 2.5 }));
-        assert_eq!(ending(&answer(false, false, "")).unwrap(), Some(RunOutcome::Stopped { elapsed_s: 2.5 }));
+        assert_eq!(
+            ending(&answer(false, true, "")).unwrap(),
+            Some(RunOutcome::Completed { elapsed_s: 2.5 })
+        );
+        assert_eq!(
+            ending(&answer(false, false, "")).unwrap(),
+            Some(RunOutcome::Stopped { elapsed_s: 2.5 })
+        );
         assert!(matches!(ending(&answer(true, false, "no rig")), Err(Error::Experiment(_))));
     }
 

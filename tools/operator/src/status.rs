@@ -1,9 +1,12 @@
-//! What a rig is doing: the launcher's word on its processes, and what these say on their topics. Read only.
+//! What a rig is doing: the launcher's word on its processes, and what these say on their topics.
+//! Read only.
 
 mod observe;
 mod table;
 
-use ipc_types::{Backend, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause, WatchdogState};
+use ipc_types::{
+    Backend, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause, WatchdogState,
+};
 use launch::{RigState, UnitState};
 use runtime::{DomainError, Losses, RigName};
 use serde::Serialize;
@@ -41,7 +44,8 @@ pub struct RigStatus {
     pub processes: Vec<ProcessStatus>,
     /// The logger.
     pub recording: Option<RecordingStatus>,
-    /// Topics of which messages were lost on the way to the disk since the logger started; empty is good.
+    /// Topics of which messages were lost on the way to the disk since the logger started; empty is
+    /// good.
     pub losses: Vec<TopicLoss>,
 }
 
@@ -179,7 +183,8 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Looks at a rig, joining it where that was not done yet or where it began a new session. Takes 0.3 s to 1.2 s.
+    /// Looks at a rig, joining it where that was not done yet or where it began a new session.
+    /// Takes 0.3 s to 1.2 s.
     ///
     /// # Errors
     /// When the launcher's files cannot be read. A rig that is down is no error.
@@ -305,7 +310,8 @@ impl RigStatus {
         for timing in &seen.timings {
             let Some(process) = ipc_types::Process::from_code(timing.source) else { continue };
             let row = self.row(process.text());
-            // The last word of a process that died meanwhile is not the word of the one that replaced it.
+            // The last word of a process that died meanwhile is not the word of the one that
+            // replaced it.
             if row.pid.is_some_and(|pid| i64::from(pid) != i64::from(timing.pid)) {
                 continue;
             }
@@ -336,7 +342,10 @@ impl RigStatus {
             if loss.gaps + loss.dropped + loss.refused > 0 {
                 let topic = usize::try_from(loss.topic).ok().and_then(|index| TOPICS.get(index));
                 self.losses.push(TopicLoss {
-                    topic: topic.map_or_else(|| format!("topic {}", loss.topic), |topic| topic.name.to_owned()),
+                    topic: topic.map_or_else(
+                        || format!("topic {}", loss.topic),
+                        |topic| topic.name.to_owned(),
+                    ),
                     gaps: loss.gaps,
                     dropped: loss.dropped,
                     refused: loss.refused,

@@ -13,7 +13,8 @@ use crate::files::keep_copy;
 /// What stands behind acquisition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CardChoice {
-    /// The simulator process, with effects in its plant that no model is told of (`ID[@SITE][=SIZE]`).
+    /// The simulator process, with effects in its plant that no model is told of
+    /// (`ID[@SITE][=SIZE]`).
     Simulated {
         /// The effects; may be empty.
         effects: Vec<String>,
@@ -69,8 +70,8 @@ pub struct Up {
     pub session: u64,
 }
 
-/// Brings a rig up: all is checked before anything starts, and when something does not come up, all is stopped again
-/// and its shared memory removed. Returns when all processes are ready.
+/// Brings a rig up: all is checked before anything starts, and when something does not come up, all
+/// is stopped again and its shared memory removed. Returns when all processes are ready.
 ///
 /// # Errors
 /// What is wrong with the files or the card, or why a process did not come up.
@@ -88,16 +89,21 @@ pub fn up(options: &UpOptions) -> Result<Up, Error> {
     })
 }
 
-/// Brings a rig up and supervises it in this very process, until a signal or [`crate::down`] ends it. `begin` is told
-/// the rig file and the backend when all is checked, before the first process starts.
+/// Brings a rig up and supervises it in this very process, until a signal or [`crate::down`] ends
+/// it. `begin` is told the rig file and the backend when all is checked, before the first process
+/// starts.
 ///
 /// # Errors
 /// As [`up`].
-pub fn up_in_foreground(options: &UpOptions, begin: impl FnOnce(&RigFile, Backend)) -> Result<StopReport, Error> {
+pub fn up_in_foreground(
+    options: &UpOptions,
+    begin: impl FnOnce(&RigFile, Backend),
+) -> Result<StopReport, Error> {
     let mut prepared = Prepared::new(options)?;
     begin(&prepared.rig, prepared.backend);
     prepared.config.foreground = true;
-    let report = launch::supervise(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
+    let report =
+        launch::supervise(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
     options.rig_name.remove()?;
     Ok(report)
 }
@@ -129,7 +135,13 @@ impl Prepared {
         make_private(&run_dir)?;
         let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
         let config = config(options, card, &run_dir, &rig_file)?;
-        Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, backend: card.backend() })
+        Ok(Self {
+            config,
+            rig_name: options.rig_name.clone(),
+            rig,
+            rig_file,
+            backend: card.backend(),
+        })
     }
 
     /// The launcher stopped what it had started; what is left of the rig is its directory.
@@ -144,14 +156,17 @@ impl Prepared {
 
 fn make_private(run_dir: &Path) -> Result<(), Error> {
     use std::os::unix::fs::DirBuilderExt;
-    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(run_dir).map_err(|source| Error::Io {
-        doing: "make the run directory",
-        path: run_dir.to_path_buf(),
-        source,
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(run_dir).map_err(|source| {
+        Error::Io { doing: "make the run directory", path: run_dir.to_path_buf(), source }
     })
 }
 
-fn config(options: &UpOptions, card: &CardChoice, run_dir: &Path, rig_file: &Path) -> Result<Config, Error> {
+fn config(
+    options: &UpOptions,
+    card: &CardChoice,
+    run_dir: &Path,
+    rig_file: &Path,
+) -> Result<Config, Error> {
     let mut units = vec!["keeper", "logger", "acquisition", "control", "experiment", "watchdog"];
     let mut variables = vec![("FARREACH_RIG", absolute(rig_file)?)];
     // Every variable is set, if only to nothing: those of the caller's shell must not get in.
@@ -160,22 +175,32 @@ fn config(options: &UpOptions, card: &CardChoice, run_dir: &Path, rig_file: &Pat
             units.insert(2, "simulator");
             ("simulated", String::new(), false, effects.join(","))
         }
-        CardChoice::Replay { record, looped } => ("replay", absolute(record)?, *looped, String::new()),
+        CardChoice::Replay { record, looped } => {
+            ("replay", absolute(record)?, *looped, String::new())
+        }
     };
     variables.push(("FARREACH_CARD", kind.to_owned()));
     variables.push(("FARREACH_REPLAY", replay));
     variables.push(("FARREACH_REPLAY_LOOP", looped.to_string()));
     variables.push(("FARREACH_EFFECTS", effects));
-    variables.push(("FARREACH_RECORD", options.record.as_deref().map(absolute).transpose()?.unwrap_or_default()));
+    variables.push((
+        "FARREACH_RECORD",
+        options.record.as_deref().map(absolute).transpose()?.unwrap_or_default(),
+    ));
     variables.push(("FARREACH_LEARNT", learnt_folder()?));
-    let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
-    Ok(variables.into_iter().fold(config, |config, (name, value)| config.with_environment(name, value)))
+    let config =
+        Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
+    Ok(variables
+        .into_iter()
+        .fold(config, |config, (name, value)| config.with_environment(name, value)))
 }
 
-/// Folder of the learnt references, which outlast the rig: `FARREACH_LEARNT`, else `farreach/learnt` in the user's state directory (the XDG
-/// base directories: `~/.local/state`). Nothing where there is no home; they then last as long as the rig is up.
+/// Folder of the learnt references, which outlast the rig: `FARREACH_LEARNT`, else
+/// `farreach/learnt` in the user's state directory (the XDG base directories: `~/.local/state`).
+/// Nothing where there is no home; they then last as long as the rig is up.
 fn learnt_folder() -> Result<String, Error> {
-    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let set =
+        |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     let state = || set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")));
     let folder = set("FARREACH_LEARNT").or_else(|| Some(state()?.join("farreach/learnt")));
     folder.as_deref().map(absolute).transpose().map(Option::unwrap_or_default)
@@ -212,8 +237,14 @@ mod tests {
         let wrong = [
             options(None),
             options(Some(CardChoice::Simulated { effects: vec!["gremlins".to_owned()] })),
-            options(Some(CardChoice::Replay { record: "/nowhere/record.csv".into(), looped: false })),
-            UpOptions { rig: "/nowhere/rig.toml".into(), ..options(Some(CardChoice::Simulated { effects: vec![] })) },
+            options(Some(CardChoice::Replay {
+                record: "/nowhere/record.csv".into(),
+                looped: false,
+            })),
+            UpOptions {
+                rig: "/nowhere/rig.toml".into(),
+                ..options(Some(CardChoice::Simulated { effects: vec![] }))
+            },
         ];
         for wrong in wrong {
             let error = up(&wrong).unwrap_err();
@@ -227,10 +258,14 @@ mod tests {
     fn the_environment_is_whole_and_absolute() {
         let card = CardChoice::Replay { record: "record.csv".into(), looped: true };
         let options = options(Some(card.clone()));
-        let config = config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+        let config =
+            config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
         assert!(!config.units.contains(&"simulator".to_owned()));
         let here = std::env::current_dir().unwrap();
-        assert_eq!(config.environment["FARREACH_REPLAY"], here.join("record.csv").to_str().unwrap());
+        assert_eq!(
+            config.environment["FARREACH_REPLAY"],
+            here.join("record.csv").to_str().unwrap()
+        );
         assert_eq!(config.environment["FARREACH_RECORD"], here.join("run.mcap").to_str().unwrap());
         assert_eq!(config.environment["FARREACH_REPLAY_LOOP"], "true");
         assert_eq!(config.environment["FARREACH_EFFECTS"], "");

@@ -15,7 +15,9 @@ pub enum Command {
         json: bool,
     },
     /// Prints the messages of a topic as they come.
-    #[command(after_help = "Example:\n  farreach probe echo sample --count 3 --field tick --field master_position[0]")]
+    #[command(
+        after_help = "Example:\n  farreach probe echo sample --count 3 --field tick --field master_position[0]"
+    )]
     Echo(EchoArgs),
     /// How often topics are published, and how evenly.
     #[command(after_help = "Example:\n  farreach probe hz sample command --seconds 2")]

@@ -57,7 +57,11 @@ pub(crate) struct Attached {
 
 impl Attached {
     /// Listens to topics, to be looked at every `period_ns`.
-    pub(crate) fn new(rig: &RigName, topics: &[&'static Topic], period_ns: u64) -> anyhow::Result<Self> {
+    pub(crate) fn new(
+        rig: &RigName,
+        topics: &[&'static Topic],
+        period_ns: u64,
+    ) -> anyhow::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         // SIGHUP: the terminal was closed.
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -71,7 +75,16 @@ impl Attached {
         }
         realtime::tighten_timer_slack();
         let now = now_ns();
-        Ok(Self { feeds, since_ns: now, stop, period_ns, next_ns: now, look_ns: now, keeper_seen_ns: now, domain })
+        Ok(Self {
+            feeds,
+            since_ns: now,
+            stop,
+            period_ns,
+            next_ns: now,
+            look_ns: now,
+            keeper_seen_ns: now,
+            domain,
+        })
     }
 
     /// Whether a signal asked to end.
@@ -79,8 +92,8 @@ impl Attached {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sleeps until the next look, at most until `until_ns`; returns the time. Fails when the rig has ended: a probe that
-    /// stayed would hold its shared memory.
+    /// Sleeps until the next look, at most until `until_ns`; returns the time. Fails when the rig
+    /// has ended: a probe that stayed would hold its shared memory.
     pub(crate) fn wait(&mut self, until_ns: u64) -> anyhow::Result<u64> {
         self.next_ns = (self.next_ns + self.period_ns).max(now_ns()).min(until_ns);
         sleep_until(self.next_ns);

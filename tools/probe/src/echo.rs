@@ -12,7 +12,8 @@ use crate::fields;
 
 /// The buffers hold 100 ms and more (ns).
 const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
-/// Up to this length a topic's history is news (the newest events, the last timing); the card's FIFO is not.
+/// Up to this length a topic's history is news (the newest events, the last timing); the card's
+/// FIFO is not.
 const SHORT_HISTORY: usize = 16;
 
 pub(crate) fn echo(args: &EchoArgs, rig: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
@@ -31,7 +32,8 @@ pub(crate) fn echo(args: &EchoArgs, rig: &RigName, out: &mut dyn Write) -> anyho
             left -= 1;
             result = if args.json {
                 let fields = fields::json(topic, &picks, bytes);
-                let object = json!({"topic": topic.name, "received_ns": received_ns, "fields": fields});
+                let object =
+                    json!({"topic": topic.name, "received_ns": received_ns, "fields": fields});
                 writeln!(out, "{object}")
             } else {
                 writeln!(out, "{}", fields::line(topic, &picks, bytes))
@@ -42,7 +44,10 @@ pub(crate) fn echo(args: &EchoArgs, rig: &RigName, out: &mut dyn Write) -> anyho
     }
     let lost: u64 = rig.feeds.iter().map(|feed| feed.subscriber.counters().lost).sum();
     if lost > 0 {
-        eprintln!("{lost} messages of {} are not shown: they came faster than they could be printed", topic.name);
+        eprintln!(
+            "{lost} messages of {} are not shown: they came faster than they could be printed",
+            topic.name
+        );
     }
     Ok(())
 }

@@ -16,7 +16,9 @@ pub(crate) struct Pick {
 pub(crate) fn picks(topic: &'static Topic, names: &[String]) -> anyhow::Result<Vec<Pick>> {
     if names.is_empty() {
         let all = topic.fields.iter().filter(|field| field.name != "reserved");
-        return Ok(all.map(|field| Pick { name: field.name.to_owned(), field, index: None }).collect());
+        return Ok(all
+            .map(|field| Pick { name: field.name.to_owned(), field, index: None })
+            .collect());
     }
     names.iter().map(|name| pick(topic, name)).collect()
 }
@@ -24,7 +26,9 @@ pub(crate) fn picks(topic: &'static Topic, names: &[String]) -> anyhow::Result<V
 fn pick(topic: &'static Topic, text: &str) -> anyhow::Result<Pick> {
     let (name, index) = match text.strip_suffix(']').and_then(|text| text.split_once('[')) {
         Some((name, index)) => {
-            let index = index.parse::<usize>().with_context(|| format!("field {text}: expected an index in []"))?;
+            let index = index
+                .parse::<usize>()
+                .with_context(|| format!("field {text}: expected an index in []"))?;
             (name, Some(index))
         }
         None => (text, None),
@@ -34,7 +38,9 @@ fn pick(topic: &'static Topic, text: &str) -> anyhow::Result<Pick> {
         bail!("field {name}: topic {} has {}", topic.name, names.join(", "));
     };
     match (index, field.array) {
-        (Some(_), None) => bail!("field {text}: {name} of topic {} is no array; leave [] out", topic.name),
+        (Some(_), None) => {
+            bail!("field {text}: {name} of topic {} is no array; leave [] out", topic.name)
+        }
         (Some(index), Some(count)) if index >= count => {
             bail!("field {text}: expected an index from 0 to {}, found {index}", count - 1)
         }
@@ -44,7 +50,8 @@ fn pick(topic: &'static Topic, text: &str) -> anyhow::Result<Pick> {
 
 /// An event's text is bytes with a length beside it.
 fn as_text(topic: &Topic, field: &Field, bytes: &[u8]) -> Option<String> {
-    let length = topic.fields.iter().find(|other| field.name == "text" && other.name == "text_len")?;
+    let length =
+        topic.fields.iter().find(|other| field.name == "text" && other.name == "text_len")?;
     let length = length.read(bytes, 0)?.as_f64() as usize;
     let text = bytes.get(field.offset..field.offset + length.min(field.count()))?;
     Some(String::from_utf8_lossy(text).into_owned())
@@ -82,11 +89,16 @@ pub(crate) fn line(topic: &Topic, picks: &[Pick], bytes: &[u8]) -> String {
         (None, Some(_)) => match as_text(topic, pick.field, bytes) {
             Some(text) => format!("{text:?}"),
             None => {
-                let values: Vec<_> = elements(pick.field, bytes).map(|value| value.to_string()).collect();
+                let values: Vec<_> =
+                    elements(pick.field, bytes).map(|value| value.to_string()).collect();
                 format!("[{}]", values.join(","))
             }
         },
-        (index, _) => pick.field.read(bytes, index.unwrap_or(0)).map(|value| value.to_string()).unwrap_or_default(),
+        (index, _) => pick
+            .field
+            .read(bytes, index.unwrap_or(0))
+            .map(|value| value.to_string())
+            .unwrap_or_default(),
     };
     let pairs: Vec<_> = picks.iter().map(|pick| format!("{}={}", pick.name, value(pick))).collect();
     pairs.join(" ")
@@ -94,7 +106,10 @@ pub(crate) fn line(topic: &Topic, picks: &[Pick], bytes: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::{COMMAND, Event, EventKind, Message, MotorCommand, Process, Severity, event_topic, find_topic};
+    use ipc_types::{
+        COMMAND, Event, EventKind, Message, MotorCommand, Process, Severity, event_topic,
+        find_topic,
+    };
 
     use super::*;
 
@@ -105,10 +120,18 @@ mod tests {
     #[test]
     fn picked_fields_in_a_line_and_in_json() {
         let topic = find_topic(COMMAND.topic.name).unwrap();
-        let command = MotorCommand { sample_tick: 7, volts: [0.5, f64::NAN, -1.0], mode: 2, ..MotorCommand::default() };
+        let command = MotorCommand {
+            sample_tick: 7,
+            volts: [0.5, f64::NAN, -1.0],
+            mode: 2,
+            ..MotorCommand::default()
+        };
         let picks = picks(topic, &names(&["sample_tick", "volts", "volts[2]", "mode"])).unwrap();
         let bytes = command.as_bytes();
-        assert_eq!(line(topic, &picks, bytes), "sample_tick=7 volts=[0.5,NaN,-1] volts[2]=-1 mode=2");
+        assert_eq!(
+            line(topic, &picks, bytes),
+            "sample_tick=7 volts=[0.5,NaN,-1] volts[2]=-1 mode=2"
+        );
         let expected = r#"{"mode":2,"sample_tick":7,"volts":[0.5,"NaN",-1.0],"volts[2]":-1.0}"#;
         assert_eq!(Json::Object(json(topic, &picks, bytes)).to_string(), expected);
     }
@@ -120,7 +143,11 @@ mod tests {
             let bytes = vec![0; topic.size];
             assert_eq!(json(topic, &picks, &bytes).len(), picks.len(), "{}", topic.name);
             assert!(!json(topic, &picks, &bytes).values().any(Json::is_null), "{}", topic.name);
-            assert!(line(topic, &picks, &bytes).starts_with("session=0 incarnation=0"), "{}", topic.name);
+            assert!(
+                line(topic, &picks, &bytes).starts_with("session=0 incarnation=0"),
+                "{}",
+                topic.name
+            );
         }
     }
 

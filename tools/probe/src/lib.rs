@@ -1,5 +1,5 @@
-//! `farreach probe`: looks into a running rig and never disturbs it. A probe only subscribes; a probe that is slow, is
-//! stopped or dies costs nobody else anything.
+//! `farreach probe`: looks into a running rig and never disturbs it. A probe only subscribes; a
+//! probe that is slow, is stopped or dies costs nobody else anything.
 //!
 //! ```text
 //! $ farreach probe echo command --count 2 --field sample_tick --field volts
@@ -23,8 +23,8 @@
 //! received here: this probe looks every 100 µs, which is part of the delay; scan to published is the rig's alone
 //! ```
 //!
-//! `top` shows all of it with the timing of the loops, `list` the topics and their fields with units. stdout carries the result,
-//! stderr the diagnosis.
+//! `top` shows all of it with the timing of the loops, `list` the topics and their fields with
+//! units. stdout carries the result, stderr the diagnosis.
 
 mod args;
 mod attach;

@@ -43,7 +43,11 @@ fn topics(json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
     for topic in TOPICS {
         let rate = rate(topic.rate);
         let owner = topic.owner.text();
-        writeln!(out, "{:<21} {owner:<12} {rate:<12} {:>6}  {}", topic.name, topic.size, topic.ros_name)?;
+        writeln!(
+            out,
+            "{:<21} {owner:<12} {rate:<12} {:>6}  {}",
+            topic.name, topic.size, topic.ros_name
+        )?;
     }
     Ok(())
 }
@@ -87,7 +91,10 @@ mod tests {
         assert_eq!(text(None, false).lines().count(), TOPICS.len() + 1);
         let parsed: Vec<serde_json::Value> = serde_json::from_str(&text(None, true)).unwrap();
         assert_eq!(parsed.len(), TOPICS.len());
-        assert!(text(Some("command"), false).contains("volts                  float64[3]   motor volts (V)"));
+        assert!(
+            text(Some("command"), false)
+                .contains("volts                  float64[3]   motor volts (V)")
+        );
         assert!(list(Some("x"), false, &mut Vec::new()).is_err());
     }
 }

@@ -62,7 +62,10 @@ pub(crate) struct Intervals {
 
 impl Meter {
     pub(crate) fn new(topic: &Topic) -> anyhow::Result<Self> {
-        let answered = topic.fields.iter().find(|field| matches!(field.name, "scan_time_ns" | "sample_time_ns"));
+        let answered = topic
+            .fields
+            .iter()
+            .find(|field| matches!(field.name, "scan_time_ns" | "sample_time_ns"));
         Ok(Self {
             latency: Times::new()?,
             answer: answered.map(|_| Times::new()).transpose()?,
@@ -138,7 +141,10 @@ mod tests {
         // intervals of 1, 2 and 3 ms; a restart in between is no interval
         for (incarnation, time_ms) in [(1, 100), (1, 101), (2, 500), (2, 502), (2, 505)] {
             let time_ns = time_ms * 1_000_000;
-            meter.observe(command(incarnation, time_ns - 120_000, time_ns).as_bytes(), time_ns + 50_000);
+            meter.observe(
+                command(incarnation, time_ns - 120_000, time_ns).as_bytes(),
+                time_ns + 50_000,
+            );
         }
         let intervals = meter.intervals().unwrap();
         assert!((intervals.mean_ms - 2.0).abs() < 1e-9, "{intervals:?}");

@@ -26,7 +26,8 @@ impl Measured {
     fn new(args: &RateArgs, rig: &RigName, period_ns: u64) -> anyhow::Result<Self> {
         let topics = attach::topics(&args.topics)?;
         let mut rig = Attached::new(rig, &topics, period_ns)?;
-        let mut meters = topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?;
+        let mut meters =
+            topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?;
         let (begun, end) = (rig.since_ns, rig.since_ns + attach::ns(args.seconds));
         while now_ns() < end && !rig.stopping() {
             rig.wait(end)?;
@@ -41,7 +42,10 @@ impl Measured {
     }
 
     /// Topics with messages, or that were asked for: silence is an answer.
-    fn rows<'a>(&'a self, args: &'a RateArgs) -> impl Iterator<Item = (&'static str, &'a Meter, u64)> {
+    fn rows<'a>(
+        &'a self,
+        args: &'a RateArgs,
+    ) -> impl Iterator<Item = (&'static str, &'a Meter, u64)> {
         let all = self.rig.feeds.iter().zip(&self.meters);
         all.filter(|(_, meter)| meter.count > 0 || !args.topics.is_empty())
             .map(|(feed, meter)| (feed.topic.name, meter, feed.subscriber.counters().lost))
@@ -78,7 +82,12 @@ pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow:
         let rate = meter.count as f64 / measured.seconds;
         let intervals = meter.intervals().map_or_else(
             || format!("{:>19} {:>10} {:>10} {:>10}", "-", "-", "-", "-"),
-            |i| format!("{:>19.3} {:>10.3} {:>10.3} {:>10.3}", i.mean_ms, i.least_ms, i.most_ms, i.deviation_ms),
+            |i| {
+                format!(
+                    "{:>19.3} {:>10.3} {:>10.3} {:>10.3}",
+                    i.mean_ms, i.least_ms, i.most_ms, i.deviation_ms
+                )
+            },
         );
         writeln!(out, "{topic:<21} {rate:>8.1} {intervals} {:>11} {lost:>6}", meter.count)?;
     }

@@ -37,7 +37,14 @@ impl Board {
         })
     }
 
-    fn observe(&mut self, index: usize, topic: &Topic, bytes: &[u8], received_ns: u64, since_ns: u64) {
+    fn observe(
+        &mut self,
+        index: usize,
+        topic: &Topic,
+        bytes: &[u8],
+        received_ns: u64,
+        since_ns: u64,
+    ) {
         if topic.type_name == LoopTiming::TYPE_NAME
             && let Some(timing) = LoopTiming::from_bytes(bytes)
         {
@@ -64,8 +71,9 @@ impl Board {
     }
 
     fn rate(&self, index: usize) -> f64 {
-        let (messages, seconds) =
-            self.counts[index].iter().fold((0, 0.0), |(m, s), (count, duration)| (m + count, s + duration));
+        let (messages, seconds) = self.counts[index]
+            .iter()
+            .fold((0, 0.0), |(m, s), (count, duration)| (m + count, s + duration));
         if seconds > 0.0 { messages as f64 / seconds } else { 0.0 }
     }
 
@@ -73,16 +81,22 @@ impl Board {
         self.meters.iter_mut().for_each(Meter::reset);
     }
 
-    /// The picture; `feeds` gives name, messages received and lost of each topic. Lists of words are broken at `width` columns, tables never.
+    /// The picture; `feeds` gives name, messages received and lost of each topic. Lists of words
+    /// are broken at `width` columns, tables never.
     fn picture(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)], width: usize) -> String {
-        let words = |text: String| textwrap::fill(&text, textwrap::Options::new(width).subsequent_indent("    "));
+        let words = |text: String| {
+            textwrap::fill(&text, textwrap::Options::new(width).subsequent_indent("    "))
+        };
         let mut text = String::new();
         let mut line = |content: String| {
             // Writing to a string does not fail.
             let _ = writeln!(text, "{}", content.trim_end());
         };
         let profile = self.timings.first().and_then(|timing| Profile::from_code(timing.profile));
-        line(format!("rig {rig}{}", profile.map_or_else(String::new, |profile| format!(", {profile}"))));
+        line(format!(
+            "rig {rig}{}",
+            profile.map_or_else(String::new, |profile| format!(", {profile}"))
+        ));
         line(format!(
             "{:<11} {:>6} {:>6}  {:>24}  {:>19}  grants",
             "loop", "Hz", "missed", "late µs: p50   p99   max", "run µs: p50 p99 max"
@@ -142,7 +156,9 @@ impl Board {
             line(words(format!("no message yet: {}", silent.join(", "))));
         }
         let period_ms = PERIOD_NS / MILLISECOND_NS;
-        line(format!("late (topics): published to received here; this probe looks every {period_ms} ms"));
+        line(format!(
+            "late (topics): published to received here; this probe looks every {period_ms} ms"
+        ));
         text
     }
 }
@@ -199,7 +215,9 @@ impl<'a> Screen<'a> {
 
     /// Columns and lines; `None` where it is no terminal.
     fn size(&self) -> Option<(usize, usize)> {
-        let size = || terminal_size::terminal_size().map(|(width, height)| (width.0.into(), height.0.into()));
+        let size = || {
+            terminal_size::terminal_size().map(|(width, height)| (width.0.into(), height.0.into()))
+        };
         self.terminal.then(|| size().unwrap_or((80, 24)))
     }
 
@@ -225,11 +243,13 @@ impl Drop for Screen<'_> {
     }
 }
 
-/// Cuts a picture to a terminal: lines at its width, and at its height with a word on what is not shown.
+/// Cuts a picture to a terminal: lines at its width, and at its height with a word on what is not
+/// shown.
 fn fit(picture: &str, width: usize, height: usize) -> String {
     let total = picture.lines().count();
     let shown = if total > height { height.saturating_sub(1) } else { total };
-    let mut lines: Vec<String> = picture.lines().take(shown).map(|line| line.chars().take(width).collect()).collect();
+    let mut lines: Vec<String> =
+        picture.lines().take(shown).map(|line| line.chars().take(width).collect()).collect();
     if total > height {
         let more = format!("... {} lines more: make the window taller", total - shown);
         lines.push(more.chars().take(width).collect());
@@ -252,7 +272,13 @@ mod tests {
         for cycle in 0..500 {
             let mut message = MotorCommand::default();
             message.stamp(1, 2, cycle, 1_000_000 * cycle);
-            board.observe(command, topics[command], message.as_bytes(), 1_000_000 * cycle + 40_000, 0);
+            board.observe(
+                command,
+                topics[command],
+                message.as_bytes(),
+                1_000_000 * cycle + 40_000,
+                0,
+            );
         }
         let mut timing = LoopTiming {
             period_ns: 2_000_000,
@@ -266,7 +292,13 @@ mod tests {
         };
         timing.stamp(1, 2, 0, 900_000_000);
         let index = index_of("timing/control");
-        board.observe(index, find_topic("timing/control").unwrap(), timing.as_bytes(), 900_000_000, 0);
+        board.observe(
+            index,
+            find_topic("timing/control").unwrap(),
+            timing.as_bytes(),
+            900_000_000,
+            0,
+        );
         board.count(1.0);
         let feeds: Vec<_> = TOPICS
             .iter()
@@ -284,11 +316,22 @@ mod tests {
         assert_eq!(words(&picture, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
         assert_eq!(words(&picture, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
         assert!(picture.contains("no message yet: sample, token"), "{picture}");
-        assert!(picture.contains("\ncontrol: since its start 7 messages lost on the way to it\n"), "{picture}");
-        assert!(picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"), "{picture}");
+        assert!(
+            picture.contains("\ncontrol: since its start 7 messages lost on the way to it\n"),
+            "{picture}"
+        );
+        assert!(
+            picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"),
+            "{picture}"
+        );
         let narrow = board.picture("demo", 1_000_000_000, &feeds, 80);
-        assert_eq!(narrow.lines().find(|line| line.chars().count() > 80), None, "a terminal has 80 columns");
-        let told = |picture: &str| picture.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(
+            narrow.lines().find(|line| line.chars().count() > 80),
+            None,
+            "a terminal has 80 columns"
+        );
+        let told =
+            |picture: &str| picture.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         assert_eq!(told(&narrow), told(&picture), "and what does not fit stands in the next line");
         // a rate over several pictures, and a loop that fell silent
         board.reset();
@@ -302,6 +345,9 @@ mod tests {
     fn a_picture_fits_its_terminal() {
         let picture = "one\ntwo µµµ\nthree\n";
         assert_eq!(fit(picture, 5, 3), "one\x1b[K\r\ntwo µ\x1b[K\r\nthree\x1b[K");
-        assert_eq!(fit(picture, 80, 2), "one\x1b[K\r\n... 2 lines more: make the window taller\x1b[K");
+        assert_eq!(
+            fit(picture, 80, 2),
+            "one\x1b[K\r\n... 2 lines more: make the window taller\x1b[K"
+        );
     }
 }

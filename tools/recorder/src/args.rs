@@ -17,7 +17,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Reads everything: checksums, schemas, sequences, ticks. Exit code 3 when anything is missing.
+    /// Reads everything: checksums, schemas, sequences, ticks. Exit code 3 when anything is
+    /// missing.
     ///
     /// Example: farreach rec verify run.mcap
     Verify {
@@ -86,7 +87,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Writes a table: the measured record as `farreach identify` reads it, or all fields of one topic.
+    /// Writes a table: the measured record as `farreach identify` reads it, or all fields of one
+    /// topic.
     ///
     /// Example: farreach rec export run.mcap --to csv > run.csv
     Export {

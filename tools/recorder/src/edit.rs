@@ -11,7 +11,12 @@ use recording::mcap_read::Recording;
 use crate::look::grouped;
 use crate::{DATA_LOST, DONE};
 
-pub(crate) fn recover(file: &Path, to: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
+pub(crate) fn recover(
+    file: &Path,
+    to: &Path,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
     tell(&report, to, json, true, out)?;
@@ -42,7 +47,11 @@ pub(crate) fn cut(
     };
     let at = |seconds: f64| first.saturating_add((seconds * 1e9).round() as u64);
     if let Some(from) = from.filter(|&from| at(from) > last) {
-        bail!("--from {from}: {} ends {} s after its first message", file.display(), (last - first) as f64 * 1e-9);
+        bail!(
+            "--from {from}: {} ends {} s after its first message",
+            file.display(),
+            (last - first) as f64 * 1e-9
+        );
     }
     let mut notes = how("cut", &[file]);
     for (name, value) in [("from_s", from), ("to_s", until)] {
@@ -53,23 +62,41 @@ pub(crate) fn cut(
     Ok(if report.damaged_chunks > 0 { DATA_LOST } else { DONE })
 }
 
-pub(crate) fn merge(files: &[PathBuf], to: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
-    let recordings = files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
+pub(crate) fn merge(
+    files: &[PathBuf],
+    to: &Path,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
+    let recordings =
+        files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
     let sources: Vec<&Recording> = recordings.iter().collect();
     let names: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     let report = rewrite(&sources, None, None, &how("merge", &names), to)?;
-    let lost = report.damaged_chunks > 0 || recordings.iter().any(|recording| !recording.tail().complete);
+    let lost =
+        report.damaged_chunks > 0 || recordings.iter().any(|recording| !recording.tail().complete);
     tell(&report, to, json, lost, out)?;
     Ok(if lost { DATA_LOST } else { DONE })
 }
 
-/// Notes for the new file: what was done to what. Names without folders: those are nobody else's business.
+/// Notes for the new file: what was done to what. Names without folders: those are nobody else's
+/// business.
 fn how(verb: &str, files: &[&Path]) -> BTreeMap<String, String> {
-    let names: Vec<_> = files.iter().filter_map(|file| file.file_name()).map(|name| name.to_string_lossy()).collect();
+    let names: Vec<_> = files
+        .iter()
+        .filter_map(|file| file.file_name())
+        .map(|name| name.to_string_lossy())
+        .collect();
     BTreeMap::from([("edit".to_owned(), verb.to_owned()), ("sources".to_owned(), names.join(", "))])
 }
 
-fn tell(report: &EditReport, to: &Path, json: bool, losses: bool, out: &mut dyn Write) -> anyhow::Result<()> {
+fn tell(
+    report: &EditReport,
+    to: &Path,
+    json: bool,
+    losses: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
     if json {
         let mut value = serde_json::to_value(report)?;
         if let Some(map) = value.as_object_mut() {

@@ -34,7 +34,8 @@ pub(crate) fn export(
                 LengthUnit::M => ColumnNames::linear(),
             };
             let columns = SampleColumns { axis, ..SampleColumns::new(names) };
-            let record = from_recording(&recording, &columns, &Options::default().gaps(Gaps::LongestRun))?;
+            let record =
+                from_recording(&recording, &columns, &Options::default().gaps(Gaps::LongestRun))?;
             for finding in &record.findings {
                 eprintln!("{}: {}: {}", file.display(), finding.column, finding.text);
                 if finding.kind == recording::record::FindingKind::Masked {
@@ -49,11 +50,10 @@ pub(crate) fn export(
     let output: &mut dyn Write = match to {
         None => stdout,
         Some(path) => {
-            created = OpenOptions::new()
-                .write(true)
-                .create_new(true)
-                .open(path)
-                .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))?;
+            created =
+                OpenOptions::new().write(true).create_new(true).open(path).with_context(|| {
+                    format!("{}: cannot create; files are never overwritten", path.display())
+                })?;
             &mut created
         }
     };
@@ -71,7 +71,9 @@ pub(crate) fn export(
 fn whole_topic(recording: &Recording, topic: &str, output: &mut dyn Write) -> anyhow::Result<()> {
     let channels = recording.channels_of(topic)?;
     let mut header: Option<Layout> = None;
-    for message in recording.raw(Selection { channels: Some(channels.clone()), ..Selection::default() }) {
+    for message in
+        recording.raw(Selection { channels: Some(channels.clone()), ..Selection::default() })
+    {
         let message = message?;
         let (layout, body) = recording.decode(&message)?;
         match &header {
@@ -94,8 +96,10 @@ fn whole_topic(recording: &Recording, topic: &str, output: &mut dyn Write) -> an
         writeln!(output)?;
     }
     if header.is_none()
-        && let Some(layout) =
-            channels.first().and_then(|id| recording.channels().get(id)).and_then(|c| c.layout.as_ref().ok())
+        && let Some(layout) = channels
+            .first()
+            .and_then(|id| recording.channels().get(id))
+            .and_then(|c| c.layout.as_ref().ok())
     {
         title(layout, output)?;
     }

@@ -1,6 +1,7 @@
 //! `farreach rec`: recordings on and off, and what to do with the files.
 //!
-//! A recording is an MCAP file that Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open as it is.
+//! A recording is an MCAP file that Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open
+//! as it is.
 //!
 //! ```text
 //! $ farreach rec info run.mcap
@@ -38,7 +39,8 @@
 //! 0,0,1,-0.15297538471219713
 //! ```
 //!
-//! stdout carries the result, stderr the diagnosis. Exit code 0: done; 1: failed; 3: done, but data is missing.
+//! stdout carries the result, stderr the diagnosis. Exit code 0: done; 1: failed; 3: done, but data
+//! is missing.
 
 mod args;
 mod edit;
@@ -76,7 +78,9 @@ pub fn run_to(command: &Command, output: &mut dyn std::io::Write) -> anyhow::Res
         Command::Verify { file, json } => look::verify(file, *json, output),
         Command::Cat { file, topic, json } => print::cat(file, topic, *json, output),
         Command::Recover { file, out, json } => edit::recover(file, out, *json, output),
-        Command::Cut { file, from, to, out, json } => edit::cut(file, *from, *to, out, *json, output),
+        Command::Cut { file, from, to, out, json } => {
+            edit::cut(file, *from, *to, out, *json, output)
+        }
         Command::Merge { files, out, json } => edit::merge(files, out, *json, output),
         Command::Export { file, to, topic, unit, axis, out } => {
             export::export(file, *to, topic.as_deref(), *unit, *axis, out.as_deref(), output)
@@ -88,7 +92,9 @@ pub fn run_to(command: &Command, output: &mut dyn std::io::Write) -> anyhow::Res
 
 fn closed_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
-        cause.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+        cause
+            .downcast_ref::<std::io::Error>()
+            .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
             || cause
                 .downcast_ref::<serde_json::Error>()
                 .is_some_and(|e| e.io_error_kind() == Some(std::io::ErrorKind::BrokenPipe))

@@ -50,7 +50,11 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         losses(&recording, &check, out)?;
     }
     let origin = check.span_ns().map_or(0, |span| span.0);
-    writeln!(out, "  {:<18} {:>8} {:>14} {:>10} {:>10}", "topic", "count", "rate Hz", "first s", "last s")?;
+    writeln!(
+        out,
+        "  {:<18} {:>8} {:>14} {:>10} {:>10}",
+        "topic", "count", "rate Hz", "first s", "last s"
+    )?;
     for topic in check.topics.iter().filter(|topic| topic.count > 0) {
         let seconds = |time: u64| (time - origin) as f64 * 1e-9;
         let rate = topic.rate_hz().map_or_else(|| "-".to_owned(), |rate| format!("{rate:.1}"));
@@ -90,7 +94,11 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
     for topic in &check.topics {
         let mut faults = Vec::new();
         if topic.gaps > 0 {
-            faults.push(format!("{} missing in {} places", grouped(topic.gaps), grouped(topic.gap_places)));
+            faults.push(format!(
+                "{} missing in {} places",
+                grouped(topic.gaps),
+                grouped(topic.gap_places)
+            ));
         }
         if topic.dropped > 0 {
             faults.push(format!("{} dropped or refused by the logger", grouped(topic.dropped)));
@@ -99,16 +107,28 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
             faults.push(format!("{} repeated or out of order", grouped(topic.duplicates)));
         }
         if topic.undecodable > 0 {
-            faults.push(format!("{} cannot be decoded ({})", grouped(topic.undecodable), topic.problem));
+            faults.push(format!(
+                "{} cannot be decoded ({})",
+                grouped(topic.undecodable),
+                topic.problem
+            ));
         }
         if !faults.is_empty() {
-            writeln!(out, "  {}: {} messages; {}", topic.topic, grouped(topic.count), faults.join("; "))?;
+            writeln!(
+                out,
+                "  {}: {} messages; {}",
+                topic.topic,
+                grouped(topic.count),
+                faults.join("; ")
+            )?;
         }
     }
     if let Some(ticks) = check.ticks {
         let missing = match (ticks.missing, ticks.holes) {
             (0, _) => "none missing".to_owned(),
-            (missing, holes) => format!("{} missing in {} places", grouped(missing), grouped(holes)),
+            (missing, holes) => {
+                format!("{} missing in {} places", grouped(missing), grouped(holes))
+            }
         };
         let backwards = match ticks.backwards {
             0 => String::new(),
@@ -124,7 +144,10 @@ fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io:
     if !tail.complete {
         writeln!(out, "  {} ({} bytes unreadable)", tail.reason, grouped(tail.lost))?;
     } else if !check.ended_cleanly {
-        writeln!(out, "  the recording was not ended in good order: it was cut off and mended, or its logger failed")?;
+        writeln!(
+            out,
+            "  the recording was not ended in good order: it was cut off and mended, or its logger failed"
+        )?;
     }
     for damage in &check.damage {
         writeln!(out, "  damaged at byte {}: {}", grouped(damage.offset), damage.what)?;
@@ -144,7 +167,8 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
             })
         })
         .collect();
-    let damage: Vec<Value> = check.damage.iter().map(|d| json!({"offset": d.offset, "what": d.what})).collect();
+    let damage: Vec<Value> =
+        check.damage.iter().map(|d| json!({"offset": d.offset, "what": d.what})).collect();
     let ticks = check.ticks.map(
         |t| json!({"first": t.first, "last": t.last, "missing": t.missing, "holes": t.holes, "backwards": t.backwards}),
     );

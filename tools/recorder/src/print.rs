@@ -10,13 +10,19 @@ use serde_json::{Map, json};
 
 use crate::{DATA_LOST, DONE};
 
-pub(crate) fn cat(file: &Path, topics: &[String], as_json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
+pub(crate) fn cat(
+    file: &Path,
+    topics: &[String],
+    as_json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let mut channels = Vec::new();
     for topic in topics {
         channels.extend(recording.channels_of(topic)?);
     }
-    let selection = Selection { channels: (!topics.is_empty()).then_some(channels), ..Selection::default() };
+    let selection =
+        Selection { channels: (!topics.is_empty()).then_some(channels), ..Selection::default() };
     let mut out = std::io::BufWriter::new(out);
     let mut code = DONE;
     for message in recording.raw(selection) {
@@ -57,7 +63,8 @@ fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
 
-/// Every field by name. JSON has no NaN and no infinity: these become text, so that nothing is hidden.
+/// Every field by name. JSON has no NaN and no infinity: these become text, so that nothing is
+/// hidden.
 fn fields(layout: &Layout, body: &[u8]) -> Map<String, serde_json::Value> {
     let mut map = Map::new();
     for field in &layout.fields {
@@ -93,9 +100,11 @@ fn plain(field: &LayoutField, layout: &Layout, body: &[u8]) -> String {
     }
     // an event's text is bytes with a length beside it
     if field.name == "text"
-        && let Some(Value::Unsigned(length)) = layout.field("text_len").and_then(|length| length.read(body, 0))
+        && let Some(Value::Unsigned(length)) =
+            layout.field("text_len").and_then(|length| length.read(body, 0))
     {
-        let bytes: Vec<u8> = field.read_all(body).map(|value| value.as_f64() as u8).take(length as usize).collect();
+        let bytes: Vec<u8> =
+            field.read_all(body).map(|value| value.as_f64() as u8).take(length as usize).collect();
         return format!("{:?}", String::from_utf8_lossy(&bytes));
     }
     let values: Vec<String> = field.read_all(body).map(|value| value.to_string()).collect();

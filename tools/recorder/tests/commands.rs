@@ -86,7 +86,9 @@ fn info_and_verify_of_a_sound_recording() {
     write(&dir.path("run.mcap"), 0..2000, true);
     let (code, text) = rec(&["info", &dir.text("run.mcap")]);
     assert_eq!(code, DONE);
-    for expected in ["rig hydrostatic, profile best-effort, part 1", "ended in good order", "2000.0", "500.0"] {
+    for expected in
+        ["rig hydrostatic, profile best-effort, part 1", "ended in good order", "2000.0", "500.0"]
+    {
         assert!(text.contains(expected), "{expected}: {text}");
     }
     let (code, text) = rec(&["verify", &dir.text("run.mcap")]);
@@ -113,7 +115,8 @@ fn verify_tells_a_killed_logger_and_recover_mends_it() {
     assert_eq!(code, DATA_LOST, "mended, but its end is still missing");
     assert!(text.contains("not ended in good order"), "{text}");
     assert!(
-        fails(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")]).contains("never overwritten")
+        fails(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")])
+            .contains("never overwritten")
     );
 }
 
@@ -124,7 +127,10 @@ fn verify_counts_what_is_missing() {
     let (code, text) = rec(&["verify", &dir.text("holes.mcap")]);
     assert_eq!(code, DATA_LOST);
     assert!(text.contains("sample: 990 messages; 10 missing in 1 places"), "{text}");
-    assert!(text.contains("command: 247 messages; 3 missing in 1 places") || text.contains("2 missing"), "{text}");
+    assert!(
+        text.contains("command: 247 messages; 3 missing in 1 places") || text.contains("2 missing"),
+        "{text}"
+    );
     let (code, json) = rec(&["verify", &dir.text("holes.mcap"), "--json"]);
     let value: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((code, &value["ticks"]["missing"]), (DATA_LOST, &serde_json::json!(10)));
@@ -136,11 +142,15 @@ fn cat_prints_every_field() {
     write(&dir.path("run.mcap"), 0..20, true);
     let (code, text) = rec(&["cat", &dir.text("run.mcap"), "--topic", "sample", "--json"]);
     assert_eq!(code, DONE);
-    let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let lines: Vec<serde_json::Value> =
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines.len(), 20);
     for (i, line) in lines.iter().enumerate() {
         let s = sample(i as u64);
-        assert_eq!(line["fields"]["master_position"][0].as_f64().unwrap().to_bits(), s.master_position[0].to_bits());
+        assert_eq!(
+            line["fields"]["master_position"][0].as_f64().unwrap().to_bits(),
+            s.master_position[0].to_bits()
+        );
         assert_eq!(line["fields"]["tick"], s.tick);
         assert_eq!(line["fields"]["analog_v"][3], "NaN");
         assert_eq!(line["fields"].as_object().unwrap().len(), Sample::FIELDS.len());
@@ -148,7 +158,9 @@ fn cat_prints_every_field() {
     let (_, text) = rec(&["cat", &dir.text("run.mcap")]);
     assert_eq!(text.lines().count(), 25);
     assert!(text.lines().next().unwrap().contains(" sample session=11"), "{text}");
-    assert!(fails(&["cat", &dir.text("run.mcap"), "--topic", "smaple"]).contains("no topic `smaple`"));
+    assert!(
+        fails(&["cat", &dir.text("run.mcap"), "--topic", "smaple"]).contains("no topic `smaple`")
+    );
 }
 
 #[test]
@@ -156,13 +168,23 @@ fn cut_and_merge_give_the_whole_again() {
     let dir = Folder::new();
     write(&dir.path("run.mcap"), 0..2000, true);
     let cut = |from: &str, to: &str, name: &str| {
-        let (code, text) =
-            rec(&["cut", &dir.text("run.mcap"), "--from", from, "--to", to, "-o", &dir.text(name), "--json"]);
+        let (code, text) = rec(&[
+            "cut",
+            &dir.text("run.mcap"),
+            "--from",
+            from,
+            "--to",
+            to,
+            "-o",
+            &dir.text(name),
+            "--json",
+        ]);
         assert_eq!(code, DONE);
         serde_json::from_str::<serde_json::Value>(&text).unwrap()["messages"].as_u64().unwrap()
     };
     assert_eq!(cut("0", "0.25", "a.mcap") + cut("0.25", "9", "b.mcap"), 2500);
-    let (code, _) = rec(&["merge", &dir.text("b.mcap"), &dir.text("a.mcap"), "-o", &dir.text("whole.mcap")]);
+    let (code, _) =
+        rec(&["merge", &dir.text("b.mcap"), &dir.text("a.mcap"), "-o", &dir.text("whole.mcap")]);
     assert_eq!(code, DONE);
     let cat = |name: &str| rec(&["cat", &dir.text(name), "--json"]).1;
     assert_eq!(cat("whole.mcap"), cat("run.mcap"));
@@ -187,12 +209,18 @@ fn cut_and_merge_give_the_whole_again() {
 fn export_gives_back_the_record_and_whole_topics() {
     let dir = Folder::new();
     write(&dir.path("run.mcap"), 0..200, true);
-    let (code, _) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "-o", &dir.text("run.csv")]);
+    let (code, _) =
+        rec(&["export", &dir.text("run.mcap"), "--to", "csv", "-o", &dir.text("run.csv")]);
     assert_eq!(code, DONE);
-    let record = from_csv(&dir.path("run.csv"), &Options::default().requiring(&["motor_v", "master_rad"])).unwrap();
+    let record =
+        from_csv(&dir.path("run.csv"), &Options::default().requiring(&["motor_v", "master_rad"]))
+            .unwrap();
     assert_eq!(record.len(), 200);
     for i in 0..200 {
-        assert_eq!(record.column("master_rad").unwrap()[i].to_bits(), sample(i as u64).master_position[0].to_bits());
+        assert_eq!(
+            record.column("master_rad").unwrap()[i].to_bits(),
+            sample(i as u64).master_position[0].to_bits()
+        );
     }
     let (_, text) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "--topic", "command"]);
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
@@ -201,7 +229,9 @@ fn export_gives_back_the_record_and_whole_topics() {
     assert_eq!(text.lines().count(), 51);
     let (_, text) = rec(&["export", &dir.text("run.mcap"), "--to", "csv", "--topic", "token"]);
     assert_eq!(text.lines().count(), 1, "no messages: the header alone");
-    assert!(fails(&["export", &dir.text("run.mcap"), "--to", "csv", "--axis", "1"]).contains("1 axes"));
+    assert!(
+        fails(&["export", &dir.text("run.mcap"), "--to", "csv", "--axis", "1"]).contains("1 axes")
+    );
     assert!(Line::try_parse_from(["rec", "export", "x", "--to", "mat"]).is_err());
     fs::write(dir.path("no.mcap"), "nothing").unwrap();
     assert!(fails(&["info", &dir.text("no.mcap")]).contains("not an MCAP file"));
@@ -224,11 +254,19 @@ fn a_closed_pipe_is_passed_on_as_such() {
     let dir = Folder::new();
     write(&dir.path("run.mcap"), 0..2000, true);
     let run = dir.text("run.mcap");
-    for words in [&["cat", &run][..], &["cat", &run, "--json"], &["export", &run, "--to", "csv"], &["info", &run]] {
-        let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
+    for words in [
+        &["cat", &run][..],
+        &["cat", &run, "--json"],
+        &["export", &run, "--to", "csv"],
+        &["info", &run],
+    ] {
+        let line =
+            Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
         let error = recorder::run_to(&line.command, &mut Closed).unwrap_err();
         let kind = error.chain().find_map(|cause| {
-            let json = cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind);
+            let json = cause
+                .downcast_ref::<serde_json::Error>()
+                .and_then(serde_json::Error::io_error_kind);
             cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind).or(json)
         });
         assert_eq!(kind, Some(std::io::ErrorKind::BrokenPipe), "{words:?}: {error:?}");

@@ -24,7 +24,10 @@ fn main() -> Result<(), report::Error> {
         .horizontal("", 0.0);
     let frequency: Vec<f64> = (0..400).map(|i| 0.2 * 10f64.powf(f64::from(i) / 200.0)).collect();
     let gain = |f0: f64, damping: f64| -> Vec<f64> {
-        frequency.iter().map(|f| 1.0 / (1.0 - (f / f0).powi(2)).hypot(2.0 * damping * f / f0)).collect()
+        frequency
+            .iter()
+            .map(|f| 1.0 / (1.0 - (f / f0).powi(2)).hypot(2.0 * damping * f / f0))
+            .collect()
     };
     let bode = Figure::new("Frequency response", "frequency / Hz", "slave over master")
         .log_x()
@@ -35,7 +38,11 @@ fn main() -> Result<(), report::Error> {
         .vertical("resonance", 8.0);
     Page::new("Specimen of the style")
         .subtitle("Every kind of figure and table, with made-up numbers.")
-        .verdict(Tone::Good, "Nothing is missing.", "The declared model explains the record to its noise.")
+        .verdict(
+            Tone::Good,
+            "Nothing is missing.",
+            "The declared model explains the record to its noise.",
+        )
         .verdict(Tone::Warning, "Something is missing.", "A second sentence says how far it holds.")
         .paragraph("Text is set in a serif face, numbers and headings without serifs.")
         .figure(&force, "Fig. 1. A long series, reduced to its envelope.")
@@ -43,12 +50,9 @@ fn main() -> Result<(), report::Error> {
         .figure(&bode, "Fig. 3. Logarithmic axes, error bars, a rule.")
         .heading("Numbers")
         .table(
-            Table::new(["parameter", "declared", "fitted", "unit"]).row(["mass", "95.1", "95.13 ± 0.05", "kg"]).row([
-                "offset",
-                "−3.2",
-                "−3.17 ± 0.12",
-                "N",
-            ]),
+            Table::new(["parameter", "declared", "fitted", "unit"])
+                .row(["mass", "95.1", "95.13 ± 0.05", "kg"])
+                .row(["offset", "−3.2", "−3.17 ± 0.12", "N"]),
             "Table 1. Parameters.",
         )
         .footer("farreach report specimen")

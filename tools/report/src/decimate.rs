@@ -1,8 +1,9 @@
 //! Fewer points, same picture.
 
-/// Reduces a polyline of pixel coordinates to the first, lowest, highest and last point of each run that
-/// falls into one column `column` units wide: the drawn envelope is the same and no peak is lost. Runs are
-/// taken in the order of the data, so curves that go back and forth (hysteresis loops) survive too.
+/// Reduces a polyline of pixel coordinates to the first, lowest, highest and last point of each run
+/// that falls into one column `column` units wide: the drawn envelope is the same and no peak is
+/// lost. Runs are taken in the order of the data, so curves that go back and forth (hysteresis
+/// loops) survive too.
 pub(crate) fn envelope(points: &[(i32, i32)], column: i32) -> Vec<(i32, i32)> {
     let column = column.max(1);
     let mut kept = Vec::new();
@@ -42,7 +43,11 @@ pub(crate) fn envelope(points: &[(i32, i32)], column: i32) -> Vec<(i32, i32)> {
 pub(crate) fn thin(points: &[(i32, i32)], cell: i32) -> Vec<(i32, i32)> {
     let cell = cell.max(1);
     let mut seen = std::collections::HashSet::new();
-    points.iter().copied().filter(|p| seen.insert((p.0.div_euclid(cell), p.1.div_euclid(cell)))).collect()
+    points
+        .iter()
+        .copied()
+        .filter(|p| seen.insert((p.0.div_euclid(cell), p.1.div_euclid(cell))))
+        .collect()
 }
 
 #[cfg(test)]

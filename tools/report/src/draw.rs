@@ -1,15 +1,17 @@
 //! From a [`Figure`] to SVG through plotters' SVG back end.
 //!
-//! The back end knows whole pixels only, so everything is drawn `FINE` times larger than it is shown: lines
-//! are then smooth to a fifth of a CSS pixel. Axes are our own: plotters' mesh has no inward ticks, no
-//! decades with minor ticks and no legend outside of the data.
+//! The back end knows whole pixels only, so everything is drawn `FINE` times larger than it is
+//! shown: lines are then smooth to a fifth of a CSS pixel. Axes are our own: plotters' mesh has no
+//! inward ticks, no decades with minor ticks and no legend outside of the data.
 
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
 use plotters::element::{Circle, PathElement, Polygon, Rectangle, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle};
+use plotters::style::{
+    Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle,
+};
 
 use crate::decimate;
 use crate::figure::{Figure, Mark, Series};
@@ -29,7 +31,8 @@ type Drawn = std::result::Result<(), String>;
 
 /// Width of a text in CSS pixels: an estimate, since only the viewer knows its fonts.
 fn text_width(text: &str) -> i32 {
-    (text.chars().map(|c| if "il.,:;|()−' ".contains(c) { 0.34 } else { 0.58 }).sum::<f64>() * f64::from(TEXT)) as i32
+    (text.chars().map(|c| if "il.,:;|()−' ".contains(c) { 0.34 } else { 0.58 }).sum::<f64>()
+        * f64::from(TEXT)) as i32
 }
 
 /// Frame of the data area and the two scales, in fine pixels.
@@ -123,9 +126,13 @@ pub(crate) fn svg(figure: &Figure) -> Result<String> {
         Mark::Errors => s.y.iter().zip(&s.upper).flat_map(|(y, h)| [y - h, y + h]).collect(),
         _ => s.y.clone(),
     });
-    let scale = |kind, range: Option<(f64, f64)>, values: &mut dyn Iterator<Item = f64>, margin| match range {
-        Some((low, high)) if low < high && (kind == Kind::Linear || low > 0.0) => Some(Scale { kind, low, high }),
-        _ => Scale::fit(kind, values, margin),
+    let scale = |kind, range: Option<(f64, f64)>, values: &mut dyn Iterator<Item = f64>, margin| {
+        match range {
+            Some((low, high)) if low < high && (kind == Kind::Linear || low > 0.0) => {
+                Some(Scale { kind, low, high })
+            }
+            _ => Scale::fit(kind, values, margin),
+        }
     };
     let x = scale(figure.x_kind, figure.x_range, &mut { xs }, 0.01).ok_or_else(empty)?;
     let y = scale(figure.y_kind, figure.y_range, &mut { ys }, 0.06).ok_or_else(empty)?;
@@ -141,15 +148,27 @@ pub(crate) fn svg(figure: &Figure) -> Result<String> {
         height * FINE,
         crate::page::escape(&figure.title)
     );
-    let opening = format!("<svg width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\"", width * FINE, height * FINE);
+    let opening = format!(
+        "<svg width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\"",
+        width * FINE,
+        height * FINE
+    );
     Ok(buffer.replacen(&opening, &shown, 1))
 }
 
-fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height): (i32, i32)) -> Drawn {
-    let area = SVGBackend::with_string(buffer, ((width * FINE) as u32, (height * FINE) as u32)).into_drawing_area();
+fn draw(
+    figure: &Figure,
+    x: Scale,
+    y: Scale,
+    buffer: &mut String,
+    (width, height): (i32, i32),
+) -> Drawn {
+    let area = SVGBackend::with_string(buffer, ((width * FINE) as u32, (height * FINE) as u32))
+        .into_drawing_area();
     let x_ticks = x.ticks((width / 80).max(2) as usize);
     let y_ticks = y.ticks((height / 55).max(2) as usize);
-    let label_width = y_ticks.iter().filter_map(|t| t.label.as_deref()).map(text_width).max().unwrap_or(0);
+    let label_width =
+        y_ticks.iter().filter_map(|t| t.label.as_deref()).map(text_width).max().unwrap_or(0);
     let legend = legend_rows(figure, width - 24);
     let title_height = if figure.title.is_empty() { 4 } else { 24 };
     let axes = Axes {
@@ -179,7 +198,12 @@ fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height
     }
 
     // A path, since the back end draws rectangles without a line width.
-    let corners = [(axes.left, axes.top), (axes.right, axes.top), (axes.right, axes.bottom), (axes.left, axes.bottom)];
+    let corners = [
+        (axes.left, axes.top),
+        (axes.right, axes.top),
+        (axes.right, axes.bottom),
+        (axes.left, axes.bottom),
+    ];
     line(&area, &[corners[0], corners[1], corners[2], corners[3], corners[0]], INK, 1.0)?;
     for tick in &x_ticks {
         let at = axes.px(tick.at).round() as i32;
@@ -187,7 +211,14 @@ fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height
         line(&area, &[(at, axes.bottom), (at, axes.bottom - long)], INK, 1.0)?;
         line(&area, &[(at, axes.top), (at, axes.top + long)], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            text(&area, label, (at, axes.bottom + 6 * FINE), HPos::Center, VPos::Top, FontStyle::Normal)?;
+            text(
+                &area,
+                label,
+                (at, axes.bottom + 6 * FINE),
+                HPos::Center,
+                VPos::Top,
+                FontStyle::Normal,
+            )?;
         }
     }
     for tick in &y_ticks {
@@ -196,14 +227,23 @@ fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height
         line(&area, &[(axes.left, at), (axes.left + long, at)], INK, 1.0)?;
         line(&area, &[(axes.right, at), (axes.right - long, at)], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            text(&area, label, (axes.left - 6 * FINE, at), HPos::Right, VPos::Center, FontStyle::Normal)?;
+            text(
+                &area,
+                label,
+                (axes.left - 6 * FINE, at),
+                HPos::Right,
+                VPos::Center,
+                FontStyle::Normal,
+            )?;
         }
     }
     let middle = ((axes.left + axes.right) / 2, (axes.top + axes.bottom) / 2);
     let below = (middle.0, (height - 8) * FINE);
     text(&area, &figure.x_label, below, HPos::Center, VPos::Bottom, FontStyle::Normal)?;
-    let style = text_style(FontStyle::Normal, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
-    area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style)).map_err(|e| e.to_string())?;
+    let style =
+        text_style(FontStyle::Normal, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
+    area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style))
+        .map_err(|e| e.to_string())?;
     if !figure.title.is_empty() {
         text(&area, &figure.title, (12 * FINE, 7 * FINE), HPos::Left, VPos::Top, FontStyle::Bold)?;
     }
@@ -212,7 +252,14 @@ fn draw(figure: &Figure, x: Scale, y: Scale, buffer: &mut String, (width, height
         let mut from = 12 * FINE;
         for s in row {
             legend_mark(&area, s, (from, at))?;
-            text(&area, &s.name, (from + 30 * FINE, at), HPos::Left, VPos::Center, FontStyle::Normal)?;
+            text(
+                &area,
+                &s.name,
+                (from + 30 * FINE, at),
+                HPos::Left,
+                VPos::Center,
+                FontStyle::Normal,
+            )?;
             from += legend_width(s) * FINE;
         }
     }
@@ -249,7 +296,8 @@ fn legend_mark(area: &Area<'_>, s: &Series, (x, y): (i32, i32)) -> Drawn {
         Mark::HorizontalRule | Mark::VerticalRule => line(area, &[from, to], colour, 1.0),
         Mark::Band => {
             let corners = [(x, y - 5 * FINE), (x + 24 * FINE, y + 5 * FINE)];
-            area.draw(&Rectangle::new(corners, colour.mix(0.25).filled())).map_err(|e| e.to_string())
+            area.draw(&Rectangle::new(corners, colour.mix(0.25).filled()))
+                .map_err(|e| e.to_string())
         }
         Mark::Scatter | Mark::Errors => dot(area, (x + 12 * FINE, y), colour, false),
     }
@@ -261,14 +309,18 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
         Mark::Line | Mark::Dashed => {
             for run in axes.runs(&s.x, &s.y) {
                 let run = decimate::envelope(&run, FINE / 2);
-                if s.mark == Mark::Line { line(area, &run, colour, 1.3)? } else { dashed(area, &run, colour)? }
+                if s.mark == Mark::Line {
+                    line(area, &run, colour, 1.3)?
+                } else {
+                    dashed(area, &run, colour)?
+                }
             }
         }
         Mark::Scatter => {
             let points = s.x.iter().zip(&s.y).map(|(x, y)| (axes.px(*x), axes.py(*y)));
             let points: Vec<_> = points.filter(|p| axes.inside(*p)).map(round).collect();
-            // Many points become small and transparent, or they hide what they show; and no more of them
-            // than a browser draws at once.
+            // Many points become small and transparent, or they hide what they show; and no more of
+            // them than a browser draws at once.
             let many = points.len() > 400;
             let mut cell = 1;
             let mut kept = decimate::thin(&points, cell);
@@ -283,19 +335,24 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
         Mark::Band => {
             let clamp = |y: f64| axes.py(y).clamp(f64::from(axes.top), f64::from(axes.bottom));
             // Broken where values are not finite, as lines are.
-            let there = |row: usize| [&s.x, &s.y, &s.upper].iter().all(|values| values[row].is_finite());
+            let there =
+                |row: usize| [&s.x, &s.y, &s.upper].iter().all(|values| values[row].is_finite());
             let rows: Vec<usize> = (0..s.x.len().min(s.y.len()).min(s.upper.len())).collect();
             for run in rows.chunk_by(|a, b| there(*a) == there(*b)).filter(|run| there(run[0])) {
                 let edge = |ys: &[f64]| -> Vec<(i32, i32)> {
                     let points = run.iter().map(|row| (axes.px(s.x[*row]), clamp(ys[*row])));
                     // A value below zero has no place on a logarithmic axis.
-                    let inside =
-                        |p: &(f64, f64)| p.1.is_finite() && p.0 >= f64::from(axes.left) && p.0 <= f64::from(axes.right);
+                    let inside = |p: &(f64, f64)| {
+                        p.1.is_finite()
+                            && p.0 >= f64::from(axes.left)
+                            && p.0 <= f64::from(axes.right)
+                    };
                     decimate::envelope(&points.filter(inside).map(round).collect::<Vec<_>>(), FINE)
                 };
                 let mut outline = edge(&s.y);
                 outline.extend(edge(&s.upper).into_iter().rev());
-                area.draw(&Polygon::new(outline, colour.mix(0.25).filled())).map_err(|e| e.to_string())?;
+                area.draw(&Polygon::new(outline, colour.mix(0.25).filled()))
+                    .map_err(|e| e.to_string())?;
             }
         }
         Mark::Errors => {
@@ -304,7 +361,9 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
                 if !axes.inside(at) {
                     continue;
                 }
-                if let Some((a, b)) = axes.clip((at.0, axes.py(y - half)), (at.0, axes.py(y + half))) {
+                if let Some((a, b)) =
+                    axes.clip((at.0, axes.py(y - half)), (at.0, axes.py(y + half)))
+                {
                     line(area, &[round(a), round(b)], colour, 1.1)?;
                 }
                 dot(area, round(at), colour, false)?;
@@ -340,13 +399,17 @@ fn dashed(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor) -> Drawn {
     let mut phase = 0.0;
     let mut dash: Vec<(i32, i32)> = Vec::new();
     for pair in points.windows(2) {
-        let (a, b) = ((f64::from(pair[0].0), f64::from(pair[0].1)), (f64::from(pair[1].0), f64::from(pair[1].1)));
+        let (a, b) = (
+            (f64::from(pair[0].0), f64::from(pair[0].1)),
+            (f64::from(pair[1].0), f64::from(pair[1].1)),
+        );
         let length = (b.0 - a.0).hypot(b.1 - a.1);
         let mut along = 0.0;
         while along < length {
             let drawn = phase < on;
             let step = (if drawn { on - phase } else { period - phase }).min(length - along);
-            let at = |s: f64| round((a.0 + (b.0 - a.0) * s / length, a.1 + (b.1 - a.1) * s / length));
+            let at =
+                |s: f64| round((a.0 + (b.0 - a.0) * s / length, a.1 + (b.1 - a.1) * s / length));
             if drawn {
                 if dash.is_empty() {
                     dash.push(at(along));
@@ -371,9 +434,18 @@ fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, small: bool) -> Drawn 
 fn text_style(style: FontStyle, h_pos: HPos, v_pos: VPos) -> TextStyle<'static> {
     // The back end divides the size by 1.24.
     let size = f64::from(TEXT * FINE) * 1.24;
-    TextStyle::from(FontDesc::new(FontFamily::Name(FAMILY), size, style)).color(&INK).pos(Pos::new(h_pos, v_pos))
+    TextStyle::from(FontDesc::new(FontFamily::Name(FAMILY), size, style))
+        .color(&INK)
+        .pos(Pos::new(h_pos, v_pos))
 }
 
-fn text(area: &Area<'_>, content: &str, at: (i32, i32), h: HPos, v: VPos, style: FontStyle) -> Drawn {
+fn text(
+    area: &Area<'_>,
+    content: &str,
+    at: (i32, i32),
+    h: HPos,
+    v: VPos,
+    style: FontStyle,
+) -> Drawn {
     area.draw(&Text::new(content, at, text_style(style, h, v))).map_err(|e| e.to_string())
 }

@@ -30,8 +30,8 @@ pub(crate) struct Series {
 
 /// One set of axes with its series. Values that are not finite break a line.
 ///
-/// Labels carry the unit after a slash, as in `time / s`. A series with an empty name is drawn and stays out
-/// of the legend.
+/// Labels carry the unit after a slash, as in `time / s`. A series with an empty name is drawn and
+/// stays out of the legend.
 #[derive(Clone, Debug)]
 pub struct Figure {
     pub(crate) title: String,
@@ -49,7 +49,11 @@ pub struct Figure {
 
 impl Figure {
     /// Empty axes, 680 by 340 CSS pixels: about one column and a half of a journal.
-    pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
+    pub fn new(
+        title: impl Into<String>,
+        x_label: impl Into<String>,
+        y_label: impl Into<String>,
+    ) -> Self {
         Self {
             title: title.into(),
             x_label: x_label.into(),
@@ -116,7 +120,8 @@ impl Figure {
         self.push(name.into(), Mark::Scatter, x, y, &[])
     }
 
-    /// The area between `lower` and `upper`, shaded; broken, as lines are, where a value is not finite.
+    /// The area between `lower` and `upper`, shaded; broken, as lines are, where a value is not
+    /// finite.
     pub fn band(self, name: impl Into<String>, x: &[f64], lower: &[f64], upper: &[f64]) -> Self {
         self.push(name.into(), Mark::Band, x, lower, upper)
     }
@@ -145,14 +150,22 @@ impl Figure {
             self.next_colour += 1;
             colour
         });
-        self.series.push(Series { name, mark, colour, x: x.to_vec(), y: y.to_vec(), upper: upper.to_vec() });
+        self.series.push(Series {
+            name,
+            mark,
+            colour,
+            x: x.to_vec(),
+            y: y.to_vec(),
+            upper: upper.to_vec(),
+        });
         self
     }
 
     /// The figure as a stand-alone SVG document.
     ///
     /// # Errors
-    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing to draw.
+    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing
+    /// to draw.
     pub fn render_svg(&self) -> Result<String> {
         for s in &self.series {
             let (x, y) = match s.mark {
@@ -161,7 +174,12 @@ impl Figure {
                 _ => (s.x.len(), s.y.len()),
             };
             if x != y {
-                return Err(Error::Lengths { figure: self.title.clone(), series: s.name.clone(), x, y });
+                return Err(Error::Lengths {
+                    figure: self.title.clone(),
+                    series: s.name.clone(),
+                    x,
+                    y,
+                });
             }
         }
         draw::svg(self)

@@ -1,9 +1,9 @@
 //! Figures and self-contained pages in one style.
 //!
-//! A [`Figure`] is drawn as one would print it in a journal: framed axes with units, ticks inside, few
-//! grid lines, a palette that colour-blind readers can tell apart (Okabe and Ito 2008), long series
-//! reduced to their envelope so that no peak is lost. A [`Page`] is one HTML file with figures inlined
-//! as SVG: it needs no network and no other file, and prints on paper.
+//! A [`Figure`] is drawn as one would print it in a journal: framed axes with units, ticks inside,
+//! few grid lines, a palette that colour-blind readers can tell apart (Okabe and Ito 2008), long
+//! series reduced to their envelope so that no peak is lost. A [`Page`] is one HTML file with
+//! figures inlined as SVG: it needs no network and no other file, and prints on paper.
 //!
 //! ```
 //! use report::{Figure, Page, Table, Tone};
@@ -41,7 +41,9 @@ pub use sheet::Sheet;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Two columns of one series differ in length.
-    #[error("figure `{figure}`, series `{series}`: {x} abscissae but {y} ordinates; pass columns of one length")]
+    #[error(
+        "figure `{figure}`, series `{series}`: {x} abscissae but {y} ordinates; pass columns of one length"
+    )]
     Lengths {
         /// Title of the figure.
         figure: String,
@@ -53,7 +55,9 @@ pub enum Error {
         y: usize,
     },
     /// No finite point to draw (on a logarithmic axis: no positive one).
-    #[error("figure `{figure}`: no finite point in any series (on a logarithmic axis: no positive one)")]
+    #[error(
+        "figure `{figure}`: no finite point in any series (on a logarithmic axis: no positive one)"
+    )]
     Empty {
         /// Title of the figure.
         figure: String,
@@ -67,7 +71,9 @@ pub enum Error {
         reason: String,
     },
     /// There is no font on this machine to write a picture's text with.
-    #[error("no font found on this machine to write the pictures' text with; install one (fonts-liberation)")]
+    #[error(
+        "no font found on this machine to write the pictures' text with; install one (fonts-liberation)"
+    )]
     Fonts,
     /// A row of a table has another number of cells than its header.
     #[error("table row `{row}`: {found} cells, the header has {expected}")]

@@ -69,7 +69,8 @@ impl Table {
             let first = row.first().cloned().unwrap_or_default();
             return Err(Error::Row { row: first, expected: self.header.len(), found: row.len() });
         }
-        let numeric: Vec<bool> = (0..self.header.len()).map(|c| self.rows.iter().all(|r| is_number(&r[c]))).collect();
+        let numeric: Vec<bool> =
+            (0..self.header.len()).map(|c| self.rows.iter().all(|r| is_number(&r[c]))).collect();
         let class = |c: usize| if numeric[c] { " class=\"number\"" } else { "" };
         // The caption keeps the text's width, however wide the table is.
         let mut out = String::from("<figure class=\"table\">");
@@ -101,7 +102,8 @@ fn is_number(cell: &str) -> bool {
             && cell.chars().all(|c| c.is_ascii_digit() || "+-−±.,·eE% ×⁻⁰¹²³⁴⁵⁶⁷⁸⁹".contains(c))
 }
 
-/// A page under construction; an error in one part is reported by [`Page::render`] or [`Page::write`].
+/// A page under construction; an error in one part is reported by [`Page::render`] or
+/// [`Page::write`].
 #[derive(Debug)]
 pub struct Page {
     title: String,
@@ -125,7 +127,11 @@ impl Page {
     /// A banner with one sentence that says it all, and a second that says how far it holds.
     pub fn verdict(mut self, tone: Tone, sentence: &str, detail: &str) -> Self {
         let class = tone.class();
-        let _ = write!(self.body, "<div class=\"verdict {class}\"><strong>{}</strong>", escape(sentence));
+        let _ = write!(
+            self.body,
+            "<div class=\"verdict {class}\"><strong>{}</strong>",
+            escape(sentence)
+        );
         let _ = writeln!(self.body, "{}</div>", escape(detail));
         self
     }
@@ -146,7 +152,11 @@ impl Page {
     pub fn figure(mut self, figure: &Figure, caption: &str) -> Self {
         match figure.render_svg() {
             Ok(svg) => {
-                let _ = writeln!(self.body, "<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption));
+                let _ = writeln!(
+                    self.body,
+                    "<figure>{svg}<figcaption>{}</figcaption></figure>",
+                    escape(caption)
+                );
             }
             Err(error) => self.error = self.error.or(Some(error)),
         }
@@ -157,7 +167,11 @@ impl Page {
     pub fn sheet(mut self, sheet: &Sheet, caption: &str) -> Self {
         match sheet.render_svg() {
             Ok(svg) => {
-                let _ = writeln!(self.body, "<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption));
+                let _ = writeln!(
+                    self.body,
+                    "<figure>{svg}<figcaption>{}</figcaption></figure>",
+                    escape(caption)
+                );
             }
             Err(error) => self.error = self.error.or(Some(error)),
         }
@@ -176,7 +190,8 @@ impl Page {
     /// Text that the reader may open, set in a fixed width (a JSON document, a log).
     pub fn details(mut self, summary: &str, text: &str) -> Self {
         let (summary, text) = (escape(summary), escape(text));
-        let _ = writeln!(self.body, "<details><summary>{summary}</summary><pre>{text}</pre></details>");
+        let _ =
+            writeln!(self.body, "<details><summary>{summary}</summary><pre>{text}</pre></details>");
         self
     }
 

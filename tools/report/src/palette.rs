@@ -22,7 +22,8 @@ pub enum Colour {
     Sky,
     /// Neutral grey, for what stands in the background.
     Grey,
-    /// A place along a ramp from dark to light, 0 to 255: for curves that belong to a growing quantity.
+    /// A place along a ramp from dark to light, 0 to 255: for curves that belong to a growing
+    /// quantity.
     Ramp(u8),
 }
 
@@ -33,8 +34,15 @@ impl Colour {
     }
 
     /// The order in which series take colours when none is asked for.
-    pub(crate) const ORDER: [Self; 7] =
-        [Self::Blue, Self::Vermillion, Self::Green, Self::Purple, Self::Orange, Self::Sky, Self::Black];
+    pub(crate) const ORDER: [Self; 7] = [
+        Self::Blue,
+        Self::Vermillion,
+        Self::Green,
+        Self::Purple,
+        Self::Orange,
+        Self::Sky,
+        Self::Black,
+    ];
 
     pub(crate) fn rgb(self) -> RGBColor {
         match self {

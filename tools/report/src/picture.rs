@@ -32,8 +32,8 @@ impl Painter {
         let tree = Tree::from_str(svg, &options).map_err(|error| refused(error.to_string()))?;
         let scale = width as f32 / tree.size().width();
         let height = (tree.size().height() * scale).ceil() as u32;
-        let mut pixels =
-            Pixmap::new(width, height).ok_or_else(|| refused(format!("{width} by {height} pixels are no picture")))?;
+        let mut pixels = Pixmap::new(width, height)
+            .ok_or_else(|| refused(format!("{width} by {height} pixels are no picture")))?;
         resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
         pixels.encode_png().map_err(|error| refused(error.to_string()))
     }

@@ -70,10 +70,14 @@ impl Scale {
     fn steps(&self, wanted: usize) -> Vec<Tick> {
         let raw = (self.high - self.low) / wanted.max(1) as f64;
         let power = 10f64.powf(raw.log10().floor());
-        let step = [1.0, 2.0, 2.5, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * 0.999);
+        let step =
+            [1.0, 2.0, 2.5, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * 0.999);
         let step = step.unwrap_or(10.0 * power);
-        let (first, last) = ((self.low / step - 1e-9).ceil() as i64, (self.high / step + 1e-9).floor() as i64);
-        (first..=last).map(|i| Tick { at: i as f64 * step, label: Some(label(i as f64 * step, step)) }).collect()
+        let (first, last) =
+            ((self.low / step - 1e-9).ceil() as i64, (self.high / step + 1e-9).floor() as i64);
+        (first..=last)
+            .map(|i| Tick { at: i as f64 * step, label: Some(label(i as f64 * step, step)) })
+            .collect()
     }
 
     fn decades(&self, wanted: usize) -> Vec<Tick> {

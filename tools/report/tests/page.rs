@@ -9,7 +9,11 @@ fn line() -> Figure {
 
 #[test]
 fn a_page_holds_everything_and_asks_for_nothing() {
-    let html = Page::new("A <title>").verdict(Tone::Bad, "x", "y").figure(&line(), "caption").render().unwrap();
+    let html = Page::new("A <title>")
+        .verdict(Tone::Bad, "x", "y")
+        .figure(&line(), "caption")
+        .render()
+        .unwrap();
     for forbidden in ["http://", "https://", "<script", "src=", "@import", "url("] {
         let html = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!html.contains(forbidden), "{forbidden}");
@@ -30,7 +34,10 @@ fn long_series_become_small_drawings_that_keep_their_peak() {
         .split("points=\"")
         .skip(1)
         .flat_map(|s| s.split('"').next().unwrap_or("").split_whitespace())
-        .filter_map(|p| p.split_once(',').and_then(|(x, y)| Some((x.parse::<i32>().ok()?, y.parse::<i32>().ok()?))))
+        .filter_map(|p| {
+            p.split_once(',')
+                .and_then(|(x, y)| Some((x.parse::<i32>().ok()?, y.parse::<i32>().ok()?)))
+        })
         .filter(|p| p.0 > 1000 && p.0 < 3000)
         .map(|p| p.1)
         .min()
@@ -40,11 +47,16 @@ fn long_series_become_small_drawings_that_keep_their_peak() {
 
 #[test]
 fn broken_input_is_named() {
-    let error = Figure::new("t", "x", "y").line("force", &[0.0, 1.0], &[0.0]).render_svg().unwrap_err();
-    assert!(matches!(&error, Error::Lengths { series, x: 2, y: 1, .. } if series == "force"), "{error}");
+    let error =
+        Figure::new("t", "x", "y").line("force", &[0.0, 1.0], &[0.0]).render_svg().unwrap_err();
+    assert!(
+        matches!(&error, Error::Lengths { series, x: 2, y: 1, .. } if series == "force"),
+        "{error}"
+    );
     let error = Figure::new("t", "x", "y").line("s", &[f64::NAN], &[1.0]).render_svg().unwrap_err();
     assert!(matches!(error, Error::Empty { .. }));
-    let error = Figure::new("t", "x", "y").log_y().line("s", &[1.0], &[-1.0]).render_svg().unwrap_err();
+    let error =
+        Figure::new("t", "x", "y").log_y().line("s", &[1.0], &[-1.0]).render_svg().unwrap_err();
     assert!(matches!(error, Error::Empty { .. }));
     let table = Table::new(["a", "b"]).row(["1"]);
     let error = Page::new("p").table(table, "").render().unwrap_err();
@@ -65,9 +77,14 @@ fn values_that_are_not_finite_break_the_line() {
 /// Corners of each shaded area (fine pixels).
 fn areas(figure: &Figure) -> Vec<Vec<(i32, i32)>> {
     let html = Page::new("a").figure(figure, "").render().unwrap();
-    let shapes = html.split("<polygon").skip(1).map(|shape| shape.split("points=\"").nth(1).unwrap());
-    let corner = |text: &str| text.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap())).unwrap();
-    shapes.map(|shape| shape.split('"').next().unwrap().split_whitespace().map(corner).collect()).collect()
+    let shapes =
+        html.split("<polygon").skip(1).map(|shape| shape.split("points=\"").nth(1).unwrap());
+    let corner = |text: &str| {
+        text.split_once(',').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap())).unwrap()
+    };
+    shapes
+        .map(|shape| shape.split('"').next().unwrap().split_whitespace().map(corner).collect())
+        .collect()
 }
 
 #[test]
@@ -81,7 +98,8 @@ fn values_that_are_not_finite_break_the_shaded_area() {
 #[test]
 fn a_shaded_area_that_reaches_below_zero_stays_within_logarithmic_axes() {
     let x = [1.0, 2.0, 3.0];
-    let figure = Figure::new("", "x", "y").log_y().band("", &x, &[0.5, -1.0, 0.5], &[2.0, 2.0, 2.0]);
+    let figure =
+        Figure::new("", "x", "y").log_y().band("", &x, &[0.5, -1.0, 0.5], &[2.0, 2.0, 2.0]);
     let areas = areas(&figure);
     assert_eq!(areas.len(), 1);
     assert!(areas[0].iter().all(|(x, y)| *x > 0 && *y > 0), "{areas:?}");
@@ -91,7 +109,10 @@ fn a_shaded_area_that_reaches_below_zero_stays_within_logarithmic_axes() {
 fn what_lies_outside_a_fixed_range_is_cut_off() {
     let x: Vec<f64> = (0..1000).map(f64::from).collect();
     let svg = Figure::new("", "x", "y").y_range(-1.0, 1.0).line("", &x, &x).render_svg().unwrap();
-    let numbers = svg.split("points=\"").skip(1).flat_map(|s| s.split('"').next().unwrap_or("").split_whitespace());
+    let numbers = svg
+        .split("points=\"")
+        .skip(1)
+        .flat_map(|s| s.split('"').next().unwrap_or("").split_whitespace());
     for y in numbers.filter_map(|p| p.split_once(',')).filter_map(|p| p.1.parse::<i32>().ok()) {
         assert!((0..=340 * 5).contains(&y), "{y}");
     }
@@ -99,7 +120,11 @@ fn what_lies_outside_a_fixed_range_is_cut_off() {
 
 #[test]
 fn panels_of_a_sheet_stand_in_rows() {
-    let sheet = Sheet::new("two").columns(2).panel(line().size(300, 200)).panel(line().size(300, 250)).panel(line());
+    let sheet = Sheet::new("two")
+        .columns(2)
+        .panel(line().size(300, 200))
+        .panel(line().size(300, 250))
+        .panel(line());
     assert_eq!(sheet.size(), (1360, 590));
     let svg = sheet.render_svg().unwrap();
     assert_eq!(svg.matches("<svg").count(), 4);

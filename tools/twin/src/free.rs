@@ -1,7 +1,9 @@
-//! Free movement on the twin (§ 4.2): what a hand must spend to move the handle to and fro, with force control and without.
+//! Free movement on the twin (§ 4.2): what a hand must spend to move the handle to and fro, with
+//! force control and without.
 //!
-//! The hand is a spring and a damper about where it wants to be. It wants more or less than it gets, since machine and hand
-//! resonate together, so what it wants is corrected until the handle goes as far as asked: only then do two machines compare.
+//! The hand is a spring and a damper about where it wants to be. It wants more or less than it
+//! gets, since machine and hand resonate together, so what it wants is corrected until the handle
+//! goes as far as asked: only then do two machines compare.
 
 use ipc_types::Mode;
 use rig::{HandKind, RigFile};
@@ -22,8 +24,8 @@ pub struct Swing {
 }
 
 impl Swing {
-    /// The movement that § 4.2 claims, 120° from end to end, at a frequency (Hz), by a hand that means it: 20 N·m/rad and 0.5 N·m·s/rad are
-    /// assumed.
+    /// The movement that § 4.2 claims, 120° from end to end, at a frequency (Hz), by a hand that
+    /// means it: 20 N·m/rad and 0.5 N·m·s/rad are assumed.
     pub const fn of_the_thesis(hertz: f64) -> Self {
         Self { amplitude: std::f64::consts::FRAC_PI_3, hertz, stiffness: 20.0, damping: 0.5 }
     }
@@ -53,13 +55,15 @@ pub struct Spent {
     pub speed: f64,
     /// Highest volts at the motor (V).
     pub volts: f64,
-    /// The last cycle: time from its begin (s), position of the handle (rad or m), torque of the hand (N·m or N).
+    /// The last cycle: time from its begin (s), position of the handle (rad or m), torque of the
+    /// hand (N·m or N).
     pub cycle: Vec<(f64, f64, f64)>,
 }
 
 /// How far from a turn of the handle the ripple is looked for, either way (s).
 pub const TURN_S: f64 = 0.025;
-/// Time that hand and machine get to settle (s): a moving hand takes one second to come to its full amplitude.
+/// Time that hand and machine get to settle (s): a moving hand takes one second to come to its full
+/// amplitude.
 const SETTLING_S: f64 = 2.0;
 /// Cycles over which is measured, at least, and time (s).
 const CYCLES: f64 = 3.0;
@@ -71,7 +75,8 @@ const CORRECTIONS: usize = 5;
 
 /// Lets a hand swing the handle; the rig file's own hand gives way to this one.
 ///
-/// Where friction does not let the hand come to the asked amplitude within a few corrections, [`Spent::amplitude`] says what it came to.
+/// Where friction does not let the hand come to the asked amplitude within a few corrections,
+/// [`Spent::amplitude`] says what it came to.
 ///
 /// # Errors
 /// [`TwinError`].
@@ -103,7 +108,8 @@ fn once(rig: &RigFile, machine: Machine, hertz: f64) -> Result<Spent, TwinError>
     let period = (f64::from(rig.rates.control_hz) / hertz).round().max(1.0) as usize;
     let cycles = CYCLES.max((LEAST_S * hertz).ceil()) as usize;
     let settling = ((SETTLING_S * hertz).ceil() as usize).max(1) * period;
-    // The motor has power from the first cycle on, and with it the hand sets off: cycles begin where it passes through its middle.
+    // The motor has power from the first cycle on, and with it the hand sets off: cycles begin
+    // where it passes through its middle.
     let mut moments = Vec::with_capacity(cycles * period);
     for step in 0..settling + cycles * period {
         let mut setpoint = twin.setpoint(&Aim::at_rest(0.0));
@@ -120,18 +126,23 @@ fn once(rig: &RigFile, machine: Machine, hertz: f64) -> Result<Spent, TwinError>
 fn read(moments: &[Moment], period: usize, step_s: f64) -> Spent {
     let torque = |moment: &Moment| moment.sample.slave_torque[0];
     let position = |moment: &Moment| moment.motion.slave_position_rad;
-    let largest = |value: &dyn Fn(&Moment) -> f64| moments.iter().map(|moment| value(moment).abs()).fold(0.0, f64::max);
+    let largest = |value: &dyn Fn(&Moment) -> f64| {
+        moments.iter().map(|moment| value(moment).abs()).fold(0.0, f64::max)
+    };
     let squares: f64 = moments.iter().map(|moment| torque(moment).powi(2)).sum();
     let around = (TURN_S / step_s).round() as usize;
     let (mut ways, mut ripples) = (Vec::new(), Vec::new());
     for (index, cycle) in moments.chunks_exact(period).enumerate() {
         let at = |sign: f64| {
-            (0..period).max_by(|a, b| (sign * position(&cycle[*a])).total_cmp(&(sign * position(&cycle[*b]))))
+            (0..period).max_by(|a, b| {
+                (sign * position(&cycle[*a])).total_cmp(&(sign * position(&cycle[*b])))
+            })
         };
         let (Some(most), Some(least)) = (at(1.0), at(-1.0)) else { continue };
         ways.push(0.5 * (position(&cycle[most]) - position(&cycle[least])));
         for turn in [most, least].map(|turn| index * period + turn) {
-            let window = &moments[turn.saturating_sub(around)..(turn + around + 1).min(moments.len())];
+            let window =
+                &moments[turn.saturating_sub(around)..(turn + around + 1).min(moments.len())];
             let (low, high) = extremes(window.iter().map(torque));
             ripples.push(high - low);
         }
@@ -153,7 +164,9 @@ fn read(moments: &[Moment], period: usize, step_s: f64) -> Spent {
 }
 
 fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    })
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -5,7 +5,8 @@ use rig::RigFile;
 use crate::learning::Trace;
 use crate::{Aim, Twin, TwinError};
 
-/// Distance of the points between which jerk is taken (s): shorter, it would be the steps of stick and slip alone.
+/// Distance of the points between which jerk is taken (s): shorter, it would be the steps of stick
+/// and slip alone.
 const JERK_S: f64 = 0.01;
 
 /// A sine that the handle is to follow.
@@ -52,14 +53,16 @@ pub struct Quality {
     pub master_error: f64,
     /// Longest time for which the slave stands still (s).
     pub plateau_s: f64,
-    /// Root mean square of the slave's jerk (rad/s³ or m/s³), from its velocity 10 ms before and after.
+    /// Root mean square of the slave's jerk (rad/s³ or m/s³), from its velocity 10 ms before and
+    /// after.
     pub jerk: f64,
     /// Root mean square of the volts (V).
     pub effort_v: f64,
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), value| (sum + value * value, count + 1));
+    let (sum, count) =
+        values.fold((0.0, 0u32), |(sum, count), value| (sum + value * value, count + 1));
     (sum / f64::from(count)).sqrt()
 }
 
@@ -73,11 +76,11 @@ impl Quality {
             return None;
         }
         let reach_s = reach as f64 * step_s;
-        let less = |of: &[f64]| rms(trace.desired.iter().zip(of).map(|(desired, value)| desired - value));
-        let jerk = trace
-            .slave_velocity
-            .windows(2 * reach + 1)
-            .map(|velocity| (velocity[0] - 2.0 * velocity[reach] + velocity[2 * reach]) / (reach_s * reach_s));
+        let less =
+            |of: &[f64]| rms(trace.desired.iter().zip(of).map(|(desired, value)| desired - value));
+        let jerk = trace.slave_velocity.windows(2 * reach + 1).map(|velocity| {
+            (velocity[0] - 2.0 * velocity[reach] + velocity[2 * reach]) / (reach_s * reach_s)
+        });
         Some(Self {
             slave_error: less(&trace.slave),
             master_error: less(&trace.master),

@@ -2,7 +2,8 @@
 
 use learning::spectral::Spectral;
 use learning::{
-    BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published, Response, Step, Stop,
+    BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published,
+    Response, Step, Stop,
 };
 use rig::{HandKind, RigFile};
 use thiserror::Error;
@@ -84,8 +85,8 @@ pub struct Lesson {
 }
 
 impl Lesson {
-    /// The movement of § 4.3 and fig. 4.6: 1 Hz, blocks of 3 s, of which the first cycle settles. The amplitude is not printed: 20° is
-    /// ours.
+    /// The movement of § 4.3 and fig. 4.6: 1 Hz, blocks of 3 s, of which the first cycle settles.
+    /// The amplitude is not printed: 20° is ours.
     pub fn of_the_thesis(law: LearningLaw) -> Self {
         Self {
             amplitude: 20f64.to_radians(),
@@ -98,27 +99,36 @@ impl Lesson {
     }
 }
 
-/// Eq. 4.3.2 and 4.3.3 with the printed delay of 30 ms, and with gains and cut-off of ours, since none are printed.
-pub const PUBLISHED: Published = Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 };
+/// Eq. 4.3.2 and 4.3.3 with the printed delay of 30 ms, and with gains and cut-off of ours, since
+/// none are printed.
+pub const PUBLISHED: Published =
+    Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 };
 
 /// Harmonics that [`model_based`] identifies and learns.
 pub const HARMONICS: usize = 9;
 
-/// The model-based law with settings of ours, its response identified on the same rig with sines of twice the lesson's amplitude at
-/// its frequency: with little more than the lesson's own, § 4.1's feedback alone hardly overcomes the friction.
+/// The model-based law with settings of ours, its response identified on the same rig with sines of
+/// twice the lesson's amplitude at its frequency: with little more than the lesson's own, § 4.1's
+/// feedback alone hardly overcomes the friction.
 ///
 /// # Errors
 /// [`LessonError`].
-pub fn model_based(rig: &RigFile, effects: &[String], lesson: &Lesson) -> Result<ModelBased, LessonError> {
+pub fn model_based(
+    rig: &RigFile,
+    effects: &[String],
+    lesson: &Lesson,
+) -> Result<ModelBased, LessonError> {
     let response = identify(rig, effects, lesson.hertz, HARMONICS, 2.0 * lesson.amplitude)?;
     Ok(ModelBased { response, gain: 0.6, regularisation: 0.3 })
 }
 
-/// The rig as § 4.3 simulates it: the master under proportional and derivative feedback alone, nobody at the handle.
+/// The rig as § 4.3 simulates it: the master under proportional and derivative feedback alone,
+/// nobody at the handle.
 #[must_use]
 pub fn bench(mut rig: RigFile) -> RigFile {
     let feedforward = &mut rig.axes[0].control.feedforward;
-    (feedforward.friction_peak_v, feedforward.friction_floor_v, feedforward.inertia_v) = (0.0, 0.0, 0.0);
+    (feedforward.friction_peak_v, feedforward.friction_floor_v, feedforward.inertia_v) =
+        (0.0, 0.0, 0.0);
     rig.simulation.hand.kind = HandKind::Absent;
     rig
 }
@@ -133,7 +143,9 @@ pub enum LessonError {
     #[error(transparent)]
     Learning(#[from] LearningError),
     /// A cycle is no whole number of control steps.
-    #[error("{hertz} Hz: expected a whole number of control steps in a cycle, found {steps} at {rate_hz} Hz")]
+    #[error(
+        "{hertz} Hz: expected a whole number of control steps in a cycle, found {steps} at {rate_hz} Hz"
+    )]
     Period {
         /// Frequency of the movement (Hz).
         hertz: f64,
@@ -159,8 +171,9 @@ impl Pupil {
     pub fn new(rig: &RigFile, effects: &[String], lesson: &Lesson) -> Result<Self, LessonError> {
         let count = steps_per_cycle(rig, lesson.hertz)?;
         let limits = rig.axes[0].limits;
-        let desired: Vec<f64> =
-            (0..count).map(|n| lesson.amplitude * (std::f64::consts::TAU * n as f64 / count as f64).sin()).collect();
+        let desired: Vec<f64> = (0..count)
+            .map(|n| lesson.amplitude * (std::f64::consts::TAU * n as f64 / count as f64).sin())
+            .collect();
         let config = LearnerConfig {
             rate_hz: f64::from(rig.rates.control_hz),
             cycles_per_block: lesson.cycles_per_block,
@@ -224,10 +237,11 @@ fn steps_per_cycle(rig: &RigFile, hertz: f64) -> Result<usize, LessonError> {
     Ok(steps.round() as usize)
 }
 
-/// Identifies the response from the master's reference to the slave as a laboratory does, by one sine after the other: at the first
-/// `harmonics` multiples of `hertz` (Hz), each for two cycles of `hertz` to settle and one that is read: `3 · harmonics / hertz`
-/// seconds on the rig. The amplitude is `amplitude` (rad or m) at the first and falls with the root of the frequency. A slave that moves by
-/// less than two counts tells nothing.
+/// Identifies the response from the master's reference to the slave as a laboratory does, by one
+/// sine after the other: at the first `harmonics` multiples of `hertz` (Hz), each for two cycles of
+/// `hertz` to settle and one that is read: `3 · harmonics / hertz` seconds on the rig. The
+/// amplitude is `amplitude` (rad or m) at the first and falls with the root of the frequency. A
+/// slave that moves by less than two counts tells nothing.
 ///
 /// # Errors
 /// [`LessonError`].

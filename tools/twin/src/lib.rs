@@ -1,11 +1,13 @@
-//! The rig without a clock: the control law of the rig on its virtual card, in lock step, as fast as the processor goes.
+//! The rig without a clock: the control law of the rig on its virtual card, in lock step, as fast
+//! as the processor goes.
 //!
-//! Nothing here is a copy: [`control::law::Law`] with the rig file's gains, [`acquisition::Converter`] with its channel map,
-//! and [`simulator::LockStepDaq`], which is the card of the simulator process. What the processes add (shared memory, gate,
-//! watchdog, lateness) is left out; the motor has power from the first cycle on.
+//! Nothing here is a copy: [`control::law::Law`] with the rig file's gains,
+//! [`acquisition::Converter`] with its channel map, and [`simulator::LockStepDaq`], which is the
+//! card of the simulator process. What the processes add (shared memory, gate, watchdog, lateness)
+//! is left out; the motor has power from the first cycle on.
 //!
-//! In each cycle control sees the newest scan, and the volts that answer it are at the motor [`ANSWER_TICKS`] card periods
-//! later, as on the time grid of the processes.
+//! In each cycle control sees the newest scan, and the volts that answer it are at the motor
+//! [`ANSWER_TICKS`] card periods later, as on the time grid of the processes.
 //!
 //! ```
 //! use twin::{Aim, Twin};
@@ -37,19 +39,22 @@ use runtime::daq::{Daq, DaqError};
 use simulator::{CardError, LockStepDaq};
 use thiserror::Error;
 
-/// Periods of the card from a scan to the volts that answer it: through control and the gate, about 1 ms at 2 kHz.
+/// Periods of the card from a scan to the volts that answer it: through control and the gate, about
+/// 1 ms at 2 kHz.
 pub const ANSWER_TICKS: u64 = 2;
 /// The first scan that control sees: the enable line has had its two edges, so the motor has power.
 const FIRST_TICK: u64 = 3;
-/// How long the card is patient without an edge of the enable line, which toggles by itself here (ns).
+/// How long the card is patient without an edge of the enable line, which toggles by itself here
+/// (ns).
 const LINE_NS: u64 = 5_000_000;
 /// How long a setpoint of [`Twin::setpoint`] may be followed (ns).
 const LEASE_NS: u64 = 100_000_000;
 /// Identity of the one who makes the setpoints.
 const INCARNATION: u64 = 61;
 
-/// The rig without what no law sees and no figure shows: EMG, trigger and other channels, and the hard stops at the handle, which
-/// the thesis's simulations do not have. A scan then takes less than half the time, and all else stays as it was, noise included.
+/// The rig without what no law sees and no figure shows: EMG, trigger and other channels, and the
+/// hard stops at the handle, which the thesis's simulations do not have. A scan then takes less
+/// than half the time, and all else stays as it was, noise included.
 #[must_use]
 pub fn lean(mut rig: RigFile) -> RigFile {
     rig.channels.retain(|channel| channel.kind == ChannelKind::Torque);
@@ -66,8 +71,11 @@ pub enum TwinError {
     /// The virtual card refused (volts that are not finite).
     #[error(transparent)]
     Daq(#[from] DaqError),
-    /// The rates of the rig do not divide; a rig that was read from a file has been checked for this.
-    #[error("acquisition at {acquisition_hz} Hz and control at {control_hz} Hz: expected a multiple; change `rates`")]
+    /// The rates of the rig do not divide; a rig that was read from a file has been checked for
+    /// this.
+    #[error(
+        "acquisition at {acquisition_hz} Hz and control at {control_hz} Hz: expected a multiple; change `rates`"
+    )]
     Rates {
         /// Rate of acquisition (Hz).
         acquisition_hz: u32,
@@ -85,8 +93,8 @@ pub struct Aim {
     pub velocity: f64,
     /// Acceleration (rad/s² or m/s²).
     pub acceleration: f64,
-    /// Peak speed of the movement that this is part of, which gives the friction feed-forward its shape; 0 for none
-    /// (rad/s or m/s).
+    /// Peak speed of the movement that this is part of, which gives the friction feed-forward its
+    /// shape; 0 for none (rad/s or m/s).
     pub peak_speed: f64,
 }
 
@@ -96,7 +104,8 @@ impl Aim {
         Self { position, velocity: 0.0, acceleration: 0.0, peak_speed: 0.0 }
     }
 
-    /// A sine that passes through 0 upwards at time 0: amplitude (rad or m), frequency (Hz), time (s).
+    /// A sine that passes through 0 upwards at time 0: amplitude (rad or m), frequency (Hz), time
+    /// (s).
     pub fn sine(amplitude: f64, hertz: f64, time_s: f64) -> Self {
         let omega = std::f64::consts::TAU * hertz;
         let (sine, cosine) = (omega * time_s).sin_cos();
@@ -118,7 +127,8 @@ pub struct Moment {
     pub sample: Sample,
     /// What it answered.
     pub command: MotorCommand,
-    /// Where the first axis of the plant truly was at the scan; the master's position and speed are the handle's, through the gear.
+    /// Where the first axis of the plant truly was at the scan; the master's position and speed are
+    /// the handle's, through the gear.
     pub motion: Motion,
     /// The same of every axis; all zero where the rig has no such axis.
     pub motions: [Motion; AXES],
@@ -148,7 +158,8 @@ impl Twin {
     /// [`TwinError::Card`], [`TwinError::Rates`].
     pub fn new(rig: &RigFile, effects: &[String]) -> Result<Self, TwinError> {
         let (acquisition_hz, control_hz) = (rig.rates.acquisition_hz, rig.rates.control_hz);
-        let whole = acquisition_hz > 0 && control_hz > 0 && acquisition_hz.is_multiple_of(control_hz);
+        let whole =
+            acquisition_hz > 0 && control_hz > 0 && acquisition_hz.is_multiple_of(control_hz);
         if !whole {
             return Err(TwinError::Rates { acquisition_hz, control_hz });
         }
@@ -186,7 +197,8 @@ impl Twin {
         self.setpoint_of(std::slice::from_ref(aim))
     }
 
-    /// A setpoint in position mode for the next cycle, an aim for each axis; axes without one are to be at 0.
+    /// A setpoint in position mode for the next cycle, an aim for each axis; axes without one are
+    /// to be at 0.
     pub fn setpoint_of(&self, aims: &[Aim]) -> Setpoint {
         let at_ns = self.scan_ns();
         let mut setpoint = Setpoint {
@@ -206,7 +218,8 @@ impl Twin {
         setpoint
     }
 
-    /// One cycle of control: the plant runs to the next scan, control answers it. Sleeps never and allocates nothing.
+    /// One cycle of control: the plant runs to the next scan, control answers it. Sleeps never and
+    /// allocates nothing.
     ///
     /// # Errors
     /// [`TwinError::Daq`].
@@ -214,12 +227,16 @@ impl Twin {
         self.answer(Some(setpoint), true)
     }
 
-    /// The same cycle where there may be no setpoint, and where control may be told that it has no power, as on the rig
-    /// before somebody enables it.
+    /// The same cycle where there may be no setpoint, and where control may be told that it has no
+    /// power, as on the rig before somebody enables it.
     ///
     /// # Errors
     /// [`TwinError::Daq`].
-    pub fn answer(&mut self, setpoint: Option<&Setpoint>, powered: bool) -> Result<Moment, TwinError> {
+    pub fn answer(
+        &mut self,
+        setpoint: Option<&Setpoint>,
+        powered: bool,
+    ) -> Result<Moment, TwinError> {
         let time_s = self.time_s();
         let scan_tick = self.next_tick();
         self.run_to(scan_tick - 1)?;
@@ -233,11 +250,13 @@ impl Twin {
         let now_ns = self.daq.now_ns();
         let sample = match self.daq.read_due(now_ns)?.last() {
             Some(scan) => self.converter.convert(scan),
-            // Every tick makes a scan. Were there none, the law would let go, as it does on the rig.
+            // Every tick makes a scan. Were there none, the law would let go, as it does on the
+            // rig.
             None => Sample::default(),
         };
         let command = self.law.step(now_ns, &sample, setpoint, powered);
-        // At the motor when the card takes the scan that many ticks later: written after the one before it.
+        // At the motor when the card takes the scan that many ticks later: written after the one
+        // before it.
         self.under_way.push_back((self.tick + ANSWER_TICKS - 1, command.volts));
         self.cycle += 1;
         Ok(Moment { time_s, sample, command, motion: motions[0], motions })

@@ -1,5 +1,5 @@
-//! Two and three axes in lock step: each goes where it shall, feels the others through the handle alone, and a force field may
-//! act across.
+//! Two and three axes in lock step: each goes where it shall, feels the others through the handle
+//! alone, and a force field may act across.
 #![allow(clippy::unwrap_used)]
 
 use ipc_types::Mode;
@@ -28,13 +28,18 @@ fn play(rig: &RigFile, seconds: f64, aims: impl Fn(f64) -> Vec<Aim>) -> Vec<Mome
 /// Root mean square of master against reference on an axis, without the ramp at the beginning (°).
 fn error_deg(moments: &[Moment], axis: usize) -> f64 {
     let settled: Vec<_> = moments.iter().filter(|moment| moment.time_s > 2.0).collect();
-    let squares: f64 =
-        settled.iter().map(|m| (m.command.reference_position[axis] - m.sample.master_position[axis]).powi(2)).sum();
+    let squares: f64 = settled
+        .iter()
+        .map(|m| (m.command.reference_position[axis] - m.sample.master_position[axis]).powi(2))
+        .sum();
     (squares / settled.len() as f64).sqrt().to_degrees()
 }
 
 fn span_deg(moments: &[Moment], axis: usize) -> f64 {
-    let positions = moments.iter().filter(|m| m.time_s > 2.0).map(|m| m.motions[axis].slave_position_rad.to_degrees());
+    let positions = moments
+        .iter()
+        .filter(|m| m.time_s > 2.0)
+        .map(|m| m.motions[axis].slave_position_rad.to_degrees());
     positions.clone().fold(f64::MIN, f64::max) - positions.fold(f64::MAX, f64::min)
 }
 
@@ -56,15 +61,23 @@ fn three_axes_follow_each_its_own_movement() {
             "axis {axis}: {error:.2}° rms of ±{}°, the handle spans {span:.1}°; alone {alone_error:.2}°, {alone_span:.1}°",
             amplitude
         );
-        assert!((error / alone_error - 1.0).abs() < 0.25, "axis {axis}: {error}° against {alone_error}°");
+        assert!(
+            (error / alone_error - 1.0).abs() < 0.25,
+            "axis {axis}: {error}° against {alone_error}°"
+        );
         assert!(
             (span / alone_span - 1.0).abs() < 0.25 && span > 0.5 * amplitude,
             "axis {axis}: {span}° against {alone_span}°"
         );
     }
     let sample = moments.last().unwrap().sample;
-    let present =
-        (sample.axes, sample.master_present, sample.slave_present, sample.torque_present, sample.motor_present);
+    let present = (
+        sample.axes,
+        sample.master_present,
+        sample.slave_present,
+        sample.torque_present,
+        sample.motor_present,
+    );
     assert_eq!(present, (3, 7, 7, 7, 7));
     // Each torque cell reads its own hand.
     for axis in 0..3 {
@@ -79,7 +92,8 @@ fn three_axes_follow_each_its_own_movement() {
     }
 }
 
-/// The first of two uncoupled axes does what the only one of a rig does, bit for bit, as far as the noise is the same.
+/// The first of two uncoupled axes does what the only one of a rig does, bit for bit, as far as the
+/// noise is the same.
 #[test]
 fn an_axis_of_several_is_the_axis_of_one() {
     let quiet = |text: &str| {
@@ -90,18 +104,22 @@ fn an_axis_of_several_is_the_axis_of_one() {
         rig
     };
     let aims = |t: f64| vec![Aim::sine(0.4, 1.0, t), Aim::sine(0.3, 1.3, t)];
-    let (one, two) = (play(&quiet(ONE), 2.0, |t| aims(t)[..1].to_vec()), play(&quiet(TWO), 2.0, aims));
+    let (one, two) =
+        (play(&quiet(ONE), 2.0, |t| aims(t)[..1].to_vec()), play(&quiet(TWO), 2.0, aims));
     assert!(one.iter().zip(&two).all(|(one, two)| {
         one.sample.master_counts[0] == two.sample.master_counts[0]
             && one.sample.slave_counts[0] == two.sample.slave_counts[0]
             && one.command.volts[0] == two.command.volts[0]
     }));
     assert!(two.iter().any(|moment| moment.command.volts[1].abs() > 1.0));
-    assert!(one.iter().all(|moment| moment.command.volts[1..] == [0.0, 0.0] && moment.sample.master_counts[1] == 0));
+    assert!(one.iter().all(
+        |moment| moment.command.volts[1..] == [0.0, 0.0] && moment.sample.master_counts[1] == 0
+    ));
 }
 
-/// The second of two moving axes feels the first one's acceleration through the handle, and through nothing else. (One that rests is
-/// held by its friction: 2.3 N·m against the tenth of one that the handle makes of 2 Hz.)
+/// The second of two moving axes feels the first one's acceleration through the handle, and through
+/// nothing else. (One that rests is held by its friction: 2.3 N·m against the tenth of one that the
+/// handle makes of 2 Hz.)
 #[test]
 fn the_handle_couples_the_axes() {
     let second = |pairs: Vec<f64>, first_rad: f64| {
@@ -109,7 +127,10 @@ fn the_handle_couples_the_axes() {
         rig.simulation.encoder_noise_counts = 0.0;
         rig.model.handle_coupling = pairs;
         let aims = |t: f64| vec![Aim::sine(first_rad, 2.0, t), Aim::sine(0.4, 1.0, t)];
-        play(&rig, 4.0, aims).iter().map(|moment| moment.motions[1].slave_position_rad).collect::<Vec<_>>()
+        play(&rig, 4.0, aims)
+            .iter()
+            .map(|moment| moment.motions[1].slave_position_rad)
+            .collect::<Vec<_>>()
     };
     let apart_deg = |one: &[f64], two: &[f64]| {
         one.iter().zip(two).map(|(one, two)| (one - two).abs()).fold(0.0, f64::max).to_degrees()
@@ -123,8 +144,8 @@ fn the_handle_couples_the_axes() {
     assert!(strong > 0.02, "{strong}");
 }
 
-/// A curl field: damping across the axes. The hand moves both axes along one line; the field turns speed into torque on the other
-/// axis, so the movement bends to the side that the sign says.
+/// A curl field: damping across the axes. The hand moves both axes along one line; the field turns
+/// speed into torque on the other axis, so the movement bends to the side that the sign says.
 #[test]
 fn a_curl_field_acts_across() {
     let curl = |strength: f64| {

@@ -1,14 +1,16 @@
 //! The processes' cores on the time grid of a rig, against the twin: sample by sample, bit for bit.
 //!
-//! Every process of the live rig has its pure core here (card, converter and gate, law, watchdog's machine, protocol's player), each
-//! called when its grid says so, in the order of the phases; a message is seen by whoever looks after it was sent, as through shared
-//! memory. Nothing sleeps and nothing is shared: this is the live rig whose clock is never late. The twin then gets the setpoints that
-//! control saw, with the times moved to its own clock.
+//! Every process of the live rig has its pure core here (card, converter and gate, law, watchdog's
+//! machine, protocol's player), each called when its grid says so, in the order of the phases; a
+//! message is seen by whoever looks after it was sent, as through shared memory. Nothing sleeps and
+//! nothing is shared: this is the live rig whose clock is never late. The twin then gets the
+//! setpoints that control saw, with the times moved to its own clock.
 //!
-//! What is equal: every scan that control answers (encoder counts, analog inputs with their noise, volts at the motors), and every
-//! command, from the first scan on, before power and after. What is not: whether the motor has power before anybody enabled it, for the
-//! twin's enable line toggles by itself (at 0 V that moves nothing; a hand of kind "moving" would set off earlier), and identities,
-//! sequences and times.
+//! What is equal: every scan that control answers (encoder counts, analog inputs with their noise,
+//! volts at the motors), and every command, from the first scan on, before power and after. What is
+//! not: whether the motor has power before anybody enabled it, for the twin's enable line toggles
+//! by itself (at 0 V that moves nothing; a hand of kind "moving" would set off earlier), and
+//! identities, sequences and times.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -17,7 +19,9 @@ use acquisition::Converter;
 use control::law::Law;
 use control::law_config;
 use experiment::player::{Player, Program, Settings};
-use ipc_types::{AXES, EnableToken, GateState, MotorCommand, Profile, Sample, Setpoint, Verb, WatchdogState};
+use ipc_types::{
+    AXES, EnableToken, GateState, MotorCommand, Profile, Sample, Setpoint, Verb, WatchdogState,
+};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::daq::{Present, Scan};
@@ -79,9 +83,22 @@ impl Rig {
         Self {
             card: Card::new(rig, &[], lives(PROFILE).line_ns).unwrap(),
             converter: Converter::new(rig),
-            gate: Gate::new(GateConfig::for_profile(PROFILE, SESSION, ACQUISITION, rig.axes.len(), volts_max)),
+            gate: Gate::new(GateConfig::for_profile(
+                PROFILE,
+                SESSION,
+                ACQUISITION,
+                rig.axes.len(),
+                volts_max,
+            )),
             law: Law::new(law_config(rig)),
-            machine: Machine::new(Config::for_profile(PROFILE, SESSION, WATCHDOG, rig.axes.len(), limits, true)),
+            machine: Machine::new(Config::for_profile(
+                PROFILE,
+                SESSION,
+                WATCHDOG,
+                rig.axes.len(),
+                limits,
+                true,
+            )),
             player: Player::new(Settings::default()),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
             present: Present { master: bits, slave: bits, motor: bits, analog: rig.channel_bits() },
@@ -194,7 +211,8 @@ impl Rig {
         }
         let outputs = self.machine.step(now, Peers { launcher_alive: true, keeper_alive: true });
         // The machine counts its tokens itself, and the publisher stamps the same number.
-        let token = EnableToken { session: SESSION, incarnation: WATCHDOG, time_ns: now, ..outputs.token };
+        let token =
+            EnableToken { session: SESSION, incarnation: WATCHDOG, time_ns: now, ..outputs.token };
         self.tokens.push(token);
         self.newest_token = Some(token);
         self.toggles += u64::from(outputs.toggle_line);
@@ -213,29 +231,38 @@ impl Rig {
         });
         if let Some(setpoint) = self.player.step(now, &measured).setpoint {
             let sequence = self.next(2);
-            self.setpoint =
-                Some(Setpoint { session: SESSION, incarnation: EXPERIMENT, sequence, time_ns: now, ..setpoint });
+            self.setpoint = Some(Setpoint {
+                session: SESSION,
+                incarnation: EXPERIMENT,
+                sequence,
+                time_ns: now,
+                ..setpoint
+            });
         }
     }
 }
 
-/// Periods of the card that pass before control starts: the twin's control sees the third scan first.
+/// Periods of the card that pass before control starts: the twin's control sees the third scan
+/// first.
 const BEFORE_CONTROL: u64 = 2;
 /// The twin's card counts its first scan so.
 const TWIN_FIRST_TICK: u64 = 2;
 
-/// Runs the cores for that many periods of the card; returns the tick of the first scan and control's cycles.
+/// Runs the cores for that many periods of the card; returns the tick of the first scan and
+/// control's cycles.
 fn run_live(rig: &RigFile, protocol: &str, periods: u64) -> (u64, Vec<Cycle>) {
     let card = rig.rates.acquisition_period_ns();
     let ratio = rig.rates.control_period_ns() / card;
-    // A clock that has been running for hours, and a card that comes up so that control's grid hits its third scan.
+    // A clock that has been running for hours, and a card that comes up so that control's grid hits
+    // its third scan.
     let first = (20_000_000 / 12) * 12 + 12 * ratio - BEFORE_CONTROL;
     let mut live = Rig::new(rig, protocol);
     let phases = rig.phases;
     let mut begun = false;
     for tick in first..first + periods {
         let start = tick * card;
-        // All that happens within this period of the card, in the order of the phases; on a wrap, in the next one.
+        // All that happens within this period of the card, in the order of the phases; on a wrap,
+        // in the next one.
         let mut due: Vec<(u64, u8)> = vec![(phases.simulator_ns, 0), (phases.acquisition_ns, 1)];
         for (period, phase, who) in [
             (rig.rates.control_period_ns(), phases.control_ns, 2),
@@ -363,7 +390,9 @@ fade_in_s = 0.5
 #[test]
 fn live_and_offline_agree_on_one_axis_at_every_rate() {
     for control_hz in [500, 1000, 2000] {
-        let mut rig = RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "rig.toml").unwrap();
+        let mut rig =
+            RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "rig.toml")
+                .unwrap();
         rig.rates.control_hz = control_hz;
         assert_equal(&rig, ONE_AXIS, 9000);
     }
@@ -377,6 +406,7 @@ fn live_and_offline_agree_on_a_cable() {
 
 #[test]
 fn live_and_offline_agree_on_three_axes() {
-    let rig = RigFile::parse(include_str!("../../../launch/rigs/three-axis.toml"), "rig.toml").unwrap();
+    let rig =
+        RigFile::parse(include_str!("../../../launch/rigs/three-axis.toml"), "rig.toml").unwrap();
     assert_equal(&rig, THREE_AXES, 8000);
 }

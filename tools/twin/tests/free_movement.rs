@@ -1,4 +1,5 @@
-//! Free movement of § 4.2 on the twin: what a hand must spend to move the handle, with force control and without.
+//! Free movement of § 4.2 on the twin: what a hand must spend to move the handle, with force
+//! control and without.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use ipc_types::Mode;
@@ -16,8 +17,8 @@ fn pair(rig: &RigFile, movement: &Swing) -> [Spent; 2] {
     [Machine::Dead, Machine::Yielding].map(|machine| swing(rig, machine, movement).unwrap())
 }
 
-/// How little of the uncompensated machine's torque the hand must spend at most, rms. What is left at 3 Hz is inertia, of which
-/// eq. 4.2.2 with P1 v_s = 0.167 V per N·m takes about a quarter.
+/// How little of the uncompensated machine's torque the hand must spend at most, rms. What is left
+/// at 3 Hz is inertia, of which eq. 4.2.2 with P1 v_s = 0.167 V per N·m takes about a quarter.
 const SHARES: [(f64, f64); 4] = [(0.5, 0.6), (1.0, 0.5), (2.0, 0.65), (3.0, 0.75)];
 
 #[test]
@@ -34,18 +35,28 @@ fn force_control_takes_work_from_the_hand_up_to_three_hertz() {
             );
         }
         assert!(free.rms < share * dead.rms, "{hertz} Hz: {:.2} of {:.2} N·m", free.rms, dead.rms);
-        // Friction that is given back by the direction of the torque makes slow turns rougher: 0.5 Hz ripples 3.6 N·m instead of 1.4.
+        // Friction that is given back by the direction of the torque makes slow turns rougher: 0.5
+        // Hz ripples 3.6 N·m instead of 1.4.
         if hertz >= 2.0 {
-            assert!(free.ripple < 0.85 * dead.ripple, "{hertz} Hz: {:.2} of {:.2} N·m", free.ripple, dead.ripple);
+            assert!(
+                free.ripple < 0.85 * dead.ripple,
+                "{hertz} Hz: {:.2} of {:.2} N·m",
+                free.ripple,
+                dead.ripple
+            );
         }
         let limits = &rig.axes[0].limits;
-        assert!(free.peak < limits.torque_max.unwrap() && free.speed < limits.speed_max, "{hertz} Hz");
+        assert!(
+            free.peak < limits.torque_max.unwrap() && free.speed < limits.speed_max,
+            "{hertz} Hz"
+        );
     }
 }
 
 #[test]
 fn without_torque_there_is_no_offset() {
-    // Nobody at the handle, and a torque cell without noise: the motor gets nothing, whatever the offset is.
+    // Nobody at the handle, and a torque cell without noise: the motor gets nothing, whatever the
+    // offset is.
     let mut rig = rig();
     rig.simulation.hand.kind = rig::HandKind::Absent;
     rig.simulation.torque_noise_v = 0.0;

@@ -1,18 +1,25 @@
-//! Guided movement on the twin: the loop on the slave beats every law that knows the master alone, on lines of 1 m to 10 m, and is stable.
+//! Guided movement on the twin: the loop on the slave beats every law that knows the master alone,
+//! on lines of 1 m to 10 m, and is stable.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use rig::{CompensationKind, ControlOptions, HandKind, Observer, RigFile, SlaveLoop};
 use twin::guided::{Quality, Sine, guided};
 use twin::{Aim, Twin};
 
-const HYDROSTATIC: (&str, &str) = ("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml"));
+const HYDROSTATIC: (&str, &str) =
+    ("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml"));
 const CABLE: (&str, &str) = ("cable.toml", include_str!("../../../launch/rigs/cable.toml"));
 const LENGTHS_M: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
 
 fn rig((name, text): (&str, &str), length: Option<f64>) -> RigFile {
     let mut rig = RigFile::parse(text, name).unwrap();
     if let Some(length) = length {
-        rig.model.parameters.iter_mut().find(|parameter| parameter.name == "hose_length_m").unwrap().value = length;
+        rig.model
+            .parameters
+            .iter_mut()
+            .find(|parameter| parameter.name == "hose_length_m")
+            .unwrap()
+            .value = length;
     }
     rig.simulation.hand.kind = HandKind::Absent;
     rig
@@ -30,10 +37,18 @@ fn with(rig: &RigFile, kind: CompensationKind, observer: bool, slave: bool) -> R
     rig
 }
 
-/// Root mean square error of the slave (°), the master's reference being `stretch` times the desired movement.
-fn error_deg(rig: &RigFile, effects: &[String], amplitude_deg: f64, hertz: f64, stretch: f64) -> f64 {
+/// Root mean square error of the slave (°), the master's reference being `stretch` times the
+/// desired movement.
+fn error_deg(
+    rig: &RigFile,
+    effects: &[String],
+    amplitude_deg: f64,
+    hertz: f64,
+    stretch: f64,
+) -> f64 {
     let amplitude = stretch * amplitude_deg.to_radians();
-    let mut trace = guided(rig, effects, &Sine { amplitude, hertz, settle_s: 4.0, keep_s: 2.0 }).unwrap();
+    let mut trace =
+        guided(rig, effects, &Sine { amplitude, hertz, settle_s: 4.0, keep_s: 2.0 }).unwrap();
     trace.desired.iter_mut().for_each(|desired| *desired /= stretch);
     Quality::of(&trace).unwrap().slave_error.to_degrees()
 }
@@ -45,9 +60,11 @@ fn master_only(rig: &RigFile, amplitude_deg: f64, hertz: f64, stretch: f64) -> f
         (CompensationKind::Identified, false),
         (CompensationKind::Identified, true),
     ];
-    laws.map(|(kind, observer)| error_deg(&with(rig, kind, observer, false), &[], amplitude_deg, hertz, stretch))
-        .into_iter()
-        .fold(f64::INFINITY, f64::min)
+    laws.map(|(kind, observer)| {
+        error_deg(&with(rig, kind, observer, false), &[], amplitude_deg, hertz, stretch)
+    })
+    .into_iter()
+    .fold(f64::INFINITY, f64::min)
 }
 
 #[test]
@@ -56,8 +73,12 @@ fn it_beats_the_laws_of_the_master_on_every_line() {
         let rig = rig(HYDROSTATIC, Some(length));
         let all = with(&rig, CompensationKind::Identified, true, true);
         for hertz in [0.5, 1.0, 2.0] {
-            let (ours, master) = (error_deg(&all, &[], 40.0, hertz, 1.0), master_only(&rig, 40.0, hertz, 1.0));
-            assert!(ours < 0.8 * master && ours < 2.5, "{length} m, {hertz} Hz: {ours}°, the master alone {master}°");
+            let (ours, master) =
+                (error_deg(&all, &[], 40.0, hertz, 1.0), master_only(&rig, 40.0, hertz, 1.0));
+            assert!(
+                ours < 0.8 * master && ours < 2.5,
+                "{length} m, {hertz} Hz: {ours}°, the master alone {master}°"
+            );
         }
     }
 }
@@ -69,7 +90,8 @@ fn it_beats_a_master_that_knows_the_ratio() {
     let stretch = 1.0 / rig.identified(0).unwrap().ratio;
     let slave = with(&rig, CompensationKind::Identified, false, true);
     for hertz in [0.5, 1.0, 2.0] {
-        let (ours, master) = (error_deg(&slave, &[], 40.0, hertz, 1.0), master_only(&rig, 40.0, hertz, stretch));
+        let (ours, master) =
+            (error_deg(&slave, &[], 40.0, hertz, 1.0), master_only(&rig, 40.0, hertz, stretch));
         assert!(ours < 0.7 * master, "{hertz} Hz: {ours}°, the master alone {master}°");
     }
 }
@@ -79,29 +101,41 @@ fn it_beats_the_laws_of_the_master_on_the_cable() {
     let rig = rig(CABLE, None);
     let slave = with(&rig, CompensationKind::Identified, false, true);
     for (hertz, part) in [(0.5, 0.5), (1.0, 0.6), (2.0, 0.75)] {
-        let (ours, master) = (error_deg(&slave, &[], 30.0, hertz, 1.0), master_only(&rig, 30.0, hertz, 1.0));
+        let (ours, master) =
+            (error_deg(&slave, &[], 30.0, hertz, 1.0), master_only(&rig, 30.0, hertz, 1.0));
         assert!(ours < part * master, "{hertz} Hz: {ours}°, the master alone {master}°");
     }
 }
 
-/// Friction that the model knows nothing of, a quarter of what the slave has: the corrections find it.
+/// Friction that the model knows nothing of, a quarter of what the slave has: the corrections find
+/// it.
 #[test]
 fn it_finds_friction_that_the_model_lacks() {
     let rig = rig(HYDROSTATIC, None);
     let slave = with(&rig, CompensationKind::Identified, false, true);
     let effects = ["coulomb_friction@slave=0.6".to_owned()];
     for hertz in [0.5, 1.0, 2.0] {
-        let (known, unknown) =
-            (error_deg(&slave, &[], 40.0, hertz, 1.0), error_deg(&slave, &effects, 40.0, hertz, 1.0));
-        assert!(unknown < 1.6 * known, "{hertz} Hz: {unknown}°, {known}° with the friction that the model has");
+        let (known, unknown) = (
+            error_deg(&slave, &[], 40.0, hertz, 1.0),
+            error_deg(&slave, &effects, 40.0, hertz, 1.0),
+        );
+        assert!(
+            unknown < 1.6 * known,
+            "{hertz} Hz: {unknown}°, {known}° with the friction that the model has"
+        );
     }
 }
 
 /// After a movement, at rest: with all options on, nothing hunts, held by a hand or not.
 #[test]
 fn at_rest_nothing_moves_on_any_line() {
-    let lines = LENGTHS_M.map(|length| rig(HYDROSTATIC, Some(length))).into_iter().chain([rig(CABLE, None)]);
-    for (line, hand) in lines.flat_map(|rig| [(rig.clone(), HandKind::Absent), (rig, HandKind::Passive)]) {
+    let lines = LENGTHS_M
+        .map(|length| rig(HYDROSTATIC, Some(length)))
+        .into_iter()
+        .chain([rig(CABLE, None)]);
+    for (line, hand) in
+        lines.flat_map(|rig| [(rig.clone(), HandKind::Absent), (rig, HandKind::Passive)])
+    {
         let mut rig = with(&line, CompensationKind::Identified, true, true);
         rig.simulation.hand.kind = hand;
         let mut twin = Twin::new(&rig, &[]).unwrap();
@@ -112,7 +146,8 @@ fn at_rest_nothing_moves_on_any_line() {
             let setpoint = twin.setpoint(&aim);
             let motion = twin.cycle(&setpoint).unwrap().motion;
             if time_s > 5.0 {
-                for (side, position) in [motion.master_position_rad, motion.slave_position_rad].into_iter().enumerate()
+                for (side, position) in
+                    [motion.master_position_rad, motion.slave_position_rad].into_iter().enumerate()
                 {
                     lowest[side] = lowest[side].min(position);
                     highest[side] = highest[side].max(position);

@@ -1,4 +1,5 @@
-//! A search for the ends of the travel on the rig without a clock: the player's setpoints, the real law, the virtual card.
+//! A search for the ends of the travel on the rig without a clock: the player's setpoints, the real
+//! law, the virtual card.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::sync::Arc;
@@ -19,7 +20,11 @@ fn rig(stops_deg: Option<(f64, f64)>) -> RigFile {
     let keys = stops_deg.map_or_else(String::new, |(lower, upper)| {
         format!("end_stop_min_deg = {lower:?}\nend_stop_max_deg = {upper:?}\n")
     });
-    RigFile::parse(&kept.join("\n").replace("[simulation]", &format!("[simulation]\n{keys}")), "stops.toml").unwrap()
+    RigFile::parse(
+        &kept.join("\n").replace("[simulation]", &format!("[simulation]\n{keys}")),
+        "stops.toml",
+    )
+    .unwrap()
 }
 
 /// What came of a protocol.
@@ -29,7 +34,8 @@ struct Outcome {
     ranges: Vec<Range>,
     narrower: bool,
     beats: Vec<(f64, u32)>,
-    /// Farthest positions of motor and handle (rad), largest output while initialising (V), largest step of the output (V).
+    /// Farthest positions of motor and handle (rad), largest output while initialising (V), largest
+    /// step of the output (V).
     farthest: f64,
     largest_v: f64,
     largest_step_v: f64,
@@ -58,7 +64,8 @@ fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
         outcome.changes.extend(step.change.map(|change| (twin.time_s(), change)));
         let setpoint = step.setpoint.unwrap();
         let moment = twin.cycle(&setpoint).unwrap();
-        (measured[0], handles[0]) = (moment.sample.master_position[0], moment.sample.slave_position[0]);
+        (measured[0], handles[0]) =
+            (moment.sample.master_position[0], moment.sample.slave_position[0]);
         let volts = moment.command.volts[0];
         if setpoint.mode == Mode::Initialise.code() {
             outcome.largest_v = outcome.largest_v.max(volts.abs());
@@ -84,15 +91,30 @@ fn the_shipped_protocol_finds_the_stops_of_the_handle() {
     );
     let [range] = outcome.ranges[..] else { panic!("{:?}", outcome.ranges) };
     assert_eq!(range.met, (true, true));
-    assert!((range.lower.handle.to_degrees() + 85.0).abs() < 1.0, "{}", range.lower.handle.to_degrees());
-    assert!((range.upper.handle.to_degrees() - 78.0).abs() < 1.0, "{}", range.upper.handle.to_degrees());
-    assert!(range.lower.motor < range.lower.handle && range.upper.motor > range.upper.handle, "the line yields");
+    assert!(
+        (range.lower.handle.to_degrees() + 85.0).abs() < 1.0,
+        "{}",
+        range.lower.handle.to_degrees()
+    );
+    assert!(
+        (range.upper.handle.to_degrees() - 78.0).abs() < 1.0,
+        "{}",
+        range.upper.handle.to_degrees()
+    );
+    assert!(
+        range.lower.motor < range.lower.handle && range.upper.motor > range.upper.handle,
+        "the line yields"
+    );
     assert!(outcome.narrower, "the stops lie well within ±120°");
     assert!(outcome.largest_v <= 4.0 + 1e-9);
     assert!(outcome.farthest < 120f64.to_radians(), "the watchdog would trip");
     assert!(matches!(outcome.changes.last(), Some((_, Change::Done))), "{:?}", outcome.changes);
     let beats: Vec<u32> = outcome.beats.iter().map(|beat| beat.1).collect();
-    assert_eq!(beats, (1..=19).collect::<Vec<u32>>(), "two a cycle, none at the end of the segment");
+    assert_eq!(
+        beats,
+        (1..=19).collect::<Vec<u32>>(),
+        "two a cycle, none at the end of the segment"
+    );
     for (position, number) in &outcome.beats {
         let side = if number % 2 == 1 { 30f64 } else { -30.0 };
         assert!((position.to_degrees() - side).abs() < 1e-9);
@@ -103,7 +125,12 @@ fn the_shipped_protocol_finds_the_stops_of_the_handle() {
 #[test]
 fn without_stops_it_ends_at_the_limits_and_trips_nothing() {
     let outcome = play(&rig(None), SHIPPED, 40.0);
-    println!("{:?} {:?} farthest {:.1}°", outcome.changes, outcome.ranges, outcome.farthest.to_degrees());
+    println!(
+        "{:?} {:?} farthest {:.1}°",
+        outcome.changes,
+        outcome.ranges,
+        outcome.farthest.to_degrees()
+    );
     let [range] = outcome.ranges[..] else { panic!("{:?}", outcome.ranges) };
     assert!(range.upper.motor.to_degrees() > 105.0 && range.lower.motor.to_degrees() < -105.0);
     assert!(outcome.farthest < 120f64.to_radians(), "the watchdog would trip");
@@ -127,9 +154,15 @@ fn a_later_segment_beyond_the_range_is_refused_and_the_motor_let_go() {
 
 #[test]
 fn too_little_volts_find_nothing_and_say_so() {
-    let text = SHIPPED.replace("volts = 4.0", "volts = 0.3").replace("duration_s = 40.0", "duration_s = 28.0");
+    let text = SHIPPED
+        .replace("volts = 4.0", "volts = 0.3")
+        .replace("duration_s = 40.0", "duration_s = 28.0");
     let outcome = play(&rig(Some((-85.0, 85.0))), &text, 30.0);
-    assert!(matches!(outcome.changes.last(), Some((_, Change::Refused(0, Reason::Stuck)))), "{:?}", outcome.changes);
+    assert!(
+        matches!(outcome.changes.last(), Some((_, Change::Refused(0, Reason::Stuck)))),
+        "{:?}",
+        outcome.changes
+    );
     assert!(outcome.ranges.is_empty());
     assert!(outcome.largest_v <= 0.3 + 1e-9);
 }

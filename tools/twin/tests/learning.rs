@@ -6,7 +6,10 @@ use rig::RigFile;
 use twin::learning::{Lesson, LessonError, PUBLISHED, Pupil, bench, model_based};
 
 fn rig() -> RigFile {
-    bench(RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml").unwrap())
+    bench(
+        RigFile::parse(include_str!("../../../launch/rigs/hydrostatic.toml"), "hydrostatic.toml")
+            .unwrap(),
+    )
 }
 
 fn degrees(report: &BlockReport) -> f64 {

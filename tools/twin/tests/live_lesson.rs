@@ -1,4 +1,5 @@
-//! Learning as the experiment process does it, without the process: player, lesson and teacher on the twin, in lock step.
+//! Learning as the experiment process does it, without the process: player, lesson and teacher on
+//! the twin, in lock step.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::sync::Arc;
@@ -93,7 +94,8 @@ impl Live {
         let lecture = match homework {
             Homework::Begin { ticket, program, segment, .. } => {
                 let plan = program.plan(segment as usize).unwrap().as_ref().clone();
-                let teacher = Teacher::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
+                let teacher =
+                    Teacher::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
                 let lecture = teacher.ready(ticket);
                 self.teacher = Some(teacher);
                 lecture
@@ -122,7 +124,10 @@ impl Live {
 
     /// Error of each block (°).
     fn errors(&self) -> Vec<f64> {
-        let blocks = self.events.iter().filter(|event| event.kind == EventKind::BlockLearnt.code() && event.a > 0.0);
+        let blocks = self
+            .events
+            .iter()
+            .filter(|event| event.kind == EventKind::BlockLearnt.code() && event.a > 0.0);
         blocks.map(|event| event.b.to_degrees()).collect()
     }
 
@@ -137,13 +142,18 @@ fn offline(rig: &RigFile, law: LearningLaw, blocks: usize) -> Vec<f64> {
     (0..blocks).map(|_| pupil.block(None).unwrap().settled.unwrap().mean_abs.to_degrees()).collect()
 }
 
-/// The live lesson fades in where the pupil begins at once, and changes references smoothly where the pupil changes them from one
-/// step to the next: from the second block on they agree within a twentieth, or 0.15°.
+/// The live lesson fades in where the pupil begins at once, and changes references smoothly where
+/// the pupil changes them from one step to the next: from the second block on they agree within a
+/// twentieth, or 0.15°.
 fn assert_alike(live: &[f64], offline: &[f64]) {
     assert_eq!(live.len(), offline.len());
     for (block, (live, offline)) in live.iter().zip(offline).enumerate() {
         let allowed = f64::max(0.15, 0.05 * offline);
-        assert!((live - offline).abs() < allowed, "block {}: {live}° live, {offline}° offline", block + 1);
+        assert!(
+            (live - offline).abs() < allowed,
+            "block {}: {live}° live, {offline}° offline",
+            block + 1
+        );
     }
 }
 
@@ -158,7 +168,8 @@ fn the_published_law_comes_to_the_same_as_offline() {
     assert_alike(&live.errors(), &offline);
     assert!(live.ending().starts_with("all blocks are done"), "{}", live.ending());
     assert_eq!(live.modes[100], Mode::Learning);
-    // The reference moves by no more in a step than twice what the movement itself asks for at its fastest.
+    // The reference moves by no more in a step than twice what the movement itself asks for at its
+    // fastest.
     assert!(
         live.largest_jump < 2.0 * 20f64.to_radians() * std::f64::consts::TAU / 500.0 * 1.5,
         "{}",
@@ -177,14 +188,19 @@ fn the_model_based_law_identifies_for_itself() {
     let offline = offline(&rig, LearningLaw::ModelBased(law), 10);
     eprintln!("live {:.2?}\noffline {offline:.2?}", live.errors());
     let least = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
-    assert!(least(&live.errors()) < 1.2 * least(&offline), "{:?}, offline {offline:?}", live.errors());
+    assert!(
+        least(&live.errors()) < 1.2 * least(&offline),
+        "{:?}, offline {offline:?}",
+        live.errors()
+    );
 }
 
 fn deg(value: f64) -> f64 {
     value.to_degrees()
 }
 
-/// Control dies in the middle: the blocks without power are told and not learnt from, the others go on from where the learner was.
+/// Control dies in the middle: the blocks without power are told and not learnt from, the others go
+/// on from where the learner was.
 #[test]
 fn blocks_without_power_are_not_learnt_from() {
     let rig = rig();
@@ -193,7 +209,8 @@ fn blocks_without_power_are_not_learnt_from() {
     // Fade of 2 s, blocks of 3 s: within block 10 and up to block 11.
     live.unpowered = 30.5..32.5;
     live.run();
-    let texts: Vec<_> = live.events.iter().map(|event| (event.a, event.text().to_owned())).collect();
+    let texts: Vec<_> =
+        live.events.iter().map(|event| (event.a, event.text().to_owned())).collect();
     for block in 1..=20usize {
         let broken = block == 10 || block == 11;
         let text = &texts.iter().find(|(a, _)| *a == block as f64).unwrap().1;
@@ -202,10 +219,15 @@ fn blocks_without_power_are_not_learnt_from() {
     let unbroken = offline(&rig, LearningLaw::Published(PUBLISHED), 18);
     // Two blocks less were learnt from, and the law has lost the error before.
     let last = *live.errors().last().unwrap();
-    assert!((last - unbroken[17]).abs() < 0.05 * unbroken[17], "{last}°, {}° after 18 blocks", unbroken[17]);
+    assert!(
+        (last - unbroken[17]).abs() < 0.05 * unbroken[17],
+        "{last}°, {}° after 18 blocks",
+        unbroken[17]
+    );
 }
 
-/// A teacher that takes most of a block: the new reference waits for the next block, the block between is not learnt from.
+/// A teacher that takes most of a block: the new reference waits for the next block, the block
+/// between is not learnt from.
 #[test]
 fn a_slow_teacher_costs_blocks_and_nothing_else() {
     let rig = rig();
@@ -217,10 +239,16 @@ fn a_slow_teacher_costs_blocks_and_nothing_else() {
     let late = live.events.iter().filter(|event| event.text().contains("too late")).count();
     assert!((18..=21).contains(&late), "{late} of 40 blocks");
     let offline = offline(&rig, LearningLaw::Published(PUBLISHED), 20);
-    assert!((errors[38] - offline[19]).abs() < 0.1 * offline[19], "{}°, {}°", errors[38], offline[19]);
+    assert!(
+        (errors[38] - offline[19]).abs() < 0.1 * offline[19],
+        "{}°, {}°",
+        errors[38],
+        offline[19]
+    );
 }
 
-/// Killed between two blocks, another process goes on with the next; what it comes to is what one process would have come to.
+/// Killed between two blocks, another process goes on with the next; what it comes to is what one
+/// process would have come to.
 #[test]
 fn a_restart_goes_on_with_the_next_block() {
     let rig = rig();
@@ -240,7 +268,11 @@ fn a_restart_goes_on_with_the_next_block() {
     assert_eq!(numbers[0], 13.0);
     assert_eq!(second.errors().len(), 12);
     // A fade of two seconds again, and half of the blocks.
-    assert!((second.steps as f64 - (2.0 + 36.0 + 1.0) * 500.0).abs() < 20.0, "{} steps", second.steps);
+    assert!(
+        (second.steps as f64 - (2.0 + 36.0 + 1.0) * 500.0).abs() < 20.0,
+        "{} steps",
+        second.steps
+    );
     let (ends, end) = (second.errors()[11], whole.errors()[23]);
     assert!((ends - end).abs() < 0.05 * end, "{ends}° after a restart, {end}° without");
 }
@@ -262,27 +294,36 @@ fn learning_ends_when_the_error_grows() {
     assert!(tail < 1.5 * best + 0.2, "{tail}° at the end, {best}° at best");
 }
 
-/// What was learnt comes back from its file: the first block is as good as the last was. `law = "none"` changes nothing about it.
+/// What was learnt comes back from its file: the first block is as good as the last was. `law =
+/// "none"` changes nothing about it.
 #[test]
 fn a_kept_reference_is_played_again() {
     let rig = rig();
-    let mut live = Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
+    let mut live =
+        Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
     live.run();
     let best = live.teacher.as_ref().unwrap().best().unwrap().unwrap();
     let folder = std::env::temp_dir().join(format!("farreach-lesson-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     best.save(folder.join("sine.learnt")).unwrap();
     let again = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"", &rig);
-    let loaded = LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().belongs).unwrap();
+    let loaded =
+        LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().belongs).unwrap();
     let other = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"\ncentre_deg = 5", &rig);
-    assert!(LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().belongs).is_err());
+    assert!(
+        LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().belongs).is_err()
+    );
     std::fs::remove_dir_all(&folder).unwrap();
     let mut second = Live::new(&rig, &again);
     second.loaded = Some(loaded);
     second.run();
     let kept = deg(best.error);
     assert_eq!(second.errors().len(), 4);
-    assert!(second.errors().iter().all(|error| (error - kept).abs() < 0.3), "{:?}, kept {kept}°", second.errors());
+    assert!(
+        second.errors().iter().all(|error| (error - kept).abs() < 0.3),
+        "{:?}, kept {kept}°",
+        second.errors()
+    );
 }
 
 /// Without power there is no response, and the protocol stops by itself.
@@ -301,7 +342,8 @@ fn an_identification_without_power_stops_the_protocol() {
     assert_eq!(*live.modes.last().unwrap(), Mode::Passive);
 }
 
-/// Lateness of the loop, up to the limit of the best-effort profile, enters neither reference nor record.
+/// Lateness of the loop, up to the limit of the best-effort profile, enters neither reference nor
+/// record.
 #[test]
 fn a_late_loop_learns_the_same() {
     let rig = rig();

@@ -11,7 +11,8 @@ fn rig(text: &str) -> RigFile {
     RigFile::parse(text, "rig.toml").unwrap()
 }
 
-/// Whatever the ratio of the rates, time counts from the first scan, and the answer takes its card periods: the scans show it.
+/// Whatever the ratio of the rates, time counts from the first scan, and the answer takes its card
+/// periods: the scans show it.
 #[test]
 fn cycles_are_on_the_grid_and_the_answer_comes_when_it_must() {
     for control_hz in [500, 1000, 2000] {
@@ -28,10 +29,17 @@ fn cycles_are_on_the_grid_and_the_answer_comes_when_it_must() {
             assert_eq!((moment.time_s, moment.sample.scan_time_ns), (time_s, scan_ns));
             assert_eq!(moment.sample.motor_power, 1);
             // A scan reads back the volts of the newest command that is at least so old.
-            let old = commanded.iter().rev().find(|(tick, _)| tick + ANSWER_TICKS <= moment.sample.tick);
-            assert_eq!(moment.sample.motor_v[0], old.map_or(0.0, |(_, volts)| *volts), "{control_hz} Hz, {cycle}");
+            let old =
+                commanded.iter().rev().find(|(tick, _)| tick + ANSWER_TICKS <= moment.sample.tick);
+            assert_eq!(
+                moment.sample.motor_v[0],
+                old.map_or(0.0, |(_, volts)| *volts),
+                "{control_hz} Hz, {cycle}"
+            );
             commanded.push((moment.sample.tick, moment.command.volts[0]));
-            assert!((moment.motion.slave_position_rad - moment.sample.slave_position[0]).abs() < 3e-3);
+            assert!(
+                (moment.motion.slave_position_rad - moment.sample.slave_position[0]).abs() < 3e-3
+            );
         }
         assert!(commanded.last().unwrap().1 != 0.0);
     }

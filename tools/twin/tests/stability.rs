@@ -1,6 +1,8 @@
-//! The check of fields against the rig, held against the twin: what passes settles after a push, what is far beyond runs away.
+//! The check of fields against the rig, held against the twin: what passes settles after a push,
+//! what is far beyond runs away.
 //!
-//! Settled means no more than the chatter that force control has without any field as well (`plant::stability`).
+//! Settled means no more than the chatter that force control has without any field as well
+//! (`plant::stability`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use ipc_types::{Mode, Setpoint};
@@ -59,7 +61,8 @@ impl Setting {
     }
 }
 
-/// Highest speed of the handle in the last second of four after the push (rad/s), and farthest position (rad).
+/// Highest speed of the handle in the last second of four after the push (rad/s), and farthest
+/// position (rad).
 fn pushed(rig: &RigFile, setting: &Setting) -> (f64, f64) {
     let mut twin = Twin::new(rig, &[]).unwrap();
     let omega = std::f64::consts::TAU * 2.0;
@@ -97,7 +100,10 @@ fn what_passes_settles() {
         assert!(setting.passes(), "{setting:?}");
         for rig in hands() {
             let (speed, way) = pushed(&rig, &setting);
-            println!("{setting:?} hand {}: {speed:.1} rad/s, {way:.2} rad", rig.simulation.hand.stiffness);
+            println!(
+                "{setting:?} hand {}: {speed:.1} rad/s, {way:.2} rad",
+                rig.simulation.hand.stiffness
+            );
             assert!(
                 speed < CHATTER,
                 "{setting:?}, hand {}: {speed:.1} rad/s at {way:.2} rad",
@@ -119,9 +125,11 @@ fn what_is_far_beyond_runs_away() {
 }
 
 #[test]
-fn a_divergent_field_that_passes_is_held_by_a_relaxed_hand_and_one_that_does_not_leaves_the_range() {
+fn a_divergent_field_that_passes_is_held_by_a_relaxed_hand_and_one_that_does_not_leaves_the_range()
+{
     let most = RigFile::parse(RIG, "hydrostatic.toml").unwrap().axes[0].limits.position_max;
-    let (held, leaves) = (Setting { key: "spring", value: -0.8 }, Setting { key: "spring", value: -3.0 });
+    let (held, leaves) =
+        (Setting { key: "spring", value: -0.8 }, Setting { key: "spring", value: -3.0 });
     assert!(held.passes() && !leaves.passes());
     let relaxed = rig(0.3, 0.05);
     assert!(pushed(&relaxed, &held).1 < most, "{:?}", pushed(&relaxed, &held));

@@ -1,12 +1,16 @@
-//! Movements to find out about the machine: a ramp at constant speed, a sine that passes through the frequencies.
+//! Movements to find out about the machine: a ramp at constant speed, a sine that passes through
+//! the frequencies.
 
 use std::f64::consts::TAU;
 
-use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
+use super::lengths::{
+    AMPLITUDE_DEG, AMPLITUDE_M, DURATION, LINE_HZ, Lengths, POSITION_DEG, POSITION_M,
+};
 use super::movement::read_times;
 use crate::read::{Bounds, Section, bounds};
 
-/// To a position at constant speed, and rest there under power. Speed comes and goes along the minimum-jerk curve.
+/// To a position at constant speed, and rest there under power. Speed comes and goes along the
+/// minimum-jerk curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ramp {
     /// Where to (rad or m).
@@ -75,7 +79,9 @@ impl Chirp {
         Self {
             amplitude: lengths.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M),
             frequencies_hz: [section.number("from_hz", LINE_HZ), section.number("to_hz", LINE_HZ)],
-            exponential: section.word_or_none("sweep", &[("linear", false), ("exponential", true)]).unwrap_or(true),
+            exponential: section
+                .word_or_none("sweep", &[("linear", false), ("exponential", true)])
+                .unwrap_or(true),
             centre: lengths.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
             duration_s,
             fade_in_s,

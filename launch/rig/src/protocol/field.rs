@@ -5,7 +5,8 @@ use super::table::Table;
 use crate::axis::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
-/// What the hand feels of one axis while it moves freely; all zero: nothing but what the control leaves of the machine.
+/// What the hand feels of one axis while it moves freely; all zero: nothing but what the control
+/// leaves of the machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Field {
     /// Stiffness about the centre; negative drives away from it (N·m/rad or N/m).
@@ -29,9 +30,11 @@ pub struct Field {
 }
 
 /// What a protocol may ask for at all; what a rig can do with its gains is checked against the rig.
-const SPRING: Bounds = bounds(-5.0, 10.0, "N·m/rad, or N/m on an axis in m; the thesis's screen has 0.1 to 2");
+const SPRING: Bounds =
+    bounds(-5.0, 10.0, "N·m/rad, or N/m on an axis in m; the thesis's screen has 0.1 to 2");
 const DAMPER: Bounds = bounds(-0.5, 2.0, "N·m·s/rad, or N·s/m on an axis in m");
-const INERTIA: Bounds = bounds(-0.1, 0.1, "kg·m², or kg on an axis in m; the handle's own is 0.002");
+const INERTIA: Bounds =
+    bounds(-0.1, 0.1, "kg·m², or kg on an axis in m; the handle's own is 0.002");
 const WALL: Bounds = bounds(0.1, 50.0, "N·m/rad, or N/m on an axis in m");
 
 impl Field {
@@ -41,7 +44,12 @@ impl Field {
             [Some(least), Some(most)] if least < most => Some((least, most)),
             [None, None] => None,
             [Some(_), Some(_)] => {
-                section.problem("wall_max_deg", "more than wall_min_deg", "walls the wrong way round", "swap the two");
+                section.problem(
+                    "wall_max_deg",
+                    "more than wall_min_deg",
+                    "walls the wrong way round",
+                    "swap the two",
+                );
                 None
             }
             _ => {
@@ -71,7 +79,9 @@ impl Field {
         };
         let matrix = Matrix::read(section).map(Box::new);
         if matrix.is_some() {
-            for key in ["spring", "centre_deg", "centre_m"].into_iter().filter(|key| section.has(key)) {
+            for key in
+                ["spring", "centre_deg", "centre_m"].into_iter().filter(|key| section.has(key))
+            {
                 section.problem(
                     key,
                     "one of spring and matrix",
@@ -101,8 +111,9 @@ impl Field {
         spring + table + self.wall_stiffness * wall
     }
 
-    /// The stiffest and the most divergent that it is anywhere, and the strongest damping and driving: what a check of stability has
-    /// to go by on its own axis, matrices left out. Stiffness (N·m/rad or N/m), damping (N·m·s/rad or N·s/m), each from least to most.
+    /// The stiffest and the most divergent that it is anywhere, and the strongest damping and
+    /// driving: what a check of stability has to go by on its own axis, matrices left out.
+    /// Stiffness (N·m/rad or N/m), damping (N·m·s/rad or N·s/m), each from least to most.
     pub fn extremes(&self) -> [(f64, f64); 2] {
         // The slope of a table is the negative of a stiffness; beyond its ends it has none.
         let range = |table: &Option<Box<Table>>| {
@@ -120,7 +131,8 @@ impl Field {
 
     /// Its largest torque at rest within limits (N·m or N), and where (rad or m).
     pub fn largest_torque(&self, least: f64, most: f64) -> (f64, f64) {
-        // Linear between the walls' edges, the table's points and the limits: the largest stands at one of them.
+        // Linear between the walls' edges, the table's points and the limits: the largest stands at
+        // one of them.
         let edges = self.walls.map_or([least, most], |(low, high)| [low, high]);
         [least, most]
             .into_iter()

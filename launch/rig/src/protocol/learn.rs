@@ -58,8 +58,8 @@ pub enum LearnLaw {
         /// The transmission's delay (s).
         delay_s: f64,
     },
-    /// Through the inverse of the response, which is identified before the first block: one sine after the other, three cycles of the movement
-    /// each.
+    /// Through the inverse of the response, which is identified before the first block: one sine
+    /// after the other, three cycles of the movement each.
     ModelBased {
         /// Share of the inverse that is applied in a block (1).
         gain: f64,
@@ -72,7 +72,8 @@ pub enum LearnLaw {
     },
 }
 
-/// Cycles of the movement for which each sine of the identification is played: the last of them is read.
+/// Cycles of the movement for which each sine of the identification is played: the last of them is
+/// read.
 pub const IDENTIFYING_CYCLES: u32 = 3;
 
 const LEARN_HZ: Bounds = bounds(0.1, 3.0, "guided movements are of up to 3 Hz (ch. 4)");
@@ -86,12 +87,14 @@ const GAMMA: Bounds = bounds(
 const CUTOFF: Bounds = bounds(0.5, 50.0, "the transmission passes nothing above (fig. 3.4)");
 const DELAY: Bounds = bounds(0.0, 0.5, "§ 4.3 has 0.03 s");
 const GAIN: Bounds = bounds(0.01, 1.0, "1 applies the whole inverse at once");
-const REGULARISATION: Bounds = bounds(0.01, 10.0, "0.3 leaves alone what the transmission hardly passes");
+const REGULARISATION: Bounds =
+    bounds(0.01, 10.0, "0.3 leaves alone what the transmission hardly passes");
 const GROWTH: Bounds = bounds(1.01, 100.0, "1.5: half as much error again is worse");
 /// Highest frequency at which the response is asked for (Hz).
 const HIGHEST_HZ: f64 = 24.0;
 
-const LAWS: &[(&str, Law)] = &[("published", Law::Published), ("model-based", Law::ModelBased), ("none", Law::Keep)];
+const LAWS: &[(&str, Law)] =
+    &[("published", Law::Published), ("model-based", Law::ModelBased), ("none", Law::Keep)];
 
 #[derive(Clone, Copy)]
 enum Law {
@@ -104,15 +107,29 @@ impl Learn {
     pub(super) fn read(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Self {
         let amplitude = lengths.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
         let identify = lengths.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
-        let whole = |key, default, least, most, advice| section.whole_or(key, default, least, most, advice) as u32;
+        let whole = |key, default, least, most, advice| {
+            section.whole_or(key, default, least, most, advice) as u32
+        };
         let learn = Self {
             amplitude,
             frequency_hz: section.number("frequency_hz", LEARN_HZ),
             centre: lengths.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
             fade_in_s: section.number_or("fade_in_s", 2.0, FADE),
             fade_out_s: section.number_or("fade_out_s", 1.0, FADE),
-            cycles_per_block: whole("cycles_per_block", 3, 2, 100, "fig. 4.6 has blocks of three cycles"),
-            settling_cycles: whole("settling_cycles", 1, 1, 99, "the reference changes in the first cycle of a block"),
+            cycles_per_block: whole(
+                "cycles_per_block",
+                3,
+                2,
+                100,
+                "fig. 4.6 has blocks of three cycles",
+            ),
+            settling_cycles: whole(
+                "settling_cycles",
+                1,
+                1,
+                99,
+                "the reference changes in the first cycle of a block",
+            ),
             blocks: section.whole("blocks", 1, 10_000, "the most blocks that are played") as u32,
             law: read_law(section, amplitude, identify),
             growth: section.number_or("growth", 1.5, GROWTH),
@@ -123,29 +140,53 @@ impl Learn {
         };
         if learn.settling_cycles >= learn.cycles_per_block {
             let expected = format!("fewer than cycles_per_block ({})", learn.cycles_per_block);
-            let key = if section.has("settling_cycles") { "settling_cycles" } else { "cycles_per_block" };
+            let key =
+                if section.has("settling_cycles") { "settling_cycles" } else { "cycles_per_block" };
             section.problem(key, expected, learn.settling_cycles, "leave a cycle to learn from");
         }
         match learn.law {
             LearnLaw::Keep if learn.load.is_none() => {
-                section.problem("law", "`load` beside law = \"none\"", "no `load`", "name a kept reference to play");
+                section.problem(
+                    "law",
+                    "`load` beside law = \"none\"",
+                    "no `load`",
+                    "name a kept reference to play",
+                );
             }
             LearnLaw::Published { gamma_p, gamma_d, delay_s, .. } => {
                 let sum = gamma_p + gamma_d;
                 if !(sum > 0.0 && sum <= MOST_GAMMA) {
                     let key = if section.has("gamma_p") { "gamma_p" } else { "gamma_d" };
                     let expected = format!("gamma_p + gamma_d above 0 and up to {}", MOST_GAMMA);
-                    section.problem(key, expected, sum, "with more, learning does not converge (eq. 4.3.12)");
+                    section.problem(
+                        key,
+                        expected,
+                        sum,
+                        "with more, learning does not converge (eq. 4.3.12)",
+                    );
                 }
                 if delay_s * learn.frequency_hz >= 0.5 {
-                    let expected = format!("less than half a cycle ({} s)", 0.5 / learn.frequency_hz);
-                    section.problem("delay_s", expected, delay_s, "the delay of the transmission, § 4.3: 0.03 s");
+                    let expected =
+                        format!("less than half a cycle ({} s)", 0.5 / learn.frequency_hz);
+                    section.problem(
+                        "delay_s",
+                        expected,
+                        delay_s,
+                        "the delay of the transmission, § 4.3: 0.03 s",
+                    );
                 }
             }
-            LearnLaw::ModelBased { harmonics, .. } if f64::from(harmonics) * learn.frequency_hz > HIGHEST_HZ => {
+            LearnLaw::ModelBased { harmonics, .. }
+                if f64::from(harmonics) * learn.frequency_hz > HIGHEST_HZ =>
+            {
                 let expected = format!("harmonics up to {HIGHEST_HZ} Hz");
                 let found = format!("{} Hz", f64::from(harmonics) * learn.frequency_hz);
-                section.problem("harmonics", expected, found, "learn fewer; the transmission hardly passes those");
+                section.problem(
+                    "harmonics",
+                    expected,
+                    found,
+                    "learn fewer; the transmission hardly passes those",
+                );
             }
             _ => {}
         }
@@ -169,32 +210,39 @@ impl Learn {
     /// Furthest from the centre that it asks for before anything is learnt (rad or m).
     pub fn reach(&self) -> f64 {
         match self.law {
-            LearnLaw::ModelBased { identify_amplitude, .. } => self.amplitude.max(identify_amplitude),
+            LearnLaw::ModelBased { identify_amplitude, .. } => {
+                self.amplitude.max(identify_amplitude)
+            }
             _ => self.amplitude,
         }
     }
 
-    /// A speed that it never passes before anything is learnt, when it begins at rest at `start` (rad/s or m/s): that of the sines, and of
-    /// the change from one to the next, which takes half a cycle.
+    /// A speed that it never passes before anything is learnt, when it begins at rest at `start`
+    /// (rad/s or m/s): that of the sines, and of the change from one to the next, which takes half
+    /// a cycle.
     pub fn peak_speed_from(&self, start: f64) -> f64 {
         let omega = TAU * self.frequency_hz;
         let sines = match self.law {
             LearnLaw::ModelBased { identify_amplitude, harmonics, .. } => {
                 // Amplitude and speed of what is played one after the other.
                 let own = (self.amplitude, self.amplitude * omega);
-                let sine = |h: f64| (identify_amplitude / h.sqrt(), identify_amplitude * h.sqrt() * omega);
-                let played = std::iter::once(own).chain((1..=harmonics).map(|h| sine(f64::from(h))));
+                let sine =
+                    |h: f64| (identify_amplitude / h.sqrt(), identify_amplitude * h.sqrt() * omega);
+                let played =
+                    std::iter::once(own).chain((1..=harmonics).map(|h| sine(f64::from(h))));
                 let next = (1..=harmonics).map(|h| sine(f64::from(h))).chain(std::iter::once(own));
                 played
                     .zip(next)
                     .map(|((from, speed), (to, next_speed))| {
-                        speed.max(next_speed) + MIN_JERK_PEAK_SPEED * (from + to) * 2.0 * self.frequency_hz
+                        speed.max(next_speed)
+                            + MIN_JERK_PEAK_SPEED * (from + to) * 2.0 * self.frequency_hz
                     })
                     .fold(0.0, f64::max)
             }
             _ => self.amplitude * omega,
         };
-        let fading_in = MIN_JERK_PEAK_SPEED * ((self.centre - start).abs() + self.amplitude) / self.fade_in_s;
+        let fading_in =
+            MIN_JERK_PEAK_SPEED * ((self.centre - start).abs() + self.amplitude) / self.fade_in_s;
         let fading_out = MIN_JERK_PEAK_SPEED * self.amplitude / self.fade_out_s;
         sines.max(self.amplitude * omega + fading_in.max(fading_out))
     }
@@ -205,27 +253,53 @@ impl Learn {
         ((steps - steps.round()).abs() < 1e-6 && steps >= 8.0).then_some(steps.round() as usize)
     }
 
-    /// Whether a machine can learn it: it has an encoder at the slave, and its rate of control divides into the cycle.
-    pub(super) fn check(&self, axis: &Axis, rates: &Rates, key: impl Fn(&str) -> String, source: &Source<'_>) -> bool {
+    /// Whether a machine can learn it: it has an encoder at the slave, and its rate of control
+    /// divides into the cycle.
+    pub(super) fn check(
+        &self,
+        axis: &Axis,
+        rates: &Rates,
+        key: impl Fn(&str) -> String,
+        source: &Source<'_>,
+    ) -> bool {
         let refuse = |name: &str, expected: String, found: &dyn Display, advice: &str| {
             source.problem(&key(name), expected, found, advice);
             false
         };
         let mut fits = true;
         if axis.slave.is_none() {
-            let expected = format!("an axis with an encoder at the slave (axis \"{}\" has none)", axis.name);
-            fits &= refuse("kind", expected, &"a movement to be learnt", "add axes.slave to the rig file");
+            let expected =
+                format!("an axis with an encoder at the slave (axis \"{}\" has none)", axis.name);
+            fits &= refuse(
+                "kind",
+                expected,
+                &"a movement to be learnt",
+                "add axes.slave to the rig file",
+            );
         }
         if self.steps_per_cycle(rates.control_hz).is_none() {
-            let expected = format!("a whole number of control steps in a cycle, 8 or more, at {} Hz", rates.control_hz);
+            let expected = format!(
+                "a whole number of control steps in a cycle, 8 or more, at {} Hz",
+                rates.control_hz
+            );
             let found = format!("{:.3}", f64::from(rates.control_hz) / self.frequency_hz);
-            fits &= refuse("frequency_hz", expected, &found, "choose a frequency that divides the rate of control");
+            fits &= refuse(
+                "frequency_hz",
+                expected,
+                &found,
+                "choose a frequency that divides the rate of control",
+            );
         }
         let half = f64::from(rates.control_hz) / 2.0;
         if let LearnLaw::Published { cutoff_hz, .. } = self.law
             && cutoff_hz >= half
         {
-            fits &= refuse("cutoff_hz", format!("below {half} Hz"), &cutoff_hz, "half the rate of control");
+            fits &= refuse(
+                "cutoff_hz",
+                format!("below {half} Hz"),
+                &cutoff_hz,
+                "half the rate of control",
+            );
         }
         fits
     }
@@ -234,21 +308,34 @@ impl Learn {
 fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f64>) -> LearnLaw {
     let law = section.word("law", LAWS);
     let published = ["gamma_p", "gamma_d", "cutoff_hz", "delay_s"];
-    let model_based = ["gain", "regularisation", "harmonics", "identify_amplitude_deg", "identify_amplitude_m"];
+    let model_based =
+        ["gain", "regularisation", "harmonics", "identify_amplitude_deg", "identify_amplitude_m"];
     let others: &[&str] = match law {
         Some(Law::Published) => &model_based,
         Some(Law::ModelBased) => &published,
-        Some(Law::Keep) => &["gamma_p", "gamma_d", "cutoff_hz", "delay_s", "gain", "regularisation", "harmonics"],
+        Some(Law::Keep) => {
+            &["gamma_p", "gamma_d", "cutoff_hz", "delay_s", "gain", "regularisation", "harmonics"]
+        }
         None => &[],
     };
     for key in others {
-        section.misplaced(key, "keys of the law that was chosen", "take it out, or choose the other law");
+        section.misplaced(
+            key,
+            "keys of the law that was chosen",
+            "take it out, or choose the other law",
+        );
     }
     match law {
         Some(Law::ModelBased) => LearnLaw::ModelBased {
             gain: section.number_or("gain", 0.6, GAIN),
             regularisation: section.number_or("regularisation", 0.3, REGULARISATION),
-            harmonics: section.whole_or("harmonics", 9, 1, 100, "fig. 4.6's movement has nine up to 9 Hz") as u32,
+            harmonics: section.whole_or(
+                "harmonics",
+                9,
+                1,
+                100,
+                "fig. 4.6's movement has nine up to 9 Hz",
+            ) as u32,
             identify_amplitude: identify_amplitude.unwrap_or(2.0 * amplitude),
         },
         Some(Law::Keep) => LearnLaw::Keep,

@@ -5,7 +5,8 @@ use crate::read::{Bounds, Section, bounds};
 
 pub(super) const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
 pub(super) const FADE: Bounds = bounds(0.1, 60.0, "in seconds");
-pub(super) const LINE_HZ: Bounds = bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
+pub(super) const LINE_HZ: Bounds =
+    bounds(0.02, 24.0, "the transmission is examined up to 24 Hz (fig. 3.4)");
 pub(super) const AMPLITUDE_DEG: Bounds =
     bounds(0.01, 120.0, "movements are of up to 120° (§ 4.2); the value is in degrees");
 pub(super) const AMPLITUDE_M: Bounds = bounds(1e-6, 5.0, "the value is in m");
@@ -41,7 +42,12 @@ impl Lengths<'_, '_> {
         if self.section.has(&key) {
             if self.unit.is_some_and(|before| before != unit) {
                 let advice = "keep to degrees or to metres within a segment";
-                self.section.problem(&key, "the unit of the segment's other values", "another unit", advice);
+                self.section.problem(
+                    &key,
+                    "the unit of the segment's other values",
+                    "another unit",
+                    advice,
+                );
             }
             self.unit = Some(unit);
         }
@@ -61,7 +67,9 @@ impl Lengths<'_, '_> {
 
     pub(super) fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
         let (key, unit) = self.key(stem);
-        self.section.number_or_none(&key, choose(unit, degrees, metres)).map(|value| value * unit.si_per_file_unit())
+        self.section
+            .number_or_none(&key, choose(unit, degrees, metres))
+            .map(|value| value * unit.si_per_file_unit())
     }
 
     pub(super) fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {

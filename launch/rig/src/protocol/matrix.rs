@@ -5,7 +5,8 @@ use crate::read::{Bounds, Section, bounds};
 /// Axes that a matrix may span.
 pub const MATRIX_AXES: usize = 3;
 
-/// Rows are axes on which the torque acts, columns axes whose movement makes it; rows and columns beyond `axes` are 0.
+/// Rows are axes on which the torque acts, columns axes whose movement makes it; rows and columns
+/// beyond `axes` are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Matrix {
     /// Axes that it spans, from the first.
@@ -23,7 +24,8 @@ pub struct Matrix {
 const STIFFNESS: Bounds = bounds(-10.0, 10.0, "N·m/rad, or N/m between axes in m");
 const DAMPING: Bounds = bounds(-2.0, 2.0, "N·m·s/rad, or N·s/m between axes in m");
 const INERTIA: Bounds = bounds(-0.1, 0.1, "kg·m², or kg between axes in m");
-const CENTRE_DEG: Bounds = bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
+const CENTRE_DEG: Bounds =
+    bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
 const CENTRE_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 const KEYS: [&str; 4] = ["matrix_stiffness", "matrix_damping", "matrix_inertia", "curl"];
 
@@ -43,7 +45,8 @@ impl Matrix {
             }
         }
         if let Some(curl) = section.number_or_none(curl, DAMPING) {
-            // Positive: a movement up the first axis is pushed up the second, one up the second down the first.
+            // Positive: a movement up the first axis is pushed up the second, one up the second
+            // down the first.
             matrix.damping[0][1] += curl;
             matrix.damping[1][0] -= curl;
             sizes.push((KEYS[3], 2));
@@ -51,8 +54,13 @@ impl Matrix {
         let wide = sizes.iter().map(|(_, size)| *size).max();
         let centres = read_centres(section, wide, &mut matrix.centres);
         let first = sizes.iter().filter(|(key, _)| *key != KEYS[3]).map(|(_, size)| *size).next();
-        if let Some((key, size)) = sizes.iter().find(|(key, size)| *key != KEYS[3] && Some(*size) != first) {
-            let expected = format!("as many rows as the segment's other matrices ({})", first.unwrap_or_default());
+        if let Some((key, size)) =
+            sizes.iter().find(|(key, size)| *key != KEYS[3] && Some(*size) != first)
+        {
+            let expected = format!(
+                "as many rows as the segment's other matrices ({})",
+                first.unwrap_or_default()
+            );
             section.problem(key, expected, size, "give one row for each axis");
         }
         matrix.axes = wide?;
@@ -64,13 +72,15 @@ impl Matrix {
         KEYS.into_iter()
     }
 
-    /// The largest torque at rest on an axis, each other axis at whichever of its limits is worse (N·m or N).
+    /// The largest torque at rest on an axis, each other axis at whichever of its limits is worse
+    /// (N·m or N).
     pub(super) fn largest_torque(&self, axis: usize, limits: impl Fn(usize) -> (f64, f64)) -> f64 {
         (0..self.axes)
             .map(|other| {
                 let (least, most) = limits(other);
                 let centre = self.centres[other];
-                self.stiffness[axis][other].abs() * (centre - least).abs().max((most - centre).abs())
+                self.stiffness[axis][other].abs()
+                    * (centre - least).abs().max((most - centre).abs())
             })
             .sum()
     }
@@ -101,7 +111,11 @@ fn read_square(
 }
 
 /// Centres of a matrix of `wide` rows; false where they are wrong.
-fn read_centres(section: &Section<'_>, wide: Option<usize>, centres: &mut [f64; MATRIX_AXES]) -> bool {
+fn read_centres(
+    section: &Section<'_>,
+    wide: Option<usize>,
+    centres: &mut [f64; MATRIX_AXES],
+) -> bool {
     for (key, bounds, scale) in
         [("centres_deg", CENTRE_DEG, std::f64::consts::PI / 180.0), ("centres_m", CENTRE_M, 1.0)]
     {
@@ -114,7 +128,12 @@ fn read_centres(section: &Section<'_>, wide: Option<usize>, centres: &mut [f64; 
                 Some(wide) => format!("{wide} centres, one for each row of the matrix"),
                 None => "a matrix that they belong to".to_owned(),
             };
-            section.problem(key, expected, values.len(), "or leave it out: the centre is then 0 on every axis");
+            section.problem(
+                key,
+                expected,
+                values.len(),
+                "or leave it out: the centre is then 0 on every axis",
+            );
             return false;
         }
         for (centre, value) in centres.iter_mut().zip(&values) {

@@ -1,14 +1,18 @@
 //! The thesis's modules around an experiment: initialise, centre, rhythm (appendix).
 
 use super::field::Field;
-use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, Lengths, POSITION_DEG, POSITION_M};
+use super::lengths::{
+    AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, Lengths, POSITION_DEG, POSITION_M,
+};
 use crate::axis::{Axis, AxisUnit};
 use crate::read::{Bounds, Section, Source, bounds};
 
-/// Gently to the ends of the travel, to find them: to one end until the handle stalls, then to the other.
+/// Gently to the ends of the travel, to find them: to one end until the handle stalls, then to the
+/// other.
 ///
-/// The reference goes on at `speed`, within a twentieth of the range's half of the rig's limits. An end is found where the measured
-/// position stands still for `still_s` while the reference leads by more than `lead`, or has come to its own end.
+/// The reference goes on at `speed`, within a twentieth of the range's half of the rig's limits. An
+/// end is found where the measured position stands still for `still_s` while the reference leads by
+/// more than `lead`, or has come to its own end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Initialise {
     /// Speed of the reference (rad/s or m/s).
@@ -29,12 +33,15 @@ pub struct Initialise {
     pub duration_s: f64,
 }
 
-const SPEED_DEG: Bounds = bounds(1.0, 60.0, "gentle: the handle runs against its end; in degrees a second");
+const SPEED_DEG: Bounds =
+    bounds(1.0, 60.0, "gentle: the handle runs against its end; in degrees a second");
 const SPEED_M: Bounds = bounds(1e-3, 0.5, "gentle: the handle runs against its end; in m/s");
-const LEAD_DEG: Bounds = bounds(1.0, 45.0, "more than the handle lags when it moves freely; in degrees");
+const LEAD_DEG: Bounds =
+    bounds(1.0, 45.0, "more than the handle lags when it moves freely; in degrees");
 const LEAD_M: Bounds = bounds(1e-3, 1.0, "more than the handle lags when it moves freely; in m");
 
-/// The reference stays this share of the range away from the rig's limits, so that an overshoot does not trip the watchdog.
+/// The reference stays this share of the range away from the rig's limits, so that an overshoot
+/// does not trip the watchdog.
 const MARGIN_SHARE: f64 = 0.0125;
 /// Starting, standing still, and turning, at both ends (s).
 const OVERHEAD_S: f64 = 4.0;
@@ -46,8 +53,13 @@ impl Initialise {
         let ends = &[("both", true), ("first", false)];
         Self {
             speed,
-            volts: section.number("volts", bounds(0.1, 10.0, "enough to overcome friction, little enough to be held")),
-            upper_first: section.word_or_none("first", &[("lower", false), ("upper", true)]).unwrap_or(false),
+            volts: section.number(
+                "volts",
+                bounds(0.1, 10.0, "enough to overcome friction, little enough to be held"),
+            ),
+            upper_first: section
+                .word_or_none("first", &[("lower", false), ("upper", true)])
+                .unwrap_or(false),
             both: section.word_or_none("ends", ends).unwrap_or(true),
             lead: lengths.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(if metres {
                 0.02
@@ -55,11 +67,9 @@ impl Initialise {
                 8.0_f64.to_radians()
             }),
             still_s: section.number_or("still_s", 0.5, bounds(0.1, 5.0, "in seconds")),
-            tolerance: lengths.optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M).unwrap_or(if metres {
-                0.05
-            } else {
-                10.0_f64.to_radians()
-            }),
+            tolerance: lengths
+                .optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M)
+                .unwrap_or(if metres { 0.05 } else { 10.0_f64.to_radians() }),
             duration_s: section.number("duration_s", DURATION),
         }
     }
@@ -71,7 +81,12 @@ impl Initialise {
     }
 
     /// Whether an axis can be driven so.
-    pub(super) fn check(&self, axis: &Axis, key: impl Fn(&str) -> String, source: &Source<'_>) -> bool {
+    pub(super) fn check(
+        &self,
+        axis: &Axis,
+        key: impl Fn(&str) -> String,
+        source: &Source<'_>,
+    ) -> bool {
         let limit = axis.control.output_limit_v;
         if self.volts > limit {
             let expected = format!("at most control.output_limit_v of the rig file ({limit} V)");
@@ -82,7 +97,10 @@ impl Initialise {
         let ways = if self.both { 2.0 } else { 1.0 };
         let needed = ways * ((most - least) / self.speed + OVERHEAD_S);
         if self.duration_s < needed {
-            let expected = format!("at least {:.0} s: from any position to the ends at this speed", needed.ceil());
+            let expected = format!(
+                "at least {:.0} s: from any position to the ends at this speed",
+                needed.ceil()
+            );
             let advice = "it is a time limit; the segment ends as soon as the ends are found";
             source.problem(&key("duration_s"), expected, format!("{} s", self.duration_s), advice);
             return false;
@@ -131,10 +149,16 @@ pub struct Rhythm {
 impl Rhythm {
     pub(super) fn read(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Self {
         let duration_s = section.number("duration_s", DURATION);
-        let frequency_hz = section.number("frequency_hz", bounds(0.1, 5.0, "a hand keeps up to about 3 Hz"));
+        let frequency_hz =
+            section.number("frequency_hz", bounds(0.1, 5.0, "a hand keeps up to about 3 Hz"));
         if duration_s * frequency_hz < 1.0 {
             let expected = format!("at least one cycle ({:.1} s)", 1.0 / frequency_hz);
-            section.problem("duration_s", expected, format!("{duration_s} s"), "a rhythm needs some beats");
+            section.problem(
+                "duration_s",
+                expected,
+                format!("{duration_s} s"),
+                "a rhythm needs some beats",
+            );
         }
         let stiffness = section.number_or(
             "spring",
@@ -153,8 +177,9 @@ impl Rhythm {
         }
     }
 
-    /// The beat that is due at `time_s` into the segment: its number from 1, and where the hand should be (rad or m).
-    /// Beats come each half period, the first after half of one, on the upper side, the last before the end; `None` before.
+    /// The beat that is due at `time_s` into the segment: its number from 1, and where the hand
+    /// should be (rad or m). Beats come each half period, the first after half of one, on the upper
+    /// side, the last before the end; `None` before.
     pub fn beat(&self, time_s: f64) -> Option<(u32, f64)> {
         let last = (2.0 * self.frequency_hz * self.duration_s - 1e-9).ceil() - 1.0;
         let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor().min(last);

@@ -5,7 +5,9 @@ use std::f64::consts::TAU;
 use super::excitation::{Chirp, Ramp};
 use super::field::Field;
 use super::learn::Learn;
-use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M};
+use super::lengths::{
+    AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, LINE_HZ, Lengths, POSITION_DEG, POSITION_M,
+};
 use super::modes::{Centre, Initialise, Rhythm};
 use super::tabled::Tabled;
 use crate::axis::AxisUnit;
@@ -90,7 +92,8 @@ pub enum Movement {
     Chirp(Chirp),
     /// Along points of a table.
     File(Tabled),
-    /// A sine that the slave is to follow, along a reference that is learnt from block to block (§ 4.3).
+    /// A sine that the slave is to follow, along a reference that is learnt from block to block (§
+    /// 4.3).
     Learn(Learn),
 }
 
@@ -187,7 +190,9 @@ impl Movement {
             | Self::Hold { duration_s, .. }
             | Self::Rest { duration_s }
             | Self::Free { duration_s, .. } => *duration_s,
-            Self::Steps { positions, dwell_s, rise_s } => positions.len() as f64 * (dwell_s + rise_s),
+            Self::Steps { positions, dwell_s, rise_s } => {
+                positions.len() as f64 * (dwell_s + rise_s)
+            }
             Self::Initialise(own) => own.duration_s,
             Self::Centre(own) => own.duration_s,
             Self::Rhythm(own) => own.duration_s,
@@ -198,11 +203,13 @@ impl Movement {
         }
     }
 
-    /// Bounds of the positions that it asks for: with the position at its start, it stays within their hull (rad or m).
-    /// `None` where it asks for none.
+    /// Bounds of the positions that it asks for: with the position at its start, it stays within
+    /// their hull (rad or m). `None` where it asks for none.
     pub fn range(&self) -> Option<(f64, f64)> {
         match self {
-            Self::GuidedSine { amplitude, centre, .. } => Some((centre - amplitude, centre + amplitude)),
+            Self::GuidedSine { amplitude, centre, .. } => {
+                Some((centre - amplitude, centre + amplitude))
+            }
             Self::Multisine { lines, centre, .. } => {
                 let sum: f64 = lines.iter().map(|line| line.amplitude).sum();
                 Some((centre - sum, centre + sum))
@@ -212,7 +219,9 @@ impl Movement {
                 Some((least, positions.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
             }
             Self::Hold { position, .. } => position.map(|position| (position, position)),
-            Self::Learn(learn) => Some((learn.centre - learn.reach(), learn.centre + learn.reach())),
+            Self::Learn(learn) => {
+                Some((learn.centre - learn.reach(), learn.centre + learn.reach()))
+            }
             Self::Centre(own) => Some((own.position, own.position)),
             Self::Ramp(own) => Some((own.position, own.position)),
             Self::Chirp(own) => Some(own.range()),
@@ -238,7 +247,10 @@ impl Movement {
 
     /// Whether the hand or the machine's ends decide where it ends: nobody knows before.
     pub const fn ends_anywhere(&self) -> bool {
-        matches!(self, Self::Rest { .. } | Self::Free { .. } | Self::Initialise(_) | Self::Rhythm(_))
+        matches!(
+            self,
+            Self::Rest { .. } | Self::Free { .. } | Self::Initialise(_) | Self::Rhythm(_)
+        )
     }
 
     /// A speed that it never passes when it begins at rest at `start` (rad/s or m/s).
@@ -261,7 +273,8 @@ impl Movement {
             }
             Self::Steps { positions, rise_s, .. } => {
                 let starts = std::iter::once(start).chain(positions.iter().copied());
-                let longest = starts.zip(positions).map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+                let longest =
+                    starts.zip(positions).map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
                 MIN_JERK_PEAK_SPEED * longest / rise_s
             }
             Self::Hold { position: Some(position), rise_s, .. } => {
@@ -271,14 +284,22 @@ impl Movement {
             Self::Initialise(own) => own.speed,
             Self::Centre(own) => MIN_JERK_PEAK_SPEED * (own.position - start).abs() / own.rise_s,
             Self::Ramp(own) => own.profile(start).speed,
-            Self::Chirp(own) => {
-                faded(own.amplitude, own.amplitude * TAU * own.highest_hz(), own.centre, own.fade_in_s, own.fade_out_s)
-            }
+            Self::Chirp(own) => faded(
+                own.amplitude,
+                own.amplitude * TAU * own.highest_hz(),
+                own.centre,
+                own.fade_in_s,
+                own.fade_out_s,
+            ),
             Self::File(own) => {
-                let approach = MIN_JERK_PEAK_SPEED * (own.spline.begin() - start).abs() / own.rise_s;
+                let approach =
+                    MIN_JERK_PEAK_SPEED * (own.spline.begin() - start).abs() / own.rise_s;
                 own.spline.peak_speed().max(approach)
             }
-            Self::Hold { position: None, .. } | Self::Rest { .. } | Self::Free { .. } | Self::Rhythm(_) => 0.0,
+            Self::Hold { position: None, .. }
+            | Self::Rest { .. }
+            | Self::Free { .. }
+            | Self::Rhythm(_) => 0.0,
         }
     }
 }
@@ -326,14 +347,26 @@ impl Movement {
                 let rise_s = section.number_or_none("rise_s", FADE);
                 if rise_s.is_some_and(|rise| rise > duration_s) {
                     let expected = format!("at most duration_s ({duration_s} s)");
-                    section.problem("rise_s", expected, rise_s.unwrap_or_default(), "the rise is part of the duration");
+                    section.problem(
+                        "rise_s",
+                        expected,
+                        rise_s.unwrap_or_default(),
+                        "the rise is part of the duration",
+                    );
                 }
-                Self::Hold { position, rise_s: rise_s.unwrap_or(f64::min(1.0, duration_s / 2.0)), duration_s }
+                Self::Hold {
+                    position,
+                    rise_s: rise_s.unwrap_or(f64::min(1.0, duration_s / 2.0)),
+                    duration_s,
+                }
             }
             MovementKind::Rest => Self::Rest { duration_s: section.number("duration_s", DURATION) },
             MovementKind::Free => {
                 let mut position = |stem| lengths.optional(stem, POSITION_DEG, POSITION_M);
-                let (centre, walls) = (position("centre").unwrap_or(0.0), ["wall_min", "wall_max"].map(&mut position));
+                let (centre, walls) = (
+                    position("centre").unwrap_or(0.0),
+                    ["wall_min", "wall_max"].map(&mut position),
+                );
                 Self::Free {
                     duration_s: section.number("duration_s", DURATION),
                     field: Field::read(section, centre, walls),
@@ -357,10 +390,19 @@ pub(super) fn read_times(section: &Section<'_>) -> (f64, f64, f64) {
     let fade_in_s = section.number_or("fade_in_s", f64::min(1.0, duration_s / 2.0), FADE);
     let fade_out_s = section.number_or("fade_out_s", f64::min(fade_in_s, duration_s / 2.0), FADE);
     if fade_in_s + fade_out_s > duration_s {
-        let key = if section.has("fade_in_s") || section.has("fade_out_s") { "fade_in_s" } else { "duration_s" };
+        let key = if section.has("fade_in_s") || section.has("fade_out_s") {
+            "fade_in_s"
+        } else {
+            "duration_s"
+        };
         let expected = format!("fades of at most duration_s ({duration_s} s) together");
         let found = format!("{fade_in_s} s and {fade_out_s} s");
-        section.problem(key, expected, found, "fade_out_s is as long as fade_in_s where it is not given");
+        section.problem(
+            key,
+            expected,
+            found,
+            "fade_out_s is as long as fade_in_s where it is not given",
+        );
     }
     (duration_s, fade_in_s, fade_out_s)
 }
@@ -371,29 +413,44 @@ fn read_lines(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Vec<Line>
     let each = section.has("amplitudes_deg") || section.has("amplitudes_m");
     let amplitudes = if each {
         for key in ["amplitude_deg", "amplitude_m"] {
-            section.misplaced(key, "either amplitudes, one a line, or one amplitude", "take one out");
+            section.misplaced(
+                key,
+                "either amplitudes, one a line, or one amplitude",
+                "take one out",
+            );
         }
         let amplitudes = lengths.list("amplitudes", AMPLITUDE_DEG, AMPLITUDE_M);
         if amplitudes.len() != frequencies.len() {
             let key = if section.has("amplitudes_m") { "amplitudes_m" } else { "amplitudes_deg" };
             let expected = format!("one for each of the {} frequencies", frequencies.len());
-            section.problem(key, expected, amplitudes.len(), "give as many of the one as of the other");
+            section.problem(
+                key,
+                expected,
+                amplitudes.len(),
+                "give as many of the one as of the other",
+            );
         }
         amplitudes
     } else {
         // the bound of the whole movement, shared by the lines
         vec![lengths.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M) / count as f64; count]
     };
-    let mut random = section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number; it draws the phases");
+    let mut random =
+        section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number; it draws the phases");
     frequencies
         .into_iter()
         .zip(amplitudes)
-        .map(|(frequency_hz, amplitude)| Line { amplitude, frequency_hz, phase: TAU * unit_random(&mut random) })
+        .map(|(frequency_hz, amplitude)| Line {
+            amplitude,
+            frequency_hz,
+            phase: TAU * unit_random(&mut random),
+        })
         .collect()
 }
 
-/// The next number from 0 to below 1 of the generator SplitMix64 (Steele, Lea, Flood, OOPSLA 2014): the same phases from the same
-/// seed for ever, which a library's generator does not promise over its releases.
+/// The next number from 0 to below 1 of the generator SplitMix64 (Steele, Lea, Flood, OOPSLA 2014):
+/// the same phases from the same seed for ever, which a library's generator does not promise over
+/// its releases.
 fn unit_random(state: &mut u64) -> f64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;

@@ -5,22 +5,27 @@ use toml_edit::{DocumentMut, Item, Value};
 use crate::error::{Problem, ProtocolError};
 use crate::read::nearest;
 
-/// The text with values changed: `segments.0.amplitude_deg=20` sets that key of the first segment. The section must
-/// exist, the key need not; what the key may hold is checked when the text is parsed. Lines stay where they are, but for
-/// keys that are added.
+/// The text with values changed: `segments.0.amplitude_deg=20` sets that key of the first segment.
+/// The section must exist, the key need not; what the key may hold is checked when the text is
+/// parsed. Lines stay where they are, but for keys that are added.
 ///
 /// # Errors
-/// [`ProtocolError::Invalid`] where an override is no `KEY=VALUE` or names a section that does not exist; the problem's
-/// file is `--set` and its line the number of the override. Where the text is no TOML, the problem is in `file_name`.
-pub fn with_overrides<S: AsRef<str>>(text: &str, file_name: &str, overrides: &[S]) -> Result<String, ProtocolError> {
+/// [`ProtocolError::Invalid`] where an override is no `KEY=VALUE` or names a section that does not
+/// exist; the problem's file is `--set` and its line the number of the override. Where the text is
+/// no TOML, the problem is in `file_name`.
+pub fn with_overrides<S: AsRef<str>>(
+    text: &str,
+    file_name: &str,
+    overrides: &[S],
+) -> Result<String, ProtocolError> {
     if overrides.is_empty() {
         return Ok(text.to_owned());
     }
     // the plain reader's message names the line
     crate::read::Source::new(text, file_name).parse()?;
-    let mut document: DocumentMut = text
-        .parse()
-        .map_err(|error: toml_edit::TomlError| problem(0, "", "valid TOML", error.message(), "mend the protocol"))?;
+    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
+        problem(0, "", "valid TOML", error.message(), "mend the protocol")
+    })?;
     for (index, assignment) in overrides.iter().enumerate() {
         set(&mut document, index + 1, assignment.as_ref())?;
     }
@@ -53,14 +58,26 @@ fn set(document: &mut DocumentMut, line: usize, assignment: &str) -> Result<(), 
     let mut item = document.as_item_mut();
     for step in section.split('.').filter(|step| !step.is_empty()) {
         item = descend(item, step).map_err(|expected| {
-            problem(line, path, &expected, &format!("\"{step}\""), "name a section that the protocol has")
+            problem(
+                line,
+                path,
+                &expected,
+                &format!("\"{step}\""),
+                "name a section that the protocol has",
+            )
         })?;
     }
     let Some(table) = item.as_table_like_mut() else {
         return Err(problem(line, path, "a section that holds keys", "a single value", advice));
     };
     let mut value = parse_value(value).ok_or_else(|| {
-        problem(line, path, "a number, true, false, a list or a text", &format!("\"{value}\""), "put a text in quotes")
+        problem(
+            line,
+            path,
+            "a number, true, false, a list or a text",
+            &format!("\"{value}\""),
+            "put a text in quotes",
+        )
     })?;
     match table.get_mut(key) {
         Some(Item::Value(old)) => {

@@ -1,6 +1,7 @@
 //! A smooth way through the points of a table: a cubic spline that begins and ends at rest.
 
-/// Points in time with the speeds that make a piecewise cubic smooth in position, speed and acceleration.
+/// Points in time with the speeds that make a piecewise cubic smooth in position, speed and
+/// acceleration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spline {
     times_s: Vec<f64>,
@@ -9,7 +10,8 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// Through points at increasing times; at least two of each, as many of the one as of the other, else `None`.
+    /// Through points at increasing times; at least two of each, as many of the one as of the
+    /// other, else `None`.
     pub fn through(times_s: Vec<f64>, positions: Vec<f64>) -> Option<Self> {
         let increasing = times_s.windows(2).all(|pair| pair[1] > pair[0]);
         let finite = times_s.iter().chain(&positions).all(|value| value.is_finite());
@@ -49,10 +51,16 @@ impl Spline {
             return (self.end(), 0.0, 0.0);
         }
         let time_s = time_s + self.times_s.first().copied().unwrap_or_default();
-        let index = self.times_s.partition_point(|knot| *knot <= time_s).clamp(1, self.times_s.len() - 1) - 1;
+        let index =
+            self.times_s.partition_point(|knot| *knot <= time_s).clamp(1, self.times_s.len() - 1)
+                - 1;
         let [c0, c1, c2, c3] = self.cubic(index);
         let t = time_s - self.times_s[index];
-        (c0 + t * (c1 + t * (c2 + t * c3)), c1 + t * (2.0 * c2 + 3.0 * t * c3), 2.0 * c2 + 6.0 * t * c3)
+        (
+            c0 + t * (c1 + t * (c2 + t * c3)),
+            c1 + t * (2.0 * c2 + 3.0 * t * c3),
+            2.0 * c2 + 6.0 * t * c3,
+        )
     }
 
     /// Lowest and highest position, also between the points.
@@ -101,7 +109,8 @@ impl Spline {
     }
 }
 
-/// Speeds at the points for which the acceleration has no step, with none at both ends: a tridiagonal system (Thomas).
+/// Speeds at the points for which the acceleration has no step, with none at both ends: a
+/// tridiagonal system (Thomas).
 fn speeds(times_s: &[f64], positions: &[f64]) -> Vec<f64> {
     let count = times_s.len();
     let mut speeds = vec![0.0; count];
@@ -160,11 +169,17 @@ mod tests {
             let t = f64::from(k) * 1e-4;
             let [before, here, after] = [t - step, t, t + step].map(|t| spline.at(t));
             assert!(((after.0 - before.0) / (2.0 * step) - here.1).abs() < 1e-4, "{t}");
-            assert!(((after.1 - before.1) / (2.0 * step) - here.2).abs() < 0.1 + 1e-3 * here.2.abs(), "{t}");
+            assert!(
+                ((after.1 - before.1) / (2.0 * step) - here.2).abs() < 0.1 + 1e-3 * here.2.abs(),
+                "{t}"
+            );
             seen = (seen.0.min(here.0), seen.1.max(here.0));
             fastest = fastest.max(here.1.abs());
         }
-        assert!((seen.0 - least).abs() < 1e-5 && (seen.1 - most).abs() < 1e-5, "{seen:?} {least} {most}");
+        assert!(
+            (seen.0 - least).abs() < 1e-5 && (seen.1 - most).abs() < 1e-5,
+            "{seen:?} {least} {most}"
+        );
         assert!((fastest - peak).abs() < 1e-4 * peak, "{fastest} {peak}");
         assert_eq!((spline.at(-1.0), spline.at(9.0)), ((0.2, 0.0, 0.0), (0.1, 0.0, 0.0)));
     }

@@ -6,7 +6,8 @@ use crate::read::{Bounds, Section, bounds};
 /// Evenly spaced points that a table is kept at.
 pub const POINTS: usize = 17;
 
-/// A torque over position or velocity: linear between evenly spaced points, beyond the ends the ends.
+/// A torque over position or velocity: linear between evenly spaced points, beyond the ends the
+/// ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Table {
     /// Place of the first point (rad or m, rad/s or m/s).
@@ -17,8 +18,11 @@ pub struct Table {
     pub torques: [f64; POINTS],
 }
 
-const PLACE: Bounds =
-    bounds(-3000.0, 3000.0, "each pair is [place, torque]; the place is in the unit that the key's name ends in");
+const PLACE: Bounds = bounds(
+    -3000.0,
+    3000.0,
+    "each pair is [place, torque]; the place is in the unit that the key's name ends in",
+);
 /// Places and torques, as in the file.
 type Pairs = Vec<(f64, f64)>;
 
@@ -35,7 +39,8 @@ impl Table {
         Self::resampled(section, key, &pairs, first, last, scale)
     }
 
-    /// The table under `velocity_table_deg_s` or `velocity_table_m_s`: kept from minus to plus the highest speed that it names.
+    /// The table under `velocity_table_deg_s` or `velocity_table_m_s`: kept from minus to plus the
+    /// highest speed that it names.
     pub(super) fn of_velocities(section: &Section<'_>) -> Option<Self> {
         let (key, scale, pairs) = read(section, ["velocity_table_deg_s", "velocity_table_m_s"])?;
         let fastest = pairs.first()?.0.abs().max(pairs.last()?.0.abs());
@@ -58,9 +63,18 @@ impl Table {
         for (place, torque) in pairs {
             let kept = table.at(scale * place);
             if (kept - torque).abs() > MISS * span {
-                let expected = format!("points that {POINTS} evenly spaced ones from {least} to {most} come near");
-                let advice = format!("move it to a multiple of {step} from {least}, or give a wider bend to the curve");
-                section.problem(key, expected, format!("[{place}, {torque}], which would become {kept:.3}"), advice);
+                let expected = format!(
+                    "points that {POINTS} evenly spaced ones from {least} to {most} come near"
+                );
+                let advice = format!(
+                    "move it to a multiple of {step} from {least}, or give a wider bend to the curve"
+                );
+                section.problem(
+                    key,
+                    expected,
+                    format!("[{place}, {torque}], which would become {kept:.3}"),
+                    advice,
+                );
                 return None;
             }
         }
@@ -69,9 +83,11 @@ impl Table {
 
     /// Torque at a place (N·m or N).
     pub fn at(&self, place: f64) -> f64 {
-        let share = ((place - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (POINTS - 1) as f64;
+        let share =
+            ((place - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (POINTS - 1) as f64;
         let below = (share as usize).min(POINTS - 2);
-        self.torques[below] + (share - below as f64) * (self.torques[below + 1] - self.torques[below])
+        self.torques[below]
+            + (share - below as f64) * (self.torques[below + 1] - self.torques[below])
     }
 
     /// The places of its points (rad or m, rad/s or m/s).
@@ -83,7 +99,9 @@ impl Table {
     /// Its gentlest and its steepest slope (torque per place).
     pub fn slopes(&self) -> (f64, f64) {
         let slopes = self.torques.windows(2).map(|pair| (pair[1] - pair[0]) / self.step());
-        slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), slope| (least.min(slope), most.max(slope)))
+        slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), slope| {
+            (least.min(slope), most.max(slope))
+        })
     }
 
     /// Its largest magnitude (N·m or N).
@@ -106,8 +124,12 @@ fn interpolate(pairs: &[(f64, f64)], place: f64) -> f64 {
     }
 }
 
-/// The pairs under whichever of two keys stands there (degrees, metres), with what makes SI of their places.
-fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&'k str, f64, Pairs)> {
+/// The pairs under whichever of two keys stands there (degrees, metres), with what makes SI of
+/// their places.
+fn read<'k>(
+    section: &Section<'_>,
+    [degrees, metres]: [&'k str; 2],
+) -> Option<(&'k str, f64, Pairs)> {
     let (key, unit) = match section.has(metres) {
         true => {
             section.misplaced(degrees, &format!("`{metres}` alone"), "give the table once");
@@ -125,7 +147,12 @@ fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&
         })
         .collect();
     let Some(pairs) = pairs else {
-        section.problem(key, expected, "a row of another length", "write it as [[-40, 0.0], [0, 0.5], [40, 0.0]]");
+        section.problem(
+            key,
+            expected,
+            "a row of another length",
+            "write it as [[-40, 0.0], [0, 0.5], [40, 0.0]]",
+        );
         return None;
     };
     if pairs.len() < 2 || pairs.len() > PAIRS {
@@ -134,7 +161,12 @@ fn read<'k>(section: &Section<'_>, [degrees, metres]: [&'k str; 2]) -> Option<(&
     }
     if let Some(wrong) = pairs.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
         let found = format!("{} after {}", wrong[1].0, wrong[0].0);
-        section.problem(key, "places that rise from pair to pair", found, "sort the pairs; no place twice");
+        section.problem(
+            key,
+            "places that rise from pair to pair",
+            found,
+            "sort the pairs; no place twice",
+        );
         return None;
     }
     Some((key, unit.si_per_file_unit(), pairs))

@@ -1,7 +1,9 @@
-//! Trajectories from a table: a CSV file beside the protocol, taken into the protocol's text when it is loaded.
+//! Trajectories from a table: a CSV file beside the protocol, taken into the protocol's text when
+//! it is loaded.
 //!
-//! The first row names the columns: `t_s`, then positions whose names end in `_deg` or `_m`. The text that an experiment plays,
-//! that is recorded and that has the identity is the one with the numbers in it: a table that is edited later changes nothing.
+//! The first row names the columns: `t_s`, then positions whose names end in `_deg` or `_m`. The
+//! text that an experiment plays, that is recorded and that has the identity is the one with the
+//! numbers in it: a table that is edited later changes nothing.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -34,9 +36,13 @@ impl Tabled {
         section.text_or_none("column");
         let stand_in = || Self { spline: Arc::new(Spline::rest()), rise_s };
         if section.has("path") && !section.has("times_s") {
-            let advice =
-                "load the protocol from its file, so that its folder is known; or give times_s and positions_deg";
-            section.problem("path", "a table that was taken in when the protocol was loaded", "its name alone", advice);
+            let advice = "load the protocol from its file, so that its folder is known; or give times_s and positions_deg";
+            section.problem(
+                "path",
+                "a table that was taken in when the protocol was loaded",
+                "its name alone",
+                advice,
+            );
             section.know_all();
             return stand_in();
         }
@@ -44,7 +50,12 @@ impl Tabled {
         let positions = lengths.list("positions", POSITION_DEG, POSITION_M);
         if let Some(row) = times.windows(2).position(|pair| pair[1] <= pair[0]) {
             let expected = format!("increasing times; entry {} is after {} s", row + 2, times[row]);
-            section.problem("times_s", expected, format!("{} s", times[row + 1]), "put the points in order of time");
+            section.problem(
+                "times_s",
+                expected,
+                format!("{} s", times[row + 1]),
+                "put the points in order of time",
+            );
         } else if times.len() < 2 || times.len() != positions.len() {
             let expected = "at least two times, and as many positions";
             let found = format!("{} and {}", times.len(), positions.len());
@@ -62,8 +73,8 @@ impl Tabled {
     }
 }
 
-/// The protocol's text with the tables that its segments name taken in; `folder` is that of the protocol. Lines after
-/// the segment move on by the two that are added to it.
+/// The protocol's text with the tables that its segments name taken in; `folder` is that of the
+/// protocol. Lines after the segment move on by the two that are added to it.
 pub(super) fn take_in(text: &str, folder: &Path) -> Result<String, ProtocolError> {
     // What is no TOML is told of by the reader, with its line.
     let Ok(mut document) = text.parse::<DocumentMut>() else { return Ok(text.to_owned()) };
@@ -92,30 +103,43 @@ struct Columns {
 }
 
 fn put(segment: &mut Table, table: &Columns) {
-    let list = |values: &[f64]| Item::Value(Value::Array(values.iter().copied().collect::<Array>()));
+    let list =
+        |values: &[f64]| Item::Value(Value::Array(values.iter().copied().collect::<Array>()));
     segment.insert("times_s", list(&table.times_s));
-    segment.insert(if table.metres { "positions_m" } else { "positions_deg" }, list(&table.positions));
+    segment
+        .insert(if table.metres { "positions_m" } else { "positions_deg" }, list(&table.positions));
 }
 
 fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|source| ProtocolError::Unreadable { path: path.to_owned(), source })?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| ProtocolError::Unreadable { path: path.to_owned(), source })?;
     let file = path.display().to_string();
     let mut problems = Vec::new();
     let mut problem = |line: usize, key: &str, expected: String, found: String, advice: &str| {
         let (file, key, advice) = (file.clone(), key.to_owned(), advice.to_owned());
         problems.push(Problem { file, line, key, expected, found, advice });
     };
-    let mut rows = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
-    let names: Vec<String> = rows.headers().map(|names| names.iter().map(str::to_owned).collect()).unwrap_or_default();
+    let mut rows = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let names: Vec<String> =
+        rows.headers().map(|names| names.iter().map(str::to_owned).collect()).unwrap_or_default();
     let time = names.iter().position(|name| name == "t_s");
     let place = names.iter().position(|name| match column {
         Some(column) => name == column,
         None => name.ends_with("_deg") || name.ends_with("_m"),
     });
     let (Some(time), Some(place)) = (time, place) else {
-        let expected = format!("columns t_s and {}", column.unwrap_or("one whose name ends in _deg or _m"));
-        problem(1, "", expected, format!("\"{}\"", names.join(",")), "name the columns in the first row");
+        let expected =
+            format!("columns t_s and {}", column.unwrap_or("one whose name ends in _deg or _m"));
+        problem(
+            1,
+            "",
+            expected,
+            format!("\"{}\"", names.join(",")),
+            "name the columns in the first row",
+        );
         return Err(ProtocolError::Invalid { problems });
     };
     let metres = names[place].ends_with("_m");
@@ -127,7 +151,13 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
             Ok(row) => row,
             Err(error) => {
                 let line = error.position().map_or(index + 2, |at| at.line() as usize);
-                problem(line, "", format!("{} columns", names.len()), error.to_string(), "mend the row");
+                problem(
+                    line,
+                    "",
+                    format!("{} columns", names.len()),
+                    error.to_string(),
+                    "mend the row",
+                );
                 continue;
             }
         };
@@ -136,14 +166,21 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
             let text = row.get(column).unwrap_or_default();
             let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
             if value.is_none() {
-                problem(line, &names[column], "a finite number".to_owned(), format!("\"{text}\""), "mend the row");
+                problem(
+                    line,
+                    &names[column],
+                    "a finite number".to_owned(),
+                    format!("\"{text}\""),
+                    "mend the row",
+                );
             }
             value
         };
         let (t, position) = (number(time), number(place));
         if let Some(t) = t {
             if !(0.0..=LONGEST_S).contains(&t) || before.is_some_and(|before| t <= before) {
-                let least = before.map_or_else(|| "from 0".to_owned(), |before| format!("after {before}"));
+                let least =
+                    before.map_or_else(|| "from 0".to_owned(), |before| format!("after {before}"));
                 let expected = format!("increasing times {least} to {LONGEST_S} s");
                 problem(line, "t_s", expected, format!("{t}"), "put the rows in order of time");
             }
@@ -151,7 +188,13 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
         }
         let (Some(t), Some(position)) = (t, position) else { continue };
         if position.abs() > most {
-            problem(line, &names[place], format!("positions within ±{most}"), format!("{position}"), "move less");
+            problem(
+                line,
+                &names[place],
+                format!("positions within ±{most}"),
+                format!("{position}"),
+                "move less",
+            );
         }
         columns.times_s.push(t);
         columns.positions.push(position);

@@ -46,8 +46,8 @@ impl Motion {
 /// Peak speed of a minimum-jerk movement over its mean speed.
 pub(super) const PEAK_OVER_MEAN: f64 = 1.875;
 
-/// A quintic that begins with a given position, velocity and acceleration and ends at zero with none (from rest it is the
-/// minimum-jerk movement).
+/// A quintic that begins with a given position, velocity and acceleration and ends at zero with
+/// none (from rest it is the minimum-jerk movement).
 #[derive(Clone, Copy, Debug)]
 struct Quintic {
     duration_s: f64,
@@ -59,8 +59,14 @@ impl Quintic {
     fn new(duration_s: f64, begin: &Motion) -> Self {
         let t = duration_s;
         let (p, v, a) = (begin.position, begin.velocity * t, begin.acceleration * t * t);
-        let coefficients =
-            [p, v, 0.5 * a, -10.0 * p - 6.0 * v - 1.5 * a, 15.0 * p + 8.0 * v + 1.5 * a, -6.0 * p - 3.0 * v - 0.5 * a];
+        let coefficients = [
+            p,
+            v,
+            0.5 * a,
+            -10.0 * p - 6.0 * v - 1.5 * a,
+            15.0 * p + 8.0 * v + 1.5 * a,
+            -6.0 * p - 3.0 * v - 0.5 * a,
+        ];
         Self { duration_s, coefficients }
     }
 
@@ -79,12 +85,13 @@ impl Quintic {
     }
 }
 
-/// An offset that begins as told and vanishes. Added to a target, it leads from any motion to the target with no step in
-/// position and velocity (nor in acceleration, where that is moderate).
+/// An offset that begins as told and vanishes. Added to a target, it leads from any motion to the
+/// target with no step in position and velocity (nor in acceleration, where that is moderate).
 ///
-/// It has two parts, so that no speed is ever carried over a long way: what moves is brought to rest within a short time,
-/// its speed falling evenly; and the way that then remains is a minimum-jerk movement. The offset is therefore never faster
-/// than at its beginning plus the peak of that movement.
+/// It has two parts, so that no speed is ever carried over a long way: what moves is brought to
+/// rest within a short time, its speed falling evenly; and the way that then remains is a
+/// minimum-jerk movement. The offset is therefore never faster than at its beginning plus the peak
+/// of that movement.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blend {
     begin_ns: u64,
@@ -99,10 +106,18 @@ pub(super) fn stopping_way(velocity: f64, stop_s: f64) -> f64 {
 }
 
 impl Blend {
-    /// An offset that comes to rest within `stop_s` and goes the rest of its way at no more than `speed`, in `ramp_s` or longer.
-    pub(super) fn new(begin_ns: u64, offset: &Motion, stop_s: f64, ramp_s: f64, speed: f64) -> Self {
+    /// An offset that comes to rest within `stop_s` and goes the rest of its way at no more than
+    /// `speed`, in `ramp_s` or longer.
+    pub(super) fn new(
+        begin_ns: u64,
+        offset: &Motion,
+        stop_s: f64,
+        ramp_s: f64,
+        speed: f64,
+    ) -> Self {
         let stopping = stopping_way(offset.velocity, stop_s);
-        // A high acceleration would first lead away. It only makes the inertia feed-forward, whose change is limited.
+        // A high acceleration would first lead away. It only makes the inertia feed-forward, whose
+        // change is limited.
         let largest = 4.0 * speed / stop_s;
         let begin = Motion {
             position: -stopping,
@@ -149,7 +164,10 @@ mod tests {
         // Way of 0.7 - 0.25 rad at no more than 2 rad/s.
         let end_ns = (PEAK_OVER_MEAN * 0.45 / 2.0 * 1e9) as u64;
         let end = blend.at(end_ns - 10).unwrap();
-        assert!(end.position.abs() < 1e-9 && end.velocity.abs() < 1e-6 && end.acceleration.abs() < 1e-2, "{end:?}");
+        assert!(
+            end.position.abs() < 1e-9 && end.velocity.abs() < 1e-6 && end.acceleration.abs() < 1e-2,
+            "{end:?}"
+        );
         assert!(blend.at(end_ns + 20).is_none());
     }
 
@@ -159,8 +177,13 @@ mod tests {
         let step = 1e-4;
         for k in (1..3999u64).filter(|k| !(2498..=2502).contains(k)) {
             let [before, here, after] = [k - 1, k, k + 1].map(|k| blend.at(k * 100_000).unwrap());
-            assert!(((after.position - before.position) / (2.0 * step) - here.velocity).abs() < 1e-4);
-            assert!(((after.velocity - before.velocity) / (2.0 * step) - here.acceleration).abs() < 2e-2);
+            assert!(
+                ((after.position - before.position) / (2.0 * step) - here.velocity).abs() < 1e-4
+            );
+            assert!(
+                ((after.velocity - before.velocity) / (2.0 * step) - here.acceleration).abs()
+                    < 2e-2
+            );
         }
     }
 
@@ -175,7 +198,10 @@ mod tests {
             assert!((offset.position - expected).abs() < 1e-12);
             peak = peak.max(offset.velocity.abs());
         }
-        assert!((peak - PEAK_OVER_MEAN).abs() < 1e-6 && (blend.peak_speed() - PEAK_OVER_MEAN).abs() < 1e-12);
+        assert!(
+            (peak - PEAK_OVER_MEAN).abs() < 1e-6
+                && (blend.peak_speed() - PEAK_OVER_MEAN).abs() < 1e-12
+        );
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Numbers held within bounds, and a sign without a step.
 
-/// A value held within ± a limit. Not `clamp`, which panics where the limit is not a number or negative.
+/// A value held within ± a limit. Not `clamp`, which panics where the limit is not a number or
+/// negative.
 pub(super) fn within(value: f64, limit: f64) -> f64 {
     value.max(-limit).min(limit)
 }
@@ -26,7 +27,10 @@ mod tests {
 
     #[test]
     fn the_sign_passes_through_zero_without_a_step() {
-        assert_eq!([soft_sign(0.0, 0.2), soft_sign(0.2, 0.2), soft_sign(-9.0, 0.2)], [0.0, 1.0, -1.0]);
+        assert_eq!(
+            [soft_sign(0.0, 0.2), soft_sign(0.2, 0.2), soft_sign(-9.0, 0.2)],
+            [0.0, 1.0, -1.0]
+        );
         assert!((soft_sign(0.1, 0.2) - 0.6875).abs() < 1e-12);
         assert_eq!([soft_sign(0.0, 0.0), soft_sign(f64::NAN, 1.0)], [0.0, 0.0]);
     }

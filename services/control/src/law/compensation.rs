@@ -1,10 +1,11 @@
 //! Friction compensation from the identified model, in place of the printed triangle of fig. 4.3A.
 //!
-//! The printed feed-forward has one friction, that of the motor with all that it moves, and turns its sign where the reference turns.
-//! The declared model knows more: friction falls and rises with speed (§ 3.2.1), and what rubs beyond the line is felt only as the line
-//! is wound up the other way. So what rubs at the motor has the sign of the reference's velocity, smooth through zero; and what
-//! rubs beyond the line is an elastic part that slips (Jenkins's element): it follows the reference's way with the line's stiffness,
-//! and stays within the friction at that speed.
+//! The printed feed-forward has one friction, that of the motor with all that it moves, and turns
+//! its sign where the reference turns. The declared model knows more: friction falls and rises with
+//! speed (§ 3.2.1), and what rubs beyond the line is felt only as the line is wound up the other
+//! way. So what rubs at the motor has the sign of the reference's velocity, smooth through zero;
+//! and what rubs beyond the line is an elastic part that slips (Jenkins's element): it follows the
+//! reference's way with the line's stiffness, and stays within the friction at that speed.
 
 use ipc_types::AXES;
 use rig::{CompensationKind, ControlOptions, IdentifiedAxis};
@@ -56,7 +57,8 @@ impl AxisLaw {
         }
     }
 
-    /// Most that the options make the output change in a step, on top of a law with the printed feed-forward (V).
+    /// Most that the options make the output change in a step, on top of a law with the printed
+    /// feed-forward (V).
     pub(super) fn options_step_v(&self, period_s: f64) -> f64 {
         let observer_v = self.options.control.observer.map_or(0.0, |observer| observer.limit_v);
         period_s * (self.friction_peak() / FRICTION_SLEW_S + observer_v / OBSERVER_SLEW_S)
@@ -71,13 +73,22 @@ impl AxisLaw {
         }
     }
 
-    /// What the friction compensation asks for (V), for a reference and its movement's peak speed (rad/s or m/s).
-    pub(super) fn friction_wanted(&self, windup: &mut Windup, reference: &Motion, peak_speed: f64) -> f64 {
+    /// What the friction compensation asks for (V), for a reference and its movement's peak speed
+    /// (rad/s or m/s).
+    pub(super) fn friction_wanted(
+        &self,
+        windup: &mut Windup,
+        reference: &Motion,
+        peak_speed: f64,
+    ) -> f64 {
         let compensation = &self.options.control.compensation;
         match (compensation.kind, &self.options.model) {
-            (CompensationKind::Printed, _) => {
-                friction(reference.velocity, peak_speed, self.friction_peak_v, self.friction_floor_v)
-            }
+            (CompensationKind::Printed, _) => friction(
+                reference.velocity,
+                peak_speed,
+                self.friction_peak_v,
+                self.friction_floor_v,
+            ),
             (CompensationKind::Identified, Some(model)) => {
                 let near = model.near.level_v(reference.velocity);
                 let sign = soft_sign(reference.velocity, compensation.reversal_speed);
@@ -128,7 +139,11 @@ impl OptionState {
 /// Volts that were at the motor when the card took a sample (V), as far as it says so.
 pub(super) fn written_v(sample: &ipc_types::Sample, axis: usize) -> f64 {
     debug_assert!(axis < AXES);
-    let volts = if sample.motor_present & (1 << axis) != 0 { sample.motor_v[axis] } else { sample.output_v[axis] };
+    let volts = if sample.motor_present & (1 << axis) != 0 {
+        sample.motor_v[axis]
+    } else {
+        sample.output_v[axis]
+    };
     if volts.is_finite() { volts } else { 0.0 }
 }
 

@@ -5,13 +5,16 @@ use rig::CompensationKind;
 
 use super::blend::Motion;
 use super::compensation::written_v;
-use super::{AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave, within};
+use super::{
+    AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave, within,
+};
 
 /// Share of the speed of reversal below which a reference rests.
 const RESTS: f64 = 0.1;
 
 impl Law {
-    /// Feedback, feed-forward and what the options add, of one axis into the command; false where they are not finite.
+    /// Feedback, feed-forward and what the options add, of one axis into the command; false where
+    /// they are not finite.
     pub(super) fn drive(
         &mut self,
         index: usize,
@@ -34,25 +37,29 @@ impl Law {
         let peak_speed = axis.blend.map_or(peak_speed, |blend| peak_speed.max(blend.peak_speed()));
         let reference = axis.master_reference(law, sample, index, peak_speed, elapsed_s);
         let friction_v = law.friction_wanted(&mut axis.options.windup, &reference, peak_speed);
-        let friction_v = axis.friction.follow(friction_v, law.friction_peak() * elapsed_s / FRICTION_SLEW_S);
+        let friction_v =
+            axis.friction.follow(friction_v, law.friction_peak() * elapsed_s / FRICTION_SLEW_S);
         let limit_v = axis.limit_v;
         let inertia_v = within(law.inertia() * reference.acceleration, limit_v);
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let observed_v = axis.observed(law, sample, index, friction_v, elapsed_s);
         let feedforward_v = friction_v + inertia_v + observed_v;
-        let feedback_v =
-            law.position_gain * (reference.position - position) + law.velocity_gain * (reference.velocity - velocity);
+        let feedback_v = law.position_gain * (reference.position - position)
+            + law.velocity_gain * (reference.velocity - velocity);
         let wanted_v = feedback_v + feedforward_v;
         if !wanted_v.is_finite() {
             return false;
         }
-        let carried_v = axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
-        // Limited before it is weighed, so that authority takes the output to 0 V from wherever it is.
+        let carried_v =
+            axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
+        // Limited before it is weighed, so that authority takes the output to 0 V from wherever it
+        // is.
         let wanted_v = wanted_v + carried_v;
         let limited_v = within(wanted_v, limit_v);
         axis.output_v = limited_v;
         command.limited |= u8::from(limited_v != wanted_v);
-        command.ramping |= u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
+        command.ramping |=
+            u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
         command.volts[index] = self.authority * limited_v;
         command.feedforward_v[index] = self.authority * feedforward_v;
         command.reference_position[index] = reference.position;
@@ -77,7 +84,8 @@ impl Axis {
         let position = sample.slave_position[index];
         let seen = slave::Seen {
             desired: self.reference,
-            position: (sample.slave_present & (1 << index) != 0 && position.is_finite()).then_some(position),
+            position: (sample.slave_present & (1 << index) != 0 && position.is_finite())
+                .then_some(position),
             peak_speed,
             speed: law.catch_up_speed.abs(),
             elapsed_s,
@@ -86,14 +94,28 @@ impl Axis {
     }
 
     /// What the disturbance observer adds (V).
-    fn observed(&mut self, law: &AxisLaw, sample: &Sample, index: usize, friction_v: f64, elapsed_s: f64) -> f64 {
+    fn observed(
+        &mut self,
+        law: &AxisLaw,
+        sample: &Sample,
+        index: usize,
+        friction_v: f64,
+        elapsed_s: f64,
+    ) -> f64 {
         let options = &law.options;
-        let (Some(settings), Some(model)) = (&options.control.observer, &options.model) else { return 0.0 };
-        let compensated_v = if options.control.compensation.kind == CompensationKind::None { 0.0 } else { friction_v };
+        let (Some(settings), Some(model)) = (&options.control.observer, &options.model) else {
+            return 0.0;
+        };
+        let compensated_v = if options.control.compensation.kind == CompensationKind::None {
+            0.0
+        } else {
+            friction_v
+        };
         let seen = observer::Seen {
             volts: written_v(sample, index) - compensated_v,
             velocity: self.velocity.velocity(),
-            moves: self.reference.velocity.abs() > RESTS * options.control.compensation.reversal_speed,
+            moves: self.reference.velocity.abs()
+                > RESTS * options.control.compensation.reversal_speed,
             elapsed_s,
         };
         self.options.disturbance.step(settings, model.inertia_v, &seen)

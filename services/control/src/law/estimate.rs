@@ -1,8 +1,8 @@
 //! Velocity out of positions.
 
-/// First-order low pass of the difference quotient, discretised exactly for the spacing of the samples that really
-/// came: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. A skipped cycle is a longer Δt, a repeated sample changes
-/// nothing, and 500 Hz and 1 kHz give the same time constant.
+/// First-order low pass of the difference quotient, discretised exactly for the spacing of the
+/// samples that really came: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. A skipped cycle is a longer
+/// Δt, a repeated sample changes nothing, and 500 Hz and 1 kHz give the same time constant.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VelocityEstimate {
     cutoff_hz: f64,
@@ -65,7 +65,8 @@ mod tests {
             let mut time = 0;
             while time <= 100_000_000 {
                 estimate.update(time, 3.0 * time as f64 * 1e-9);
-                let expected = 3.0 * (1.0 - (-std::f64::consts::TAU * 10.0 * time as f64 * 1e-9).exp());
+                let expected =
+                    3.0 * (1.0 - (-std::f64::consts::TAU * 10.0 * time as f64 * 1e-9).exp());
                 assert!((estimate.velocity() - expected).abs() < 1e-9, "{time}");
                 time += period_ns;
             }

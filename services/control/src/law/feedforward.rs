@@ -5,11 +5,12 @@ pub const REVERSAL: f64 = 0.1;
 
 /// The triangular friction term (V), of the sign of `velocity`.
 ///
-/// For a sine movement the magnitude is linear in phase, `peak_v` at the extremes and `floor_v` at mid-movement: with
-/// `|v| = peak_speed · sin φ`, φ the phase after the extreme, it is `peak_v - (peak_v - floor_v) · 2 φ / π`. The figure
-/// changes sign at the extremes within one step (3 V); a motor and a subject would feel that. Here the sign passes
-/// smoothly (3s² - 2|s|³) while the speed is below a tenth of the peak, within ±5.7° of phase: at 1 Hz, 32 ms. The curve peaks
-/// there at about 96 % of `peak_v`.
+/// For a sine movement the magnitude is linear in phase, `peak_v` at the extremes and `floor_v` at
+/// mid-movement: with `|v| = peak_speed · sin φ`, φ the phase after the extreme, it is `peak_v -
+/// (peak_v - floor_v) · 2 φ / π`. The figure changes sign at the extremes within one step (3 V); a
+/// motor and a subject would feel that. Here the sign passes smoothly (3s² - 2|s|³) while the speed
+/// is below a tenth of the peak, within ±5.7° of phase: at 1 Hz, 32 ms. The curve peaks there at
+/// about 96 % of `peak_v`.
 ///
 /// 0 V without a peak speed: then there is no movement whose phase could be known.
 pub fn friction(velocity: f64, peak_speed: f64, peak_v: f64, floor_v: f64) -> f64 {
@@ -52,7 +53,10 @@ mod tests {
             let expected = 1.5 - 1.0 * f64::from(degree) / 90.0;
             for sign in [1.0, -1.0] {
                 let volts = friction(sign * 4.0 * phase.sin(), 4.0, 1.5, 0.5);
-                assert!((volts - sign * expected).abs() < 1e-9, "{degree}°: {volts}, expected {expected}");
+                assert!(
+                    (volts - sign * expected).abs() < 1e-9,
+                    "{degree}°: {volts}, expected {expected}"
+                );
             }
         }
     }
@@ -70,9 +74,14 @@ mod tests {
 
     #[test]
     fn without_a_movement_or_with_nonsense_it_is_silent() {
-        for (velocity, peak) in [(1.0, 0.0), (1.0, -1.0), (f64::NAN, 1.0), (1.0, f64::NAN), (0.0, 0.0)] {
+        for (velocity, peak) in
+            [(1.0, 0.0), (1.0, -1.0), (f64::NAN, 1.0), (1.0, f64::NAN), (0.0, 0.0)]
+        {
             assert_eq!(friction(velocity, peak, 1.5, 0.5), 0.0);
         }
-        assert!((friction(9.0, 4.0, 1.5, 0.5) - 0.5).abs() < 1e-12, "faster than its peak: the floor");
+        assert!(
+            (friction(9.0, 4.0, 1.5, 0.5) - 0.5).abs() < 1e-12,
+            "faster than its peak: the floor"
+        );
     }
 }

@@ -1,7 +1,9 @@
-//! Force fields (§ 4.2): the torque that the hand shall feel, from where the handle is and how it moves.
+//! Force fields (§ 4.2): the torque that the hand shall feel, from where the handle is and how it
+//! moves.
 //!
-//! On one axis: spring (negative: divergent), damper, inertia, tables over position and velocity, walls. Across axes: constant
-//! matrices, of which a curl field is the antisymmetric part of the damping. A torque is positive the way its axis counts.
+//! On one axis: spring (negative: divergent), damper, inertia, tables over position and velocity,
+//! walls. Across axes: constant matrices, of which a curl field is the antisymmetric part of the
+//! damping. A torque is positive the way its axis counts.
 
 use ipc_types::{AXES, Setpoint, TABLE};
 
@@ -12,9 +14,11 @@ use super::within;
 pub struct Handle {
     /// Position (rad or m).
     pub position: [f64; AXES],
-    /// Velocity (rad/s or m/s): difference quotient of its encoder behind the axis's `velocity_filter_hz`.
+    /// Velocity (rad/s or m/s): difference quotient of its encoder behind the axis's
+    /// `velocity_filter_hz`.
     pub velocity: [f64; AXES],
-    /// Acceleration (rad/s² or m/s²): difference quotient of that velocity behind [`rig::ACCELERATION_HZ`].
+    /// Acceleration (rad/s² or m/s²): difference quotient of that velocity behind
+    /// [`rig::ACCELERATION_HZ`].
     pub acceleration: [f64; AXES],
 }
 
@@ -34,7 +38,8 @@ pub fn field_torque(setpoint: &Setpoint, axis: usize, handle: &Handle, most_iner
     let entries = axis * TABLE..(axis + 1) * TABLE;
     let (least, most) = (setpoint.table_position_min[axis], setpoint.table_position_max[axis]);
     if most > least {
-        torque += at(&setpoint.position_table[entries.clone()], (position - least) / (most - least));
+        torque +=
+            at(&setpoint.position_table[entries.clone()], (position - least) / (most - least));
     }
     let speed = setpoint.table_speed[axis];
     if speed > 0.0 {
@@ -47,7 +52,8 @@ pub fn field_torque(setpoint: &Setpoint, axis: usize, handle: &Handle, most_iner
     torque + within(inertia, most_inertia)
 }
 
-/// Linear interpolation in evenly spaced values, `share` (0 to 1) of the way through them; beyond the ends, the ends.
+/// Linear interpolation in evenly spaced values, `share` (0 to 1) of the way through them; beyond
+/// the ends, the ends.
 fn at(values: &[f64], share: f64) -> f64 {
     // What is no number stays none, and the law lets go.
     let place = share.clamp(0.0, 1.0) * values.len().saturating_sub(1) as f64;
@@ -61,7 +67,15 @@ pub(super) fn is_finite(setpoint: &Setpoint) -> bool {
     let Setpoint { position, wall_min, wall_max, wall_stiffness, .. } = setpoint;
     let Setpoint { table_position_min, table_position_max, table_speed, .. } = setpoint;
     let Setpoint { stiffness, damping, inertia, position_table, velocity_table, .. } = setpoint;
-    let axes = [position, wall_min, wall_max, wall_stiffness, table_position_min, table_position_max, table_speed];
+    let axes = [
+        position,
+        wall_min,
+        wall_max,
+        wall_stiffness,
+        table_position_min,
+        table_position_max,
+        table_speed,
+    ];
     let matrices = [stiffness, damping, inertia].into_iter().flatten();
     let tables = [position_table, velocity_table].into_iter().flatten();
     axes.into_iter().flatten().chain(matrices).chain(tables).all(|number| number.is_finite())

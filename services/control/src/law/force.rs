@@ -1,15 +1,17 @@
 //! Force control (§ 4.2): the machine moves with the hand, and lets it feel a force field.
 //!
-//! The transmission cannot be driven back by hand. The torque that the hand applies is measured, and the motor helps it:
-//! `v_m = P₁ v_s + G` (eq. 4.2.2), forgotten into the output as `V = (1 - β) V + β v_m` (eq. 4.2.1). `G` (eq. 4.2.3) has the direction
-//! of the torque, not of the movement, and compensates static friction and its fall with speed.
+//! The transmission cannot be driven back by hand. The torque that the hand applies is measured,
+//! and the motor helps it: `v_m = P₁ v_s + G` (eq. 4.2.2), forgotten into the output as `V = (1 -
+//! β) V + β v_m` (eq. 4.2.1). `G` (eq. 4.2.3) has the direction of the torque, not of the movement,
+//! and compensates static friction and its fall with speed.
 //!
-//! A field's torque is added to the hand's: what the law makes small is the sum of both, so that the hand has to
-//! hold against the field.
+//! A field's torque is added to the hand's: what the law makes small is the sum of both, so that
+//! the hand has to hold against the field.
 //!
-//! Where the print leaves room: `β` belongs to a period of 2 ms, and another rate forgets as much per second; `C` is held against
-//! the speed, not the signed velocity; `G` ends at 0 V, where the printed line goes on below; at torques within `torque_threshold_v` the
-//! offset grows in proportion, since the sign of noise would throw the motor to and fro, and no torque gives none.
+//! Where the print leaves room: `β` belongs to a period of 2 ms, and another rate forgets as much
+//! per second; `C` is held against the speed, not the signed velocity; `G` ends at 0 V, where the
+//! printed line goes on below; at torques within `torque_threshold_v` the offset grows in
+//! proportion, since the sign of noise would throw the motor to and fro, and no torque gives none.
 
 use rig::ForceControl;
 
@@ -25,7 +27,8 @@ pub fn offset_v(gains: &ForceControl, velocity: f64) -> f64 {
     }
 }
 
-/// What the output would settle at (V), eq. 4.2.2: for a torque (hand and field, N·m or N) and a velocity (rad/s or m/s).
+/// What the output would settle at (V), eq. 4.2.2: for a torque (hand and field, N·m or N) and a
+/// velocity (rad/s or m/s).
 pub fn settled_v(gains: &ForceControl, torque: f64, velocity: f64) -> f64 {
     let signal_v = gains.volts_per_torque * torque;
     let direction = (signal_v / gains.torque_threshold_v).clamp(-1.0, 1.0);
@@ -35,7 +38,14 @@ pub fn settled_v(gains: &ForceControl, torque: f64, velocity: f64) -> f64 {
 }
 
 /// The output after `elapsed_s` (V), within ± `limit_v`; not finite where an input is not.
-pub fn step(gains: &ForceControl, output_v: f64, torque: f64, velocity: f64, elapsed_s: f64, limit_v: f64) -> f64 {
+pub fn step(
+    gains: &ForceControl,
+    output_v: f64,
+    torque: f64,
+    velocity: f64,
+    elapsed_s: f64,
+    limit_v: f64,
+) -> f64 {
     let wanted_v = settled_v(gains, torque, velocity);
     let next_v = output_v + gains.share(elapsed_s) * (wanted_v - output_v);
     if next_v.is_finite() { within(next_v, limit_v) } else { f64::NAN }

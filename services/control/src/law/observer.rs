@@ -1,11 +1,13 @@
 //! Disturbance observer: what the volts at the motor did not become motion of.
 //!
-//! With the nominal inertia `J` (V·s² per unit) and the volts `u` that were really at the motor, `d = u - J v̇` is what friction,
-//! hand and line took. It is seen through a first-order filter, `d̂ = Q (u - c + g J v) - g J v` with `Q = g / (s + g)`, so that no
-//! acceleration need be measured; `c` is what the friction compensation gives already (Ohnishi's form).
+//! With the nominal inertia `J` (V·s² per unit) and the volts `u` that were really at the motor, `d
+//! = u - J v̇` is what friction, hand and line took. It is seen through a first-order filter, `d̂ =
+//! Q (u - c + g J v) - g J v` with `Q = g / (s + g)`, so that no acceleration need be measured; `c`
+//! is what the friction compensation gives already (Ohnishi's form).
 //!
-//! Its output is added to the law's. It is bounded, and its state is pulled back to the bound (no windup). It works while the
-//! reference moves: at rest an estimate of friction would break the motor loose again and again, so there it fades.
+//! Its output is added to the law's. It is bounded, and its state is pulled back to the bound (no
+//! windup). It works while the reference moves: at rest an estimate of friction would break the
+//! motor loose again and again, so there it fades.
 
 use std::f64::consts::TAU;
 
@@ -56,7 +58,8 @@ impl Disturbance {
             bounded_v *= (-seen.elapsed_s / FADE_S).exp();
         }
         self.filtered_v = Some(bounded_v + momentum_v);
-        self.output.follow(settings.share * bounded_v, settings.limit_v * seen.elapsed_s / OBSERVER_SLEW_S)
+        self.output
+            .follow(settings.share * bounded_v, settings.limit_v * seen.elapsed_s / OBSERVER_SLEW_S)
     }
 }
 
@@ -92,8 +95,13 @@ mod tests {
     #[test]
     fn stays_within_its_limit_and_comes_back_at_once() {
         let mut observer = Disturbance::default();
-        let mut step =
-            |volts| observer.step(&SETTINGS, INERTIA_V, &Seen { volts, velocity: 0.0, moves: true, elapsed_s: STEP_S });
+        let mut step = |volts| {
+            observer.step(
+                &SETTINGS,
+                INERTIA_V,
+                &Seen { volts, velocity: 0.0, moves: true, elapsed_s: STEP_S },
+            )
+        };
         for _ in 0..5000 {
             assert!(step(10.0) <= 2.0);
         }
@@ -109,7 +117,8 @@ mod tests {
         let stuck = Seen { volts: 1.0, velocity: 0.0, ..seen };
         let moving = (0..500).map(|_| observer.step(&SETTINGS, INERTIA_V, &stuck)).last().unwrap();
         let resting = Seen { volts: 0.0, moves: false, ..stuck };
-        let rested = (0..2000).map(|_| observer.step(&SETTINGS, INERTIA_V, &resting)).last().unwrap();
+        let rested =
+            (0..2000).map(|_| observer.step(&SETTINGS, INERTIA_V, &resting)).last().unwrap();
         assert!(moving > 0.9 && rested < 1e-3, "{moving} {rested}");
     }
 }

@@ -40,7 +40,8 @@ impl Law {
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
         let Some(force) = &law.force else { return false };
         let limit_v = axis.limit_v;
-        // What it takes to bring the output to its limit: a field's inertia, of which one knows least, asks for no more.
+        // What it takes to bring the output to its limit: a field's inertia, of which one knows
+        // least, asks for no more.
         let most = limit_v / force.volts_per_hand_torque();
         let field = field_torque(setpoint, index, &handle, most)
             + end_stop_torque(force, handle.position[index], law.position_min, law.position_max);
@@ -71,7 +72,8 @@ impl Law {
 }
 
 impl Axis {
-    /// What of the last output is still to be added to the `next_v` of this control; fades by `fade_v` a step.
+    /// What of the last output is still to be added to the `next_v` of this control; fades by
+    /// `fade_v` a step.
     pub(super) fn carry(&mut self, yields: bool, next_v: f64, fade_v: f64) -> f64 {
         if yields == self.yields {
             self.carried_v -= self.carried_v.clamp(-fade_v, fade_v);

@@ -9,7 +9,10 @@ const SESSION: u64 = 7;
 const MS: u64 = 1_000_000;
 
 fn admission() -> Admission {
-    Admission::new(SESSION, &[AxisLimits { position_min: -2.0, position_max: 1.5, speed_max: 10.0 }])
+    Admission::new(
+        SESSION,
+        &[AxisLimits { position_min: -2.0, position_max: 1.5, speed_max: 10.0 }],
+    )
 }
 
 fn setpoint(sequence: u64, now_ns: u64) -> Setpoint {
@@ -92,7 +95,11 @@ fn sr_25_modes_ask_for_the_numbers_that_they_use() {
 fn sr_25_order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
     let mut admission = admission();
     assert_eq!(admission.admit(20 * MS, &setpoint(5, 20 * MS)), Ok(()));
-    assert_eq!(admission.admit(21 * MS, &setpoint(5, 21 * MS)), Err(Refusal::Sequence), "the same again");
+    assert_eq!(
+        admission.admit(21 * MS, &setpoint(5, 21 * MS)),
+        Err(Refusal::Sequence),
+        "the same again"
+    );
     assert_eq!(admission.admit(21 * MS, &setpoint(4, 21 * MS)), Err(Refusal::Sequence));
     assert_eq!(admission.admit(21 * MS, &setpoint(6, 19 * MS)), Err(Refusal::Backwards));
     assert_eq!(admission.admit(22 * MS, &setpoint(9, 22 * MS)), Ok(()), "gaps are no disorder");
@@ -105,7 +112,11 @@ fn sr_25_order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
 
 #[test]
 fn sr_25_another_owner_waits_for_the_lease() {
-    let other = |now: u64| Setpoint { incarnation: 90, owner: Process::Operator.code(), ..setpoint(0, now) };
+    let other = |now: u64| Setpoint {
+        incarnation: 90,
+        owner: Process::Operator.code(),
+        ..setpoint(0, now)
+    };
     let mut busy = admission();
     assert_eq!(busy.admit(0, &setpoint(0, 0)), Ok(()));
     assert_eq!(busy.admit(100 * MS, &other(100 * MS)), Err(Refusal::Owner));
@@ -138,9 +149,13 @@ fn each_reason_is_told_once_a_second_with_its_count() {
         told.extend(admission.notice(now, refusal, &bad));
     }
     assert_eq!(TELL_NS, 1_000 * MS);
-    let told: Vec<_> = told.iter().map(|notice| (notice.refusal, notice.sequence, notice.count)).collect();
+    let told: Vec<_> =
+        told.iter().map(|notice| (notice.refusal, notice.sequence, notice.count)).collect();
     let (position, speed) = (Refusal::Position, Refusal::Speed);
-    assert_eq!(told, [(position, 0, 1), (speed, 1, 1), (position, 1_000, 501), (speed, 1_001, 501)]);
+    assert_eq!(
+        told,
+        [(position, 0, 1), (speed, 1, 1), (position, 1_000, 501), (speed, 1_001, 501)]
+    );
 }
 
 #[test]

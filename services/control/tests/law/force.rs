@@ -15,7 +15,9 @@ fn close(found: f64, expected: f64) {
 fn offset_is_that_of_eq_4_2_3() {
     let gains = force_control();
     // counts/s and V
-    for (speed, volts) in [(0.0, 1.5), (999.0, 1.5), (1000.0, 1.2), (2000.0, 1.2 - 0.111), (11_000.0, 1.2 - 1.11)] {
+    for (speed, volts) in
+        [(0.0, 1.5), (999.0, 1.5), (1000.0, 1.2), (2000.0, 1.2 - 0.111), (11_000.0, 1.2 - 1.11)]
+    {
         close(offset_v(&gains, speed / COUNTS), volts);
         close(offset_v(&gains, -speed / COUNTS), volts);
     }
@@ -53,8 +55,10 @@ fn fields_pull_as_their_matrices_say() {
     // A spring on axis 0, a curl field on both: torque across the velocity, no work.
     field.stiffness[0] = 2.0;
     (field.damping[1], field.damping[AXES]) = (0.5, -0.5);
-    let handle = Handle { position: [0.4, 0.7, 0.0], velocity: [1.0, -2.0, 0.0], ..Handle::default() };
-    let on = |field: &Setpoint, axis, handle: &Handle| field_torque(field, axis, handle, f64::INFINITY);
+    let handle =
+        Handle { position: [0.4, 0.7, 0.0], velocity: [1.0, -2.0, 0.0], ..Handle::default() };
+    let on =
+        |field: &Setpoint, axis, handle: &Handle| field_torque(field, axis, handle, f64::INFINITY);
     let torque: [f64; AXES] = std::array::from_fn(|axis| on(&field, axis, &handle));
     close(torque[0], -2.0 * 0.3 - 0.5 * -2.0);
     close(torque[1], 0.5 * 1.0);
@@ -83,7 +87,9 @@ fn tables_are_linear_between_their_points_and_hold_their_ends() {
     }
     (field.table_position_min[1], field.table_position_max[1]) = (-1.0, 0.6);
     // 0.1 rad from point to point.
-    for (position, torque) in [(-1.0, 9.0), (-0.95, 6.5), (-0.7, 0.0), (0.6, 169.0), (-4.0, 9.0), (4.0, 169.0)] {
+    for (position, torque) in
+        [(-1.0, 9.0), (-0.95, 6.5), (-0.7, 0.0), (0.6, 169.0), (-4.0, 9.0), (4.0, 169.0)]
+    {
         let handle = Handle { position: [0.3, position, 0.0], ..Handle::default() };
         assert!((field_torque(&field, 1, &handle, 0.0) - torque).abs() < 1e-9, "{position}");
         assert_eq!(field_torque(&field, 0, &handle, 0.0), 0.0, "another axis");
@@ -93,19 +99,23 @@ fn tables_are_linear_between_their_points_and_hold_their_ends() {
         *torque = -0.5 * (point as f64 - 8.0);
     }
     field.table_speed[0] = 4.0;
-    for (velocity, torque) in [(0.0, 0.0), (4.0, -4.0), (-4.0, 4.0), (1.3, -1.3), (9.0, -4.0), (-9.0, 4.0)] {
+    for (velocity, torque) in
+        [(0.0, 0.0), (4.0, -4.0), (-4.0, 4.0), (1.3, -1.3), (9.0, -4.0), (-9.0, 4.0)]
+    {
         let handle = Handle { velocity: [velocity, 0.0, 0.0], ..Handle::default() };
         assert!((field_torque(&field, 0, &handle, 0.0) - torque).abs() < 1e-9, "{velocity}");
     }
     // Limits the wrong way round, or of no width: no table.
-    (field.table_speed[0], field.table_position_min[0], field.table_position_max[0]) = (-4.0, 1.0, 1.0);
+    (field.table_speed[0], field.table_position_min[0], field.table_position_max[0]) =
+        (-4.0, 1.0, 1.0);
     field.position_table.fill(5.0);
     assert_eq!(field_torque(&field, 0, &Handle::default(), 0.0), 0.0);
 }
 
 #[test]
 fn acceleration_of_the_handle_is_felt_within_its_bandwidth() {
-    // A hand that swings the handle at 1 Hz in a field of inertia alone: volts against the acceleration, a little late.
+    // A hand that swings the handle at 1 Hz in a field of inertia alone: volts against the
+    // acceleration, a little late.
     let mut law = Law::new(config(axis_law(), 500));
     let (mut now, mut found) = (SECOND, [0.0, 0.0]);
     let mut gains = [0.0; 2];
@@ -122,11 +132,15 @@ fn acceleration_of_the_handle_is_felt_within_its_bandwidth() {
             found[1] += command.volts[0] * phase.cos() / 500.0;
         }
     }
-    // Torque + 0.05 · (2π)² sin: within the offset's threshold nothing, so P1 v_s and 4/π of the offset of 1.5 V.
+    // Torque + 0.05 · (2π)² sin: within the offset's threshold nothing, so P1 v_s and 4/π of the
+    // offset of 1.5 V.
     gains[0] = found[0].hypot(found[1]);
     gains[1] = (-found[1]).atan2(found[0]).to_degrees();
     let expected = 0.333 * 0.5 * 0.05 * std::f64::consts::TAU.powi(2);
-    assert!(gains[0] > expected && gains[0] < expected + 1.5 * 4.0 / std::f64::consts::PI, "{gains:?}");
+    assert!(
+        gains[0] > expected && gains[0] < expected + 1.5 * 4.0 / std::f64::consts::PI,
+        "{gains:?}"
+    );
     // 10 Hz, 40 (30) Hz and forgetting: 6°, 2° and 1°.
     assert!((5.0..15.0).contains(&gains[1]), "{gains:?}");
 }
@@ -144,7 +158,13 @@ fn free(now: u64) -> Setpoint {
 }
 
 /// Runs a law for some cycles of 2 ms on a hand that rests and pushes; the last command.
-fn run(law: &mut Law, now: &mut u64, cycles: u32, torque: f64, aim: impl Fn(u64) -> Setpoint) -> Vec<MotorCommand> {
+fn run(
+    law: &mut Law,
+    now: &mut u64,
+    cycles: u32,
+    torque: f64,
+    aim: impl Fn(u64) -> Setpoint,
+) -> Vec<MotorCommand> {
     (0..cycles)
         .map(|_| {
             *now += 2_000_000;
@@ -159,17 +179,20 @@ fn run(law: &mut Law, now: &mut u64, cycles: u32, torque: f64, aim: impl Fn(u64)
 fn goes_over_from_guidance_to_the_hand_and_back_without_a_jump() {
     let mut law = Law::new(config(axis_law(), 500));
     let mut now = SECOND;
-    let guided = run(&mut law, &mut now, 600, 0.0, |now| setpoint(now, Mode::Position, sine(now, 0.3)));
+    let guided =
+        run(&mut law, &mut now, 600, 0.0, |now| setpoint(now, Mode::Position, sine(now, 0.3)));
     let held_v = guided.last().unwrap().volts[0];
     assert!(held_v.abs() > 0.5, "{held_v}");
     let given = run(&mut law, &mut now, 200, 0.0, free);
     assert!((given[0].volts[0] - held_v).abs() < 1e-9, "{held_v}, then {}", given[0].volts[0]);
-    // Without a torque the carried volts fade in AUTHORITY_S from the limit at most, and nothing is left.
+    // Without a torque the carried volts fade in AUTHORITY_S from the limit at most, and nothing is
+    // left.
     let faded = (AUTHORITY_S * 500.0) as usize + 1;
     assert_eq!((given[faded].volts[0], given[faded].ramping), (0.0, 0));
     let pushed = run(&mut law, &mut now, 200, 2.0, free);
     close(pushed[199].volts[0], 0.333 + 1.5);
-    let taken = run(&mut law, &mut now, 1, 2.0, |now| setpoint(now, Mode::Hold, [0.5, 0.0, 0.0, 0.0]));
+    let taken =
+        run(&mut law, &mut now, 1, 2.0, |now| setpoint(now, Mode::Hold, [0.5, 0.0, 0.0, 0.0]));
     assert!((taken[0].volts[0] - pushed[199].volts[0]).abs() < 1e-9, "{:?}", taken[0].volts);
     assert_eq!(taken[0].reference_position[0], 0.5, "from where the hand is");
 }
@@ -207,7 +230,8 @@ fn without_a_torque_there_is_no_force_control() {
     }
 }
 
-/// A spring that the hand is pulled away from: the law works for the spring until the hand holds it.
+/// A spring that the hand is pulled away from: the law works for the spring until the hand holds
+/// it.
 #[test]
 fn a_field_drives_the_handle_until_the_hand_holds_against_it() {
     let mut law = Law::new(config(axis_law(), 500));

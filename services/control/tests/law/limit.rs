@@ -8,7 +8,12 @@ use super::{SECOND, axis_law, config, sample, setpoint};
 const PERIOD_NS: u64 = 2_000_000;
 
 /// Steps a law in front of a hand at 0 that does not move; the setpoint by cycle.
-fn play(law: &mut Law, from: u64, cycles: u64, mut aim: impl FnMut(u64) -> Setpoint) -> Vec<MotorCommand> {
+fn play(
+    law: &mut Law,
+    from: u64,
+    cycles: u64,
+    mut aim: impl FnMut(u64) -> Setpoint,
+) -> Vec<MotorCommand> {
     (from..from + cycles)
         .map(|cycle| {
             let now = SECOND + cycle * PERIOD_NS;
@@ -26,7 +31,9 @@ fn limited(now: u64, mode: Mode, position: f64, limit_v: f64) -> Setpoint {
 #[test]
 fn sr_22_a_setpoint_narrows_the_limit_and_never_widens_it() {
     // 1.9 rad ask for 5.4 V; the rig allows 5 V.
-    for (asked, holds) in [(2.0, 2.0), (0.0, 5.0), (-3.0, 5.0), (f64::NAN, 5.0), (50.0, 5.0), (f64::INFINITY, 5.0)] {
+    for (asked, holds) in
+        [(2.0, 2.0), (0.0, 5.0), (-3.0, 5.0), (f64::NAN, 5.0), (50.0, 5.0), (f64::INFINITY, 5.0)]
+    {
         for mode in [Mode::Hold, Mode::Position, Mode::Centre, Mode::Learning] {
             let mut law = Law::new(config(axis_law(), 500));
             let commands = play(&mut law, 0, 1500, |now| limited(now, mode, 1.9, asked));
@@ -68,13 +75,22 @@ fn sr_21_against_a_stop_the_reference_does_not_wind_up() {
     let mut law = fresh();
     let there = drive(&mut law, Mode::Initialise);
     for command in &there {
-        assert!(command.reference_position[0].abs() <= lead + 1e-9, "{}", command.reference_position[0]);
+        assert!(
+            command.reference_position[0].abs() <= lead + 1e-9,
+            "{}",
+            command.reference_position[0]
+        );
         assert!(command.volts[0].abs() <= 1.5 + 1e-9);
     }
     assert!((there[1499].volts[0] - 1.5).abs() < 1e-9, "the whole of the limit pushes");
-    // Mode hold takes over from the reference that was held back: nothing leaps, and there is no far way to go.
+    // Mode hold takes over from the reference that was held back: nothing leaps, and there is no
+    // far way to go.
     for command in play(&mut law, 1500, 500, |now| limited(now, Mode::Hold, f64::NAN, 0.0)) {
-        assert!(command.reference_position[0].abs() <= lead + 0.1, "{}", command.reference_position[0]);
+        assert!(
+            command.reference_position[0].abs() <= lead + 0.1,
+            "{}",
+            command.reference_position[0]
+        );
     }
     // Without it the reference is where the setpoint drove it.
     let wound = drive(&mut fresh(), Mode::Position);

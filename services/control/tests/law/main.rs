@@ -67,7 +67,11 @@ fn sample(time_ns: u64, position: f64) -> Sample {
     sample
 }
 
-fn setpoint(time_ns: u64, mode: Mode, [position, velocity, acceleration, peak]: [f64; 4]) -> Setpoint {
+fn setpoint(
+    time_ns: u64,
+    mode: Mode,
+    [position, velocity, acceleration, peak]: [f64; 4],
+) -> Setpoint {
     let mut setpoint = Setpoint {
         incarnation: 61,
         at_ns: time_ns,
@@ -90,7 +94,8 @@ fn sine(time_ns: u64, hertz: f64) -> [f64; 4] {
     [phase.sin(), omega * phase.cos(), -omega * omega * phase.sin(), omega]
 }
 
-/// A mass on which volts act through `inertia_v`, with dry friction (V); exact between two commands.
+/// A mass on which volts act through `inertia_v`, with dry friction (V); exact between two
+/// commands.
 #[derive(Clone, Copy, Default)]
 struct Mass {
     position: f64,
@@ -135,11 +140,13 @@ fn closed_loop(
 #[test]
 fn gains_per_count_are_those_of_the_thesis() {
     let law = axis_law();
-    assert!((law.position_gain - 2.8648).abs() < 1e-4 && (law.velocity_gain - 0.44563).abs() < 1e-5);
+    assert!(
+        (law.position_gain - 2.8648).abs() < 1e-4 && (law.velocity_gain - 0.44563).abs() < 1e-5
+    );
 }
 
-/// A mass that is pushed while it is held: `inertia_v x'' + D x' + P x = 0`, x(0) = 0, x'(0) = v. Held against the closed form, with an
-/// error that falls in proportion to the period.
+/// A mass that is pushed while it is held: `inertia_v x'' + D x' + P x = 0`, x(0) = 0, x'(0) = v.
+/// Held against the closed form, with an error that falls in proportion to the period.
 #[test]
 fn feedback_on_a_pure_inertia_has_the_closed_form() {
     let law = AxisLaw { velocity_gain: 0.1, velocity_filter_hz: 1e6, ..axis_law() };
@@ -162,7 +169,10 @@ fn feedback_on_a_pure_inertia_has_the_closed_form() {
                 }
                 if now >= push {
                     let t = (now - push) as f64 * 1e-9;
-                    error = error.max((mass.position - (-damping * t).exp() * (omega * t).sin() / omega).abs() * omega);
+                    error = error.max(
+                        (mass.position - (-damping * t).exp() * (omega * t).sin() / omega).abs()
+                            * omega,
+                    );
                 }
             },
         );
@@ -182,13 +192,22 @@ fn feedforward_of_a_sine_is_the_curve_of_fig_4_3_a() {
     for cycle in 0..2_000u64 {
         let now = SECOND + cycle * 2_000_000;
         let aim = sine(now, 1.0);
-        let command = controller.step(now, &sample(now, aim[0]), Some(&setpoint(now, Mode::Position, aim)), true);
+        let command = controller.step(
+            now,
+            &sample(now, aim[0]),
+            Some(&setpoint(now, Mode::Position, aim)),
+            true,
+        );
         // Once on the target, and away from the reversals that are smoothed.
         if cycle > 1_000 && aim[1].abs() > 0.3 * aim[3] {
             let phase = (aim[1].abs() / aim[3]).asin() * 2.0 / std::f64::consts::PI;
             let triangle = (1.5 - 0.9 * phase).copysign(aim[1]);
             let expected = triangle + law.inertia_v * aim[2];
-            assert!((command.feedforward_v[0] - expected).abs() < 0.01, "{} {expected}", command.feedforward_v[0]);
+            assert!(
+                (command.feedforward_v[0] - expected).abs() < 0.01,
+                "{} {expected}",
+                command.feedforward_v[0]
+            );
             assert_eq!((command.ramping, command.lapsed), (0, 0));
             assert!((command.reference_position[0] - aim[0]).abs() < 1e-9);
         }
@@ -216,7 +235,12 @@ fn feedforward_makes_a_mass_with_friction_follow_better() {
         f64::sqrt(sum / count)
     };
     let with = rms(axis_law());
-    let without = rms(AxisLaw { friction_peak_v: 0.0, friction_floor_v: 0.0, inertia_v: 0.011, ..axis_law() });
+    let without = rms(AxisLaw {
+        friction_peak_v: 0.0,
+        friction_floor_v: 0.0,
+        inertia_v: 0.011,
+        ..axis_law()
+    });
     assert!(with < 0.5 * without, "with {with} rad, without {without} rad");
     assert!(with < 0.12, "{with} rad");
 }
@@ -271,12 +295,19 @@ fn sr_21_power_comes_without_a_bump_and_the_reference_catches_up_no_faster_than_
         let aim = setpoint(now, Mode::Position, [1.5, 0.0, 0.0, 0.0]);
         let command = controller.step(now, &sample(now, -1.0), Some(&aim), true);
         if let Some(last) = last {
-            assert!((command.volts[0] - last.volts[0]).abs() <= bound + 2e-3 * 20.0, "cycle {cycle}");
+            assert!(
+                (command.volts[0] - last.volts[0]).abs() <= bound + 2e-3 * 20.0,
+                "cycle {cycle}"
+            );
         } else {
             assert!(command.volts[0].abs() < 1e-9, "first step: {} V", command.volts[0]);
         }
         peak = peak.max(command.reference_velocity[0].abs());
-        assert_eq!(command.ramping == 1, command.reference_position[0] < 1.5 - 1e-9, "cycle {cycle}");
+        assert_eq!(
+            command.ramping == 1,
+            command.reference_position[0] < 1.5 - 1e-9,
+            "cycle {cycle}"
+        );
         last = Some(command);
     }
     assert!(peak <= 2.0 && peak > 1.9, "{peak} rad/s");
@@ -334,7 +365,10 @@ fn sr_23_without_a_setpoint_it_holds_the_place_where_power_came() {
     for cycle in 1..500u64 {
         let now = SECOND + cycle * 2_000_000;
         let command = controller.step(now, &sample(now, 0.3 + 0.1), None, true);
-        assert_eq!((command.reference_position[0], command.mode, command.lapsed), (0.3, Mode::Hold.code(), 0));
+        assert_eq!(
+            (command.reference_position[0], command.mode, command.lapsed),
+            (0.3, Mode::Hold.code(), 0)
+        );
         if cycle > 200 {
             assert!((command.volts[0] + 0.1 * axis_law().position_gain).abs() < 1e-3);
         }
@@ -371,7 +405,10 @@ fn sr_23_passive_ramps_to_0_v_and_then_follows_the_hand() {
             assert!(before > 2.0);
         }
         if cycle >= 600 {
-            assert!((command.volts[0] - last).abs() <= before * 2e-3 / AUTHORITY_S + 1e-9, "cycle {cycle}");
+            assert!(
+                (command.volts[0] - last).abs() <= before * 2e-3 / AUTHORITY_S + 1e-9,
+                "cycle {cycle}"
+            );
             assert_eq!(command.mode, Mode::Passive.code());
         }
         if cycle > 600 + 26 {
@@ -411,7 +448,10 @@ fn sr_22_a_sensor_that_fails_gives_0_v_at_once_and_recovers_without_a_bump() {
             let aim = setpoint(now, Mode::Hold, [1.0, 0.0, 0.0, 0.0]);
             let command = controller.step(now, &sample, Some(&aim), true);
             if fails {
-                assert_eq!((command.volts, command.limited, command.mode), ([0.0; AXES], 1, Mode::Passive.code()));
+                assert_eq!(
+                    (command.volts, command.limited, command.mode),
+                    ([0.0; AXES], 1, Mode::Passive.code())
+                );
             } else {
                 assert!((command.volts[0] - last).abs() <= bound + 0.05, "cycle {cycle}");
             }

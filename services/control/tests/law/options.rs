@@ -2,7 +2,10 @@
 
 use control::law::{AxisLaw, Law, LawOptions};
 use ipc_types::Mode;
-use rig::{Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer, SlaveLoop};
+use rig::{
+    Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer,
+    SlaveLoop,
+};
 
 use super::{Mass, SECOND, axis_law, config, sample, setpoint, sine};
 
@@ -53,17 +56,32 @@ pub(super) fn variant(number: usize) -> AxisLaw {
         1 => with(ControlOptions { compensation: identified, ..ControlOptions::default() }),
         2 => with(ControlOptions { observer: Some(observer()), ..ControlOptions::default() }),
         3 => with(ControlOptions { slave: Some(slave()), ..ControlOptions::default() }),
-        4 => with(ControlOptions { compensation: none, observer: Some(observer()), slave: Some(slave()) }),
-        _ => with(ControlOptions { compensation: identified, observer: Some(observer()), slave: Some(slave()) }),
+        4 => with(ControlOptions {
+            compensation: none,
+            observer: Some(observer()),
+            slave: Some(slave()),
+        }),
+        _ => with(ControlOptions {
+            compensation: identified,
+            observer: Some(observer()),
+            slave: Some(slave()),
+        }),
     }
 }
 
 /// A law with settings of any kind in its options and its model.
-pub(super) fn with_settings(law: AxisLaw, [first, second, third, fourth, fifth]: [f64; 5]) -> AxisLaw {
+pub(super) fn with_settings(
+    law: AxisLaw,
+    [first, second, third, fourth, fifth]: [f64; 5],
+) -> AxisLaw {
     let control = &law.options.control;
     let control = ControlOptions {
         compensation: Compensation { share: first, reversal_speed: second, ..control.compensation },
-        observer: control.observer.map(|_| Observer { cutoff_hz: first, share: second, limit_v: third }),
+        observer: control.observer.map(|_| Observer {
+            cutoff_hz: first,
+            share: second,
+            limit_v: third,
+        }),
         slave: control.slave.map(|_| SlaveLoop {
             limit: third,
             windup_share: first,
@@ -83,7 +101,8 @@ pub(super) fn with_settings(law: AxisLaw, [first, second, third, fourth, fifth]:
     AxisLaw { options: LawOptions { control, model }, ..law }
 }
 
-/// Root mean square of the master's error on a mass with friction over the last two of four seconds (rad).
+/// Root mean square of the master's error on a mass with friction over the last two of four seconds
+/// (rad).
 fn rms(law: AxisLaw, friction_v: f64) -> f64 {
     let mut controller = Law::new(config(law, 500));
     let mut mass = Mass { friction_v, ..Mass::default() };
@@ -93,7 +112,8 @@ fn rms(law: AxisLaw, friction_v: f64) -> f64 {
         let mut sample = sample(now, mass.position);
         (sample.motor_v[0], sample.motor_present) = (written_v, 1);
         let aim = sine(now, 0.5);
-        let command = controller.step(now, &sample, Some(&setpoint(now, Mode::Position, aim)), true);
+        let command =
+            controller.step(now, &sample, Some(&setpoint(now, Mode::Position, aim)), true);
         written_v = command.volts[0];
         if cycle >= 1000 {
             sum += (aim[0] - mass.position).powi(2);
@@ -105,7 +125,10 @@ fn rms(law: AxisLaw, friction_v: f64) -> f64 {
 
 #[test]
 fn each_option_takes_friction_away_that_the_feedback_leaves() {
-    let none = with(ControlOptions { compensation: compensation(CompensationKind::None), ..ControlOptions::default() });
+    let none = with(ControlOptions {
+        compensation: compensation(CompensationKind::None),
+        ..ControlOptions::default()
+    });
     let mut identified = variant(1);
     if let Some(model) = &mut identified.options.model {
         // A mass without a line: all of its friction is the motor's.
@@ -123,11 +146,15 @@ fn each_option_takes_friction_away_that_the_feedback_leaves() {
 fn without_a_model_the_options_are_silent() {
     let mut law = variant(5);
     law.options.model = None;
-    let none = with(ControlOptions { compensation: compensation(CompensationKind::None), ..ControlOptions::default() });
+    let none = with(ControlOptions {
+        compensation: compensation(CompensationKind::None),
+        ..ControlOptions::default()
+    });
     assert_eq!(rms(law, 1.0), rms(none, 1.0));
 }
 
-/// The law with a loop on the slave, held at a position for `cycles`, the slave standing `behind` (rad); the master's reference.
+/// The law with a loop on the slave, held at a position for `cycles`, the slave standing `behind`
+/// (rad); the master's reference.
 fn held(behind: Option<f64>, cycles: u64) -> Vec<f64> {
     let mut law = Law::new(config(variant(3), 500));
     (0..cycles)

@@ -8,8 +8,11 @@ use super::options::{VARIANTS, variant, with_settings};
 use super::{SECOND, config, sample, setpoint, sine};
 
 /// Bytes that hold either message.
-const LONGEST: usize =
-    if size_of::<Sample>() > size_of::<Setpoint>() { size_of::<Sample>() } else { size_of::<Setpoint>() };
+const LONGEST: usize = if size_of::<Sample>() > size_of::<Setpoint>() {
+    size_of::<Sample>()
+} else {
+    size_of::<Setpoint>()
+};
 
 /// What may happen to a law over some cycles.
 #[derive(Clone, Debug)]
@@ -43,20 +46,23 @@ struct Fields {
 }
 
 fn fields() -> impl Strategy<Value = Fields> {
-    let limit = prop_oneof![2 => Just(0.0), 4 => 0.05..6.0f64, 1 => -3.0..0.0f64, 1 => Just(f64::NAN)];
+    let limit =
+        prop_oneof![2 => Just(0.0), 4 => 0.05..6.0f64, 1 => -3.0..0.0f64, 1 => Just(f64::NAN)];
     let motion = (-2.0..2.0f64, -3.0..3.0f64, -20.0..20.0f64, 0.0..20.0f64);
     let field = (-5.0..10.0f64, -0.5..2.0f64, 0.0..20.0f64);
-    (prop::sample::select(Mode::ALL), motion, limit, field).prop_map(|(mode, motion, output_limit_v, field)| Fields {
-        mode,
-        position: motion.0,
-        velocity: motion.1,
-        acceleration: motion.2,
-        peak_speed: motion.3,
-        output_limit_v,
-        stiffness: field.0,
-        damping: field.1,
-        wall: field.2,
-    })
+    (prop::sample::select(Mode::ALL), motion, limit, field).prop_map(
+        |(mode, motion, output_limit_v, field)| Fields {
+            mode,
+            position: motion.0,
+            velocity: motion.1,
+            acceleration: motion.2,
+            peak_speed: motion.3,
+            output_limit_v,
+            stiffness: field.0,
+            damping: field.1,
+            wall: field.2,
+        },
+    )
 }
 
 fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
@@ -85,18 +91,24 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
         }
         Act::Hold(position) => setpoint(now, Mode::Hold, [position, 0.0, 0.0, 0.0]),
         Act::Passive => setpoint(now, Mode::Passive, [0.0; 4]),
-        Act::Lapse => Setpoint { lease_until_ns: begin, ..setpoint(begin, Mode::Position, sine(begin, 1.0)) },
+        Act::Lapse => {
+            Setpoint { lease_until_ns: begin, ..setpoint(begin, Mode::Position, sine(begin, 1.0)) }
+        }
         Act::Owner(_) => setpoint(now, Mode::Position, sine(now, 0.5)),
         Act::Free(_, stiffness, damping) => {
             let mut free = setpoint(now, Mode::Impedance, [0.3, 0.0, 0.0, 0.0]);
             (free.stiffness[0], free.damping[0]) = (stiffness, damping);
-            (free.inertia[0], free.velocity_table[0], free.table_speed[0]) = (0.1 * damping, stiffness, 1.0);
+            (free.inertia[0], free.velocity_table[0], free.table_speed[0]) =
+                (0.1 * damping, stiffness, 1.0);
             (free.wall_min[0], free.wall_max[0], free.wall_stiffness[0]) = (-1.0, 1.0, 20.0);
             free
         }
         Act::Any(ref fields, _) => {
             let Fields { mode, position, velocity, acceleration, peak_speed, .. } = **fields;
-            let moved = Fields { position: position + velocity * (now - begin) as f64 * 1e-9, ..(**fields).clone() };
+            let moved = Fields {
+                position: position + velocity * (now - begin) as f64 * 1e-9,
+                ..(**fields).clone()
+            };
             let position = if mode.moves() { moved.position } else { position };
             let mut any = setpoint(now, mode, [position, velocity, acceleration, peak_speed]);
             (any.stiffness[0], any.damping[0], any.output_limit_v[0]) =
@@ -111,7 +123,13 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
 }
 
 /// Plays acts to a law in front of a hand that does not move; `mirror` turns every position round.
-fn play(axis: AxisLaw, acts: &[(Act, u16)], hand: f64, mirror: f64, mut look: impl FnMut(&Law, &MotorCommand, bool)) {
+fn play(
+    axis: AxisLaw,
+    acts: &[(Act, u16)],
+    hand: f64,
+    mirror: f64,
+    mut look: impl FnMut(&Law, &MotorCommand, bool),
+) {
     let mut law = Law::new(config(axis, 500));
     let mut now = SECOND;
     let mut owner = 0;
@@ -153,8 +171,9 @@ fn number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
-    /// Over restarts, changes of mode and owner, jumps and lapsed leases: the output changes by no more than the stated bound and
-    /// what the reference's own movement asks for, and the reference never jumps.
+    /// Over restarts, changes of mode and owner, jumps and lapsed leases: the output changes by no
+    /// more than the stated bound and what the reference's own movement asks for, and the reference
+    /// never jumps.
     #[test]
     fn sr_21_nothing_makes_the_output_jump(acts in acts(), hand in -1.5..1.5f64, options in 0..VARIANTS) {
         let law = variant(options);
@@ -174,8 +193,9 @@ proptest! {
                 }
                 let step = (command.volts[0] - before.volts[0]).abs();
                 let mode = Mode::from_code(command.mode);
-                // Two sines of 2 Hz in opposite phase, and the speed of catching up, once for the reference and once for the slave's loop.
-                // Where the reference is held back, it is drawn near as fast as the limit on the output may change.
+                // Two sines of 2 Hz in opposite phase, and the speed of catching up, once for the
+                // reference and once for the slave's loop. Where the reference is held back, it is
+                // drawn near as fast as the limit on the output may change.
                 let drawn = if mode == Some(Mode::Initialise) { law.output_limit_v * 2e-3 / AUTHORITY_S } else { 0.0 };
                 let jumped = moved > 2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.position_gain
                     // Where the law lets go, the reference is where the hand is.

@@ -1,4 +1,5 @@
-//! The player's side of lessons: between the loop, which allocates nothing, and the teacher, who does.
+//! The player's side of lessons: between the loop, which allocates nothing, and the teacher, who
+//! does.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,7 +13,8 @@ use crate::lesson::{Lecture, Lesson, Spent};
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
 pub enum Homework {
-    /// A segment begins in which something is learnt: the teacher answers with [`Lecture::Ready`] or [`Lecture::Failed`].
+    /// A segment begins in which something is learnt: the teacher answers with [`Lecture::Ready`]
+    /// or [`Lecture::Failed`].
     Begin {
         /// Number of the lesson.
         ticket: u32,
@@ -52,7 +54,8 @@ impl Player {
 
     /// Takes in what the teacher says. A lesson that cannot go on stops the protocol.
     pub fn take_in(&mut self, lecture: Lecture) {
-        let of_this = |ticket: u32| self.lesson.as_ref().is_some_and(|lesson| lesson.ticket() == ticket);
+        let of_this =
+            |ticket: u32| self.lesson.as_ref().is_some_and(|lesson| lesson.ticket() == ticket);
         match lecture {
             Lecture::Failed { ticket } => {
                 if of_this(ticket) {
@@ -67,11 +70,12 @@ impl Player {
         }
     }
 
-    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns, CLOCK_MONOTONIC), and whether the motor
-    /// had power. Matters to lessons only.
+    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns,
+    /// CLOCK_MONOTONIC), and whether the motor had power. Matters to lessons only.
     pub fn record(&mut self, scan_ns: u64, slave: &[f64; AXES], powered: bool) {
         if let Some(lesson) = &mut self.lesson
-            && let Some(step) = self.program.as_ref().and_then(|program| program.steps.get(self.segment as usize))
+            && let Some(step) =
+                self.program.as_ref().and_then(|program| program.steps.get(self.segment as usize))
         {
             lesson.record(scan_ns, slave[step.axis], powered);
         }
@@ -83,14 +87,21 @@ impl Player {
     }
 
     /// Begins the lesson of a segment, if it is one.
-    pub(super) fn begin_lesson(&mut self, program: &Arc<Program>, segment: usize, begun_ns: u64, resumed: bool) {
+    pub(super) fn begin_lesson(
+        &mut self,
+        program: &Arc<Program>,
+        segment: usize,
+        begun_ns: u64,
+        resumed: bool,
+    ) {
         self.end_lesson();
         if let Some(step) = program.steps.get(segment)
             && let Some(plan) = &step.plan
         {
             self.tickets = self.tickets.wrapping_add(1);
             let ticket = self.tickets;
-            self.lesson = Some(Lesson::new(ticket, &plan.timetable, self.rest[step.axis], begun_ns));
+            self.lesson =
+                Some(Lesson::new(ticket, &plan.timetable, self.rest[step.axis], begun_ns));
             let program = Arc::clone(program);
             self.push(Homework::Begin { ticket, program, segment: segment as u32, resumed });
         }

@@ -39,7 +39,8 @@ pub(super) struct Step {
 impl Step {
     /// Every axis that moves, with its movement.
     pub(super) fn tracks(&self) -> impl Iterator<Item = (usize, &Track)> {
-        std::iter::once((self.axis, &self.track)).chain(self.others.iter().map(|(axis, track)| (*axis, track)))
+        std::iter::once((self.axis, &self.track))
+            .chain(self.others.iter().map(|(axis, track)| (*axis, track)))
     }
 }
 
@@ -50,7 +51,8 @@ impl Program {
     /// What [`Protocol::check_against`] finds.
     pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
         protocol.check_against(rig)?;
-        let tracks: Vec<_> = protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
+        let tracks: Vec<_> =
+            protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
         let plans: Vec<_> = protocol
             .segments
             .iter()
@@ -63,11 +65,21 @@ impl Program {
         let mut steps = Vec::with_capacity(protocol.count());
         for (index, segment) in protocol.sequence() {
             let track = tracks[index].clone();
-            let others = segment.companions.iter().map(|other| (other.axis, Track::new(other.movement.clone())));
+            let others = segment
+                .companions
+                .iter()
+                .map(|other| (other.axis, Track::new(other.movement.clone())));
             let others = others.collect();
             let duration_s = track.duration_s();
             let plan = plans[index].clone();
-            steps.push(Step { label: segment.label.clone(), axis: segment.axis, track, others, begins_s, plan });
+            steps.push(Step {
+                label: segment.label.clone(),
+                axis: segment.axis,
+                track,
+                others,
+                begins_s,
+                plan,
+            });
             begins_s += duration_s;
         }
         let mut limits = [(0.0, 0.0); AXES];
@@ -112,7 +124,12 @@ impl Program {
 
     /// Whether the segments from `from` on keep an axis within a range (rad or m).
     pub(super) fn fits(&self, from: usize, axis: usize, (lower, upper): (f64, f64)) -> bool {
-        let tracks = self.steps.iter().skip(from).flat_map(Step::tracks).filter(|(moving, _)| *moving == axis);
+        let tracks = self
+            .steps
+            .iter()
+            .skip(from)
+            .flat_map(Step::tracks)
+            .filter(|(moving, _)| *moving == axis);
         tracks.map(|(_, track)| track.movement()).all(|movement| {
             let range = match movement {
                 Movement::Rhythm(rhythm) => Some(rhythm.range()),

@@ -1,4 +1,5 @@
-//! What of a segment depends on what is measured, and what is told of it besides its beginning and end.
+//! What of a segment depends on what is measured, and what is told of it besides its beginning and
+//! end.
 
 use ipc_types::AXES;
 use rig::protocol::Movement;
@@ -31,7 +32,8 @@ impl Reason {
 /// Something to be told besides a [`Change`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Notice {
-    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's limits.
+    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's
+    /// limits.
     Range {
         /// The axis.
         axis: usize,
@@ -60,8 +62,8 @@ impl Player {
         self.notice.take()
     }
 
-    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok` where they are found, a change
-    /// where playing ends.
+    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok`
+    /// where they are found, a change where playing ends.
     pub(super) fn search(
         &mut self,
         program: &Program,
@@ -71,15 +73,20 @@ impl Player {
         measured: &[f64; AXES],
     ) -> Option<Result<(), Option<Change>>> {
         let step = program.steps.get(segment)?;
-        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else { return None };
+        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else {
+            return None;
+        };
         let limits = program.limits[axis];
         if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
             self.find_axes(program, measured);
             self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
         }
         let (_, finder) = self.finder.as_mut()?;
-        let handle = if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
-        let reason = match finder.step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle }) {
+        let handle =
+            if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
+        let reason = match finder
+            .step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle })
+        {
             Search::Going => return Some(Err(None)),
             Search::TimedOut => Reason::NotFound,
             Search::Stuck => Reason::Stuck,
@@ -88,7 +95,10 @@ impl Player {
                 let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
                 self.notice = Some(Notice::Range { axis, range, narrower });
                 // Where no end was met, the rig's own limit holds.
-                let free = (if range.met.0 { lower } else { limits.0 }, if range.met.1 { upper } else { limits.1 });
+                let free = (
+                    if range.met.0 { lower } else { limits.0 },
+                    if range.met.1 { upper } else { limits.1 },
+                );
                 if program.fits(segment + 1, axis, free) {
                     return Some(Ok(()));
                 }
@@ -102,8 +112,16 @@ impl Player {
     }
 
     /// Tells the beat of a rhythm when it is due.
-    pub(super) fn keep_beat(&mut self, program: &Program, segment: usize, begun_ns: u64, now_ns: u64) {
-        let Some(Movement::Rhythm(rhythm)) = program.steps.get(segment).map(|step| step.track.movement()) else {
+    pub(super) fn keep_beat(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        begun_ns: u64,
+        now_ns: u64,
+    ) {
+        let Some(Movement::Rhythm(rhythm)) =
+            program.steps.get(segment).map(|step| step.track.movement())
+        else {
             return;
         };
         let told = if self.beat.0 == begun_ns { self.beat.1 } else { 0 };

@@ -1,5 +1,6 @@
-//! The thread that teaches: everything about a lesson that takes time, allocates, or touches the disk. The loop and it pass each other boxes
-//! through rings of one writer and one reader; neither waits.
+//! The thread that teaches: everything about a lesson that takes time, allocates, or touches the
+//! disk. The loop and it pass each other boxes through rings of one writer and one reader; neither
+//! waits.
 
 use std::fs;
 use std::io;
@@ -36,7 +37,8 @@ pub(super) struct Classroom {
 }
 
 impl Classroom {
-    /// Starts the thread. `file` is for what a restart needs, `learnt` the folder of learnt references.
+    /// Starts the thread. `file` is for what a restart needs, `learnt` the folder of learnt
+    /// references.
     pub(super) fn open(
         session: u64,
         file: PathBuf,
@@ -117,7 +119,9 @@ impl Room {
     fn work(&mut self) {
         while let Ok(homework) = self.homework.pop() {
             match homework {
-                Homework::Begin { ticket, program, segment, resumed } => self.begin(ticket, &program, segment, resumed),
+                Homework::Begin { ticket, program, segment, resumed } => {
+                    self.begin(ticket, &program, segment, resumed)
+                }
                 Homework::Spent(Spent::Take(take)) => self.mark(take),
                 Homework::Spent(Spent::Reference(reference)) => drop(reference),
                 Homework::End(lesson) => self.end(lesson.ticket()),
@@ -126,7 +130,8 @@ impl Room {
         self.keep();
     }
 
-    /// Keeps what the lesson knows, once the loop has told all of it: a block that is kept is never told again.
+    /// Keeps what the lesson knows, once the loop has told all of it: a block that is kept is never
+    /// told again.
     fn keep(&mut self) {
         if self.events.slots() < EVENTS {
             return;
@@ -147,15 +152,15 @@ impl Room {
             let _none = fs::remove_file(&self.file);
         }
         let begun = match program.plan(segment as usize) {
-            Some(plan) => {
-                load(plan, &self.learnt).and_then(|loaded| Teacher::new(plan.as_ref().clone(), segment, loaded, kept))
-            }
+            Some(plan) => load(plan, &self.learnt)
+                .and_then(|loaded| Teacher::new(plan.as_ref().clone(), segment, loaded, kept)),
             None => return,
         };
         match begun {
             Ok(teacher) => {
                 let lecture = teacher.ready(ticket);
-                self.lesson = Some(Class { ticket, protocol: program.identity(), teacher, saved: false });
+                self.lesson =
+                    Some(Class { ticket, protocol: program.identity(), teacher, saved: false });
                 self.say(lecture);
             }
             Err(error) => {
@@ -175,7 +180,8 @@ impl Room {
             Err(error) => Err(error.to_string()),
         };
         let found = found.and_then(|kept| {
-            let same = (kept.session, kept.protocol, kept.segment) == (self.session, protocol, segment);
+            let same =
+                (kept.session, kept.protocol, kept.segment) == (self.session, protocol, segment);
             if same { Ok(kept) } else { Err("what was kept is of another lesson".to_owned()) }
         });
         match found {
@@ -193,7 +199,9 @@ impl Room {
     }
 
     fn mark(&mut self, mut take: Box<Take>) {
-        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == take.ticket) else { return };
+        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == take.ticket) else {
+            return;
+        };
         let marked = class.teacher.mark(&take);
         let ticket = class.ticket;
         // The reference first: the loop waits for nothing else.
@@ -213,7 +221,9 @@ impl Room {
     }
 
     fn end(&mut self, ticket: u32) {
-        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == ticket) else { return };
+        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == ticket) else {
+            return;
+        };
         let event = class.teacher.stop();
         let stopped = event.is_some();
         self.publish(event);
@@ -232,13 +242,16 @@ impl Room {
         let _none = fs::remove_file(&self.file);
     }
 
-    /// Whether the file under the lesson's name holds a reference for the same machine and movement with a smaller error: half a lesson
-    /// shall not replace a whole one.
+    /// Whether the file under the lesson's name holds a reference for the same machine and movement
+    /// with a smaller error: half a lesson shall not replace a whole one.
     fn has_better(&self) -> bool {
         let Some(class) = &self.lesson else { return false };
         let plan = class.teacher.plan();
-        let (Some(name), Some(Ok(best))) = (&plan.learn().save, class.teacher.best()) else { return false };
-        LearntReference::load(path_of(&self.learnt, name), &plan.belongs).is_ok_and(|kept| kept.error < best.error)
+        let (Some(name), Some(Ok(best))) = (&plan.learn().save, class.teacher.best()) else {
+            return false;
+        };
+        LearntReference::load(path_of(&self.learnt, name), &plan.belongs)
+            .is_ok_and(|kept| kept.error < best.error)
     }
 
     /// Keeps the best reference under the name that the protocol gives, once.
@@ -252,10 +265,17 @@ impl Room {
         let path = path_of(&self.learnt, &name);
         let done = fs::create_dir_all(&self.learnt)
             .map_err(|error| format!("{}: {error}", self.learnt.display()))
-            .and_then(|()| best.and_then(|best| best.save(&path)).map_err(|error| error.to_string()));
+            .and_then(|()| {
+                best.and_then(|best| best.save(&path)).map_err(|error| error.to_string())
+            });
         match done {
             Ok(()) => {
-                self.tell(EventKind::LearningEnded, Severity::Info, segment, &format!("reference kept as \"{name}\""));
+                self.tell(
+                    EventKind::LearningEnded,
+                    Severity::Info,
+                    segment,
+                    &format!("reference kept as \"{name}\""),
+                );
             }
             Err(reason) => {
                 let text = format!("reference \"{name}\" not kept: {reason}");
@@ -266,7 +286,13 @@ impl Room {
 
     fn tell(&mut self, kind: EventKind, severity: Severity, segment: u32, text: &str) {
         let event = Event::new(Process::Experiment, kind, severity, text);
-        self.publish(Some(Event { a: f64::from(segment), b: f64::NAN, c: f64::NAN, segment, ..event }));
+        self.publish(Some(Event {
+            a: f64::from(segment),
+            b: f64::NAN,
+            c: f64::NAN,
+            segment,
+            ..event
+        }));
     }
 
     fn publish(&mut self, event: Option<Event>) {
@@ -291,13 +317,17 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.learnt"))
 }
 
-fn load(plan: &crate::teacher::Plan, folder: &Path) -> Result<Option<LearntReference>, LessonError> {
+fn load(
+    plan: &crate::teacher::Plan,
+    folder: &Path,
+) -> Result<Option<LearntReference>, LessonError> {
     let Some(name) = &plan.learn().load else { return Ok(None) };
     let refused = |source| LessonError::Load { name: name.clone(), source };
     LearntReference::load(path_of(folder, name), &plan.belongs).map(Some).map_err(refused)
 }
 
-/// Whether all references are there that a program begins with, but for those that an earlier segment of it learns.
+/// Whether all references are there that a program begins with, but for those that an earlier
+/// segment of it learns.
 pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), String> {
     let mut saved = Vec::new();
     for segment in 0..program.segments() {
@@ -311,16 +341,19 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
     Ok(())
 }
 
-/// Mark of the file with what a lesson knows, and its version. bincode is unmaintained; the version lets another encoding take its place.
+/// Mark of the file with what a lesson knows, and its version. bincode is unmaintained; the version
+/// lets another encoding take its place.
 const MARK: [u8; 6] = *b"FRLS\x01\x00";
 /// No lesson's memory is longer (bytes).
 const LONGEST: usize = 16 << 20;
 
 /// Writes it whole or not at all.
 fn keep(path: &Path, kept: &Kept) -> Result<(), String> {
-    let body = bincode::serde::encode_to_vec(kept, bincode::config::standard()).map_err(|error| error.to_string())?;
+    let body = bincode::serde::encode_to_vec(kept, bincode::config::standard())
+        .map_err(|error| error.to_string())?;
     let bytes = [&MARK[..], &rig::identity_of_bytes(&body).to_le_bytes(), &body].concat();
-    whole_file::replace(path, &path.with_extension("lesson.new"), &bytes).map_err(|error| error.to_string())
+    whole_file::replace(path, &path.with_extension("lesson.new"), &bytes)
+        .map_err(|error| error.to_string())
 }
 
 fn decode(bytes: &[u8]) -> Result<Kept, String> {
@@ -331,6 +364,7 @@ fn decode(bytes: &[u8]) -> Result<Kept, String> {
         return Err(damaged());
     }
     let config = bincode::config::standard().with_limit::<LONGEST>();
-    let (kept, _read) = bincode::serde::decode_from_slice(body, config).map_err(|error| error.to_string())?;
+    let (kept, _read) =
+        bincode::serde::decode_from_slice(body, config).map_err(|error| error.to_string())?;
     Ok(kept)
 }

@@ -1,5 +1,5 @@
-//! The thread that answers requests, reads protocols and keeps the state: everything that allocates or waits. It has a
-//! node of its own, since ports stay in the thread that made them.
+//! The thread that answers requests, reads protocols and keeps the state: everything that allocates
+//! or waits. It has a node of its own, since ports stay in the thread that made them.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,9 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use ipc_types::{EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process, Severity};
+use ipc_types::{
+    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process, Severity,
+};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
@@ -49,7 +51,8 @@ pub(super) struct Clerk {
     pub(super) learnt: PathBuf,
     pub(super) link: DeskEnd,
     pub(super) current: Option<Current>,
-    /// Programs that the loop may still hold: the last one to let go frees the memory, and that must not be the loop.
+    /// Programs that the loop may still hold: the last one to let go frees the memory, and that
+    /// must not be the loop.
     pub(super) retired: Vec<Arc<Program>>,
     /// Why the state could not be kept; empty if it could.
     pub(super) trouble: String,
@@ -93,7 +96,9 @@ impl Desk {
             clerk.keep_changes();
         })?;
         // The channel is closed only by a thread that panicked.
-        wait.recv().unwrap_or_else(|_| Err(io::Error::other("the thread that answers requests ended").into()))?;
+        wait.recv().unwrap_or_else(|_| {
+            Err(io::Error::other("the thread that answers requests ended").into())
+        })?;
         Ok(Self { worker })
     }
 
@@ -140,20 +145,29 @@ impl Clerk {
 
     fn play(&mut self, text: &str, name: &str) -> Result<(), String> {
         let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
-        let program = Arc::new(Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?);
+        let program =
+            Arc::new(Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?);
         let reading = self.link.progress.read();
         if reading.running {
-            let playing = self.current.as_ref().map_or("a protocol", |current| current.program.name());
+            let playing =
+                self.current.as_ref().map_or("a protocol", |current| current.program.name());
             return Err(format!("{playing} is being played: stop it first"));
         }
         if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
-            return Err("no samples arrive, so nobody knows where the handle is: is acquisition running? \
+            return Err(
+                "no samples arrive, so nobody knows where the handle is: is acquisition running? \
                         (`farreach status`)"
-                .to_owned());
+                    .to_owned(),
+            );
         }
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
-            let event = Event::new(Process::Experiment, EventKind::ProtocolStopped, Severity::Error, &reason);
+            let event = Event::new(
+                Process::Experiment,
+                EventKind::ProtocolStopped,
+                Severity::Error,
+                &reason,
+            );
             if self.link.events.push(event).is_err() {
                 self.link.dropped.count();
             }
@@ -163,7 +177,8 @@ impl Clerk {
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
-        self.current = Some(Current { order, text: text.to_owned(), program: Arc::clone(&program) });
+        self.current =
+            Some(Current { order, text: text.to_owned(), program: Arc::clone(&program) });
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play(order, program, before_ns))
     }
@@ -179,12 +194,14 @@ impl Clerk {
     }
 
     fn next_order(&mut self) -> u32 {
-        self.last_order = if self.last_order == Progress::LAST_ORDER { 1 } else { self.last_order + 1 };
+        self.last_order =
+            if self.last_order == Progress::LAST_ORDER { 1 } else { self.last_order + 1 };
         self.last_order
     }
 
     fn order(&mut self, number: u32, order: Order) -> Result<(), String> {
-        let late = || "the experiment's loop does not take orders: is the machine overloaded?".to_owned();
+        let late =
+            || "the experiment's loop does not take orders: is the machine overloaded?".to_owned();
         self.link.orders.push(order).map_err(|_| late())?;
         self.wait_until(|link| link.progress.read().order == number)
     }
@@ -193,7 +210,9 @@ impl Clerk {
         let begun = Instant::now();
         while !done(&self.link) {
             if begun.elapsed() > TAKE_LIMIT {
-                return Err("the experiment's loop did not react in time: see `farreach status`".to_owned());
+                return Err(
+                    "the experiment's loop did not react in time: see `farreach status`".to_owned()
+                );
             }
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -230,7 +249,10 @@ impl Clerk {
                 _ => String::new(),
             },
             Err(reason) => {
-                format!("{}: {reason}; the protocol would not go on after a restart", self.file.display())
+                format!(
+                    "{}: {reason}; the protocol would not go on after a restart",
+                    self.file.display()
+                )
             }
         };
     }
@@ -239,5 +261,6 @@ impl Clerk {
 /// Writes the state whole or not at all.
 fn save(path: &Path, state: &PlayerState) -> Result<(), String> {
     let bytes = state.encode().map_err(|error| error.to_string())?;
-    whole_file::replace(path, &path.with_extension("new"), &bytes).map_err(|error| error.to_string())
+    whole_file::replace(path, &path.with_extension("new"), &bytes)
+        .map_err(|error| error.to_string())
 }

@@ -1,6 +1,7 @@
-//! What passes between the real-time loop and the thread that answers requests. Neither waits for the other: rings of
-//! one writer and one reader that are wait-free on both sides (in a queue for many writers, a writer that is preempted
-//! halfway would hold up the loop), and plain atomics for how far the protocol is.
+//! What passes between the real-time loop and the thread that answers requests. Neither waits for
+//! the other: rings of one writer and one reader that are wait-free on both sides (in a queue for
+//! many writers, a writer that is preempted halfway would hold up the loop), and plain atomics for
+//! how far the protocol is.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,7 +21,8 @@ const NOTES: usize = 256;
 /// What the loop is told.
 #[derive(Debug)]
 pub(super) enum Order {
-    /// Play this, unless it is taken later than that (ns): who asked was told by then that it is not played.
+    /// Play this, unless it is taken later than that (ns): who asked was told by then that it is
+    /// not played.
     Play(u32, Arc<Program>, u64),
     /// Stop playing.
     Stop(u32),
@@ -148,9 +150,11 @@ mod tests {
     #[test]
     fn progress_reads_back() {
         let progress = Progress::default();
-        for (order, segment, running, completed) in
-            [(0, 0, false, false), (1, u32::MAX, true, false), (Progress::LAST_ORDER, 7, false, true)]
-        {
+        for (order, segment, running, completed) in [
+            (0, 0, false, false),
+            (1, u32::MAX, true, false),
+            (Progress::LAST_ORDER, 7, false, true),
+        ] {
             let status = ExperimentAnswer {
                 running,
                 segment,
@@ -161,7 +165,8 @@ mod tests {
                 error: String::new(),
             };
             progress.tell(order, &status, 42);
-            let expected = Reading { order, running, completed, segment, elapsed_s: 1.25, sample_ns: 42 };
+            let expected =
+                Reading { order, running, completed, segment, elapsed_s: 1.25, sample_ns: 42 };
             assert_eq!(progress.read(), expected);
         }
     }

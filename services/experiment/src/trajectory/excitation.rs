@@ -4,8 +4,8 @@ use rig::protocol::{Chirp, Ramp};
 
 use super::Point;
 
-/// Share of the full speed at `x` of the time in which it comes, its slope, and the way until then (full speed and time 1):
-/// the minimum-jerk curve, its derivative and its integral.
+/// Share of the full speed at `x` of the time in which it comes, its slope, and the way until then
+/// (full speed and time 1): the minimum-jerk curve, its derivative and its integral.
 fn ease(x: f64) -> (f64, f64, f64) {
     let x = x.clamp(0.0, 1.0);
     let value = x * x * x * (10.0 + x * (6.0 * x - 15.0));
@@ -34,7 +34,12 @@ pub(super) fn ramp(ramp: &Ramp, start: f64, t: f64) -> Point {
         (value, slope / rise, start + direction * profile.speed * way)
     };
     let speed = direction * profile.speed;
-    Point { position, velocity: speed * velocity, acceleration: speed * acceleration, peak_speed: profile.speed }
+    Point {
+        position,
+        velocity: speed * velocity,
+        acceleration: speed * acceleration,
+        peak_speed: profile.speed,
+    }
 }
 
 /// A chirp without its fades, `t` after its beginning (s).

@@ -1,5 +1,5 @@
-//! The thread that answers requests. Ports stay in the thread that made them, so it has a node of its own and
-//! passes what it is asked to the loop.
+//! The thread that answers requests. Ports stay in the thread that made them, so it has a node of
+//! its own and passes what it is asked to the loop.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, SyncSender};
@@ -57,7 +57,9 @@ impl Desk {
             }
         })?;
         // The channel is closed only by a thread that panicked.
-        wait.recv().unwrap_or_else(|_| Err(std::io::Error::other("the thread that answers requests ended").into()))?;
+        wait.recv().unwrap_or_else(|_| {
+            Err(std::io::Error::other("the thread that answers requests ended").into())
+        })?;
         Ok(Self { questions, worker })
     }
 
@@ -74,14 +76,20 @@ impl Desk {
 
 impl Drop for Desk {
     fn drop(&mut self) {
-        // A request that the loop will not take any more fails at once instead of being waited for, by the worker that ends next.
+        // A request that the loop will not take any more fails at once instead of being waited for,
+        // by the worker that ends next.
         self.questions = mpsc::channel().1;
     }
 }
 
 fn pass_on(request: LoggerRequest, loop_inbox: &mpsc::Sender<Question>) -> LoggerAnswer {
     let (reply, answer) = mpsc::sync_channel(1);
-    let failed = |error: &str| LoggerAnswer { recording: None, written: 0, lost: 0, error: error.to_owned() };
+    let failed = |error: &str| LoggerAnswer {
+        recording: None,
+        written: 0,
+        lost: 0,
+        error: error.to_owned(),
+    };
     if loop_inbox.send(Question { request, reply }).is_err() {
         return failed("the logger is ending");
     }

@@ -8,7 +8,8 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 
 use super::{ReadError, Recording};
 
-/// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must not take all memory.
+/// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
+/// not take all memory.
 const LARGEST_CHUNK: usize = 512 << 20;
 /// Channel, sequence, log time, publish time in front of a message's payload (bytes).
 const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
@@ -22,8 +23,8 @@ pub(super) struct Block {
     pub(super) times: Option<(u64, u64)>,
     /// channels with messages within, from the checked summary; `None` where unknown
     pub(super) channels: Option<Vec<u16>>,
-    /// The same from the message indexes behind the chunk. No checksum guards them: they may say where to look for
-    /// definitions, never which messages need not be read.
+    /// The same from the message indexes behind the chunk. No checksum guards them: they may say
+    /// where to look for definitions, never which messages need not be read.
     pub(super) hinted: Option<Vec<u16>>,
     pub(super) chunk: bool,
 }
@@ -116,7 +117,10 @@ impl Recording {
             source: Box::new(source),
         };
         let too_large = || damaged(mcap::McapError::ChunkTooLarge(block.length));
-        let length = usize::try_from(block.length).ok().filter(|&n| n <= LARGEST_CHUNK).ok_or_else(too_large)?;
+        let length = usize::try_from(block.length)
+            .ok()
+            .filter(|&n| n <= LARGEST_CHUNK)
+            .ok_or_else(too_large)?;
         buffer.resize(length, 0);
         self.file
             .read_exact_at(buffer, block.offset)
@@ -156,7 +160,8 @@ fn decode(mut bytes: &[u8]) -> mcap::McapResult<Loaded> {
 
 impl Loaded {
     fn message(&mut self, record: &[u8]) -> mcap::McapResult<()> {
-        let (head, payload) = record.split_at_checked(MESSAGE_HEAD).ok_or(mcap::McapError::UnexpectedEoc)?;
+        let (head, payload) =
+            record.split_at_checked(MESSAGE_HEAD).ok_or(mcap::McapError::UnexpectedEoc)?;
         let number = |from: usize, to: usize| {
             head[from..to].iter().rev().fold(0u64, |value, &byte| value << 8 | u64::from(byte))
         };

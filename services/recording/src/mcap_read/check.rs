@@ -117,7 +117,8 @@ impl Recording {
             follow.check.topic.clone_from(&channel.topic);
             follow.check.schema_name.clone_from(&channel.schema_name);
             for loss in ["dropped", "refused"] {
-                let lost = self.end_record().and_then(|end| end.get(&format!("{}.{loss}", channel.topic)));
+                let lost =
+                    self.end_record().and_then(|end| end.get(&format!("{}.{loss}", channel.topic)));
                 follow.check.dropped += lost.and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
             }
         }
@@ -146,7 +147,8 @@ impl Recording {
             check.count += 1;
             match self.decode(&message) {
                 Ok((layout, body)) => {
-                    let read = |name: &str| layout.field(name).and_then(|field| unsigned(field, body));
+                    let read =
+                        |name: &str| layout.field(name).and_then(|field| unsigned(field, body));
                     follow.tracker.observe(
                         read("incarnation").unwrap_or(0),
                         read("sequence").unwrap_or_else(|| u64::from(message.sequence())),

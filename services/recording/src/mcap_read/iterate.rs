@@ -30,7 +30,8 @@ impl Selection {
         let times = match block.times {
             // a chunk without messages says 0, 0
             Some((first, last)) if (first, last) != (0, 0) => {
-                self.from_ns.is_none_or(|from| last >= from) && self.until_ns.is_none_or(|until| first < until)
+                self.from_ns.is_none_or(|from| last >= from)
+                    && self.until_ns.is_none_or(|until| first < until)
             }
             _ => true,
         };
@@ -44,7 +45,8 @@ impl Selection {
     }
 }
 
-/// Messages in the order in which they were written. A damaged chunk yields one error; the next call goes on behind it.
+/// Messages in the order in which they were written. A damaged chunk yields one error; the next
+/// call goes on behind it.
 #[derive(Debug)]
 pub struct RawMessages<'a> {
     recording: &'a Recording,
@@ -71,7 +73,8 @@ impl Recording {
     /// The messages of one topic as this build's `T`; fields that the recording lacks are zero.
     ///
     /// # Errors
-    /// [`ReadError::NoTopic`], [`ReadError::Schema`]. The iterator yields [`ReadError::Damaged`] once per damaged chunk.
+    /// [`ReadError::NoTopic`], [`ReadError::Schema`]. The iterator yields [`ReadError::Damaged`]
+    /// once per damaged chunk.
     pub fn messages<T: Message>(&self, topic: &str) -> Result<Messages<'_, T>, ReadError> {
         let ids = self.channels_of(topic)?;
         let mut conversions = BTreeMap::new();
@@ -137,7 +140,8 @@ pub struct Messages<'a, T> {
 impl<T> Messages<'_, T> {
     /// Fields of this build that the recording lacks.
     pub fn missing_fields(&self) -> Vec<&'static str> {
-        let mut missing: Vec<_> = self.conversions.values().flat_map(|(_, c)| c.missing.iter().copied()).collect();
+        let mut missing: Vec<_> =
+            self.conversions.values().flat_map(|(_, c)| c.missing.iter().copied()).collect();
         missing.sort_unstable();
         missing.dedup();
         missing
@@ -153,12 +157,18 @@ impl<T: Message> Iterator for Messages<'_, T> {
                 Ok(raw) => raw,
                 Err(error) => return Some(Err(error)),
             };
-            let Some((layout, conversion)) = self.conversions.get(&raw.channel_id()) else { continue };
+            let Some((layout, conversion)) = self.conversions.get(&raw.channel_id()) else {
+                continue;
+            };
             let body = match layout.body(raw.data()) {
                 Ok(body) => body,
                 Err(source) => {
                     let path = self.raw.recording.path().to_owned();
-                    return Some(Err(ReadError::Schema { path, topic: self.topic.clone(), source }));
+                    return Some(Err(ReadError::Schema {
+                        path,
+                        topic: self.topic.clone(),
+                        source,
+                    }));
                 }
             };
             if let Some(message) = conversion.apply(body) {

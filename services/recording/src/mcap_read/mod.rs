@@ -1,12 +1,13 @@
 //! Reads recordings, whole or torn, also those of older builds.
 //!
-//! [`Recording::open`] walks the records of the file without decompressing anything, so that hours of
-//! recording open quickly; the messages are then read chunk by chunk, so that memory does not grow with the file. A file whose
-//! logger was killed ends somewhere within a record: everything up to the last complete chunk is read, and
-//! [`Recording::tail`] says what was lost. A chunk whose checksum is wrong costs that chunk only; a summary whose
-//! checksum is wrong costs no message.
+//! [`Recording::open`] walks the records of the file without decompressing anything, so that hours
+//! of recording open quickly; the messages are then read chunk by chunk, so that memory does not
+//! grow with the file. A file whose logger was killed ends somewhere within a record: everything up
+//! to the last complete chunk is read, and [`Recording::tail`] says what was lost. A chunk whose
+//! checksum is wrong costs that chunk only; a summary whose checksum is wrong costs no message.
 //!
-//! Messages are decoded by the schema in the file ([`crate::schema`]), never by this build's structs alone.
+//! Messages are decoded by the schema in the file ([`crate::schema`]), never by this build's
+//! structs alone.
 //!
 //! ```
 //! # use ipc_types::{Message, SAMPLE, Sample};
@@ -161,8 +162,8 @@ impl Recording {
     /// Opens a recording and finds its records.
     ///
     /// # Errors
-    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`]. A torn or damaged file is no error: see
-    /// [`Self::tail`] and [`Self::damage`].
+    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`]. A torn or damaged file is
+    /// no error: see [`Self::tail`] and [`Self::damage`].
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         scan::open(path)
     }
@@ -191,7 +192,8 @@ impl Recording {
     pub fn metadata_records(&self) -> &[(String, BTreeMap<String, String>)] {
         &self.metadata
     }
-    /// What the recording says about itself from its start; `None` for files that farreach did not write.
+    /// What the recording says about itself from its start; `None` for files that farreach did not
+    /// write.
     pub fn start_record(&self) -> Option<&BTreeMap<String, String>> {
         self.record(START_RECORD)
     }
@@ -209,7 +211,10 @@ impl Recording {
     }
     /// Whether it was ended in good order.
     pub fn ended_cleanly(&self) -> bool {
-        self.tail.complete && self.end_record().is_some_and(|end| end.get(key::CLEAN_END).is_some_and(|v| v == "true"))
+        self.tail.complete
+            && self
+                .end_record()
+                .is_some_and(|end| end.get(key::CLEAN_END).is_some_and(|v| v == "true"))
     }
     /// How the file ends.
     pub fn tail(&self) -> &Tail {
@@ -237,13 +242,19 @@ impl Recording {
     /// # Errors
     /// [`ReadError::NoTopic`].
     pub fn channels_of(&self, topic: &str) -> Result<Vec<u16>, ReadError> {
-        let ids: Vec<u16> = self.channels.iter().filter(|(_, c)| c.topic == topic).map(|(&id, _)| id).collect();
+        let ids: Vec<u16> =
+            self.channels.iter().filter(|(_, c)| c.topic == topic).map(|(&id, _)| id).collect();
         if ids.is_empty() {
             let mut names: Vec<_> = self.channels.values().map(|c| c.topic.as_str()).collect();
             names.sort_unstable();
             names.dedup();
-            let available = if names.is_empty() { "no topics at all".to_owned() } else { names.join(", ") };
-            return Err(ReadError::NoTopic { path: self.path.clone(), topic: topic.to_owned(), available });
+            let available =
+                if names.is_empty() { "no topics at all".to_owned() } else { names.join(", ") };
+            return Err(ReadError::NoTopic {
+                path: self.path.clone(),
+                topic: topic.to_owned(),
+                available,
+            });
         }
         Ok(ids)
     }
@@ -252,7 +263,10 @@ impl Recording {
     ///
     /// # Errors
     /// [`ReadError::Schema`] where its schema or payload cannot be read.
-    pub fn decode<'a>(&'a self, message: &'a RawMessage) -> Result<(&'a Layout, &'a [u8]), ReadError> {
+    pub fn decode<'a>(
+        &'a self,
+        message: &'a RawMessage,
+    ) -> Result<(&'a Layout, &'a [u8]), ReadError> {
         let Some(channel) = self.channel(message) else {
             return Err(ReadError::NoTopic {
                 path: self.path.clone(),
@@ -260,7 +274,11 @@ impl Recording {
                 available: format!("{} channels", self.channels.len()),
             });
         };
-        let wrong = |source| ReadError::Schema { path: self.path.clone(), topic: channel.topic.clone(), source };
+        let wrong = |source| ReadError::Schema {
+            path: self.path.clone(),
+            topic: channel.topic.clone(),
+            source,
+        };
         let layout = channel.layout.as_ref().map_err(|source| wrong(source.clone()))?;
         Ok((layout, layout.body(message.data()).map_err(wrong)?))
     }

@@ -33,7 +33,10 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     let file = File::open(path).map_err(wrong)?;
     let about = file.metadata().map_err(wrong)?;
     if about.is_dir() {
-        return Err(wrong(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory, expected an MCAP file")));
+        return Err(wrong(io::Error::new(
+            io::ErrorKind::IsADirectory,
+            "it is a directory, expected an MCAP file",
+        )));
     }
     let bytes = about.len();
     if bytes == 0 {
@@ -52,7 +55,8 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         // Without a footer nothing says that what was read of the summary is what was written.
         found.summary = Summary::default();
         if let Some(last) = found.blocks.last_mut() {
-            // The file may end among the indices of its last chunk: which channels are in it is not known then.
+            // The file may end among the indices of its last chunk: which channels are in it is not
+            // known then.
             last.hinted = None;
         }
     }
@@ -74,32 +78,46 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     Ok(recording)
 }
 
-/// Walks the records from behind the magic to the end of the file or to the first that cannot be one.
+/// Walks the records from behind the magic to the end of the file or to the first that cannot be
+/// one.
 fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Result<Tail> {
     let mut at = mcap::MAGIC.len() as u64;
     let mut data_ended = false;
-    let torn = |at: u64, reason: String| Tail { complete: false, readable: at, lost: bytes - at, reason };
+    let torn =
+        |at: u64, reason: String| Tail { complete: false, readable: at, lost: bytes - at, reason };
     loop {
         let left = bytes - at;
         if left == 0 {
             return Ok(torn(
                 at,
-                "the file ends without a footer: the writer was stopped before it could end it".into(),
+                "the file ends without a footer: the writer was stopped before it could end it"
+                    .into(),
             ));
         }
         if left < RECORD_HEAD {
-            return Ok(torn(at, format!("the file ends within the head of a record ({left} bytes of it are there)")));
+            return Ok(torn(
+                at,
+                format!("the file ends within the head of a record ({left} bytes of it are there)"),
+            ));
         }
         let mut head = [0u8; RECORD_HEAD as usize];
         reader.read_exact(&mut head)?;
         let opcode = head[0];
-        let length = u64::from_le_bytes([head[1], head[2], head[3], head[4], head[5], head[6], head[7], head[8]]);
+        let length = u64::from_le_bytes([
+            head[1], head[2], head[3], head[4], head[5], head[6], head[7], head[8],
+        ]);
         if opcode == 0 {
-            return Ok(torn(at, "no record but zeros: the machine stopped before the data reached the disk".into()));
+            return Ok(torn(
+                at,
+                "no record but zeros: the machine stopped before the data reached the disk".into(),
+            ));
         }
         if length > left - RECORD_HEAD {
             let there = left - RECORD_HEAD;
-            return Ok(torn(at, format!("the file ends within a record: {there} of its {length} bytes are there")));
+            return Ok(torn(
+                at,
+                format!("the file ends within a record: {there} of its {length} bytes are there"),
+            ));
         }
         let next = at + RECORD_HEAD + length;
         match opcode {
@@ -125,7 +143,12 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                 }
                 skip(reader, length)?;
             }
-            op::HEADER | op::METADATA | op::SCHEMA | op::CHANNEL | op::CHUNK_INDEX | op::DATA_END
+            op::HEADER
+            | op::METADATA
+            | op::SCHEMA
+            | op::CHANNEL
+            | op::CHUNK_INDEX
+            | op::DATA_END
                 if length <= LONGEST_RECORD =>
             {
                 let mut body = vec![0u8; length as usize];
@@ -143,9 +166,10 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                     found.summary = Summary::default();
                 }
                 if found.data_end.is_none() {
-                    found
-                        .damage
-                        .push(Damage { offset: at, what: "a footer without an end of the data before it".into() });
+                    found.damage.push(Damage {
+                        offset: at,
+                        what: "a footer without an end of the data before it".into(),
+                    });
                 }
                 let mut magic = Vec::new();
                 reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
@@ -174,16 +198,23 @@ impl Found {
     fn small(&mut self, at: u64, opcode: u8, body: &[u8]) {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Header(header)) => self.library = header.library,
-            Ok(Record::Metadata(metadata)) => self.metadata.push((metadata.name, metadata.metadata)),
-            Ok(Record::DataEnd(end)) => self.data_end = Some(DataEnd { offset: at, checksum: end.data_section_crc }),
+            Ok(Record::Metadata(metadata)) => {
+                self.metadata.push((metadata.name, metadata.metadata))
+            }
+            Ok(Record::DataEnd(end)) => {
+                self.data_end = Some(DataEnd { offset: at, checksum: end.data_section_crc })
+            }
             Ok(Record::ChunkIndex(index)) => self.summary.chunks.push(index),
             Ok(record) => self.summary.definitions.extend(Definition::of(record)),
-            Err(error) => self.damage.push(Damage { offset: at, what: format!("record {opcode:#04x}: {error}") }),
+            Err(error) => self
+                .damage
+                .push(Damage { offset: at, what: format!("record {opcode:#04x}: {error}") }),
         }
     }
 }
 
-/// Finds the schemas and channels: in the summary, and where there is none (a torn file) in the chunks.
+/// Finds the schemas and channels: in the summary, and where there is none (a torn file) in the
+/// chunks.
 fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), ReadError> {
     let mut schemas = BTreeMap::new();
     let mut channels = BTreeMap::new();
@@ -221,7 +252,8 @@ fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), Rea
     recording.channels = channels
         .into_iter()
         .map(|(id, channel)| {
-            let (schema_name, schema_encoding, schema) = schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+            let (schema_name, schema_encoding, schema) =
+                schemas.get(&channel.schema_id).cloned().unwrap_or_default();
             let layout = Layout::parse(&schema_name, &schema_encoding, &schema);
             let channel = Channel {
                 topic: channel.topic,

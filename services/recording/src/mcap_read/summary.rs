@@ -1,9 +1,9 @@
 //! What the end of a file says about the rest of it, and whether that may be believed.
 //!
-//! Chunks carry a checksum each, the records around them do not: one flipped bit in the summary makes one topic
-//! another, one in a message index hides a chunk from whoever reads that topic alone. So the summary is believed only
-//! where the checksum in the footer agrees with it; else, and in a torn file, definitions come from the chunks and every
-//! chunk is read.
+//! Chunks carry a checksum each, the records around them do not: one flipped bit in the summary
+//! makes one topic another, one in a message index hides a chunk from whoever reads that topic
+//! alone. So the summary is believed only where the checksum in the footer agrees with it; else,
+//! and in a torn file, definitions come from the chunks and every chunk is read.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -39,8 +39,8 @@ pub(super) struct DataEnd {
     pub(super) checksum: u32,
 }
 
-/// Whether the summary of a file whose footer begins at `footer` is what was written. A file without a summary, or with
-/// one that has no checksum, is taken as it is.
+/// Whether the summary of a file whose footer begins at `footer` is what was written. A file
+/// without a summary, or with one that has no checksum, is taken as it is.
 pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result<(), String>> {
     let found = match mcap::parse_record(op::FOOTER, body) {
         Ok(Record::Footer(found)) => found,
@@ -52,7 +52,10 @@ pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result
     }
     let end = footer + RECORD_HEAD + FOOTER_BODY as u64 - CHECKSUM;
     if found.summary_start > footer {
-        return Ok(Err(format!("the footer says that the summary begins behind it, at byte {}", found.summary_start)));
+        return Ok(Err(format!(
+            "the footer says that the summary begins behind it, at byte {}",
+            found.summary_start
+        )));
     }
     let computed = checksum(file, found.summary_start, end)?;
     Ok(if computed == found.summary_crc {
@@ -80,7 +83,8 @@ fn checksum(file: &File, from: u64, until: u64) -> io::Result<u32> {
 }
 
 impl Summary {
-    /// Gives each chunk what the summary knows of it; answers with the chunks that are not where it says.
+    /// Gives each chunk what the summary knows of it; answers with the chunks that are not where it
+    /// says.
     pub(super) fn place(&mut self, blocks: &mut [Block]) -> Vec<Damage> {
         let mut at: BTreeMap<u64, ChunkIndex> =
             self.chunks.drain(..).map(|index| (index.chunk_start_offset, index)).collect();
@@ -88,11 +92,14 @@ impl Summary {
             let Some(index) = at.remove(&block.offset) else { continue };
             block.times = Some((index.message_start_time, index.message_end_time));
             // a writer may leave the message indexes out: then nothing is known
-            block.channels =
-                (!index.message_index_offsets.is_empty()).then(|| index.message_index_offsets.into_keys().collect());
+            block.channels = (!index.message_index_offsets.is_empty())
+                .then(|| index.message_index_offsets.into_keys().collect());
         }
         at.into_keys()
-            .map(|offset| Damage { offset, what: "the summary knows a chunk here, and there is none".to_owned() })
+            .map(|offset| Damage {
+                offset,
+                what: "the summary knows a chunk here, and there is none".to_owned(),
+            })
             .collect()
     }
 }

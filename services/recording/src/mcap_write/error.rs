@@ -78,7 +78,10 @@ pub(super) fn disk_error(path: &Path, source: mcap::McapError, refused: u64) -> 
     let path = path.to_owned();
     match source {
         mcap::McapError::Io(source)
-            if matches!(source.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) =>
+            if matches!(
+                source.kind(),
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded
+            ) =>
         {
             WriteError::DiskFull { path, refused }
         }

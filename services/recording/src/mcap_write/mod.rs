@@ -1,17 +1,17 @@
 //! The logger's MCAP writer.
 //!
-//! One channel per topic of [`ipc_types::TOPICS`]; the payload is the CDR header and the message's bytes,
-//! copied. lz4, chunks of about 1 MiB, a flush every [`FLUSH_NS`], `fdatasync` every [`SYNC_NS`], no seeking: whatever
-//! kills the process, everything up to the last flush reads back, and a crash of the machine costs one sync
-//! interval at most.
+//! One channel per topic of [`ipc_types::TOPICS`]; the payload is the CDR header and the message's
+//! bytes, copied. lz4, chunks of about 1 MiB, a flush every [`FLUSH_NS`], `fdatasync` every
+//! [`SYNC_NS`], no seeking: whatever kills the process, everything up to the last flush reads back,
+//! and a crash of the machine costs one sync interval at most.
 //!
-//! Times: `log_time` and `publish_time` are the message's `time_ns` plus the realtime offset that was fixed at the
-//! start of the file (ns since 1970); the payload keeps the monotonic time.
+//! Times: `log_time` and `publish_time` are the message's `time_ns` plus the realtime offset that
+//! was fixed at the start of the file (ns since 1970); the payload keeps the monotonic time.
 //!
-//! Metadata: a record [`START_RECORD`] first, holding what the caller gives (git revision, rig file's text,
-//! protocol's text, ...; the keys are the constants of [`key`]), and a record [`END_RECORD`] last, holding the loss
-//! counters and `clean_end = true`. Rig file and protocol are metadata, not attachments, because every MCAP tool shows
-//! metadata and the texts are small.
+//! Metadata: a record [`START_RECORD`] first, holding what the caller gives (git revision, rig
+//! file's text, protocol's text, ...; the keys are the constants of [`key`]), and a record
+//! [`END_RECORD`] last, holding the loss counters and `clean_end = true`. Rig file and protocol are
+//! metadata, not attachments, because every MCAP tool shows metadata and the texts are small.
 //!
 //! ```
 //! use ipc_types::{Message, SAMPLE, Sample};
@@ -96,7 +96,10 @@ pub struct Writer {
 
 impl std::fmt::Debug for Writer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Writer").field("path", &self.path).field("poisoned", &self.poisoned).finish_non_exhaustive()
+        f.debug_struct("Writer")
+            .field("path", &self.path)
+            .field("poisoned", &self.poisoned)
+            .finish_non_exhaustive()
     }
 }
 
@@ -106,15 +109,17 @@ impl Writer {
     /// # Errors
     /// [`WriteError::Exists`], [`WriteError::Create`], or those of the first write.
     pub fn create(path: &Path, start: &Start, now_ns: u64) -> Result<Self, WriteError> {
-        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| {
-            if source.kind() == io::ErrorKind::AlreadyExists {
-                WriteError::Exists { path: path.to_owned() }
-            } else {
-                WriteError::Create { path: path.to_owned(), source }
-            }
-        })?;
+        let file =
+            OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| {
+                if source.kind() == io::ErrorKind::AlreadyExists {
+                    WriteError::Exists { path: path.to_owned() }
+                } else {
+                    WriteError::Create { path: path.to_owned(), source }
+                }
+            })?;
         let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
-        // The name itself must survive a crash too. Some file systems cannot sync a directory: then it is theirs to keep.
+        // The name itself must survive a crash too. Some file systems cannot sync a directory: then
+        // it is theirs to keep.
         if let Some(directory) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             let _ = File::open(directory).and_then(|d| d.sync_all());
         }
@@ -125,33 +130,42 @@ impl Writer {
     ///
     /// # Errors
     /// Those of the first write.
-    pub fn to_output(output: Box<dyn Output>, path: &Path, start: &Start, now_ns: u64) -> Result<Self, WriteError> {
+    pub fn to_output(
+        output: Box<dyn Output>,
+        path: &Path,
+        start: &Start,
+        now_ns: u64,
+    ) -> Result<Self, WriteError> {
         let shared = Shared::new(output);
         let begin = || -> mcap::McapResult<_> {
             let mut mcap = mcap::WriteOptions::new()
                 .compression(Some(mcap::Compression::Lz4))
                 .chunk_size(Some(CHUNK_BYTES))
                 .disable_seeking(true)
-                // "ros2" makes readers take the topics for those of a ROS 2 bag, which is how they decode them
+                // "ros2" makes readers take the topics for those of a ROS 2 bag, which is how they
+                // decode them
                 .profile("ros2")
                 .library(concat!("farreach ", env!("CARGO_PKG_VERSION")))
                 .create(NoSeek::new(shared.clone()))?;
             let mut metadata = start.metadata.clone();
             metadata.insert(key::FORMAT.to_owned(), "1".to_owned());
-            metadata.insert(key::REALTIME_OFFSET_NS.to_owned(), start.realtime_offset_ns.to_string());
+            metadata
+                .insert(key::REALTIME_OFFSET_NS.to_owned(), start.realtime_offset_ns.to_string());
             metadata.insert(key::STARTED_NS.to_owned(), now_ns.to_string());
             metadata.entry(key::PART.to_owned()).or_insert_with(|| "1".to_owned());
             mcap.write_metadata(&Metadata { name: START_RECORD.to_owned(), metadata })?;
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
-                let schema = mcap.add_schema(topic.ros_name, "ros2msg", (topic.schema)().as_bytes())?;
+                let schema =
+                    mcap.add_schema(topic.ros_name, "ros2msg", (topic.schema)().as_bytes())?;
                 let about = BTreeMap::from([
                     ("owner".to_owned(), topic.owner.text().to_owned()),
                     ("type".to_owned(), topic.type_name.to_owned()),
                 ]);
                 channels.push(mcap.add_channel(schema, topic.name, "cdr", &about)?);
             }
-            // The schemas must be on the disk before the first message: a prefix without them could not be read.
+            // The schemas must be on the disk before the first message: a prefix without them could
+            // not be read.
             mcap.flush()?;
             Ok((mcap, channels))
         };
@@ -179,10 +193,12 @@ impl Writer {
         })
     }
 
-    /// Writes one message of the topic with that index in [`ipc_types::TOPICS`], given as its bytes.
+    /// Writes one message of the topic with that index in [`ipc_types::TOPICS`], given as its
+    /// bytes.
     ///
     /// # Errors
-    /// [`WriteError::Topic`] and [`WriteError::Length`] refuse this message only; any other error ends the recording.
+    /// [`WriteError::Topic`] and [`WriteError::Length`] refuse this message only; any other error
+    /// ends the recording.
     pub fn write(&mut self, topic: usize, bytes: &[u8]) -> Result<(), WriteError> {
         let (Some(entry), Some(&channel)) = (TOPICS.get(topic), self.channels.get(topic)) else {
             self.refused_elsewhere += 1;
@@ -190,7 +206,11 @@ impl Writer {
         };
         if bytes.len() != entry.size {
             self.counts[topic].refused += 1;
-            return Err(WriteError::Length { topic: entry.name, expected: entry.size, found: bytes.len() });
+            return Err(WriteError::Length {
+                topic: entry.name,
+                expected: entry.size,
+                found: bytes.len(),
+            });
         }
         if let Some(cause) = &self.poisoned {
             self.counts[topic].refused += 1;
@@ -204,8 +224,12 @@ impl Writer {
         self.payload.clear();
         self.payload.extend_from_slice(&CDR_HEADER);
         self.payload.extend_from_slice(bytes);
-        let header =
-            MessageHeader { channel_id: channel, sequence: word(bytes, 16) as u32, log_time, publish_time: log_time };
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence: word(bytes, 16) as u32,
+            log_time,
+            publish_time: log_time,
+        };
         self.counts[topic].pending += 1;
         match self.mcap.write_to_known_channel(&header, &self.payload) {
             Ok(()) => Ok(()),
@@ -217,7 +241,11 @@ impl Writer {
     ///
     /// # Errors
     /// As [`Self::write`].
-    pub fn write_message<T: Message>(&mut self, topic: &TypedTopic<T>, message: &T) -> Result<(), WriteError> {
+    pub fn write_message<T: Message>(
+        &mut self,
+        topic: &TypedTopic<T>,
+        message: &T,
+    ) -> Result<(), WriteError> {
         let index = TOPICS.iter().position(|entry| entry.name == topic.topic.name);
         match index {
             Some(index) => self.write(index, message.as_bytes()),
@@ -267,11 +295,12 @@ impl Writer {
         Ok(())
     }
 
-    /// Ends the recording in good order: end record, index, footer, sync. `losses` are the counters of the topics.
+    /// Ends the recording in good order: end record, index, footer, sync. `losses` are the counters
+    /// of the topics.
     ///
     /// # Errors
-    /// Those of the disk, and [`WriteError::Poisoned`] when the recording had ended with an error before. The
-    /// prefix on the disk stays readable.
+    /// Those of the disk, and [`WriteError::Poisoned`] when the recording had ended with an error
+    /// before. The prefix on the disk stays readable.
     pub fn finish(mut self, losses: &[LossCounters]) -> Result<Summary, WriteError> {
         self.flush()?;
         if let Some(cause) = &self.poisoned {
@@ -287,9 +316,12 @@ impl Writer {
         }
         for loss in losses {
             let Some(topic) = TOPICS.get(loss.topic as usize) else { continue };
-            for (name, value) in
-                [("received", loss.received), ("gaps", loss.gaps), ("dropped", loss.dropped), ("refused", loss.refused)]
-            {
+            for (name, value) in [
+                ("received", loss.received),
+                ("gaps", loss.gaps),
+                ("dropped", loss.dropped),
+                ("refused", loss.refused),
+            ] {
                 metadata.insert(format!("{}.{name}", topic.name), value.to_string());
             }
         }
@@ -341,7 +373,8 @@ impl Writer {
     }
 
     fn poison(&mut self, source: mcap::McapError) -> WriteError {
-        // Whatever was not flushed counts as refused. Part of it may have reached the disk: the count errs on the safe side.
+        // Whatever was not flushed counts as refused. Part of it may have reached the disk: the
+        // count errs on the safe side.
         for count in &mut self.counts {
             count.refused += std::mem::take(&mut count.pending);
         }

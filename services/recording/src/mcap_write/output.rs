@@ -19,7 +19,8 @@ impl Output for File {
     }
 }
 
-/// The buffered output, shared with the MCAP library's writer so that it can be synced and, after an error, cut off.
+/// The buffered output, shared with the MCAP library's writer so that it can be synced and, after
+/// an error, cut off.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<Mutex<Target>>);
 
@@ -31,7 +32,10 @@ pub(super) struct Target {
 
 impl Shared {
     pub(super) fn new(output: Box<dyn Output>) -> Self {
-        Self(Arc::new(Mutex::new(Target { output: Some(BufWriter::with_capacity(128 * 1024, output)), bytes: 0 })))
+        Self(Arc::new(Mutex::new(Target {
+            output: Some(BufWriter::with_capacity(128 * 1024, output)),
+            bytes: 0,
+        })))
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, Target> {

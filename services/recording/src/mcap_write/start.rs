@@ -42,8 +42,8 @@ pub mod key {
 pub struct Start {
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start (ns).
     pub realtime_offset_ns: i64,
-    /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format and, where the caller gave
-    /// none, the part.
+    /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format
+    /// and, where the caller gave none, the part.
     pub metadata: BTreeMap<String, String>,
 }
 

@@ -12,7 +12,8 @@ use super::{Draft, Mapping, Options, Record, RecordError, TIME};
 /// # Errors
 /// [`RecordError`]: the first problem, with row and column.
 pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
-    let file = File::open(path).map_err(|source| RecordError::Io { file: path.to_owned(), source })?;
+    let file =
+        File::open(path).map_err(|source| RecordError::Io { file: path.to_owned(), source })?;
     from_csv_text(path, file, options)
 }
 
@@ -20,14 +21,20 @@ pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
 ///
 /// # Errors
 /// As [`from_csv`].
-pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<Record, RecordError> {
-    let mut reader = csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(text);
+pub fn from_csv_text(
+    path: &Path,
+    text: impl Read,
+    options: &Options,
+) -> Result<Record, RecordError> {
+    let mut reader =
+        csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(text);
     let mut row = csv::StringRecord::new();
     let no_header = |found: String| RecordError::NoHeader { file: path.to_owned(), found };
     if !reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
         return Err(no_header("an empty file".to_owned()));
     }
-    let mut names: Vec<String> = row.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    let mut names: Vec<String> =
+        row.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
     if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
         return Err(no_header(format!("the number {number}")));
     }
@@ -63,7 +70,11 @@ pub fn from_csv_text(path: &Path, text: impl Read, options: &Options) -> Result<
                     file: path.to_owned(),
                     row: line,
                     column: names[index].clone(),
-                    found: if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{cell}`") },
+                    found: if cell.is_empty() {
+                        "an empty cell".to_owned()
+                    } else {
+                        format!("`{cell}`")
+                    },
                 });
             };
             values[index].push(factors[index] * value);
@@ -88,12 +99,18 @@ fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<
     let mut places = Vec::new();
     for one in mapping {
         let Some(at) = names.iter().position(|name| *name == one.source) else {
-            return Err(RecordError::MissingColumn { file: path.to_owned(), column: one.source.clone(), found });
+            return Err(RecordError::MissingColumn {
+                file: path.to_owned(),
+                column: one.source.clone(),
+                found,
+            });
         };
         places.push((at, one));
     }
     for (at, one) in places {
-        if let Some(other) = names.iter().enumerate().position(|(index, name)| index != at && *name == one.column) {
+        if let Some(other) =
+            names.iter().enumerate().position(|(index, name)| index != at && *name == one.column)
+        {
             return Err(one.wrong(path, format!("column {} has that name already", other + 1)));
         }
         names[at].clone_from(&one.column);
@@ -125,9 +142,12 @@ pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
         csv::ErrorKind::Io(error) => error, // its kind matters: a closed pipe is no failure
         other => io::Error::other(format!("{other:?}")),
     };
-    writer.write_record(std::iter::once(TIME).chain(record.columns.keys().map(String::as_str))).map_err(to_io)?;
+    writer
+        .write_record(std::iter::once(TIME).chain(record.columns.keys().map(String::as_str)))
+        .map_err(to_io)?;
     for (index, time) in record.time_s.iter().enumerate() {
-        let cells = std::iter::once(time).chain(record.columns.values().filter_map(|column| column.get(index)));
+        let cells = std::iter::once(time)
+            .chain(record.columns.values().filter_map(|column| column.get(index)));
         // the shortest text that reads back as the same number
         writer.write_record(cells.map(f64::to_string)).map_err(to_io)?;
     }

@@ -31,7 +31,8 @@ pub enum FindingKind {
     Repeated,
     /// The channel was present in a part of the record only; it was left out.
     Partial,
-    /// The recording was cut off (its logger was killed, the disk was full): what came after is missing.
+    /// The recording was cut off (its logger was killed, the disk was full): what came after is
+    /// missing.
     Torn,
     /// Rows were brought to another grid.
     Resampled,
@@ -41,8 +42,8 @@ pub enum FindingKind {
 const STAY: usize = 5;
 /// Fewest samples at the extreme, all stays together.
 const SAMPLES: usize = 20;
-/// A signal that is cut off runs into its limit at speed; one that comes to rest there slows down first. The step
-/// into the stay must be at least this fraction of the median step ...
+/// A signal that is cut off runs into its limit at speed; one that comes to rest there slows down
+/// first. The step into the stay must be at least this fraction of the median step ...
 const SPEED: f64 = 0.3;
 /// ... and this many times the smallest step (the resolution of an encoder or converter).
 const RESOLUTION: f64 = 3.0;
@@ -55,10 +56,13 @@ pub(super) fn judge(column: &str, values: &[f64], first_row: u64) -> Vec<Finding
             kind: FindingKind::Dead,
             first_row,
             rows: values.len() as u64,
-            text: format!("never changes: {first} throughout; a dead channel, or one that was at rest"),
+            text: format!(
+                "never changes: {first} throughout; a dead channel, or one that was at rest"
+            ),
         }];
     }
-    let mut steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|&step| step > 0.0).collect();
+    let mut steps: Vec<f64> =
+        values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|&step| step > 0.0).collect();
     let smallest = steps.iter().copied().fold(f64::INFINITY, f64::min);
     let middle = steps.len() / 2;
     let (_, &mut median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);

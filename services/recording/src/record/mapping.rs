@@ -7,8 +7,9 @@ use super::RecordError;
 
 /// A column and where it comes from, written `COLUMN=SOURCE` or `COLUMN=SOURCE*FACTOR`.
 ///
-/// In a CSV file the source is a name of its header. In an MCAP file it is `TOPIC:FIELD`, with dots into messages and brackets into
-/// arrays: `/joint_states:position[0]`, `/wrench:wrench.torque.z`. The factor brings it to SI units.
+/// In a CSV file the source is a name of its header. In an MCAP file it is `TOPIC:FIELD`, with dots
+/// into messages and brackets into arrays: `/joint_states:position[0]`, `/wrench:wrench.torque.z`.
+/// The factor brings it to SI units.
 ///
 /// ```
 /// # use recording::record::Mapping;
@@ -53,7 +54,11 @@ impl FromStr for Mapping {
 impl Mapping {
     /// The error of a file from which it cannot be had.
     pub(super) fn wrong(&self, file: &Path, what: String) -> RecordError {
-        RecordError::Mapping { file: file.to_owned(), mapping: format!("{}={}", self.column, self.source), what }
+        RecordError::Mapping {
+            file: file.to_owned(),
+            mapping: format!("{}={}", self.column, self.source),
+            what,
+        }
     }
 }
 
@@ -92,8 +97,14 @@ mod tests {
     #[test]
     fn what_is_no_mapping_is_said() {
         let read = |text: &str| text.parse::<Mapping>();
-        assert_eq!(read("a = b ").unwrap(), Mapping { column: "a".into(), source: "b".into(), factor: 1.0 });
-        assert_eq!(read("a=b*c*-2e-3").unwrap(), Mapping { column: "a".into(), source: "b*c".into(), factor: -2e-3 });
+        assert_eq!(
+            read("a = b ").unwrap(),
+            Mapping { column: "a".into(), source: "b".into(), factor: 1.0 }
+        );
+        assert_eq!(
+            read("a=b*c*-2e-3").unwrap(),
+            Mapping { column: "a".into(), source: "b*c".into(), factor: -2e-3 }
+        );
         for text in ["", "a", "=b", "a=", "a=b*", "a=b*two", "a=b*0", "a=b*inf"] {
             let said = read(text).unwrap_err().to_string();
             assert!(said.contains("COLUMN=SOURCE*FACTOR") && said.contains(text), "{said}");
@@ -106,7 +117,8 @@ mod tests {
         assert_eq!(place("/a:b"), Some(("/a", vec![field("b")])));
         let way = vec![field("b"), Step::Index(2), Step::Index(0), field("c")];
         assert_eq!(place("x:y:b[2][0].c"), Some(("x:y", way)));
-        for text in ["b", ":b", "/a:", "/a:b.", "/a:b[", "/a:b[]", "/a:b[x]", "/a:b[1]c", "/a:[1]"] {
+        for text in ["b", ":b", "/a:", "/a:b.", "/a:b[", "/a:b[]", "/a:b[x]", "/a:b[1]c", "/a:[1]"]
+        {
             assert_eq!(place(text), None, "{text}");
         }
     }

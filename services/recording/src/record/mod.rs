@@ -1,9 +1,10 @@
 //! A measured record, column by column, as identification and replay use it.
 //!
-//! Comes from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]); SI units, one value per
-//! sampling instant, uniform in time. Whatever is wrong with the data is an error that names file, row and column;
-//! a record is never patched silently. What cannot be told from the data alone (a channel that never
-//! changes, one that sticks at its extreme) is a [`Finding`]: the record is usable, and somebody should look.
+//! Comes from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]); SI
+//! units, one value per sampling instant, uniform in time. Whatever is wrong with the data is an
+//! error that names file, row and column; a record is never patched silently. What cannot be told
+//! from the data alone (a channel that never changes, one that sticks at its extreme) is a
+//! [`Finding`]: the record is usable, and somebody should look.
 
 mod csv_file;
 mod findings;
@@ -126,7 +127,8 @@ impl Options {
     }
 }
 
-/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of a recording, from 1.
+/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of
+/// a recording, from 1.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file cannot be read.
@@ -319,8 +321,8 @@ impl Draft {
                 });
             }
         }
-        for (name, values) in
-            std::iter::once((TIME, &self.time_s)).chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
+        for (name, values) in std::iter::once((TIME, &self.time_s))
+            .chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
         {
             if let Some(at) = values.iter().position(|value| !value.is_finite()) {
                 return Err(RecordError::Cell {
@@ -331,7 +333,11 @@ impl Draft {
                 });
             }
         }
-        let too_few = |file: PathBuf, found| RecordError::TooFewRows { file, expected: options.rows_min, found };
+        let too_few = |file: PathBuf, found| RecordError::TooFewRows {
+            file,
+            expected: options.rows_min,
+            found,
+        };
         if self.time_s.len() < options.rows_min.max(2) {
             return Err(too_few(self.file, self.time_s.len()));
         }
@@ -341,14 +347,22 @@ impl Draft {
             return Err(too_few(self.file, kept.len()));
         }
         let first_row = self.rows.get(kept.start).copied().unwrap_or(0);
-        let cut = |values: Vec<f64>| if kept.len() == values.len() { values } else { values[kept.clone()].to_vec() };
+        let cut = |values: Vec<f64>| {
+            if kept.len() == values.len() { values } else { values[kept.clone()].to_vec() }
+        };
         let time_s = cut(self.time_s);
         let columns: BTreeMap<String, Vec<f64>> =
             self.columns.into_iter().map(|(name, values)| (name, cut(values))).collect();
         for (name, values) in &columns {
             self.findings.extend(findings::judge(name, values, first_row));
         }
-        Ok(Record { name: file_name(&self.file), time_s, columns, sampling_s, findings: self.findings })
+        Ok(Record {
+            name: file_name(&self.file),
+            time_s,
+            columns,
+            sampling_s,
+            findings: self.findings,
+        })
     }
 }
 

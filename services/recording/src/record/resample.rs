@@ -24,13 +24,22 @@ impl Track {
     /// That time goes on from row to row and does not jump.
     fn check(&self, file: &Path) -> Result<(), RecordError> {
         if self.time_s.len() < 3 {
-            return Err(RecordError::TooFewRows { file: file.to_owned(), expected: 3, found: self.time_s.len() });
+            return Err(RecordError::TooFewRows {
+                file: file.to_owned(),
+                expected: 3,
+                found: self.time_s.len(),
+            });
         }
         let steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let row = |at: usize| self.rows.get(at).copied().unwrap_or(at as u64 + 1);
         if let Some(at) = steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
             let (before, after) = (self.time_s[at], self.time_s[at + 1]);
-            return Err(RecordError::TimeBackwards { file: file.to_owned(), row: row(at + 1), before, after });
+            return Err(RecordError::TimeBackwards {
+                file: file.to_owned(),
+                row: row(at + 1),
+                before,
+                after,
+            });
         }
         let middle = steps.len() / 2;
         let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -70,11 +79,17 @@ impl Track {
     }
 }
 
-/// All tracks on one grid, as long as all of them last: at `hz`, or at the mean rate of the quickest.
+/// All tracks on one grid, as long as all of them last: at `hz`, or at the mean rate of the
+/// quickest.
 ///
 /// # Errors
-/// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`], [`RecordError::Rate`].
-pub(super) fn on_one_grid(file: &Path, tracks: &[Track], hz: Option<f64>) -> Result<Draft, RecordError> {
+/// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`],
+/// [`RecordError::Rate`].
+pub(super) fn on_one_grid(
+    file: &Path,
+    tracks: &[Track],
+    hz: Option<f64>,
+) -> Result<Draft, RecordError> {
     for track in tracks {
         track.check(file)?;
     }
@@ -82,19 +97,35 @@ pub(super) fn on_one_grid(file: &Path, tracks: &[Track], hz: Option<f64>) -> Res
     let hz = hz.unwrap_or(own_hz);
     if !(RATES.0 * own_hz..=RATES.1 * own_hz).contains(&hz) {
         let (least, most) = (RATES.0 * own_hz, RATES.1 * own_hz);
-        return Err(RecordError::Rate { file: file.to_owned(), found: hz, least, most, own: own_hz });
+        return Err(RecordError::Rate {
+            file: file.to_owned(),
+            found: hz,
+            least,
+            most,
+            own: own_hz,
+        });
     }
-    let start = tracks.iter().filter_map(|track| track.time_s.first()).fold(f64::NEG_INFINITY, |a, b| a.max(*b));
-    let end = tracks.iter().filter_map(|track| track.time_s.last()).fold(f64::INFINITY, |a, b| a.min(*b));
+    let start = tracks
+        .iter()
+        .filter_map(|track| track.time_s.first())
+        .fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+    let end =
+        tracks.iter().filter_map(|track| track.time_s.last()).fold(f64::INFINITY, |a, b| a.min(*b));
     // A rounding short of the last row is the last row.
     let count = ((end - start) * hz + 1e-6).floor() + 1.0;
     if count.is_nan() || count < 3.0 {
-        return Err(RecordError::TooFewRows { file: file.to_owned(), expected: 3, found: count.max(0.0) as usize });
+        return Err(RecordError::TooFewRows {
+            file: file.to_owned(),
+            expected: 3,
+            found: count.max(0.0) as usize,
+        });
     }
     let time_s: Vec<f64> = (0..count as usize).map(|row| start + row as f64 / hz).collect();
     let columns = tracks
         .iter()
-        .flat_map(|track| track.columns.iter().map(|(name, values)| (name.clone(), track.at(values, &time_s))))
+        .flat_map(|track| {
+            track.columns.iter().map(|(name, values)| (name.clone(), track.at(values, &time_s)))
+        })
         .collect();
     let most = tracks.iter().map(|track| track.time_s.len()).max().unwrap_or(0);
     let finding = Finding {
@@ -114,12 +145,17 @@ mod tests {
 
     fn track(time_s: Vec<f64>, name: &str, of: impl Fn(f64) -> f64) -> Track {
         let values = time_s.iter().map(|time| of(*time)).collect();
-        Track { rows: (1..=time_s.len() as u64).collect(), time_s, columns: vec![(name.to_owned(), values)] }
+        Track {
+            rows: (1..=time_s.len() as u64).collect(),
+            time_s,
+            columns: vec![(name.to_owned(), values)],
+        }
     }
 
     #[test]
     fn straight_lines_come_through_whatever_the_times() {
-        let jittered = (0..500).map(|row| f64::from(row) * 2e-3 + 4e-4 * f64::from(row * 7 % 5)).collect();
+        let jittered =
+            (0..500).map(|row| f64::from(row) * 2e-3 + 4e-4 * f64::from(row * 7 % 5)).collect();
         let slow = (0..110).map(|row| 0.01 * f64::from(row) - 0.013).collect();
         let tracks = [track(jittered, "a", |t| 3.0 * t), track(slow, "b", |t| 1.0 - t)];
         let draft = on_one_grid(Path::new("x.mcap"), &tracks, Some(400.0)).unwrap();
@@ -135,15 +171,24 @@ mod tests {
     #[test]
     fn a_uniform_track_stays_what_it_is() {
         let times: Vec<f64> = (0..100).map(|row| 5.0 + f64::from(row) * 1e-3).collect();
-        let draft = on_one_grid(Path::new("x"), &[track(times.clone(), "a", f64::sin)], None).unwrap();
+        let draft =
+            on_one_grid(Path::new("x"), &[track(times.clone(), "a", f64::sin)], None).unwrap();
         assert_eq!(draft.time_s.len(), 100);
-        assert!(draft.columns["a"].iter().zip(&times).all(|(value, time)| (value - time.sin()).abs() < 1e-9));
+        assert!(
+            draft.columns["a"]
+                .iter()
+                .zip(&times)
+                .all(|(value, time)| (value - time.sin()).abs() < 1e-9)
+        );
     }
 
     #[test]
     fn holes_and_rates_that_make_things_up_are_refused() {
         let refuse = |time_s: Vec<f64>, hz| {
-            on_one_grid(Path::new("x.csv"), &[track(time_s, "a", f64::sin)], hz).err().unwrap().to_string()
+            on_one_grid(Path::new("x.csv"), &[track(time_s, "a", f64::sin)], hz)
+                .err()
+                .unwrap()
+                .to_string()
         };
         let even = |row: i32| f64::from(row) * 1e-3;
         let hole = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();

@@ -73,12 +73,16 @@ const fn read_again(newest: u64, tick: u64) -> bool {
 ///
 /// # Errors
 /// As [`from_recording`], and those of opening the file.
-pub fn from_mcap(path: &Path, columns: &SampleColumns, options: &Options) -> Result<Record, RecordError> {
+pub fn from_mcap(
+    path: &Path,
+    columns: &SampleColumns,
+    options: &Options,
+) -> Result<Record, RecordError> {
     from_recording(&Recording::open(path)?, columns, options)
 }
 
-/// Reads the samples of an open recording. Values are taken bit by bit. Time is that within the replayed record
-/// where acquisition replayed one, else the tick's: 0 at the first sample.
+/// Reads the samples of an open recording. Values are taken bit by bit. Time is that within the
+/// replayed record where acquisition replayed one, else the tick's: 0 at the first sample.
 ///
 /// # Errors
 /// [`RecordError`]: the first problem, with the sample's number as row. A damaged chunk is an error too.
@@ -96,11 +100,13 @@ pub fn from_recording(
     let mut repeated = 0u64;
     for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
         let sample = sample?.message;
-        // An acquisition that takes over reads again what its predecessor had not yet told the card that it has: one scan, or several.
+        // An acquisition that takes over reads again what its predecessor had not yet told the card
+        // that it has: one scan, or several.
         match samples.last() {
             Some((_, last))
                 if last.tick == sample.tick
-                    || last.incarnation != sample.incarnation && read_again(last.tick, sample.tick) =>
+                    || last.incarnation != sample.incarnation
+                        && read_again(last.tick, sample.tick) =>
             {
                 repeated += 1;
             }
@@ -129,7 +135,11 @@ pub fn from_recording(
             kind: FindingKind::Torn,
             first_row: samples.last().map_or(0, |(row, _)| *row),
             rows: 0,
-            text: format!("{}; what came after sample {} is missing", recording.tail().reason, samples.len()),
+            text: format!(
+                "{}; what came after sample {} is missing",
+                recording.tail().reason,
+                samples.len()
+            ),
         });
     }
     let replayed = first.backend == Backend::Replay.code();
@@ -139,8 +149,9 @@ pub fn from_recording(
     } else {
         let period_s = match columns.scan_hz {
             Some(hz) => 1.0 / hz,
-            None => period_s(&samples)
-                .ok_or_else(|| wrong("the scan rate cannot be told from the samples: give the rig file".to_owned()))?,
+            None => period_s(&samples).ok_or_else(|| {
+                wrong("the scan rate cannot be told from the samples: give the rig file".to_owned())
+            })?,
         };
         samples
             .iter()
@@ -166,12 +177,16 @@ pub fn from_recording(
         (&names.slave, |s, i| s.slave_present >> i & 1 == 1, |s, i| s.slave_position[i]),
         (&names.torque, |s, i| s.torque_present >> i & 1 == 1, |s, i| s.slave_torque[i]),
     ];
-    let axis_channels = channels.into_iter().filter_map(|(name, p, r)| Some((name.clone()?, axis, p, r)));
+    let axis_channels =
+        channels.into_iter().filter_map(|(name, p, r)| Some((name.clone()?, axis, p, r)));
     let analog: (Present, Read) = (|s, i| s.analog_present >> i & 1 == 1, |s, i| s.analog_v[i]);
-    let further = columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));
+    let further =
+        columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));
     for (name, index, present, read) in axis_channels.chain(further) {
         if index >= ANALOG {
-            return Err(wrong(format!("column `{name}`: expected an analog channel below {ANALOG}, found {index}")));
+            return Err(wrong(format!(
+                "column `{name}`: expected an analog channel below {ANALOG}, found {index}"
+            )));
         }
         let there = samples.iter().filter(|(_, sample)| present(sample, index)).count();
         if there == samples.len() {
@@ -196,7 +211,9 @@ pub fn from_recording(
 /// A record that was replayed in a loop holds itself several times: keeps the longest pass.
 fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
     let mut starts = vec![0];
-    starts.extend((1..samples.len()).filter(|&i| samples[i].1.record_time_s < samples[i - 1].1.record_time_s));
+    starts.extend(
+        (1..samples.len()).filter(|&i| samples[i].1.record_time_s < samples[i - 1].1.record_time_s),
+    );
     if starts.len() == 1 {
         return None;
     }
@@ -223,8 +240,8 @@ fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
     })
 }
 
-/// The grid's period (s). Ticks are multiples of it, and its rate is a whole number of Hz, so that the mean over the
-/// recording, rounded, is exact.
+/// The grid's period (s). Ticks are multiples of it, and its rate is a whole number of Hz, so that
+/// the mean over the recording, rounded, is exact.
 fn period_s(samples: &[(u64, Sample)]) -> Option<f64> {
     let (_, first) = samples.first()?;
     let (_, last) = samples.last()?;

@@ -1,4 +1,5 @@
-//! Records from recordings of other programs: any topic, in any message that says how it is laid out.
+//! Records from recordings of other programs: any topic, in any message that says how it is laid
+//! out.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,9 +14,10 @@ use super::resample::{Track, on_one_grid};
 use super::{Draft, Mapping, Options, Record, RecordError, TIME};
 use crate::mcap_read::{Channel, Recording, Selection};
 
-/// Reads the columns that [`Options::mapping`] names out of an MCAP file. Time is that at which messages were written, 0 at the first, or
-/// the field that `t_s` is mapped to (a number, or a stamp of seconds and nanoseconds). What was written at times of its own is brought to
-/// one grid by straight lines, and a finding says so.
+/// Reads the columns that [`Options::mapping`] names out of an MCAP file. Time is that at which
+/// messages were written, 0 at the first, or the field that `t_s` is mapped to (a number, or a
+/// stamp of seconds and nanoseconds). What was written at times of its own is brought to one grid
+/// by straight lines, and a finding says so.
 ///
 /// Messages may be CDR with a schema in `ros2msg`, or JSON.
 ///
@@ -26,7 +28,10 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     let mut topics: BTreeMap<&str, Vec<(&Mapping, Vec<Step>)>> = BTreeMap::new();
     for mapping in &options.mapping {
         let Some((topic, steps)) = place(&mapping.source) else {
-            return Err(mapping.wrong(path, "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned()));
+            return Err(mapping.wrong(
+                path,
+                "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned(),
+            ));
         };
         let of_topic = topics.entry(topic).or_default();
         if of_topic.iter().any(|(other, _)| other.column == mapping.column) {
@@ -38,9 +43,13 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     if let Some(time) = timed
         && topics.len() > 1
     {
-        return Err(
-            time.wrong(path, format!("a time of one topic says nothing of the others: found {} topics", topics.len()))
-        );
+        return Err(time.wrong(
+            path,
+            format!(
+                "a time of one topic says nothing of the others: found {} topics",
+                topics.len()
+            ),
+        ));
     }
     let mut logged: Vec<(Vec<u64>, Track)> = Vec::new();
     for (topic, wanted) in topics {
@@ -56,7 +65,12 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
                     let first = stamps.first().copied().unwrap_or(0.0);
                     track.time_s = stamps.into_iter().map(|stamp| stamp - first).collect();
                 }
-                None => track.time_s = times.into_iter().map(|ns| ns.saturating_sub(first_ns) as f64 * 1e-9).collect(),
+                None => {
+                    track.time_s = times
+                        .into_iter()
+                        .map(|ns| ns.saturating_sub(first_ns) as f64 * 1e-9)
+                        .collect()
+                }
             }
             track
         })
@@ -65,7 +79,8 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     if timed.is_some() && options.resample_hz.is_none() {
         let Track { rows, time_s, columns } = tracks.into_iter().next().unwrap_or_default();
         let columns = columns.into_iter().collect();
-        return Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }.checked(options);
+        return Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }
+            .checked(options);
     }
     on_one_grid(path, &tracks, options.resample_hz)?.checked(options)
 }
@@ -87,7 +102,9 @@ fn read_topic(
     let mut times = Vec::new();
     let mut columns: Vec<(String, Vec<f64>)> =
         wanted.iter().map(|(mapping, _)| (mapping.column.clone(), Vec::new())).collect();
-    for (index, raw) in recording.raw(Selection { channels: Some(ids), ..Selection::default() }).enumerate() {
+    for (index, raw) in
+        recording.raw(Selection { channels: Some(ids), ..Selection::default() }).enumerate()
+    {
         let raw = raw?;
         let Some(decoder) = decoders.get(&raw.channel_id()) else { continue };
         let at = |what: String| format!("message {}: {what}", index + 1);
@@ -120,7 +137,9 @@ impl Decoder {
             ("json", _) => Ok(Self::Json),
             ("cdr", "ros2msg") => MessageSchema::parse(&channel.schema_name, &channel.schema)
                 .map(|schema| Self::Ros(Box::new(schema)))
-                .map_err(|error| format!("schema {} cannot be read: {error:#}", channel.schema_name)),
+                .map_err(|error| {
+                    format!("schema {} cannot be read: {error:#}", channel.schema_name)
+                }),
             (message, schema) => Err(format!(
                 "expected messages in cdr with a schema in ros2msg, or in json; found {message} with a schema in {}",
                 if schema.is_empty() { "nothing" } else { schema }
@@ -130,13 +149,20 @@ impl Decoder {
 
     fn decode(&self, data: &[u8]) -> Result<Message, String> {
         let schema = match self {
-            Self::Json => return serde_json::from_slice(data).map(Message::Json).map_err(|error| error.to_string()),
+            Self::Json => {
+                return serde_json::from_slice(data)
+                    .map(Message::Json)
+                    .map_err(|error| error.to_string());
+            }
             Self::Ros(schema) => schema,
         };
-        let resolver = MapResolver::new(schema.dependencies.iter().map(|spec| (spec.name.clone(), spec)));
+        let resolver =
+            MapResolver::new(schema.dependencies.iter().map(|spec| (spec.name.clone(), spec)));
         // Four bytes say the order of bytes and the options; alignment counts from behind them.
         let value = match data.split_at_checked(4) {
-            Some(([0, 0, ..], body)) => decode_message(&mut CdrReader::<BigEndian>::new(body), &schema.spec, &resolver),
+            Some(([0, 0, ..], body)) => {
+                decode_message(&mut CdrReader::<BigEndian>::new(body), &schema.spec, &resolver)
+            }
             Some(([0, 1, ..], body)) => {
                 decode_message(&mut CdrReader::<LittleEndian>::new(body), &schema.spec, &resolver)
             }
@@ -175,7 +201,9 @@ fn in_ros(value: &Value, steps: &[Step]) -> Option<f64> {
         (Value::Array(values) | Value::Sequence(values), [Step::Index(index), rest @ ..]) => {
             in_ros(values.get(*index)?, rest)
         }
-        (Value::PrimitiveArray(values) | Value::PrimitiveSeq(values), [Step::Index(index)]) => element(values, *index),
+        (Value::PrimitiveArray(values) | Value::PrimitiveSeq(values), [Step::Index(index)]) => {
+            element(values, *index)
+        }
         (Value::Message(fields), []) => {
             let of = |name: &str| in_ros(fields.get(name)?, &[]);
             Some(of("sec")? + 1e-9 * of("nanosec")?)
@@ -219,7 +247,9 @@ fn in_json(value: &serde_json::Value, steps: &[Step]) -> Option<f64> {
     match (value, steps) {
         (serde_json::Value::Bool(value), []) => Some(f64::from(u8::from(*value))),
         (serde_json::Value::Object(fields), []) => {
-            let of = |names: [&str; 2]| names.into_iter().find_map(|name| in_json(fields.get(name)?, &[]));
+            let of = |names: [&str; 2]| {
+                names.into_iter().find_map(|name| in_json(fields.get(name)?, &[]))
+            };
             Some(of(["sec", "secs"])? + 1e-9 * of(["nanosec", "nsec"])?)
         }
         (value, []) => value.as_f64(),

@@ -5,7 +5,9 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use ipc_types::{COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, Sample, Severity};
+use ipc_types::{
+    COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, Sample, Severity,
+};
 use recording::mcap_write::{Output, Start, Writer, key};
 
 pub const OFFSET: i64 = 1_700_000_000_000_000_000;
@@ -50,7 +52,8 @@ pub fn start() -> Start {
         .with(key::PROFILE, "best-effort")
 }
 
-/// Writes `n` samples, every fourth with a command, some events; ticks the writer as the logger would.
+/// Writes `n` samples, every fourth with a command, some events; ticks the writer as the logger
+/// would.
 pub fn fill(writer: &mut Writer, n: u64) {
     let event = ipc_types::event_topic(Process::Control).unwrap();
     for i in 0..n {
@@ -59,7 +62,12 @@ pub fn fill(writer: &mut Writer, n: u64) {
             writer.write_message(&COMMAND, &command(i / 4)).unwrap();
         }
         if i % 1000 == 0 {
-            let mut e = Event::new(Process::Control, EventKind::ProcessStarted, Severity::Info, "bereit, übrigens");
+            let mut e = Event::new(
+                Process::Control,
+                EventKind::ProcessStarted,
+                Severity::Info,
+                "bereit, übrigens",
+            );
             e.stamp(11, 33, i / 1000, sample(i).time_ns);
             writer.write_message(&event, &e).unwrap();
         }

@@ -24,7 +24,11 @@ pub struct Violation {
     found: String,
 }
 
-fn ensure(holds: bool, rule: &'static str, found: impl FnOnce() -> String) -> Result<(), Violation> {
+fn ensure(
+    holds: bool,
+    rule: &'static str,
+    found: impl FnOnce() -> String,
+) -> Result<(), Violation> {
     if holds { Ok(()) } else { Err(Violation { rule, found: found() }) }
 }
 
@@ -71,7 +75,9 @@ pub fn a_late_reader_gets_all(bench: &mut dyn Bench) -> Result<(), Violation> {
     let pause = (bench.daq().capabilities().fifo_depth as u64 / 2).clamp(1, 100);
     bench.advance(pause);
     let late = ticks(bench, RULE)?;
-    ensure(late.len() as u64 >= pause, RULE, || format!("{} scans after {pause} periods", late.len()))?;
+    ensure(late.len() as u64 >= pause, RULE, || {
+        format!("{} scans after {pause} periods", late.len())
+    })?;
     seen.extend(late);
     ensure(seen.windows(2).all(|pair| pair[1] == pair[0] + 1), RULE, || format!("{seen:?}"))?;
     ensure(bench.daq().scans_missed() == 0, RULE, || "scans were missed".to_owned())
@@ -110,7 +116,9 @@ pub fn outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
     let capabilities = bench.daq().capabilities();
     let written = bench.daq().write([1.25, 0.0, 0.0]);
     if !capabilities.accepts_output {
-        ensure(written == Err(DaqError::NoOutput), "a card without outputs says so", || format!("{written:?}"))?;
+        ensure(written == Err(DaqError::NoOutput), "a card without outputs says so", || {
+            format!("{written:?}")
+        })?;
         let zero = bench.daq().write([0.0; 3]);
         return ensure(zero.is_ok(), "0 V is always accepted", || format!("{zero:?}"));
     }
@@ -139,7 +147,9 @@ pub fn not_finite_is_refused(bench: &mut dyn Bench) -> Result<(), Violation> {
             Ok(scans) => {
                 let volts: Vec<f64> = scans.iter().map(|scan| scan.motor_v[0]).collect();
                 let capable = bench.daq().capabilities().accepts_output;
-                ensure(!capable || volts.last() == Some(&0.0), RULE, || format!("{bad}: {volts:?}"))?;
+                ensure(!capable || volts.last() == Some(&0.0), RULE, || {
+                    format!("{bad}: {volts:?}")
+                })?;
             }
             Err(error) => return Err(Violation { rule: RULE, found: error.to_string() }),
         }

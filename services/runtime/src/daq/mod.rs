@@ -116,11 +116,12 @@ pub trait Daq {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
 
-    /// Every scan that the card clocked since the last call, oldest first; empty when none is due. The
-    /// ticks rise strictly, from call to call as well.
+    /// Every scan that the card clocked since the last call, oldest first; empty when none is due.
+    /// The ticks rise strictly, from call to call as well.
     fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError>;
 
-    /// Tells the card that all scans up to `tick` are published, so that a successor goes on behind them.
+    /// Tells the card that all scans up to `tick` are published, so that a successor goes on behind
+    /// them.
     fn taken(&mut self, tick: u64);
 
     /// Writes volts to the outputs; they hold until the next write.

@@ -13,7 +13,9 @@ use super::room::MEBIBYTE;
 #[derive(Debug, Error)]
 pub enum DomainError {
     /// The name breaks the rules.
-    #[error("rig name {0:?}: expected 1 to 32 lower-case letters, digits or '-', beginning with a letter")]
+    #[error(
+        "rig name {0:?}: expected 1 to 32 lower-case letters, digits or '-', beginning with a letter"
+    )]
     Name(String),
     /// A file operation failed.
     #[error("{action} {path}: {source}{}", hint(.source))]
@@ -26,7 +28,9 @@ pub enum DomainError {
         source: io::Error,
     },
     /// The directory is not ours alone.
-    #[error("{path} is not a directory of this user with mode 0700 ({found}); remove it or choose another rig name")]
+    #[error(
+        "{path} is not a directory of this user with mode 0700 ({found}); remove it or choose another rig name"
+    )]
     NotOurs {
         /// The directory.
         path: PathBuf,
@@ -43,7 +47,9 @@ pub enum DomainError {
     #[error("the keeper of rig {0} did not get ready within {1:?}")]
     KeeperNotReady(String, Duration),
     /// Processes live on in a domain whose founding never ended.
-    #[error("rig {0}: processes of a broken start are still alive; stop them (`farreach down`) and start again")]
+    #[error(
+        "rig {0}: processes of a broken start are still alive; stop them (`farreach down`) and start again"
+    )]
     BrokenStart(String),
     /// The file with the session cannot be read.
     #[error("{path}: {reason}; stop the rig (`farreach down`) and start it again")]
@@ -61,7 +67,8 @@ pub enum DomainError {
         /// The one that was asked for.
         wanted: String,
     },
-    /// Too little is free. A page that cannot be had later on kills the process that touches it (SIGBUS).
+    /// Too little is free. A page that cannot be had later on kills the process that touches it
+    /// (SIGBUS).
     #[error(
         "shared memory is full: a rig needs {} MiB in {SHARED_MEMORY}, found {} MiB free; remove what is not needed there \
          (`ls -l {SHARED_MEMORY}`) or make it larger (containers: --shm-size)", needed.div_ceil(MEBIBYTE), found / MEBIBYTE
@@ -84,8 +91,12 @@ pub enum DomainError {
 
 fn hint(error: &io::Error) -> &'static str {
     match error.kind() {
-        io::ErrorKind::StorageFull => "; shared memory is full: free space in /dev/shm (`df -h /dev/shm`)",
-        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; is /dev/shm writable for this user?",
+        io::ErrorKind::StorageFull => {
+            "; shared memory is full: free space in /dev/shm (`df -h /dev/shm`)"
+        }
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; is /dev/shm writable for this user?"
+        }
         _ => "",
     }
 }

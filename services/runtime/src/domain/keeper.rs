@@ -11,8 +11,8 @@ use ipc_types::{COMMAND_SERVICES, Profile, TOPICS};
 use super::error::{at, library};
 use super::room::check_room;
 use super::{
-    ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SHARED_MEMORY, SessionFile,
-    join_configuration, make_node, parse_session, read_session, write_configuration,
+    ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SHARED_MEMORY,
+    SessionFile, join_configuration, make_node, parse_session, read_session, write_configuration,
 };
 use crate::identity::random_u64;
 use crate::locks::LockFile;
@@ -58,11 +58,16 @@ impl Keeper {
                 }
                 _ => {}
             }
-            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix()).map_err(at("cleaning", &directory))?;
+            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
+                .map_err(at("cleaning", &directory))?;
             check_room()?;
             let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
             write_configuration(&directory, &prefix)?;
-            let file = SessionFile { session: format!("{:016x}", random_u64()), profile: granted_profile(), prefix };
+            let file = SessionFile {
+                session: format!("{:016x}", random_u64()),
+                profile: granted_profile(),
+                prefix,
+            };
             Self::found(name, &directory, file, true, alive, keeper)
         } else if session_path.exists() {
             if !alive.try_shared().map_err(at("locking", &alive_path))? {
@@ -92,7 +97,8 @@ impl Keeper {
         for service in COMMAND_SERVICES {
             services.push(request::hold(&node, service)?);
         }
-        // The library makes one of its segments world-writable; the rest of the machine has no business with it.
+        // The library makes one of its segments world-writable; the rest of the machine has no
+        // business with it.
         sweep::close_to_others(&name.segment_prefix())
             .map_err(at("closing to other users", Path::new(SHARED_MEMORY)))?;
         let kept = Self {
@@ -107,8 +113,10 @@ impl Keeper {
             _keeper: keeper,
         };
         if cold {
-            // Written last, and in one step: its presence is what tells the workers that the domain is ready.
-            let text = toml::to_string(&file).map_err(|e| library("writing the session")(e.to_string()))?;
+            // Written last, and in one step: its presence is what tells the workers that the domain
+            // is ready.
+            let text = toml::to_string(&file)
+                .map_err(|e| library("writing the session")(e.to_string()))?;
             let temporary = directory.join("session.new");
             let path = directory.join(SESSION);
             fs::write(&temporary, text).map_err(at("writing", &temporary))?;
@@ -159,7 +167,8 @@ impl Keeper {
         if alone {
             let session = directory.join(SESSION);
             fs::remove_file(&session).map_err(at("removing", &session))?;
-            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix()).map_err(at("cleaning", &directory))?;
+            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
+                .map_err(at("cleaning", &directory))?;
         }
         Ok(alone)
     }

@@ -1,9 +1,10 @@
 //! The shared-memory domain of one rig, and the keeper that founds it.
 //!
-//! A domain is a directory of mode 0700 on tmpfs with a generated iceoryx2 configuration, two lock files and
-//! the library's own files; the segments beside it bear a prefix that is drawn anew at each cold start.
-//! Several rigs on one machine never meet. The first keeper, when nothing of the rig is alive, wipes what an
-//! earlier one left; a keeper that comes back while others live joins them and keeps their session.
+//! A domain is a directory of mode 0700 on tmpfs with a generated iceoryx2 configuration, two lock
+//! files and the library's own files; the segments beside it bear a prefix that is drawn anew at
+//! each cold start. Several rigs on one machine never meet. The first keeper, when nothing of the
+//! rig is alive, wipes what an earlier one left; a keeper that comes back while others live joins
+//! them and keeps their session.
 
 mod error;
 mod keeper;
@@ -111,14 +112,16 @@ impl Domain {
             .is_ok_and(|free| !free)
     }
 
-    /// A node of this process in the domain; ports are made from it. Nodes and ports stay in their thread.
+    /// A node of this process in the domain; ports are made from it. Nodes and ports stay in their
+    /// thread.
     pub fn node(&self, name: &str) -> Result<Node<ipc::Service>, DomainError> {
         make_node(name)
     }
 }
 
 fn make_node(name: &str) -> Result<Node<ipc::Service>, DomainError> {
-    let node_name: NodeName = name.try_into().map_err(|e| library(format!("naming node {name}"))(format!("{e:?}")))?;
+    let node_name: NodeName =
+        name.try_into().map_err(|e| library(format!("naming node {name}"))(format!("{e:?}")))?;
     NodeBuilder::new()
         .name(&node_name)
         .signal_handling_mode(SignalHandlingMode::Disabled)
@@ -139,14 +142,17 @@ fn parse_session(directory: &Path, file: &SessionFile) -> Result<u64, DomainErro
     })
 }
 
-/// Loads the domain's configuration as the process-wide one: a configuration given to the node alone is
-/// not enough, because the library then counts dead nodes as cleaned and never cleans them.
+/// Loads the domain's configuration as the process-wide one: a configuration given to the node
+/// alone is not enough, because the library then counts dead nodes as cleaned and never cleans
+/// them.
 fn join_configuration(directory: &Path) -> Result<(), DomainError> {
     set_log_level(LogLevel::Error);
     let path = directory.join(CONFIGURATION);
     let text = path.to_string_lossy().into_owned();
-    let file: FilePath =
-        text.as_str().try_into().map_err(|e| library("configuration path")(format!("{text}: {e:?}")))?;
+    let file: FilePath = text
+        .as_str()
+        .try_into()
+        .map_err(|e| library("configuration path")(format!("{text}: {e:?}")))?;
     let config = Config::setup_global_config_from_file(&file)
         .map_err(|e| library("reading configuration")(format!("{text}: {e:?}")))?;
     let wanted = directory.join(LIBRARY_ROOT).to_string_lossy().into_owned();
@@ -160,14 +166,18 @@ fn join_configuration(directory: &Path) -> Result<(), DomainError> {
 fn write_configuration(directory: &Path, prefix: &str) -> Result<(), DomainError> {
     let mut config = Config::default();
     let root = directory.join(LIBRARY_ROOT).to_string_lossy().into_owned();
-    let root = root.as_str().try_into().map_err(|e| library("root path")(format!("{root}: {e:?}")))?;
+    let root =
+        root.as_str().try_into().map_err(|e| library("root path")(format!("{root}: {e:?}")))?;
     config.global.set_root_path(&root);
-    config.global.prefix = prefix.try_into().map_err(|e| library("prefix")(format!("{prefix}: {e:?}")))?;
-    // Cleaning up is the keeper's: a worker must not spend its start, or its end, on somebody else's remains.
+    config.global.prefix =
+        prefix.try_into().map_err(|e| library("prefix")(format!("{prefix}: {e:?}")))?;
+    // Cleaning up is the keeper's: a worker must not spend its start, or its end, on somebody
+    // else's remains.
     config.global.node.cleanup_dead_nodes_on_creation = false;
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     config.global.service.cleanup_dead_nodes_on_open = false;
-    let text = toml::to_string(&config).map_err(|e| library("writing configuration")(e.to_string()))?;
+    let text =
+        toml::to_string(&config).map_err(|e| library("writing configuration")(e.to_string()))?;
     let path = directory.join(CONFIGURATION);
     fs::write(&path, text).map_err(at("writing", &path))
 }

@@ -50,7 +50,8 @@ impl RigName {
         self.directory().join(RUN)
     }
 
-    /// What the names of all of the rig's segments begin with. A '.' ends it: no rig name holds one.
+    /// What the names of all of the rig's segments begin with. A '.' ends it: no rig name holds
+    /// one.
     pub(crate) fn segment_prefix(&self) -> String {
         // SAFETY: takes nothing, cannot fail.
         let user = unsafe { libc::geteuid() };
@@ -82,7 +83,9 @@ impl RigName {
     pub fn remove(&self) -> Result<bool, DomainError> {
         let directory = self.directory();
         if !directory.exists() {
-            return sweep::segments(&self.segment_prefix()).map(|()| true).map_err(at("cleaning", &directory));
+            return sweep::segments(&self.segment_prefix())
+                .map(|()| true)
+                .map_err(at("cleaning", &directory));
         }
         let keeper_path = directory.join(KEEPER_LOCK);
         let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
@@ -113,7 +116,9 @@ mod tests {
         for good in ["demo", "a", "rig-2", "x234567890123456789012345678901"] {
             assert!(good.parse::<RigName>().is_ok(), "{good}");
         }
-        for bad in ["", "2rig", "Demo", "a_b", "a.b", "../x", "x2345678901234567890123456789012345", "a b"] {
+        for bad in
+            ["", "2rig", "Demo", "a_b", "a.b", "../x", "x2345678901234567890123456789012345", "a b"]
+        {
             assert!(matches!(bad.parse::<RigName>(), Err(DomainError::Name(_))), "{bad}");
         }
     }

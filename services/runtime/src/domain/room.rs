@@ -10,17 +10,22 @@ use crate::{ports, request};
 
 pub(super) const MEBIBYTE: u64 = 1 << 20;
 
-/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory is locked (bytes).
+/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory
+/// is locked (bytes).
 fn room_needed() -> u64 {
     // The library's header in front of each message, and its alignment.
     const HEADER: usize = 64;
     // Connections and tables of the library, the launcher's files.
     const REST: u64 = 4 * MEBIBYTE;
-    let topics: usize = TOPICS.iter().map(|topic| ports::messages_in_segment(topic) * (topic.size + HEADER)).sum();
-    let servers: usize =
-        COMMAND_SERVICES.iter().map(|service| request::ANSWERS_IN_SEGMENT * (service.bytes + HEADER)).sum();
+    let topics: usize =
+        TOPICS.iter().map(|topic| ports::messages_in_segment(topic) * (topic.size + HEADER)).sum();
+    let servers: usize = COMMAND_SERVICES
+        .iter()
+        .map(|service| request::ANSWERS_IN_SEGMENT * (service.bytes + HEADER))
+        .sum();
     let all = (topics + servers) as u64 + REST;
-    // The segments of a process that was killed a moment ago stay while its successor makes its own.
+    // The segments of a process that was killed a moment ago stay while its successor makes its
+    // own.
     all + all / 4
 }
 
@@ -29,7 +34,8 @@ pub(super) fn check_room() -> Result<(), DomainError> {
     let found = rustix::fs::statvfs(SHARED_MEMORY)
         .map_err(|error| at("looking for free space in", Path::new(SHARED_MEMORY))(error.into()))?;
     // A tmpfs without a limit says that it has no blocks at all.
-    let free = if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
+    let free =
+        if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
     fits(room_needed(), free)
 }
 
@@ -44,7 +50,8 @@ mod tests {
     #[test]
     fn a_rig_fits_into_what_containers_have_and_says_what_it_lacks() {
         let needed = room_needed();
-        // What the segments of a running rig were measured to be, and the usual size in a container.
+        // What the segments of a running rig were measured to be, and the usual size in a
+        // container.
         assert!((30 * MEBIBYTE..60 * MEBIBYTE).contains(&needed), "{needed}");
         assert!(fits(needed, needed).is_ok());
         let error = fits(needed, 3 * MEBIBYTE).unwrap_err().to_string();

@@ -8,7 +8,10 @@ fn sr_07_a_disabled_token_withdraws_and_the_epoch_stays_burnt() {
     rig.renew();
     rig.token.enabled = 0;
     let output = rig.step();
-    assert_eq!((output.state, output.cause, output.volts), (GateState::Closed, GateCause::Withdrawn, [0.0; AXES]));
+    assert_eq!(
+        (output.state, output.cause, output.volts),
+        (GateState::Closed, GateCause::Withdrawn, [0.0; AXES])
+    );
     rig.token.enabled = 1;
     for _ in 0..20 {
         rig.renew();
@@ -100,7 +103,10 @@ fn sr_09_time_going_backwards_burns() {
     let mut rig = Rig::opened();
     rig.now -= 1;
     let output = rig.step();
-    assert_eq!((output.state, output.cause, output.volts), (GateState::Burnt, GateCause::GateLate, [0.0; AXES]));
+    assert_eq!(
+        (output.state, output.cause, output.volts),
+        (GateState::Burnt, GateCause::GateLate, [0.0; AXES])
+    );
 }
 
 #[test]

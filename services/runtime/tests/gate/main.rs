@@ -1,4 +1,5 @@
-//! The gate's safety requirements (docs/safety-case.md): one test per cause, and properties over arbitrary streams.
+//! The gate's safety requirements (docs/safety-case.md): one test per cause, and properties over
+//! arbitrary streams.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod commands;
@@ -40,8 +41,12 @@ impl Rig {
             enabled: 1,
             ..EnableToken::default()
         };
-        let command =
-            MotorCommand { session: SESSION, incarnation: CONTROL, volts: [1.5, -2.0, 0.0], ..MotorCommand::default() };
+        let command = MotorCommand {
+            session: SESSION,
+            incarnation: CONTROL,
+            volts: [1.5, -2.0, 0.0],
+            ..MotorCommand::default()
+        };
         Self { gate: Gate::new(config()), now: START, token, command }
     }
 
@@ -71,11 +76,15 @@ impl Rig {
         rig
     }
 
-    /// The next cycle burns the epoch with this cause, good messages do not open it again, a higher epoch does.
+    /// The next cycle burns the epoch with this cause, good messages do not open it again, a higher
+    /// epoch does.
     fn burns(mut self, cause: GateCause) {
         let epoch = self.token.epoch.min(1);
         let output = self.step();
-        assert_eq!((output.state, output.cause, output.volts), (GateState::Burnt, cause, [0.0; AXES]));
+        assert_eq!(
+            (output.state, output.cause, output.volts),
+            (GateState::Burnt, cause, [0.0; AXES])
+        );
         let mut good = Self::new();
         good.gate = self.gate;
         good.now = self.now;
@@ -104,7 +113,10 @@ fn sr_01_passes_fresh_commands_and_nothing_before_the_first_token() {
     for _ in 0..100 {
         rig.renew();
         let output = rig.step();
-        assert_eq!((output.state, output.volts, output.epoch), (GateState::Open, rig.command.volts, 1));
+        assert_eq!(
+            (output.state, output.volts, output.epoch),
+            (GateState::Open, rig.command.volts, 1)
+        );
         assert_eq!(output.token_sequence, rig.token.sequence);
         assert_eq!(output.command_sequence, rig.command.sequence);
         assert_eq!(output.command_incarnation, CONTROL);
@@ -319,7 +331,12 @@ fn sr_04_an_epoch_that_two_watchdogs_speak_in_never_opens() {
         rig.token.epoch = 3;
         rig.renew();
         rig.gate.observe_token(&rig.token);
-        let other = EnableToken { incarnation: 32, watchdog_incarnation: 32, epoch: 2 + enabled, ..rig.token };
+        let other = EnableToken {
+            incarnation: 32,
+            watchdog_incarnation: 32,
+            epoch: 2 + enabled,
+            ..rig.token
+        };
         rig.gate.observe_token(&EnableToken { enabled: enabled as u8, ..other });
         for _ in 0..20 {
             rig.renew();

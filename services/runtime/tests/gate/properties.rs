@@ -24,7 +24,12 @@ struct Oracle {
 
 impl Oracle {
     /// Whether these volts may be written now, judged from the whole history.
-    fn allows(&self, config: &GateConfig, now: u64, volts: [f64; AXES]) -> Result<(), &'static str> {
+    fn allows(
+        &self,
+        config: &GateConfig,
+        now: u64,
+        volts: [f64; AXES],
+    ) -> Result<(), &'static str> {
         let ensure = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
         let token = self.tokens.last().ok_or("no token")?;
         let command = self.commands.last().ok_or("no command")?;
@@ -32,19 +37,31 @@ impl Oracle {
         ensure(token.session == config.session && command.session == config.session, "session")?;
         ensure(token.enabled == 1, "not enabled")?;
         ensure(token.incarnation == token.watchdog_incarnation, "token's sender")?;
-        ensure(token.acquisition_incarnation == config.acquisition_incarnation, "token's receiver")?;
+        ensure(
+            token.acquisition_incarnation == config.acquisition_incarnation,
+            "token's receiver",
+        )?;
         ensure(token.control_incarnation == command.incarnation, "command's sender")?;
         let age = |then: u64| i128::from(now) - i128::from(then);
         let future = -i128::from(config.future_ns);
-        ensure(age(token.issued_ns) >= future && age(token.time_ns) >= future, "token from the future")?;
+        ensure(
+            age(token.issued_ns) >= future && age(token.time_ns) >= future,
+            "token from the future",
+        )?;
         ensure(age(token.issued_ns) <= i128::from(config.token_life_ns), "token too old")?;
         ensure(age(token.valid_until_ns) <= 0, "token expired")?;
         let life = i128::from(token.valid_until_ns) - i128::from(token.issued_ns);
         ensure((0..=i128::from(config.token_life_ns)).contains(&life), "token's life")?;
-        ensure(age(command.computed_ns) >= future && age(command.time_ns) >= future, "command from the future")?;
+        ensure(
+            age(command.computed_ns) >= future && age(command.time_ns) >= future,
+            "command from the future",
+        )?;
         ensure(age(command.computed_ns) <= i128::from(config.command_life_ns), "command too old")?;
         let sample_age = age(command.sample_time_ns);
-        ensure(sample_age >= future && sample_age <= i128::from(config.max_sample_age_ns), "sample's age")?;
+        ensure(
+            sample_age >= future && sample_age <= i128::from(config.max_sample_age_ns),
+            "sample's age",
+        )?;
         let withdrawn = |earlier: &EnableToken| {
             earlier.enabled != 1
                 && earlier.session == config.session
@@ -52,12 +69,14 @@ impl Oracle {
                 && earlier.epoch >= token.epoch
         };
         ensure(!self.tokens.iter().any(withdrawn), "withdrawn before")?;
-        // In sequence: nothing of the same sender that came before has a higher or the same number (but the
-        // same message again), within this session.
+        // In sequence: nothing of the same sender that came before has a higher or the same number
+        // (but the same message again), within this session.
         let earlier = &self.tokens[..self.tokens.len() - 1];
         ensure(
             !earlier.iter().rev().take_while(|t| t.epoch == token.epoch && *t != token).any(|t| {
-                t.session == token.session && t.incarnation == token.incarnation && t.sequence >= token.sequence
+                t.session == token.session
+                    && t.incarnation == token.incarnation
+                    && t.sequence >= token.sequence
             }),
             "token out of sequence",
         )
@@ -67,13 +86,29 @@ impl Oracle {
 fn tokens() -> impl Strategy<Value = EnableToken> {
     let time = -8_000_000i64..2_000_000;
     (
-        (prop_oneof![19 => Just(SESSION), 1 => Just(12)], prop_oneof![9 => Just(WATCHDOG), 1 => Just(32)], 0u64..4),
-        (prop_oneof![19 => Just(ACQUISITION), 1 => Just(22)], prop_oneof![19 => Just(CONTROL), 1 => Just(42)]),
+        (
+            prop_oneof![19 => Just(SESSION), 1 => Just(12)],
+            prop_oneof![9 => Just(WATCHDOG), 1 => Just(32)],
+            0u64..4,
+        ),
+        (
+            prop_oneof![19 => Just(ACQUISITION), 1 => Just(22)],
+            prop_oneof![19 => Just(CONTROL), 1 => Just(42)],
+        ),
         (prop_oneof![4 => Just(0i64), 1 => time], prop_oneof![9 => Just(5 * MS), 1 => 0..6 * MS]),
-        (1u64..4, prop_oneof![9 => Just(1u8), 1 => any::<u8>()], prop_oneof![29 => Just(0u64), 1 => Just(7)]),
+        (
+            1u64..4,
+            prop_oneof![9 => Just(1u8), 1 => any::<u8>()],
+            prop_oneof![29 => Just(0u64), 1 => Just(7)],
+        ),
     )
         .prop_map(
-            |((session, watchdog, sequence), (acquisition, control), (issued, life), (epoch, enabled, forged))| {
+            |(
+                (session, watchdog, sequence),
+                (acquisition, control),
+                (issued, life),
+                (epoch, enabled, forged),
+            )| {
                 EnableToken {
                     session,
                     incarnation: watchdog + forged,
@@ -98,21 +133,31 @@ fn volts() -> impl Strategy<Value = f64> {
 
 fn commands() -> impl Strategy<Value = MotorCommand> {
     (
-        (prop_oneof![29 => Just(SESSION), 1 => Just(12)], prop_oneof![19 => Just(CONTROL), 1 => Just(42)], 0u64..4),
+        (
+            prop_oneof![29 => Just(SESSION), 1 => Just(12)],
+            prop_oneof![19 => Just(CONTROL), 1 => Just(42)],
+            0u64..4,
+        ),
         (
             prop_oneof![6 => Just(0i64), 1 => -8_000_000i64..2_000_000],
             prop_oneof![6 => 0i64..2_000_000, 1 => -200_000i64..12_000_000],
         ),
-        (volts(), prop_oneof![9 => -3.0..3.0f64, 1 => volts()], prop_oneof![29 => Just(0.0), 1 => volts()]),
+        (
+            volts(),
+            prop_oneof![9 => -3.0..3.0f64, 1 => volts()],
+            prop_oneof![29 => Just(0.0), 1 => volts()],
+        ),
     )
-        .prop_map(|((session, incarnation, sequence), (computed, sample_age), (a, b, c))| MotorCommand {
-            session,
-            incarnation,
-            sequence,
-            computed_ns: computed as u64,
-            sample_time_ns: sample_age as u64,
-            volts: [a, b, c],
-            ..MotorCommand::default()
+        .prop_map(|((session, incarnation, sequence), (computed, sample_age), (a, b, c))| {
+            MotorCommand {
+                session,
+                incarnation,
+                sequence,
+                computed_ns: computed as u64,
+                sample_time_ns: sample_age as u64,
+                volts: [a, b, c],
+                ..MotorCommand::default()
+            }
         })
 }
 
@@ -129,8 +174,8 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 
-    /// Whatever arrives, in whatever order: volts other than 0 only with the oracle's consent, never beyond the limits,
-    /// and never again for an epoch that was burnt.
+    /// Whatever arrives, in whatever order: volts other than 0 only with the oracle's consent,
+    /// never beyond the limits, and never again for an epoch that was burnt.
     #[test]
     fn sr_10_no_stream_of_messages_gets_volts_past_the_gate_unlawfully(acts in acts()) {
         let config = config();

@@ -40,15 +40,16 @@ pub struct Config {
     pub token_life_ns: u64,
     /// Silence after which acquisition or control is lost (ns).
     pub peer_lost_ns: u64,
-    /// The enable line toggles only while the newest sample is younger than this: acquisition that died must not be
-    /// covered for until it counts as lost (ns).
+    /// The enable line toggles only while the newest sample is younger than this: acquisition that
+    /// died must not be covered for until it counts as lost (ns).
     pub line_pause_ns: u64,
-    /// A pause of the line that lasts this long is a trip. Less than the card's patience, so that the motor never
-    /// loses power without a trip and gets it back by itself (ns).
+    /// A pause of the line that lasts this long is a trip. Less than the card's patience, so that
+    /// the motor never loses power without a trip and gets it back by itself (ns).
     pub line_gap_ns: u64,
     /// Time that the gate has to open after `enable` (ns).
     pub gate_open_ns: u64,
-    /// Oldest token that a sample or a command may echo, and oldest sample that a command may answer (ns).
+    /// Oldest token that a sample or a command may echo, and oldest sample that a command may
+    /// answer (ns).
     pub echo_lost_ns: u64,
     /// How long a momentary fault (a backward step, an encoder jump) counts as standing (ns).
     pub hold_ns: u64,
@@ -60,13 +61,14 @@ pub struct Config {
     pub axes: usize,
     /// Limits of each axis.
     pub limits: [AxisLimits; AXES],
-    /// Whether the card drops the motor when the enable line stands still, or a person recorded in the rig file
-    /// that it does without.
+    /// Whether the card drops the motor when the enable line stands still, or a person recorded in
+    /// the rig file that it does without.
     pub line_or_override: bool,
 }
 
 impl Config {
-    /// The times of a profile: token 5 ms, peer 8 ms with real-time scheduling, 40 and 60 ms without.
+    /// The times of a profile: token 5 ms, peer 8 ms with real-time scheduling, 40 and 60 ms
+    /// without.
     pub fn for_profile(
         profile: Profile,
         session: u64,

@@ -11,14 +11,15 @@ pub struct FaultSet(u64);
 pub enum Effect {
     /// Trips from Armed and Enabled, faults from Disarmed, refuses `reset` while it stands.
     Trips,
-    /// Trips from Armed and Enabled and refuses `arm`; changes nothing in Disarmed, where it is no danger.
+    /// Trips from Armed and Enabled and refuses `arm`; changes nothing in Disarmed, where it is no
+    /// danger.
     TripsWhenArmed,
     /// Refuses `arm` and `enable`; trips nothing.
     Blocks,
 }
 
-/// Every fault, most telling first: the first one in this list that stands is the cause of a trip. What names a
-/// culprit comes before what merely follows from it.
+/// Every fault, most telling first: the first one in this list that stands is the cause of a trip.
+/// What names a culprit comes before what merely follows from it.
 pub const PRIORITY: &[TripCause] = &[
     TripCause::EmergencyStop,
     TripCause::WatchdogLate,
@@ -49,7 +50,8 @@ pub const PRIORITY: &[TripCause] = &[
 pub const fn effect(cause: TripCause) -> Effect {
     match cause {
         TripCause::NotRealtime | TripCause::NoOutput => Effect::TripsWhenArmed,
-        // The keeper only holds services open: those that run go on, and its restart brings it back.
+        // The keeper only holds services open: those that run go on, and its restart brings it
+        // back.
         TripCause::KeeperLost => Effect::Blocks,
         _ => Effect::Trips,
     }

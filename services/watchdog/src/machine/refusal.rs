@@ -27,7 +27,9 @@ pub enum Refusal {
     #[error("acquisition's gate is open without leave from this watchdog; is there a second one?")]
     GateOpen,
     /// The card reports motor power although the enable line stands still.
-    #[error("the card reports motor power on although the enable line stands still; check the relay")]
+    #[error(
+        "the card reports motor power on although the enable line stands still; check the relay"
+    )]
     MotorPowered,
     /// A real card without an enable line and without a recorded override.
     #[error("the card has no enable line and the rig file records no override")]
@@ -42,7 +44,9 @@ impl Refusal {
     pub const fn text(&self) -> &'static str {
         match self {
             Self::Standing(cause) => cause.text(),
-            Self::State { found: WatchdogState::Faulted | WatchdogState::Tripped, .. } => "`reset` first",
+            Self::State { found: WatchdogState::Faulted | WatchdogState::Tripped, .. } => {
+                "`reset` first"
+            }
             Self::State { expected: WatchdogState::Armed, .. } => "`arm` first",
             Self::State { .. } => "`disarm` first",
             Self::Moving => "the machine moves",

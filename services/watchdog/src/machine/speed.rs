@@ -23,15 +23,18 @@ impl SpeedWindow {
         self.filled = (self.filled + 1).min(LENGTH);
     }
 
-    /// The speed that the encoder surely had on the mean of the window [rad/s or m/s]: two readings tell a distance to
-    /// within one count, so that count is taken off. A position that flickers between two counts has
-    /// speed 0. `None` while the window is not half full.
+    /// The speed that the encoder surely had on the mean of the window [rad/s or m/s]: two readings
+    /// tell a distance to within one count, so that count is taken off. A position that flickers
+    /// between two counts has speed 0. `None` while the window is not half full.
     pub(super) fn at_least(&self, window_ns: u64, count: f64) -> Option<f64> {
         let newest = self.index(0)?;
         let mut oldest = newest;
         for back in 1..self.filled {
             let index = self.index(back)?;
-            if self.times_ns[newest].checked_sub(self.times_ns[index]).is_none_or(|age| age > window_ns) {
+            if self.times_ns[newest]
+                .checked_sub(self.times_ns[index])
+                .is_none_or(|age| age > window_ns)
+            {
                 break;
             }
             oldest = index;

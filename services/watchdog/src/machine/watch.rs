@@ -44,8 +44,18 @@ impl SampleWatch {
         faults.merge(measured(sample, config));
         for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
             for (window, position, present, count) in [
-                (&mut self.master[axis], sample.master_position[axis], sample.master_present, limits.master_count),
-                (&mut self.slave[axis], sample.slave_position[axis], sample.slave_present, limits.slave_count),
+                (
+                    &mut self.master[axis],
+                    sample.master_position[axis],
+                    sample.master_present,
+                    limits.master_count,
+                ),
+                (
+                    &mut self.slave[axis],
+                    sample.slave_position[axis],
+                    sample.slave_present,
+                    limits.slave_count,
+                ),
             ] {
                 if present & (1 << axis) != 0 && position.is_finite() {
                     window.push(sample.scan_time_ns, position);
@@ -62,7 +72,8 @@ impl SampleWatch {
     pub(super) fn at_rest(&self, config: &Config) -> Option<bool> {
         let mut rest = true;
         for (window, limits) in self.master.iter().zip(&config.limits).take(config.axes) {
-            rest &= window.at_least(config.speed_window_ns, limits.master_count)? <= limits.rest_speed;
+            rest &=
+                window.at_least(config.speed_window_ns, limits.master_count)? <= limits.rest_speed;
         }
         Some(rest)
     }
@@ -83,15 +94,22 @@ impl CommandWatch {
             return faults;
         }
         match &self.newest {
-            Some(last) if last.incarnation != command.incarnation => faults.insert(TripCause::ControlChanged),
-            Some(last) if command.sequence <= last.sequence || command.sample_tick < last.sample_tick => {
+            Some(last) if last.incarnation != command.incarnation => {
+                faults.insert(TripCause::ControlChanged)
+            }
+            Some(last)
+                if command.sequence <= last.sequence || command.sample_tick < last.sample_tick =>
+            {
                 faults.insert(TripCause::CommandBackwards);
                 return faults;
             }
             _ => {}
         }
-        let volts_beyond =
-            command.volts.iter().enumerate().any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
+        let volts_beyond = command
+            .volts
+            .iter()
+            .enumerate()
+            .any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
         faults.insert_if(volts_beyond, TripCause::VoltageLimit);
         self.newest = Some(*command);
         faults
@@ -99,7 +117,12 @@ impl CommandWatch {
 }
 
 /// Age of a message, counted from the older of two times; `None` if either lies in the future.
-pub(super) fn age_ns(now_ns: u64, message: &impl Message, other_ns: u64, config: &Config) -> Option<u64> {
+pub(super) fn age_ns(
+    now_ns: u64,
+    message: &impl Message,
+    other_ns: u64,
+    config: &Config,
+) -> Option<u64> {
     let latest_ns = message.time_ns().max(other_ns);
     (latest_ns <= now_ns.saturating_add(config.future_ns))
         .then(|| now_ns.saturating_sub(message.time_ns().min(other_ns)))
@@ -111,7 +134,11 @@ pub(super) fn takes_volts(sample: &Sample) -> bool {
 }
 
 /// Whether a real card stands behind a sample and somebody lacks real-time scheduling.
-pub(super) fn lacks_realtime(sample: &Sample, command: Option<&MotorCommand>, config: &Config) -> bool {
+pub(super) fn lacks_realtime(
+    sample: &Sample,
+    command: Option<&MotorCommand>,
+    config: &Config,
+) -> bool {
     let realtime = Profile::Realtime.code();
     sample.backend == Backend::Hardware.code()
         && (config.profile != Profile::Realtime
@@ -126,7 +153,10 @@ fn volts_max(axis: usize, config: &Config) -> f64 {
 
 /// True also where the value or the limit is not a number.
 fn beyond(value: f64, limit: f64) -> bool {
-    !matches!(value.abs().partial_cmp(&limit), Some(std::cmp::Ordering::Less | std::cmp::Ordering::Equal))
+    !matches!(
+        value.abs().partial_cmp(&limit),
+        Some(std::cmp::Ordering::Less | std::cmp::Ordering::Equal)
+    )
 }
 
 /// What is wrong with the measured values themselves.
@@ -135,10 +165,14 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
     for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
         let bit = 1 << axis;
         faults.insert_if(sample.master_present & bit == 0, TripCause::SensorInvalid);
-        faults.insert_if(limits.torque_needed && sample.torque_present & bit == 0, TripCause::SensorInvalid);
-        for (value, present) in
-            [(sample.master_position[axis], sample.master_present), (sample.slave_position[axis], sample.slave_present)]
-        {
+        faults.insert_if(
+            limits.torque_needed && sample.torque_present & bit == 0,
+            TripCause::SensorInvalid,
+        );
+        for (value, present) in [
+            (sample.master_position[axis], sample.master_present),
+            (sample.slave_position[axis], sample.slave_present),
+        ] {
             if present & bit != 0 {
                 faults.insert_if(!value.is_finite(), TripCause::SensorInvalid);
                 let inside = (limits.position_min..=limits.position_max).contains(&value);
@@ -148,7 +182,10 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
         if sample.torque_present & bit != 0 {
             let torque = sample.slave_torque[axis];
             faults.insert_if(!torque.is_finite(), TripCause::SensorInvalid);
-            faults.insert_if(torque.is_finite() && beyond(torque, limits.torque_max), TripCause::TorqueLimit);
+            faults.insert_if(
+                torque.is_finite() && beyond(torque, limits.torque_max),
+                TripCause::TorqueLimit,
+            );
         }
         if sample.motor_present & bit != 0 {
             let volts = sample.motor_v[axis];
@@ -158,7 +195,11 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
             faults.insert_if(live && beyond(volts, limits.volts_max), TripCause::VoltageLimit);
         }
     }
-    let output_beyond = sample.output_v.iter().enumerate().any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
+    let output_beyond = sample
+        .output_v
+        .iter()
+        .enumerate()
+        .any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
     faults.insert_if(output_beyond, TripCause::VoltageLimit);
     for (channel, volts) in sample.analog_v.iter().enumerate() {
         let present = sample.analog_present & (1 << channel) != 0;
@@ -174,10 +215,20 @@ fn jumped(last: &Sample, sample: &Sample, config: &Config) -> bool {
         let allowed = u128::from(limits.encoder_jump_counts) * ticks;
         let bit = 1 << axis;
         [
-            (last.master_counts[axis], sample.master_counts[axis], last.master_present & sample.master_present),
-            (last.slave_counts[axis], sample.slave_counts[axis], last.slave_present & sample.slave_present),
+            (
+                last.master_counts[axis],
+                sample.master_counts[axis],
+                last.master_present & sample.master_present,
+            ),
+            (
+                last.slave_counts[axis],
+                sample.slave_counts[axis],
+                last.slave_present & sample.slave_present,
+            ),
         ]
         .into_iter()
-        .any(|(before, after, present)| present & bit != 0 && u128::from(before.abs_diff(after)) > allowed)
+        .any(|(before, after, present)| {
+            present & bit != 0 && u128::from(before.abs_diff(after)) > allowed
+        })
     })
 }

@@ -120,7 +120,8 @@ fn faults() -> Vec<Fault> {
         Fault {
             cause: TripCause::SpeedLimit,
             begin: |w| {
-                // 25 rad/s for 10 ms, each tick below what the encoder may jump; back to rest at once.
+                // 25 rad/s for 10 ms, each tick below what the encoder may jump; back to rest at
+                // once.
                 for tick in 0..20 {
                     w.now += MS / 2;
                     w.sample.master_position[0] = f64::from(tick) * 25.0 * 5e-4;
@@ -164,7 +165,12 @@ fn faults() -> Vec<Fault> {
             end: |w| w.sample.slave_torque[0] = 0.0,
             within: [1, 1],
         },
-        Fault { cause: TripCause::EncoderJump, begin: |w| w.sample.master_counts[0] += 21, end: once, within: [1, 1] },
+        Fault {
+            cause: TripCause::EncoderJump,
+            begin: |w| w.sample.master_counts[0] += 21,
+            end: once,
+            within: [1, 1],
+        },
         Fault {
             cause: TripCause::EncoderJump,
             begin: |w| w.sample.slave_counts[0] = i64::MIN,
@@ -201,8 +207,18 @@ fn faults() -> Vec<Fault> {
             end: |w| w.peers.launcher_alive = true,
             within: [1, 1],
         },
-        Fault { cause: TripCause::WatchdogLate, begin: |w| w.now += 41 * MS, end: once, within: [1, 1] },
-        Fault { cause: TripCause::WatchdogLate, begin: |w| w.now -= 3 * MS, end: |w| w.now += 9 * MS, within: [1, 1] },
+        Fault {
+            cause: TripCause::WatchdogLate,
+            begin: |w| w.now += 41 * MS,
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::WatchdogLate,
+            begin: |w| w.now -= 3 * MS,
+            end: |w| w.now += 9 * MS,
+            within: [1, 1],
+        },
         Fault {
             cause: TripCause::SessionMismatch,
             begin: |w| w.machine.observe_sample(&Sample { session: 12, ..w.sample }),
@@ -247,13 +263,16 @@ fn sr_11_fault_table() {
                     assert_eq!(world.machine.cause(), fault.cause, "{what}");
                 }
                 assert!(refused, "{what}: reset while it stands");
-                // It goes away: nothing happens by itself, and then a person can bring the rig back.
+                // It goes away: nothing happens by itself, and then a person can bring the rig
+                // back.
                 (fault.end)(&mut world);
                 world.cycles(200);
                 assert_eq!(world.machine.state(), after, "{what}: left the state by itself");
                 assert!(matches!(world.verb(Verb::Enable), Err(Refusal::State { .. })), "{what}");
                 for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
-                    world.verb(verb).unwrap_or_else(|refusal| panic!("{what}: {verb:?}: {refusal}"));
+                    world
+                        .verb(verb)
+                        .unwrap_or_else(|refusal| panic!("{what}: {verb:?}: {refusal}"));
                 }
                 world.cycles(50);
                 assert_eq!(world.machine.state(), WatchdogState::Enabled, "{what}");

@@ -1,11 +1,13 @@
-//! The watchdog's safety requirements (docs/safety-case.md): the fault table, the verbs, and properties.
+//! The watchdog's safety requirements (docs/safety-case.md): the fault table, the verbs, and
+//! properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod faults;
 mod properties;
 
 use ipc_types::{
-    AXES, Backend, EnableToken, GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
+    AXES, Backend, EnableToken, GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb,
+    WatchdogState,
 };
 use watchdog::machine::{AxisLimits, Config, Machine, Outputs, Peers, Refusal};
 
@@ -57,8 +59,12 @@ impl World {
             profile: profile.code(),
             ..Sample::default()
         };
-        let command =
-            MotorCommand { session: SESSION, incarnation: 41, profile: profile.code(), ..MotorCommand::default() };
+        let command = MotorCommand {
+            session: SESSION,
+            incarnation: 41,
+            profile: profile.code(),
+            ..MotorCommand::default()
+        };
         Self {
             machine: Machine::new(config(profile)),
             now: 1_000 * MS,
@@ -99,7 +105,10 @@ impl World {
     fn step(&mut self) -> Outputs {
         let output = self.machine.step(self.now, self.peers);
         assert_eq!(output.token.enabled == 1, self.machine.state() == WatchdogState::Enabled);
-        assert!(!output.toggle_line || self.machine.state() == WatchdogState::Enabled, "a line without leave");
+        assert!(
+            !output.toggle_line || self.machine.state() == WatchdogState::Enabled,
+            "a line without leave"
+        );
         assert_eq!(output.token.state, self.machine.state().code());
         self.token = output.token;
         output
@@ -151,13 +160,18 @@ impl World {
 
 #[test]
 fn sr_12_gate_burnt_trips() {
-    for (state, epoch_offset) in [(GateState::Burnt, 0), (GateState::Closed, 0), (GateState::Open, 1)] {
+    for (state, epoch_offset) in
+        [(GateState::Burnt, 0), (GateState::Closed, 0), (GateState::Open, 1)]
+    {
         let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
         world.gate_obeys = false;
         world.sample.gate_state = state.code();
         world.sample.epoch += epoch_offset;
         world.cycle();
-        assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateBurnt));
+        assert_eq!(
+            (world.machine.state(), world.machine.cause()),
+            (WatchdogState::Tripped, TripCause::GateBurnt)
+        );
     }
 }
 
@@ -171,7 +185,10 @@ fn sr_12_gate_burnt_before_it_opened_trips_an_earlier_burnt_epoch_does_not() {
     assert_eq!(world.machine.state(), WatchdogState::Enabled);
     world.sample.epoch = world.token.epoch;
     world.cycle();
-    assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateBurnt));
+    assert_eq!(
+        (world.machine.state(), world.machine.cause()),
+        (WatchdogState::Tripped, TripCause::GateBurnt)
+    );
 }
 
 #[test]
@@ -183,7 +200,10 @@ fn sr_12_gate_that_does_not_open_trips() {
         world.cycles(within);
         assert_eq!(world.machine.state(), WatchdogState::Enabled);
         world.cycle();
-        assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Tripped, TripCause::GateNotOpen));
+        assert_eq!(
+            (world.machine.state(), world.machine.cause()),
+            (WatchdogState::Tripped, TripCause::GateNotOpen)
+        );
     }
 }
 
@@ -207,7 +227,11 @@ fn sr_13_lost_echo_trips() {
                 world.step();
                 cycles += 1;
             }
-            assert_eq!((world.machine.cause(), cycles), (TripCause::EchoLost, within + 1), "{profile}");
+            assert_eq!(
+                (world.machine.cause(), cycles),
+                (TripCause::EchoLost, within + 1),
+                "{profile}"
+            );
         }
     }
 }
@@ -225,11 +249,14 @@ fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
     for who in 0..3 {
         let mut world = World::new(Profile::Realtime);
         if who == 0 {
-            world.machine = Machine::new(Config { profile: Profile::BestEffort, ..config(Profile::Realtime) });
+            world.machine =
+                Machine::new(Config { profile: Profile::BestEffort, ..config(Profile::Realtime) });
         }
         world.sample.backend = Backend::Hardware.code();
-        world.sample.profile = if who == 1 { Profile::BestEffort } else { Profile::Realtime }.code();
-        world.command.profile = if who == 2 { Profile::BestEffort } else { Profile::Realtime }.code();
+        world.sample.profile =
+            if who == 1 { Profile::BestEffort } else { Profile::Realtime }.code();
+        world.command.profile =
+            if who == 2 { Profile::BestEffort } else { Profile::Realtime }.code();
         world.cycles(30);
         assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
         assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::NotRealtime)));
@@ -251,9 +278,11 @@ fn sr_14_a_card_that_cannot_take_volts_never_arms() {
 
 #[test]
 fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
-    for (line, expected) in [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))] {
+    for (line, expected) in [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))]
+    {
         let mut world = World::new(Profile::Realtime);
-        world.machine = Machine::new(Config { line_or_override: line, ..config(Profile::Realtime) });
+        world.machine =
+            Machine::new(Config { line_or_override: line, ..config(Profile::Realtime) });
         world.sample.backend = Backend::Hardware.code();
         world.cycles(30);
         world.verb(Verb::Reset).unwrap();
@@ -307,7 +336,11 @@ fn sr_16_verbs_in_each_state() {
             let output = world.cycle();
             let to = expected.unwrap_or(state);
             let event = (to != state).then_some((state, to));
-            assert_eq!(output.event.map(|change| (change.from, change.to)), event, "{verb:?} in {state}");
+            assert_eq!(
+                output.event.map(|change| (change.from, change.to)),
+                event,
+                "{verb:?} in {state}"
+            );
             assert_eq!(world.machine.state(), to);
         }
     }
@@ -369,7 +402,10 @@ fn sr_16_volts_that_outlive_the_leave_are_a_fault() {
     world.cycles(13);
     assert_eq!(world.machine.state(), WatchdogState::Disarmed);
     world.cycle();
-    assert_eq!((world.machine.state(), world.machine.cause()), (WatchdogState::Faulted, TripCause::VoltageLimit));
+    assert_eq!(
+        (world.machine.state(), world.machine.cause()),
+        (WatchdogState::Faulted, TripCause::VoltageLimit)
+    );
 }
 
 #[test]
@@ -381,7 +417,10 @@ fn sr_17_nothing_is_allowed_before_the_first_step() {
     let output = machine.step(MS, Peers { launcher_alive: true, keeper_alive: true });
     assert_eq!((output.token.enabled, output.token.state), (0, WatchdogState::Faulted.code()));
     assert_eq!(output.token.cause, TripCause::Started.code());
-    assert_eq!(machine.command(Verb::Reset, MS), Err(Refusal::Standing(TripCause::AcquisitionLost)));
+    assert_eq!(
+        machine.command(Verb::Reset, MS),
+        Err(Refusal::Standing(TripCause::AcquisitionLost))
+    );
 }
 
 #[test]
@@ -389,7 +428,10 @@ fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
     for (profile, life) in [(Profile::Realtime, 5 * MS), (Profile::BestEffort, 40 * MS)] {
         let mut world = World::in_state(profile, WatchdogState::Enabled);
         let token = world.cycle().token;
-        assert_eq!((token.session, token.incarnation, token.watchdog_incarnation), (SESSION, 31, 31));
+        assert_eq!(
+            (token.session, token.incarnation, token.watchdog_incarnation),
+            (SESSION, 31, 31)
+        );
         assert_eq!((token.acquisition_incarnation, token.control_incarnation), (21, 41));
         assert_eq!((token.issued_ns, token.valid_until_ns), (world.now, world.now + life));
         assert_eq!((token.sample_tick, token.faults), (world.sample.tick, 0));
@@ -473,11 +515,14 @@ fn sr_19_best_effort_jitter_trips_nothing() {
     assert!(world.sample.time_ns() > 0);
 }
 
-/// The card drops the motor 5 / 40 ms after the last toggle: from the death of acquisition to then it must not take
-/// longer than 10 / 60 ms, and a pause that could make the card drop the motor must not end in power.
+/// The card drops the motor 5 / 40 ms after the last toggle: from the death of acquisition to then
+/// it must not take longer than 10 / 60 ms, and a pause that could make the card drop the motor
+/// must not end in power.
 #[test]
 fn sr_24_a_line_without_fresh_samples_pauses_and_a_long_pause_trips() {
-    for (profile, patience_ms, bound_ms) in [(Profile::Realtime, 5, 10), (Profile::BestEffort, 40, 60)] {
+    for (profile, patience_ms, bound_ms) in
+        [(Profile::Realtime, 5, 10), (Profile::BestEffort, 40, 60)]
+    {
         let mut world = World::in_state(profile, WatchdogState::Enabled);
         world.acquisition_runs = false;
         let died = world.sample.scan_time_ns;
@@ -496,7 +541,10 @@ fn sr_24_a_line_without_fresh_samples_pauses_and_a_long_pause_trips() {
         let tripped = tripped.unwrap();
         let dropped = last_toggle + patience_ms * MS;
         assert!(dropped - died <= bound_ms * MS - MS, "{profile:?}: {} ns", dropped - died);
-        assert!(tripped <= dropped, "{profile:?}: the card drops the motor before the watchdog trips");
+        assert!(
+            tripped <= dropped,
+            "{profile:?}: the card drops the motor before the watchdog trips"
+        );
         assert_eq!(world.machine.cause(), TripCause::AcquisitionLost);
     }
 }

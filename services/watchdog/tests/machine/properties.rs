@@ -77,8 +77,9 @@ enum Steps {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
-    /// Whatever happens: Enabled is reached by reset, arm, enable in this order after the last fault and never otherwise; a
-    /// token is enabled only in Enabled and only without a fault; epochs rise strictly with each enable.
+    /// Whatever happens: Enabled is reached by reset, arm, enable in this order after the last
+    /// fault and never otherwise; a token is enabled only in Enabled and only without a fault;
+    /// epochs rise strictly with each enable.
     #[test]
     fn sr_20_only_reset_arm_enable_in_order_give_power(realtime in any::<bool>(), acts in prop::collection::vec(act(), 1..150)) {
         let profile = if realtime { Profile::Realtime } else { Profile::BestEffort };

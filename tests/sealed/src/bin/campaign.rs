@@ -5,9 +5,10 @@
 //! $ campaign --results campaign.jsonl --only-print
 //! ```
 //!
-//! Every case is a line in the results file as soon as it is scored. Started again with the same file, seed, program, rig and options
-//! that an answer may depend on, the campaign goes on after what is there; with another program or other options it begins anew, and
-//! says so. Interrupted, it prints what it has. A table is of one program, asked in one way.
+//! Every case is a line in the results file as soon as it is scored. Started again with the same
+//! file, seed, program, rig and options that an answer may depend on, the campaign goes on after
+//! what is there; with another program or other options it begins anew, and says so. Interrupted,
+//! it prints what it has. A table is of one program, asked in one way.
 
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
@@ -47,7 +48,8 @@ struct Args {
     /// Cases with two listed effects
     #[arg(long, default_value_t = 60)]
     pairs: usize,
-    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones and then the others
+    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones
+    /// and then the others
     #[arg(long, value_enum, default_value = "all")]
     unlisted_kinds: Kinds,
     /// Seed
@@ -68,7 +70,8 @@ struct Args {
     /// Keeps records, truth and answers in this folder
     #[arg(long)]
     keep: Option<PathBuf>,
-    /// Runs nothing, prints a table for each program of what is in the results file, and each way in which it was asked
+    /// Runs nothing, prints a table for each program of what is in the results file, and each way
+    /// in which it was asked
     #[arg(long)]
     only_print: bool,
     /// Prints those tables only whose heading has this text: a revision, the first digits of a hash
@@ -82,7 +85,8 @@ fn main() -> anyhow::Result<()> {
     for line in &results.left_out {
         eprintln!("{line}");
     }
-    let campaigns = if args.only_print { chosen(&args, results)? } else { vec![run(&args, results)?] };
+    let campaigns =
+        if args.only_print { chosen(&args, results)? } else { vec![run(&args, results)?] };
     if let (Some(path), [(configuration, scores)]) = (&args.json, &campaigns[..]) {
         let text = serde_json::to_string_pretty(&serde_json::json!({
             "seed": args.seed,
@@ -108,14 +112,20 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is in the results file, one campaign a program and way of asking, of those that were asked for.
+/// What is in the results file, one campaign a program and way of asking, of those that were asked
+/// for.
 fn chosen(args: &Args, results: Results) -> anyhow::Result<Vec<(Configuration, Vec<Score>)>> {
     let headings: Vec<String> = results.campaigns.keys().map(ToString::to_string).collect();
     let wanted = |heading: &str| args.program.as_deref().is_none_or(|text| heading.contains(text));
-    let chosen: Vec<_> = results.campaigns.into_iter().filter(|campaign| wanted(&campaign.0.to_string())).collect();
+    let chosen: Vec<_> =
+        results.campaigns.into_iter().filter(|campaign| wanted(&campaign.0.to_string())).collect();
     if chosen.is_empty() {
         let there = if headings.is_empty() { "nothing".to_owned() } else { headings.join("\n  ") };
-        bail!("{}: no such lines of seed {}; there is\n  {there}", args.results.display(), args.seed);
+        bail!(
+            "{}: no such lines of seed {}; there is\n  {there}",
+            args.results.display(),
+            args.seed
+        );
     }
     if args.json.is_some() && chosen.len() > 1 {
         bail!(
@@ -173,7 +183,9 @@ fn plan(args: &Args) -> Vec<(Set, usize)> {
     ];
     let mut cases: Vec<(f64, Set, usize)> = counts
         .into_iter()
-        .flat_map(|(set, count)| (0..count).map(move |index| ((index as f64 + 0.5) / count as f64, set, index)))
+        .flat_map(|(set, count)| {
+            (0..count).map(move |index| ((index as f64 + 0.5) / count as f64, set, index))
+        })
         .collect();
     cases.sort_by(|a, b| a.0.total_cmp(&b.0));
     cases.into_iter().map(|(_, set, index)| (set, index)).collect()
@@ -186,7 +198,8 @@ fn run_all(
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
     let done: HashSet<(Set, usize)> = scores.iter().map(|score| (score.set, score.index)).collect();
-    let cases: Vec<(Set, usize)> = plan(args).into_iter().filter(|case| !done.contains(case)).collect();
+    let cases: Vec<(Set, usize)> =
+        plan(args).into_iter().filter(|case| !done.contains(case)).collect();
     if cases.is_empty() {
         return Ok(());
     }
@@ -206,11 +219,15 @@ fn run_all(
             break;
         }
         let Some(score) = one(args, set, index, stop)? else { break };
-        // A build beside the campaign puts another program in its place: whose answer this is, nobody knows.
+        // A build beside the campaign puts another program in its place: whose answer this is,
+        // nobody knows.
         let now = self::configuration(args)?;
         if now != *configuration {
             let changed = configuration.differs(&now).join(", ");
-            bail!("{} is not counted: the {changed} changed while the campaign ran", name(set, index));
+            bail!(
+                "{} is not counted: the {changed} changed while the campaign ran",
+                name(set, index)
+            );
         }
         let line = Line { seed: args.seed, configuration: now, score: score.clone() };
         writeln!(results, "{}", serde_json::to_string(&line)?)?;
@@ -316,6 +333,9 @@ fn identify(
 
 /// What a program says of itself.
 fn version(program: &Path) -> anyhow::Result<String> {
-    let said = Command::new(program).arg("--version").output().with_context(|| program.display().to_string())?;
+    let said = Command::new(program)
+        .arg("--version")
+        .output()
+        .with_context(|| program.display().to_string())?;
     Ok(String::from_utf8_lossy(&said.stdout).trim().to_owned())
 }

@@ -34,7 +34,8 @@ struct Args {
     /// This effect instead of the set's choice (repeatable): ID or ID@SITE
     #[arg(long, value_name = "ID@SITE")]
     effect: Vec<String>,
-    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones and then the others
+    /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones
+    /// and then the others
     #[arg(long, value_enum, default_value = "all")]
     unlisted_kinds: Kinds,
     /// Names all effects, listed and unlisted, and writes nothing
@@ -68,8 +69,12 @@ fn main() -> anyhow::Result<()> {
             .iter()
             .zip(&case.truth.detectability)
             .map(|(effect, seen)| {
-                let numbers: Vec<String> =
-                    effect.parameters.0.iter().map(|value| format!("{} {:.4}", value.name, value.value)).collect();
+                let numbers: Vec<String> = effect
+                    .parameters
+                    .0
+                    .iter()
+                    .map(|value| format!("{} {:.4}", value.name, value.value))
+                    .collect();
                 let channel = ["master", "slave", "torque"][seen.channel];
                 format!(
                     "{} ({}): {channel} {:.2e}, refitted {:.2e}, floor {:.2e}, gain {:.0} %",
@@ -82,7 +87,12 @@ fn main() -> anyhow::Result<()> {
                 )
             })
             .collect();
-        println!("{} in {:.1} s: {}", folder.display(), started.elapsed().as_secs_f64(), shown.join("; "));
+        println!(
+            "{} in {:.1} s: {}",
+            folder.display(),
+            started.elapsed().as_secs_f64(),
+            shown.join("; ")
+        );
     }
     Ok(())
 }

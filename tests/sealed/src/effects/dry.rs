@@ -34,7 +34,8 @@ struct Coulomb {
 
 impl Coulomb {
     fn draw(draw: &mut Draw, site: Site) -> Values {
-        let level = if site == Site::Master { draw.uniform(0.4, 0.8) } else { draw.uniform(0.7, 1.2) };
+        let level =
+            if site == Site::Master { draw.uniform(0.4, 0.8) } else { draw.uniform(0.7, 1.2) };
         Values::of([("level", level, "N m")])
     }
 
@@ -60,7 +61,8 @@ struct Viscous {
 
 impl Viscous {
     fn draw(draw: &mut Draw, site: Site) -> Values {
-        let coefficient = if site == Site::Master { draw.uniform(0.05, 0.15) } else { draw.uniform(0.12, 0.25) };
+        let coefficient =
+            if site == Site::Master { draw.uniform(0.05, 0.15) } else { draw.uniform(0.12, 0.25) };
         Values::of([("coefficient", coefficient, "N m s/rad")])
     }
 
@@ -112,7 +114,8 @@ struct Breakaway {
 
 impl Breakaway {
     fn draw(draw: &mut Draw, site: Site) -> Values {
-        let level = if site == Site::Master { draw.uniform(0.3, 0.7) } else { draw.uniform(0.5, 1.2) };
+        let level =
+            if site == Site::Master { draw.uniform(0.3, 0.7) } else { draw.uniform(0.5, 1.2) };
         Values::of([("level", level, "N m"), ("speed", draw.log_uniform(0.5, 1.5), "rad/s")])
     }
 
@@ -139,8 +142,12 @@ struct Asymmetric {
 
 impl Asymmetric {
     fn draw(draw: &mut Draw, site: Site) -> Values {
-        let size = if site == Site::Master { draw.uniform(0.15, 0.35) } else { draw.uniform(0.2, 0.5) };
-        Values::of([("difference", draw.sign() * size, "N m"), ("viscous_time", draw.uniform(0.0, 0.05), "s/rad")])
+        let size =
+            if site == Site::Master { draw.uniform(0.15, 0.35) } else { draw.uniform(0.2, 0.5) };
+        Values::of([
+            ("difference", draw.sign() * size, "N m"),
+            ("viscous_time", draw.uniform(0.0, 0.05), "s/rad"),
+        ])
     }
 
     fn build(values: &Values, site: Site) -> Box<dyn Deviation> {
@@ -181,7 +188,8 @@ impl Uneven {
     }
 
     fn build(values: &Values, site: Site) -> Box<dyn Deviation> {
-        let (amplitude, order, phase) = (values.get("amplitude"), values.get("order"), values.get("phase"));
+        let (amplitude, order, phase) =
+            (values.get("amplitude"), values.get("order"), values.get("phase"));
         Box::new(Self { side: site.side(), amplitude, order, phase })
     }
 }
@@ -189,7 +197,9 @@ impl Uneven {
 impl Deviation for Uneven {
     fn side(&self, side: &mut Side, _view: &View<'_>, _own: &[f64], _rates: &mut [f64]) {
         if side.side == self.side {
-            side.scale_dry(1.0 + self.amplitude * (self.order * side.position_rad + self.phase).sin());
+            side.scale_dry(
+                1.0 + self.amplitude * (self.order * side.position_rad + self.phase).sin(),
+            );
         }
     }
 }
@@ -219,7 +229,8 @@ impl Deviation for Loaded {
     }
 }
 
-/// A part `p` of the dry friction follows Dahl's law with the stiffness `p F₀/q_d`; the rest stays dry.
+/// A part `p` of the dry friction follows Dahl's law with the stiffness `p F₀/q_d`; the rest stays
+/// dry.
 #[derive(Debug)]
 struct Bristles {
     side: usize,
@@ -229,7 +240,10 @@ struct Bristles {
 
 impl Bristles {
     fn draw(draw: &mut Draw, _site: Site) -> Values {
-        Values::of([("part", draw.uniform(0.5, 0.9), "1"), ("travel", draw.log_uniform(0.02, 0.06), "rad")])
+        Values::of([
+            ("part", draw.uniform(0.5, 0.9), "1"),
+            ("travel", draw.log_uniform(0.02, 0.06), "rad"),
+        ])
     }
 
     fn build(values: &Values, site: Site) -> Box<dyn Deviation> {
@@ -265,7 +279,10 @@ struct Warming {
 
 impl Warming {
     fn draw(draw: &mut Draw, _site: Site) -> Values {
-        Values::of([("excess", draw.uniform(0.4, 0.9), "1"), ("time_constant_s", draw.uniform(20.0, 60.0), "s")])
+        Values::of([
+            ("excess", draw.uniform(0.4, 0.9), "1"),
+            ("time_constant_s", draw.uniform(20.0, 60.0), "s"),
+        ])
     }
 
     fn build(values: &Values, site: Site) -> Box<dyn Deviation> {

@@ -9,8 +9,8 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Drive,
         depends_on: &[Variable::Volts, Variable::Load],
         draw: |draw, _| {
-            // Ordinary movement heats like a steady 0.9 to 1.1 V: it trips while that is fast or under load, and not all of the
-            // time, which would be no more than a limit.
+            // Ordinary movement heats like a steady 0.9 to 1.1 V: it trips while that is fast or
+            // under load, and not all of the time, which would be no more than a limit.
             Values::of([
                 ("limit", draw.uniform(1.15, 1.4), "V"),
                 ("trip", draw.uniform(1.05, 1.2), "V"),
@@ -44,7 +44,11 @@ pub(super) const ENTRIES: &[Entry] = &[
             ])
         },
         build: |values, _| {
-            Box::new(Dropout { length: values.get("length"), period: values.get("period"), start: values.get("start") })
+            Box::new(Dropout {
+                length: values.get("length"),
+                period: values.get("period"),
+                start: values.get("start"),
+            })
         },
     },
 ];
@@ -54,8 +58,9 @@ const COLD_V: f64 = 10.0;
 /// Part of the trip's heat over which the limit comes down.
 const TRIP_WIDTH: f64 = 0.05;
 
-/// An amplifier that protects its motor: the square of what it gives heats a model of the winding, and beyond the heat of a steady
-/// `trip` the most that it gives comes down to `limit`, until the winding is colder. The state is the heat, V².
+/// An amplifier that protects its motor: the square of what it gives heats a model of the winding,
+/// and beyond the heat of a steady `trip` the most that it gives comes down to `limit`, until the
+/// winding is colder. The state is the heat, V².
 #[derive(Debug)]
 struct Foldback {
     limit: f64,
@@ -90,7 +95,8 @@ impl Deviation for Coarse {
     }
 }
 
-/// A stage that starts again by itself: every `period` the motor is without current for a while, time over the whole run.
+/// A stage that starts again by itself: every `period` the motor is without current for a while,
+/// time over the whole run.
 #[derive(Debug)]
 struct Dropout {
     length: f64,
@@ -135,9 +141,12 @@ mod tests {
             .map(|index| coarse.amplifier(f64::from(index) * 0.01, &View::at_rest(), &[], &mut []))
             .collect();
         assert!(given.iter().all(|volts| (volts / 0.5).fract() == 0.0));
-        let slope: f64 =
-            given.iter().enumerate().map(|(index, volts)| (index as f64 - 200.0) * 0.01 * volts).sum::<f64>()
-                / (0..401).map(|index| (f64::from(index) * 0.01 - 2.0).powi(2)).sum::<f64>();
+        let slope: f64 = given
+            .iter()
+            .enumerate()
+            .map(|(index, volts)| (index as f64 - 200.0) * 0.01 * volts)
+            .sum::<f64>()
+            / (0..401).map(|index| (f64::from(index) * 0.01 - 2.0).powi(2)).sum::<f64>();
         assert!((slope - 1.0).abs() < 0.02, "{slope}");
     }
 

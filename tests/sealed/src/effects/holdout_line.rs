@@ -21,9 +21,17 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Load],
         draw: |draw, _| {
-            Values::of([("displacement", draw.uniform(4e-4, 9e-4), "m"), ("force", draw.uniform(5.0, 10.0), "N")])
+            Values::of([
+                ("displacement", draw.uniform(4e-4, 9e-4), "m"),
+                ("force", draw.uniform(5.0, 10.0), "N"),
+            ])
         },
-        build: |values, _| Box::new(Inversion { displacement: values.get("displacement"), force: values.get("force") }),
+        build: |values, _| {
+            Box::new(Inversion {
+                displacement: values.get("displacement"),
+                force: values.get("force"),
+            })
+        },
     },
     Entry {
         id: "stiffness_over_stroke",
@@ -49,7 +57,8 @@ pub(super) const ENTRIES: &[Entry] = &[
 /// Angle over which a hose folds, rad.
 const FOLD_RAD: f64 = 0.1;
 
-/// Hoses that kink where the handle takes them along beyond an angle: both lose more there, `c v` when they are folded.
+/// Hoses that kink where the handle takes them along beyond an angle: both lose more there, `c v`
+/// when they are folded.
 #[derive(Debug)]
 struct Kink {
     loss: f64,
@@ -58,7 +67,8 @@ struct Kink {
 
 impl Deviation for Kink {
     fn hose_loss(&self, _line: usize, loss: f64, view: &View<'_>) -> f64 {
-        let beyond = ((view.position[1] - self.angle) * self.angle.signum() / FOLD_RAD).clamp(0.0, 1.0);
+        let beyond =
+            ((view.position[1] - self.angle) * self.angle.signum() / FOLD_RAD).clamp(0.0, 1.0);
         loss + self.loss * beyond * beyond * (3.0 - 2.0 * beyond)
     }
 }
@@ -68,8 +78,9 @@ const TURN_S: f64 = 2e-3;
 /// Largest slope-free height of `z - z³`.
 const CREST: f64 = 0.384_900_179_459_750_5;
 
-/// Rolling diaphragms whose convolution turns inside out when the pressure reverses far enough, and takes some displacement with it:
-/// `T ż = z - z³ + c f/f₀`, which has two places of rest below `f₀`. States: how each of the four lies, -1 to 1.
+/// Rolling diaphragms whose convolution turns inside out when the pressure reverses far enough, and
+/// takes some displacement with it: `T ż = z - z³ + c f/f₀`, which has two places of rest below
+/// `f₀`. States: how each of the four lies, -1 to 1.
 #[derive(Debug)]
 struct Inversion {
     displacement: f64,
@@ -95,8 +106,9 @@ impl Deviation for Inversion {
 /// Stroke over which the free wall comes out, m.
 const WALL_M: f64 = 0.02;
 
-/// A diaphragm of the first line whose wall bulges where it hangs free: its line is softer on one half of the stroke than on the
-/// other, `K(x) = K/(1 + r u)` with `u` from 0 to 1 along the fluid's way.
+/// A diaphragm of the first line whose wall bulges where it hangs free: its line is softer on one
+/// half of the stroke than on the other, `K(x) = K/(1 + r u)` with `u` from 0 to 1 along the
+/// fluid's way.
 #[derive(Debug)]
 struct Bulge {
     ratio: f64,
@@ -119,8 +131,10 @@ impl Deviation for Bulge {
             let [share, slope] = self.share(link.fluid_position_m);
             let less = (share - 1.0) * link.stiffness_n_per_m * link.deflection_m;
             link.force_n += less;
-            // The wall pushes the fluid toward where it is softer: what a spring stores depends on the fluid's place, too.
-            link.fluid_force_n += less + 0.5 * slope * link.stiffness_n_per_m * link.deflection_m.powi(2);
+            // The wall pushes the fluid toward where it is softer: what a spring stores depends on
+            // the fluid's place, too.
+            link.fluid_force_n +=
+                less + 0.5 * slope * link.stiffness_n_per_m * link.deflection_m.powi(2);
         }
     }
 }
@@ -151,13 +165,18 @@ mod tests {
     fn a_kink_loses_beyond_its_angle_only() {
         for angle in [0.2, -0.2] {
             let kink = Kink { loss: 100.0, angle };
-            let at = |slave: f64| kink.hose_loss(1, 6.0, &View { position: [0.0, slave], ..View::at_rest() });
+            let at = |slave: f64| {
+                kink.hose_loss(1, 6.0, &View { position: [0.0, slave], ..View::at_rest() })
+            };
             assert_eq!([at(-angle), at(0.0), at(angle)], [6.0; 3]);
-            assert!((at(1.25 * angle) - 56.0).abs() < 1e-9 && (at(2.0 * angle) - 106.0).abs() < 1e-9);
+            assert!(
+                (at(1.25 * angle) - 56.0).abs() < 1e-9 && (at(2.0 * angle) - 106.0).abs() < 1e-9
+            );
         }
     }
 
-    /// Turns at plus and minus its force, late in both directions, and takes energy on the way round.
+    /// Turns at plus and minus its force, late in both directions, and takes energy on the way
+    /// round.
     #[test]
     fn a_diaphragm_turns_late_and_takes_energy() {
         let inversion = Inversion { displacement: 1e-3, force: 8.0 };
@@ -189,14 +208,17 @@ mod tests {
     fn a_bulging_wall_stores_what_it_is_given() {
         let make = || Bulge { ratio: 4.0, middle: 0.005, direction: -1.0 };
         let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
-        let model = Model::new(Machine::declared(), smoothing, vec![Box::new(make())], 0.5e-3).unwrap();
+        let model =
+            Model::new(Machine::declared(), smoothing, vec![Box::new(make())], 0.5e-3).unwrap();
         let half_line = 2.0 * model.machine().line_stiffness_n_per_m();
         let ratios = model.machine().displacement_m_per_rad();
         let energy = |state: &State| {
             let x = &state.0;
             let [share, _] = make().share(x[4]);
-            let springs: f64 =
-                [0, 1].map(|side| 0.5 * half_line * (x[4] - ratios[side] * x[2 * side]).powi(2)).iter().sum();
+            let springs: f64 = [0, 1]
+                .map(|side| 0.5 * half_line * (x[4] - ratios[side] * x[2 * side]).powi(2))
+                .iter()
+                .sum();
             model.energy_j(state) + (share - 1.0) * springs
         };
         let mut state = State::default();

@@ -30,7 +30,10 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Sensor,
         depends_on: &[Variable::Load, Variable::Time],
         draw: |draw, _| {
-            Values::of([("share", draw.uniform(0.25, 0.5), "1"), ("time_constant", draw.log_uniform(0.3, 1.5), "s")])
+            Values::of([
+                ("share", draw.uniform(0.25, 0.5), "1"),
+                ("time_constant", draw.log_uniform(0.3, 1.5), "s"),
+            ])
         },
         build: |values, _| {
             let (share, time_constant) = (values.get("share"), values.get("time_constant"));
@@ -47,12 +50,14 @@ pub(super) const ENTRIES: &[Entry] = &[
                 ("angle", draw.sign() * draw.uniform(0.1, 0.35), "rad"),
             ])
         },
-        build: |values, _| Box::new(CablePull { stiffness: values.get("stiffness"), angle: values.get("angle") }),
+        build: |values, _| {
+            Box::new(CablePull { stiffness: values.get("stiffness"), angle: values.get("angle") })
+        },
     },
 ];
 
-/// A counter of the slave's that is too slow: of what it moves faster than a speed, a share is not counted, until the disc's index
-/// passes and sets the count right.
+/// A counter of the slave's that is too slow: of what it moves faster than a speed, a share is not
+/// counted, until the disc's index passes and sets the count right.
 #[derive(Debug)]
 struct LostCounts {
     share: f64,
@@ -94,12 +99,14 @@ impl Deviation for CellCreep {
         let elapsed = self.last_s.map_or(0.0, |last| seen.time_s - last);
         self.last_s = Some(seen.time_s);
         // Exact for a torque that is held.
-        self.crept_nm += (1.0 - (-elapsed / self.time_constant).exp()) * (seen.torque_nm - self.crept_nm);
+        self.crept_nm +=
+            (1.0 - (-elapsed / self.time_constant).exp()) * (seen.torque_nm - self.crept_nm);
         seen.torque_nm += self.share * self.crept_nm;
     }
 }
 
-/// A cable across the cell that is taut beyond an angle of the handle: the cell reads its pull back, `-k (q - a)`.
+/// A cable across the cell that is taut beyond an angle of the handle: the cell reads its pull
+/// back, `-k (q - a)`.
 #[derive(Debug)]
 struct CablePull {
     stiffness: f64,
@@ -119,13 +126,15 @@ mod tests {
 
     #[test]
     fn counts_are_lost_at_speed_only_and_until_the_index() {
-        let mut counter = LostCounts { share: 0.2, speed: 4.0, index: -0.1, lost_rad: 0.0, last: None };
+        let mut counter =
+            LostCounts { share: 0.2, speed: 4.0, index: -0.1, lost_rad: 0.0, last: None };
         let (mut time_s, mut angle) = (0.0, 0.0);
         let mut turn = |speed: f64, seconds: f64| {
             let mut read = 0.0;
             for _ in 0..(seconds / 0.5e-3) as usize {
                 (time_s, angle) = (time_s + 0.5e-3, angle + speed * 0.5e-3);
-                let mut seen = Instruments { time_s, position: [0.0, angle], ..Instruments::default() };
+                let mut seen =
+                    Instruments { time_s, position: [0.0, angle], ..Instruments::default() };
                 counter.sense_angles(&mut seen);
                 assert_eq!(seen.position[0], 0.0, "the master's counts all");
                 read = seen.position[1] - angle;
@@ -147,8 +156,11 @@ mod tests {
         let mut read = |torque_nm: f64, from_s: f64, to_s: f64| {
             let mut last = 0.0;
             for index in 0..=((to_s - from_s) / 0.5e-3) as usize {
-                let mut seen =
-                    Instruments { time_s: from_s + index as f64 * 0.5e-3, torque_nm, ..Instruments::default() };
+                let mut seen = Instruments {
+                    time_s: from_s + index as f64 * 0.5e-3,
+                    torque_nm,
+                    ..Instruments::default()
+                };
                 cell.sense_torque(&mut seen);
                 last = seen.torque_nm;
             }

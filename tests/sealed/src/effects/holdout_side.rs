@@ -12,16 +12,23 @@ pub(super) const ENTRIES: &[Entry] = &[
             // A pitch of 2 mm on a pulley of 31 mm.
             Values::of([("torque", draw.uniform(2.3, 2.8), "N m"), ("pitch", 2.0 / 31.0, "rad")])
         },
-        build: |values, _| Box::new(ToothJump { torque: values.get("torque"), pitch: values.get("pitch") }),
+        build: |values, _| {
+            Box::new(ToothJump { torque: values.get("torque"), pitch: values.get("pitch") })
+        },
     },
     Entry {
         id: "lip_rollover",
         site: Site::Slave,
         depends_on: &[Variable::Position, Variable::Velocity],
         draw: |draw, _| {
-            Values::of([("level", draw.uniform(0.5, 1.0), "N m"), ("travel", draw.uniform(0.08, 0.25), "rad")])
+            Values::of([
+                ("level", draw.uniform(0.5, 1.0), "N m"),
+                ("travel", draw.uniform(0.08, 0.25), "rad"),
+            ])
         },
-        build: |values, _| Box::new(Lip { level: values.get("level"), travel: values.get("travel") }),
+        build: |values, _| {
+            Box::new(Lip { level: values.get("level"), travel: values.get("travel") })
+        },
     },
     Entry {
         id: "thixotropic_grease",
@@ -47,19 +54,25 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Slave,
         depends_on: &[Variable::Acceleration, Variable::Position],
         draw: |draw, _| {
-            Values::of([("inertia", draw.uniform(5e-3, 9e-3), "kg m^2"), ("angle", draw.uniform(-0.4, 0.4), "rad")])
+            Values::of([
+                ("inertia", draw.uniform(5e-3, 9e-3), "kg m^2"),
+                ("angle", draw.uniform(-0.4, 0.4), "rad"),
+            ])
         },
-        build: |values, _| Box::new(Crank { inertia: values.get("inertia"), angle: values.get("angle") }),
+        build: |values, _| {
+            Box::new(Crank { inertia: values.get("inertia"), angle: values.get("angle") })
+        },
     },
 ];
 
 /// Speed with which a belt climbs a tooth, rad/s per N·m that nothing holds.
 const CLIMB_RAD_S_PER_NM: f64 = 20.0;
-/// How soft the hold of a tooth is about its middle: the square of the part of a pitch, in radians, over which it comes up.
+/// How soft the hold of a tooth is about its middle: the square of the part of a pitch, in radians,
+/// over which it comes up.
 const TOOTH_SOFTNESS: f64 = 0.04;
 
-/// A slack toothed belt: each of the two holds half of a torque and jumps to another tooth beyond it, where it stays. States: how
-/// far each has moved on its pulley, rad.
+/// A slack toothed belt: each of the two holds half of a torque and jumps to another tooth beyond
+/// it, where it stays. States: how far each has moved on its pulley, rad.
 #[derive(Debug)]
 struct ToothJump {
     torque: f64,
@@ -67,7 +80,8 @@ struct ToothJump {
 }
 
 impl ToothJump {
-    /// What a tooth holds, N·m, against a belt that has moved so far (rad): zero in the middle of a tooth and on its crest.
+    /// What a tooth holds, N·m, against a belt that has moved so far (rad): zero in the middle of a
+    /// tooth and on its crest.
     fn hold(&self, moved: f64) -> f64 {
         let sine = (std::f64::consts::TAU * moved / self.pitch).sin();
         0.5 * self.torque * sine * ((1.0 + TOOTH_SOFTNESS) / (sine * sine + TOOTH_SOFTNESS)).sqrt()
@@ -91,13 +105,14 @@ impl Deviation for ToothJump {
 
     fn link(&self, link: &mut Link, _view: &View<'_>, own: &[f64], rates: &mut [f64]) {
         if link.side == 0 {
-            rates[link.line] = self.climb(own[link.line], link.displacement_m_per_rad * link.force_n);
+            rates[link.line] =
+                self.climb(own[link.line], link.displacement_m_per_rad * link.force_n);
         }
     }
 }
 
-/// A seal whose lip lies over by the direction of travel: after a reversal it has to turn, which takes a torque more, until it lies
-/// the other way. The state is how it lies, -1 to 1.
+/// A seal whose lip lies over by the direction of travel: after a reversal it has to turn, which
+/// takes a torque more, until it lies the other way. The state is how it lies, -1 to 1.
 #[derive(Debug)]
 struct Lip {
     level: f64,
@@ -119,7 +134,8 @@ impl Deviation for Lip {
     }
 }
 
-/// Grease that sets: drag `c (1 - b) q̇`, where `b` is the part of its structure that movement has broken and rest builds up again.
+/// Grease that sets: drag `c (1 - b) q̇`, where `b` is the part of its structure that movement has
+/// broken and rest builds up again.
 #[derive(Debug)]
 struct Grease {
     coefficient: f64,
@@ -134,7 +150,8 @@ impl Deviation for Grease {
 
     fn side(&self, side: &mut Side, _view: &View<'_>, own: &[f64], rates: &mut [f64]) {
         if side.side == 0 {
-            rates[0] = side.velocity_rad_s.abs() / self.travel * (1.0 - own[0]) - own[0] / self.rebuild_s;
+            rates[0] =
+                side.velocity_rad_s.abs() / self.travel * (1.0 - own[0]) - own[0] / self.rebuild_s;
             side.add_viscous(self.coefficient * (1.0 - own[0].clamp(0.0, 1.0)));
         }
     }
@@ -145,8 +162,9 @@ const ROD_RAD_S: f64 = 180.0;
 /// Damping ratio of the rod.
 const ROD_DAMPING: f64 = 0.3;
 
-/// A counterweight that the handle moves by a crank: `y = l cos(q - q₀)`, an inertia `J sin²(q - q₀)` that varies along the stroke.
-/// States: place and speed of the weight over the crank's length, from where it is at zero.
+/// A counterweight that the handle moves by a crank: `y = l cos(q - q₀)`, an inertia `J sin²(q -
+/// q₀)` that varies along the stroke. States: place and speed of the weight over the crank's
+/// length, from where it is at zero.
 #[derive(Debug)]
 struct Crank {
     inertia: f64,
@@ -154,7 +172,8 @@ struct Crank {
 }
 
 impl Crank {
-    /// Stretch of the rod and its rate, over the crank's length; and what the crank's length is at this angle.
+    /// Stretch of the rod and its rate, over the crank's length; and what the crank's length is at
+    /// this angle.
     fn rod(&self, position: f64, velocity: f64, own: &[f64]) -> [f64; 3] {
         let lever = (position - self.angle).sin();
         let stretch = self.angle.cos() - (position - self.angle).cos() - own[0];
@@ -186,7 +205,8 @@ mod tests {
 
     const SMOOTHING: Smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
 
-    /// Energy of the model at every sample of a run that begins with both sides moving, with what an effect stores added.
+    /// Energy of the model at every sample of a run that begins with both sides moving, with what
+    /// an effect stores added.
     fn energies(deviation: Box<dyn Deviation>, stored: impl Fn(&State) -> f64) -> Vec<f64> {
         let model = Model::new(Machine::declared(), SMOOTHING, vec![deviation], 0.5e-3).unwrap();
         let mut state = State::default();
@@ -203,7 +223,12 @@ mod tests {
 
     fn only_falls(energies: &[f64]) {
         for (index, two) in energies.windows(2).enumerate() {
-            assert!(two[1] <= two[0] * (1.0 + 1e-6) + 1e-9, "row {index}: {} to {} J", two[0], two[1]);
+            assert!(
+                two[1] <= two[0] * (1.0 + 1e-6) + 1e-9,
+                "row {index}: {} to {} J",
+                two[0],
+                two[1]
+            );
         }
         assert!(energies[energies.len() - 1] < 0.5 * energies[0]);
     }
@@ -211,7 +236,10 @@ mod tests {
     #[test]
     fn lips_and_grease_take_energy() {
         only_falls(&energies(Box::new(Lip { level: 0.8, travel: 0.15 }), |_| 0.0));
-        only_falls(&energies(Box::new(Grease { coefficient: 0.5, travel: 0.5, rebuild_s: 0.5 }), |_| 0.0));
+        only_falls(&energies(
+            Box::new(Grease { coefficient: 0.5, travel: 0.5, rebuild_s: 0.5 }),
+            |_| 0.0,
+        ));
     }
 
     #[test]

@@ -15,7 +15,8 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "line_compliance",
         site: Site::Line,
         depends_on: &[Variable::Load],
-        // Beyond what stiffness factor, modulus, area and length can give within their tolerances: 0.67 of the declared.
+        // Beyond what stiffness factor, modulus, area and length can give within their tolerances:
+        // 0.67 of the declared.
         draw: |draw, _| Values::of([("compliance_ratio", draw.uniform(0.9, 1.6), "1")]),
         build: |values, _| Box::new(Compliance { ratio: values.get("compliance_ratio") }),
     },
@@ -44,7 +45,10 @@ pub(super) const ENTRIES: &[Entry] = &[
             ])
         },
         build: |values, _| {
-            Box::new(Maxwell { ratio: values.get("stiffness_ratio"), relaxation_s: values.get("relaxation_s") })
+            Box::new(Maxwell {
+                ratio: values.get("stiffness_ratio"),
+                relaxation_s: values.get("relaxation_s"),
+            })
         },
     },
     Entry {
@@ -52,7 +56,9 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Load],
         draw: |draw, _| Values::of([("conductance", draw.log_uniform(3e-13, 2e-12), "m^3/(s Pa)")]),
-        build: |values, _| Box::new(Leakage { conductance: values.get("conductance"), m_s_per_n: 0.0.into() }),
+        build: |values, _| {
+            Box::new(Leakage { conductance: values.get("conductance"), m_s_per_n: 0.0.into() })
+        },
     },
     Entry {
         id: "backlash",
@@ -80,7 +86,9 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Time],
         draw: |draw, _| Values::of([("delay_s", draw.uniform(4e-3, 10e-3), "s")]),
-        build: |values, _| Box::new(Stretch { delay_s: values.get("delay_s"), cell: Cell::default().into() }),
+        build: |values, _| {
+            Box::new(Stretch { delay_s: values.get("delay_s"), cell: Cell::default().into() })
+        },
     },
     Entry {
         id: "line_damping",
@@ -94,10 +102,16 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Time],
         draw: |draw, _| {
-            Values::of([("excess", draw.uniform(1.5, 4.0), "1"), ("time_constant_s", draw.uniform(20.0, 60.0), "s")])
+            Values::of([
+                ("excess", draw.uniform(1.5, 4.0), "1"),
+                ("time_constant_s", draw.uniform(20.0, 60.0), "s"),
+            ])
         },
         build: |values, _| {
-            Box::new(ThinningOil { excess: values.get("excess"), time_constant_s: values.get("time_constant_s") })
+            Box::new(ThinningOil {
+                excess: values.get("excess"),
+                time_constant_s: values.get("time_constant_s"),
+            })
         },
     },
 ];
@@ -117,15 +131,24 @@ impl Deviation for Compliance {
 fn draw_nonlinear(draw: &mut Draw, site: Site) -> Values {
     // At the slave only half of the springs are nonlinear.
     let more = if site == Site::Slave { 1.5 } else { 1.0 };
-    let cubic = if draw.sign() > 0.0 { draw.uniform(0.1, 0.3) } else { -draw.uniform(0.05, 0.1) } * more;
-    Values::of([("cubic", cubic, "1"), ("even", draw.sign() * draw.uniform(0.02, 0.08) * more, "1")])
+    let cubic =
+        if draw.sign() > 0.0 { draw.uniform(0.1, 0.3) } else { -draw.uniform(0.05, 0.1) } * more;
+    Values::of([
+        ("cubic", cubic, "1"),
+        ("even", draw.sign() * draw.uniform(0.02, 0.08) * more, "1"),
+    ])
 }
 
 fn build_nonlinear(values: &Values, site: Site) -> Box<dyn Deviation> {
-    Box::new(Nonlinear { cubic: values.get("cubic"), even: values.get("even"), slave_only: site == Site::Slave })
+    Box::new(Nonlinear {
+        cubic: values.get("cubic"),
+        even: values.get("even"),
+        slave_only: site == Site::Slave,
+    })
 }
 
-/// `F = k x (1 + e y/x₀ + c (y/x₀)²)`, `x₀ = 20 N / 2K`, `y` positive while the slave is driven forward; no softer than 5 %.
+/// `F = k x (1 + e y/x₀ + c (y/x₀)²)`, `x₀ = 20 N / 2K`, `y` positive while the slave is driven
+/// forward; no softer than 5 %.
 #[derive(Debug)]
 struct Nonlinear {
     cubic: f64,
@@ -227,8 +250,9 @@ struct Cell {
     stiffness_n_per_m: f64,
 }
 
-/// A lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` before the slave's spring: a ladder of
-/// masses `Z T/n` and springs `n Z/T`. States: place and speed of each mass, per line.
+/// A lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` before the
+/// slave's spring: a ladder of masses `Z T/n` and springs `n Z/T`. States: place and speed of each
+/// mass, per line.
 #[derive(Debug)]
 struct Stretch {
     delay_s: f64,
@@ -263,8 +287,11 @@ impl Deviation for Stretch {
         let mut before = link.fluid_position_m;
         for index in 0..CELLS {
             let at = from + 2 * index;
-            let onward =
-                if index + 1 < CELLS { cell.stiffness_n_per_m * (own[at] - own[at + 2]) } else { link.force_n };
+            let onward = if index + 1 < CELLS {
+                cell.stiffness_n_per_m * (own[at] - own[at + 2])
+            } else {
+                link.force_n
+            };
             rates[at] = own[at + 1];
             rates[at + 1] = (cell.stiffness_n_per_m * (before - own[at]) - onward) / cell.mass_kg;
             before = own[at];

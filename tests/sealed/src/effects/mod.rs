@@ -1,7 +1,8 @@
 //! What may be wrong with a machine: the listed effects, and others that are on no list.
 //!
-//! Equations of the listed effects and names of their parameters are those of the catalogue, so that sizes can be compared;
-//! the code is not. One entry is one effect at one site; its size is drawn such that a good instrument sees it.
+//! Equations of the listed effects and names of their parameters are those of the catalogue, so
+//! that sizes can be compared; the code is not. One entry is one effect at one site; its size is
+//! drawn such that a good instrument sees it.
 
 mod drive;
 mod dry;
@@ -92,7 +93,15 @@ pub struct Values(pub Vec<Value>);
 
 impl Values {
     fn of<const N: usize>(values: [(&str, f64, &str); N]) -> Self {
-        Self(values.map(|(name, value, unit)| Value { name: name.to_owned(), value, unit: unit.to_owned() }).into())
+        Self(
+            values
+                .map(|(name, value, unit)| Value {
+                    name: name.to_owned(),
+                    value,
+                    unit: unit.to_owned(),
+                })
+                .into(),
+        )
     }
 
     /// The parameter of that name; not a number where there is none.
@@ -146,16 +155,32 @@ impl Entry {
     }
 }
 
-const LISTED: [&[Entry]; 5] = [line::ENTRIES, dry::ENTRIES, torque::ENTRIES, drive::ENTRIES, sensor::ENTRIES];
-const UNLISTED: [&[Entry]; 4] =
-    [unlisted_drive::ENTRIES, unlisted_side::ENTRIES, unlisted_line::ENTRIES, unlisted_sensor::ENTRIES];
+const LISTED: [&[Entry]; 5] =
+    [line::ENTRIES, dry::ENTRIES, torque::ENTRIES, drive::ENTRIES, sensor::ENTRIES];
+const UNLISTED: [&[Entry]; 4] = [
+    unlisted_drive::ENTRIES,
+    unlisted_side::ENTRIES,
+    unlisted_line::ENTRIES,
+    unlisted_sensor::ENTRIES,
+];
 const HOLDOUT: [&[Entry]; 4] =
     [holdout_drive::ENTRIES, holdout_side::ENTRIES, holdout_line::ENTRIES, holdout_sensor::ENTRIES];
 
-/// Which of the effects that are on no list a campaign draws from. Numbers drawn for a case do not depend on it, so that a case
-/// of the first kinds is the same whether there are others or not.
+/// Which of the effects that are on no list a campaign draws from. Numbers drawn for a case do not
+/// depend on it, so that a case of the first kinds is the same whether there are others or not.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    clap::ValueEnum,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Kinds {
@@ -182,7 +207,9 @@ impl Kinds {
 /// All entries of the catalogue: first every id at its first site, then the further sites.
 pub fn listed() -> Vec<&'static Entry> {
     let all = || LISTED.into_iter().flatten();
-    let first = |entry: &&Entry| all().find(|other| other.id == entry.id).is_some_and(|other| other.site == entry.site);
+    let first = |entry: &&Entry| {
+        all().find(|other| other.id == entry.id).is_some_and(|other| other.site == entry.site)
+    };
     all().filter(first).chain(all().filter(|entry| !first(entry))).collect()
 }
 
@@ -202,13 +229,16 @@ pub fn unlisted(kinds: Kinds) -> Vec<&'static Entry> {
 
 fn mixed(rows: [&'static [Entry]; 4]) -> Vec<&'static Entry> {
     let longest = rows.iter().map(|rows| rows.len()).max().unwrap_or(0);
-    (0..longest).flat_map(|index| rows.into_iter().filter_map(move |rows| rows.get(index))).collect()
+    (0..longest)
+        .flat_map(|index| rows.into_iter().filter_map(move |rows| rows.get(index)))
+        .collect()
 }
 
 /// The entry of a name `ID@SITE`, or the first of `ID`.
 pub fn find(name: &str) -> Option<&'static Entry> {
     let (id, site) = name.split_once('@').map_or((name, None), |(id, site)| (id, Some(site)));
-    let of_name = |entry: &&Entry| entry.id == id && site.is_none_or(|site| entry.site.name() == site);
+    let of_name =
+        |entry: &&Entry| entry.id == id && site.is_none_or(|site| entry.site.name() == site);
     listed().into_iter().chain(unlisted(Kinds::All)).find(of_name)
 }
 
@@ -274,12 +304,15 @@ mod tests {
     fn every_listed_effect_at_every_site_once() {
         let mut found: Vec<String> =
             listed().iter().map(|entry| format!("{}@{}", entry.id, entry.site.name())).collect();
-        let mut expected: Vec<String> =
-            TABLE.iter().flat_map(|(id, sites)| sites.iter().map(move |site| format!("{id}@{site}"))).collect();
+        let mut expected: Vec<String> = TABLE
+            .iter()
+            .flat_map(|(id, sites)| sites.iter().map(move |site| format!("{id}@{site}")))
+            .collect();
         found.sort();
         expected.sort();
         assert_eq!(found, expected);
-        let first: std::collections::BTreeSet<&str> = listed()[..TABLE.len()].iter().map(|entry| entry.id).collect();
+        let first: std::collections::BTreeSet<&str> =
+            listed()[..TABLE.len()].iter().map(|entry| entry.id).collect();
         assert_eq!(first.len(), TABLE.len(), "each id once before any second site");
     }
 
@@ -292,11 +325,16 @@ mod tests {
                 assert!(entries.iter().any(|entry| entry.site.name() == site), "{kinds:?}: {site}");
             }
             for entry in entries {
-                assert!(TABLE.iter().all(|(id, _)| *id != entry.id) && !entry.listed(), "{}", entry.id);
+                assert!(
+                    TABLE.iter().all(|(id, _)| *id != entry.id) && !entry.listed(),
+                    "{}",
+                    entry.id
+                );
                 assert!(!entry.depends_on.is_empty(), "{}", entry.id);
             }
         }
-        let ids: std::collections::BTreeSet<&str> = unlisted(Kinds::All).iter().map(|entry| entry.id).collect();
+        let ids: std::collections::BTreeSet<&str> =
+            unlisted(Kinds::All).iter().map(|entry| entry.id).collect();
         assert_eq!(ids.len(), unlisted(Kinds::All).len(), "each id once");
     }
 
@@ -306,7 +344,8 @@ mod tests {
             for seed in 0..20 {
                 let effect = entry.draw(&mut Draw::new(seed));
                 assert!(effect.build().is_some(), "{} {:?}", effect.name(), effect.parameters);
-                let again: Effect = serde_json::from_str(&serde_json::to_string(&effect).unwrap()).unwrap();
+                let again: Effect =
+                    serde_json::from_str(&serde_json::to_string(&effect).unwrap()).unwrap();
                 assert_eq!(again, effect);
             }
             let name = format!("{}@{}", entry.id, entry.site.name());

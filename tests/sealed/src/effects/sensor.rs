@@ -87,7 +87,11 @@ pub(super) const ENTRIES: &[Entry] = &[
         depends_on: &[Variable::Time],
         draw: |draw, _| Values::of([("delay_s", draw.uniform(4e-3, 12e-3), "s")]),
         build: |values, _| {
-            Box::new(Delay { delay_s: values.get("delay_s"), angles: VecDeque::new(), torques: VecDeque::new() })
+            Box::new(Delay {
+                delay_s: values.get("delay_s"),
+                angles: VecDeque::new(),
+                torques: VecDeque::new(),
+            })
         },
     },
 ];
@@ -168,7 +172,8 @@ impl Deviation for Rectified {
     }
 }
 
-/// All channels are those of `T` before, between samples along a straight line; the first sample before the record.
+/// All channels are those of `T` before, between samples along a straight line; the first sample
+/// before the record.
 #[derive(Debug)]
 struct Delay {
     delay_s: f64,
@@ -186,7 +191,12 @@ impl Deviation for Delay {
     }
 }
 
-fn past<const N: usize>(known: &mut VecDeque<(f64, [f64; N])>, delay_s: f64, time_s: f64, now: [f64; N]) -> [f64; N] {
+fn past<const N: usize>(
+    known: &mut VecDeque<(f64, [f64; N])>,
+    delay_s: f64,
+    time_s: f64,
+    now: [f64; N],
+) -> [f64; N] {
     known.push_back((time_s, now));
     let wanted = time_s - delay_s;
     // The second oldest stays after what is wanted.

@@ -37,9 +37,15 @@ const fn gravity(site: Site) -> Entry {
         id: "gravity_imbalance",
         site,
         depends_on: &[Variable::Position],
-        draw: |draw, _| Values::of([("torque", draw.uniform(0.2, 0.6), "N m"), ("phase", draw.phase(), "rad")]),
+        draw: |draw, _| {
+            Values::of([("torque", draw.uniform(0.2, 0.6), "N m"), ("phase", draw.phase(), "rad")])
+        },
         build: |values, site| {
-            Box::new(Gravity { side: site.side(), torque: values.get("torque"), phase: values.get("phase") })
+            Box::new(Gravity {
+                side: site.side(),
+                torque: values.get("torque"),
+                phase: values.get("phase"),
+            })
         },
     }
 }
@@ -66,13 +72,16 @@ const fn inertia(site: Site) -> Entry {
         site,
         depends_on: &[Variable::Acceleration],
         draw: draw_inertia,
-        build: |values, site| Box::new(Inertia { side: site.side(), inertia: values.get("inertia") }),
+        build: |values, site| {
+            Box::new(Inertia { side: site.side(), inertia: values.get("inertia") })
+        },
     }
 }
 
 /// Several times what the tolerances of the side's inertia and of the fluid's mass allow.
 fn draw_inertia(draw: &mut Draw, site: Site) -> Values {
-    let inertia = if site == Site::Master { draw.uniform(3e-3, 8e-3) } else { draw.uniform(1.5e-3, 4e-3) };
+    let inertia =
+        if site == Site::Master { draw.uniform(3e-3, 8e-3) } else { draw.uniform(1.5e-3, 4e-3) };
     Values::of([("inertia", inertia, "kg m^2")])
 }
 
@@ -117,9 +126,14 @@ const fn periodic(site: Site) -> Entry {
         depends_on: &[Variable::Time],
         draw: |draw, site| {
             // Fast ones hardly move what friction holds.
-            let size = if site == Site::Slave { draw.uniform(0.3, 0.7) } else { draw.uniform(0.2, 0.5) };
+            let size =
+                if site == Site::Slave { draw.uniform(0.3, 0.7) } else { draw.uniform(0.2, 0.5) };
             let frequency = draw.log_uniform(4.0, 14.0);
-            Values::of([("amplitude", size, "N m"), ("frequency_hz", frequency, "Hz"), ("phase", draw.phase(), "rad")])
+            Values::of([
+                ("amplitude", size, "N m"),
+                ("frequency_hz", frequency, "Hz"),
+                ("phase", draw.phase(), "rad"),
+            ])
         },
         build: |values, site| {
             Box::new(Vibration {

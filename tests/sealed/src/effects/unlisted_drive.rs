@@ -48,7 +48,10 @@ pub(super) const ENTRIES: &[Entry] = &[
             ])
         },
         build: |values, _| {
-            Box::new(Droop { drop: values.get("drop_per_volt"), time_constant: values.get("time_constant") })
+            Box::new(Droop {
+                drop: values.get("drop_per_volt"),
+                time_constant: values.get("time_constant"),
+            })
         },
     },
 ];
@@ -67,8 +70,8 @@ impl Deviation for WeakPole {
     }
 }
 
-/// An amplifier that runs out of voltage: what it gives while driving falls with speed, `1/(1 + (q̇/v₀)⁴)`; while braking the
-/// motor's voltage helps it.
+/// An amplifier that runs out of voltage: what it gives while driving falls with speed, `1/(1 +
+/// (q̇/v₀)⁴)`; while braking the motor's voltage helps it.
 #[derive(Debug)]
 struct BackVoltage {
     speed: f64,
@@ -84,8 +87,8 @@ impl Deviation for BackVoltage {
     }
 }
 
-/// Hysteresis of the iron: torque follows the volts with a play (Prandtl's operator), so that it lags by direction of change,
-/// not by time. The state is what has been followed.
+/// Hysteresis of the iron: torque follows the volts with a play (Prandtl's operator), so that it
+/// lags by direction of change, not by time. The state is what has been followed.
 #[derive(Debug)]
 struct Play {
     half_width: f64,

@@ -16,9 +16,14 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Line,
         depends_on: &[Variable::Load],
         draw: |draw, _| {
-            Values::of([("opening_n", draw.uniform(16.0, 19.0), "N"), ("slope", draw.uniform(3e-3, 1e-2), "m/(s N)")])
+            Values::of([
+                ("opening_n", draw.uniform(16.0, 19.0), "N"),
+                ("slope", draw.uniform(3e-3, 1e-2), "m/(s N)"),
+            ])
         },
-        build: |values, _| Box::new(Relief { opening_n: values.get("opening_n"), slope: values.get("slope") }),
+        build: |values, _| {
+            Box::new(Relief { opening_n: values.get("opening_n"), slope: values.get("slope") })
+        },
     },
     Entry {
         id: "column_separation",
@@ -29,7 +34,8 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// A chip at one port of the first line that lies as a flap: `F = c v²` while the fluid flows forward, nothing backward.
+/// A chip at one port of the first line that lies as a flap: `F = c v²` while the fluid flows
+/// forward, nothing backward.
 #[derive(Debug)]
 struct Orifice {
     coefficient: f64,
@@ -41,7 +47,8 @@ impl Deviation for Orifice {
     }
 }
 
-/// A valve between the chambers that opens beyond a pressure: a deflection under more force creeps away, under less it stays.
+/// A valve between the chambers that opens beyond a pressure: a deflection under more force creeps
+/// away, under less it stays.
 #[derive(Debug)]
 struct Relief {
     opening_n: f64,
@@ -66,17 +73,17 @@ impl Deviation for Relief {
 /// Time in which a pocket opens or closes, s.
 const POCKET_S: f64 = 2e-3;
 
-/// A line that carries no more than some tension: a pocket of vapour opens there, and must be filled before the line
-/// carries pressure again. Lines push in opposite directions, so that one of them is always the tense one. States: size of the
-/// pocket at each end, m.
+/// A line that carries no more than some tension: a pocket of vapour opens there, and must be
+/// filled before the line carries pressure again. Lines push in opposite directions, so that one of
+/// them is always the tense one. States: size of the pocket at each end, m.
 #[derive(Debug)]
 struct Separation {
     tension_n: f64,
 }
 
 impl Separation {
-    /// Sign of a link's force that is tension: the first line is pressed while the slave is driven forward, the second the
-    /// other way about.
+    /// Sign of a link's force that is tension: the first line is pressed while the slave is driven
+    /// forward, the second the other way about.
     fn tension(link: &Link) -> f64 {
         let pressed = if link.side == 1 { 1.0 } else { -1.0 };
         if link.line == 0 { -pressed } else { pressed }

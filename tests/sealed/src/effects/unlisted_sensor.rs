@@ -9,7 +9,10 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Sensor,
         depends_on: &[Variable::Load],
         draw: |draw, _| {
-            Values::of([("torque", draw.uniform(0.25, 0.5), "N m"), ("span", draw.uniform(0.3, 0.8), "N m")])
+            Values::of([
+                ("torque", draw.uniform(0.25, 0.5), "N m"),
+                ("span", draw.uniform(0.3, 0.8), "N m"),
+            ])
         },
         build: |values, _| {
             let (torque, span) = (values.get("torque"), values.get("span"));
@@ -21,7 +24,9 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Sensor,
         depends_on: &[Variable::Acceleration],
         draw: |draw, _| Values::of([("inertia", draw.uniform(5e-4, 2e-3), "kg m^2")]),
-        build: |values, _| Box::new(CellInertia { inertia: values.get("inertia"), reading_nm: 0.0 }),
+        build: |values, _| {
+            Box::new(CellInertia { inertia: values.get("inertia"), reading_nm: 0.0 })
+        },
     },
     Entry {
         id: "cell_compression",
@@ -34,7 +39,9 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "cell_speed_error",
         site: Site::Sensor,
         depends_on: &[Variable::Velocity],
-        draw: |draw, _| Values::of([("coefficient", draw.sign() * draw.uniform(2e-3, 8e-3), "N m s^2/rad^2")]),
+        draw: |draw, _| {
+            Values::of([("coefficient", draw.sign() * draw.uniform(2e-3, 8e-3), "N m s^2/rad^2")])
+        },
         build: |values, _| Box::new(CellSpeedError { coefficient: values.get("coefficient") }),
     },
 ];
@@ -59,7 +66,8 @@ impl Deviation for CellHysteresis {
     }
 }
 
-/// A cell with the grip's mass on its far side: it reads `-J q̈` too. The reading is damped, as a cell's is.
+/// A cell with the grip's mass on its far side: it reads `-J q̈` too. The reading is damped, as a
+/// cell's is.
 #[derive(Debug)]
 struct CellInertia {
     inertia: f64,

@@ -16,7 +16,11 @@ pub(super) const ENTRIES: &[Entry] = &[
             ])
         },
         build: |values, _| {
-            Box::new(Detent { torque: values.get("torque"), angle: values.get("angle"), width: values.get("width") })
+            Box::new(Detent {
+                torque: values.get("torque"),
+                angle: values.get("angle"),
+                width: values.get("width"),
+            })
         },
     },
     Entry {
@@ -24,9 +28,14 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Master,
         depends_on: &[Variable::Velocity],
         draw: |draw, _| {
-            Values::of([("torque", draw.uniform(0.5, 1.0), "N m"), ("speed", draw.uniform(1.5, 3.0), "rad/s")])
+            Values::of([
+                ("torque", draw.uniform(0.5, 1.0), "N m"),
+                ("speed", draw.uniform(1.5, 3.0), "rad/s"),
+            ])
         },
-        build: |values, _| Box::new(EddyBrake { torque: values.get("torque"), speed: values.get("speed") }),
+        build: |values, _| {
+            Box::new(EddyBrake { torque: values.get("torque"), speed: values.get("speed") })
+        },
     },
     Entry {
         id: "clutch_slip",
@@ -48,7 +57,11 @@ pub(super) const ENTRIES: &[Entry] = &[
         },
         build: |values, _| {
             let rate = std::f64::consts::TAU * values.get("frequency_hz");
-            Box::new(Grip { inertia: values.get("inertia"), rate, damping_ratio: values.get("damping_ratio") })
+            Box::new(Grip {
+                inertia: values.get("inertia"),
+                rate,
+                damping_ratio: values.get("damping_ratio"),
+            })
         },
     },
     Entry {
@@ -56,9 +69,14 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Master,
         depends_on: &[Variable::Time, Variable::Velocity],
         draw: |draw, _| {
-            Values::of([("level", draw.uniform(0.8, 1.6), "N m"), ("dwell_s", draw.uniform(0.05, 0.2), "s")])
+            Values::of([
+                ("level", draw.uniform(0.8, 1.6), "N m"),
+                ("dwell_s", draw.uniform(0.05, 0.2), "s"),
+            ])
         },
-        build: |values, _| Box::new(Dwell { level: values.get("level"), dwell_s: values.get("dwell_s") }),
+        build: |values, _| {
+            Box::new(Dwell { level: values.get("level"), dwell_s: values.get("dwell_s") })
+        },
     },
     Entry {
         id: "bumper",
@@ -70,7 +88,9 @@ pub(super) const ENTRIES: &[Entry] = &[
                 ("angle", draw.sign() * draw.uniform(0.1, 0.3), "rad"),
             ])
         },
-        build: |values, _| Box::new(Bumper { stiffness: values.get("stiffness"), angle: values.get("angle") }),
+        build: |values, _| {
+            Box::new(Bumper { stiffness: values.get("stiffness"), angle: values.get("angle") })
+        },
     },
     Entry {
         id: "acceleration_friction",
@@ -82,7 +102,9 @@ pub(super) const ENTRIES: &[Entry] = &[
                 ("scale", draw.uniform(10.0, 25.0), "rad/s^2"),
             ])
         },
-        build: |values, _| Box::new(Squeeze { share: values.get("share"), scale: values.get("scale") }),
+        build: |values, _| {
+            Box::new(Squeeze { share: values.get("share"), scale: values.get("scale") })
+        },
     },
 ];
 
@@ -103,7 +125,8 @@ impl Deviation for Detent {
     }
 }
 
-/// An eddy-current brake: drag that rises to a peak at one speed and falls beyond, `2 τ_p x/(1 + x²)`.
+/// An eddy-current brake: drag that rises to a peak at one speed and falls beyond, `2 τ_p x/(1 +
+/// x²)`.
 #[derive(Debug)]
 struct EddyBrake {
     torque: f64,
@@ -122,7 +145,8 @@ impl Deviation for EddyBrake {
 /// Slip, rad/s per N·m beyond the clutch's torque.
 const SLIP_RAD_S_PER_NM: f64 = 20.0;
 
-/// A belt that slips on its pulley beyond a torque, each of the two at half of it. States: how far each has slipped, rad.
+/// A belt that slips on its pulley beyond a torque, each of the two at half of it. States: how far
+/// each has slipped, rad.
 #[derive(Debug)]
 struct Clutch {
     torque: f64,
@@ -172,8 +196,8 @@ impl Deviation for Grip {
     }
 }
 
-/// Contacts that grow together while they rest: extra friction that builds up with the time at rest and is gone after a short
-/// way. The state is how far they have grown, 0 to 1.
+/// Contacts that grow together while they rest: extra friction that builds up with the time at rest
+/// and is gone after a short way. The state is how far they have grown, 0 to 1.
 #[derive(Debug)]
 struct Dwell {
     level: f64,
@@ -206,7 +230,8 @@ impl Deviation for Bumper {
         if side.side == 1 {
             let into = (side.position_rad - self.angle) * self.angle.signum();
             if into > 0.0 {
-                side.torque_nm -= self.stiffness * into * into / (into + 0.05) * self.angle.signum();
+                side.torque_nm -=
+                    self.stiffness * into * into / (into + 0.05) * self.angle.signum();
             }
         }
     }
@@ -215,8 +240,8 @@ impl Deviation for Bumper {
 /// Time in which the film of oil follows, s.
 const FILM_S: f64 = 8e-3;
 
-/// A squeezed film: dry friction larger while speeding up than while slowing down (or the reverse), `1 + a tanh(v̇ sgn v/s)`.
-/// The state is the speed as the film knows it.
+/// A squeezed film: dry friction larger while speeding up than while slowing down (or the reverse),
+/// `1 + a tanh(v̇ sgn v/s)`. The state is the speed as the film knows it.
 #[derive(Debug)]
 struct Squeeze {
     share: f64,

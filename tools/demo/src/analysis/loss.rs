@@ -38,11 +38,14 @@ impl Losses {
 
 /// Counts what is missing.
 ///
-/// A message that the logger dropped is a gap in the file as well, unless it was the last of its sender. So the larger
-/// of the two counts is taken: gaps in the file, and what the logger counted. The first incarnation of acquisition was
-/// recorded from its first sample on, so that a first sequence above 0 is a loss, too.
+/// A message that the logger dropped is a gap in the file as well, unless it was the last of its
+/// sender. So the larger of the two counts is taken: gaps in the file, and what the logger counted.
+/// The first incarnation of acquisition was recorded from its first sample on, so that a first
+/// sequence above 0 is a loss, too.
 pub fn losses(trace: &Trace) -> Losses {
-    let counted = |topic: &str| trace.counted.iter().find(|(name, _)| name == topic).map_or(0, |(_, lost)| *lost);
+    let counted = |topic: &str| {
+        trace.counted.iter().find(|(name, _)| name == topic).map_or(0, |(_, lost)| *lost)
+    };
     let head = trace.samples.first().map_or(0, |sample| sample.sequence);
     let mut topics = Vec::new();
     for check in &trace.check.topics {
@@ -62,7 +65,8 @@ pub fn losses(trace: &Trace) -> Losses {
     }
 }
 
-/// Holes in the ticks less the samples that were acquired and lost on their way: those leave a gap in the sequence.
+/// Holes in the ticks less the samples that were acquired and lost on their way: those leave a gap
+/// in the sequence.
 fn missed(samples: &[SampleRow], trace: &Trace) -> u64 {
     let ticks = by_tick(samples);
     let (Some(first), Some(last)) = (ticks.first(), ticks.last()) else { return 0 };

@@ -1,4 +1,5 @@
-//! From a recording and the instants of the kills to what is reported: pure functions, no clock, no rig.
+//! From a recording and the instants of the kills to what is reported: pure functions, no clock, no
+//! rig.
 //!
 //! Only the recording is asked, so that whoever has the file can check every number.
 
@@ -12,8 +13,8 @@ pub use loss::{Losses, TopicLoss, losses};
 pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
 pub use timing::{
-    OfLoops, Outage, Rate, Timing, Trip, command_rates, dark, missed_periods, of_loops, outage, profile,
-    sample_to_command, unprovoked,
+    OfLoops, Outage, Rate, Timing, Trip, command_rates, dark, missed_periods, of_loops, outage,
+    profile, sample_to_command, unprovoked,
 };
 pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
 
@@ -40,7 +41,8 @@ pub struct Analysis {
     pub timing: Timing,
     /// What each kill did, in order.
     pub outages: Vec<Outage>,
-    /// Losses of power that no kill explains: a loop that the machine kept waiting for too long, as a rule.
+    /// Losses of power that no kill explains: a loop that the machine kept waiting for too long, as
+    /// a rule.
     pub unprovoked: Vec<Trip>,
     /// The declared model beside it; `None` where the rig file declares none that can be simulated.
     pub model: Option<Model>,

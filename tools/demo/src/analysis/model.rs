@@ -55,17 +55,20 @@ impl Model {
 /// Samples over which the initial positions are taken: 10 ms at 2 kHz, at rest.
 const INITIAL: usize = 20;
 
-/// Simulates the declared plant, and the hand that the rig file declares, on the recorded motor volts from the first sample on. No
-/// effect is put in but those that the rig file declares. Nothing pulls it back to the measurement, so that an error once made stays.
+/// Simulates the declared plant, and the hand that the rig file declares, on the recorded motor
+/// volts from the first sample on. No effect is put in but those that the rig file declares.
+/// Nothing pulls it back to the measurement, so that an error once made stays.
 ///
-/// Volts are held from a scan to the next; where ticks are missing, the last are held over the hole. `None` where the
-/// rig file's model is none that `plant` simulates with volts as its input, or no position was recorded.
+/// Volts are held from a scan to the next; where ticks are missing, the last are held over the
+/// hole. `None` where the rig file's model is none that `plant` simulates with volts as its input,
+/// or no position was recorded.
 ///
 /// # Errors
 /// [`ModelError`].
 pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, ModelError> {
     let rows = by_tick(samples);
-    let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission()) else {
+    let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission())
+    else {
         return Ok(None);
     };
     let initial = &rows[..rows.len().min(INITIAL)];
@@ -115,7 +118,8 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
     Ok(Some(Model { time_s, channels: channels.into_iter().flatten().collect() }))
 }
 
-/// The reading in the middle: an encoder's count, where a mean would be a fraction of one beside what the machine stands at.
+/// The reading in the middle: an encoder's count, where a mean would be a fraction of one beside
+/// what the machine stands at.
 fn median(rows: &[SampleRow], value: fn(&SampleRow) -> f64) -> f64 {
     let mut values: Vec<f64> = rows.iter().map(value).collect();
     values.sort_by(f64::total_cmp);
@@ -130,7 +134,12 @@ fn hand_torque(plant: &Plant, hand: &Hand) -> f64 {
 
 impl Channel {
     /// `None` where the channel was not there throughout.
-    fn new(name: &'static str, unit: &'static str, measured: Vec<f64>, declared: Vec<f64>) -> Option<Self> {
+    fn new(
+        name: &'static str,
+        unit: &'static str,
+        measured: Vec<f64>,
+        declared: Vec<f64>,
+    ) -> Option<Self> {
         if measured.iter().any(|value| !value.is_finite()) {
             return None;
         }

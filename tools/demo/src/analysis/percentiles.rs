@@ -57,7 +57,10 @@ mod tests {
     fn nearest_rank_on_a_known_row() {
         let row = Percentiles::of_ns((1..=1000).rev().map(|us| us * 1000).collect());
         assert_eq!(row, Some(Percentiles { p50: 500.0, p99: 990.0, p99_9: 999.0, max: 1000.0 }));
-        assert_eq!(Percentiles::of_ns(vec![7000]), Some(Percentiles { p50: 7.0, p99: 7.0, p99_9: 7.0, max: 7.0 }));
+        assert_eq!(
+            Percentiles::of_ns(vec![7000]),
+            Some(Percentiles { p50: 7.0, p99: 7.0, p99_9: 7.0, max: 7.0 })
+        );
         assert_eq!(Percentiles::of_ns(vec![]), None);
     }
 }

@@ -17,8 +17,9 @@ pub struct Rate {
     pub hz: f64,
 }
 
-/// Rate of each incarnation of control, in the order in which they appeared. Counted by sequence, so that commands that
-/// were lost on their way to the disk do not lower it. One that published a single command has no rate.
+/// Rate of each incarnation of control, in the order in which they appeared. Counted by sequence,
+/// so that commands that were lost on their way to the disk do not lower it. One that published a
+/// single command has no rate.
 pub fn command_rates(commands: &[CommandRow]) -> Vec<Rate> {
     let mut spans: Vec<(CommandRow, CommandRow)> = Vec::new();
     for command in commands {
@@ -35,8 +36,9 @@ pub fn command_rates(commands: &[CommandRow]) -> Vec<Rate> {
     spans.into_iter().filter_map(rate).collect()
 }
 
-/// From the scan of a sample to the publishing of the first command that answers it. Commands that answer the same
-/// sample again are left out: while acquisition is down control repeats itself, which the outage shows.
+/// From the scan of a sample to the publishing of the first command that answers it. Commands that
+/// answer the same sample again are left out: while acquisition is down control repeats itself,
+/// which the outage shows.
 pub fn sample_to_command(commands: &[CommandRow]) -> Option<Percentiles> {
     let mut newest: BTreeMap<u64, u64> = BTreeMap::new();
     let mut times = Vec::with_capacity(commands.len());
@@ -49,8 +51,9 @@ pub fn sample_to_command(commands: &[CommandRow]) -> Option<Percentiles> {
     Percentiles::of_ns(times)
 }
 
-/// Periods that each process skipped because it woke late, over all its incarnations. What `LoopTiming` said last may be
-/// a second old when a process is killed; its samples, commands and tokens carry the count, too.
+/// Periods that each process skipped because it woke late, over all its incarnations. What
+/// `LoopTiming` said last may be a second old when a process is killed; its samples, commands and
+/// tokens carry the count, too.
 pub fn missed_periods(trace: &Trace) -> BTreeMap<Process, u64> {
     let mut missed: BTreeMap<(Process, u64), u64> = BTreeMap::new();
     let mut note = |process, incarnation, count: u64| {
@@ -84,11 +87,13 @@ pub struct OfLoops {
     /// The worst of all processes, percentile by percentile.
     #[serde(flatten)]
     pub worst: Percentiles,
-    /// Each process; where it ran more than once, the worst of its incarnations, percentile by percentile.
+    /// Each process; where it ran more than once, the worst of its incarnations, percentile by
+    /// percentile.
     pub by_process: BTreeMap<Process, Percentiles>,
 }
 
-/// A time of the loops (lateness of the wake, execution), since the start of each process, up to its last `LoopTiming`.
+/// A time of the loops (lateness of the wake, execution), since the start of each process, up to
+/// its last `LoopTiming`.
 pub fn of_loops(timings: &[LoopTiming], time_ns: impl Fn(&LoopTiming) -> [u64; 4]) -> OfLoops {
     let mut last: BTreeMap<(u8, u64), &LoopTiming> = BTreeMap::new();
     for timing in timings {
@@ -98,7 +103,10 @@ pub fn of_loops(timings: &[LoopTiming], time_ns: impl Fn(&LoopTiming) -> [u64; 4
     for ((source, _), timing) in last {
         let Some(process) = Process::from_code(source) else { continue };
         let found = Percentiles::of_loop(time_ns(timing));
-        by_process.entry(process).and_modify(|before| *before = before.worst(found)).or_insert(found);
+        by_process
+            .entry(process)
+            .and_modify(|before| *before = before.worst(found))
+            .or_insert(found);
     }
     let worst = by_process.values().copied().reduce(Percentiles::worst).unwrap_or_default();
     OfLoops { worst, by_process }
@@ -175,7 +183,8 @@ pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
     let epoch = trace.tokens.iter().filter(before).map(|token| token.epoch).max().unwrap_or(0);
     let tokens = || trace.tokens.iter().filter(|token| after(token.time_ns));
     let tripped = tokens().find(|token| token.state == WatchdogState::Tripped.code());
-    let enabled_ns = tokens().find(|token| token.enabled && token.epoch > epoch).map(|token| token.time_ns);
+    let enabled_ns =
+        tokens().find(|token| token.enabled && token.epoch > epoch).map(|token| token.time_ns);
 
     let dark_until = enabled_ns.unwrap_or(end);
     let scans = || trace.scans.iter().filter(|scan| after(scan.scan_ns));
@@ -188,7 +197,12 @@ pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
         }
     }
     let powered = scans().find(|scan| scan.scan_ns >= dark_until && scan.motor_v != 0.0);
-    let volts_before = trace.scans.iter().rev().find(|scan| scan.scan_ns < kill.at_ns).map_or(f64::NAN, |s| s.motor_v);
+    let volts_before = trace
+        .scans
+        .iter()
+        .rev()
+        .find(|scan| scan.scan_ns < kill.at_ns)
+        .map_or(f64::NAN, |s| s.motor_v);
     Outage {
         kill,
         volts_before,
@@ -201,11 +215,16 @@ pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
     }
 }
 
-/// First valid message of the next incarnation: a command with finite volts that answers a sample, a sample with a tick.
+/// First valid message of the next incarnation: a command with finite volts that answers a sample,
+/// a sample with a tick.
 fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
     /// Incarnation, time, valid.
     type Publication = (u64, u64, bool);
-    fn next(rows: impl DoubleEndedIterator<Item = Publication> + Clone, kill_ns: u64, end: u64) -> Option<u64> {
+    fn next(
+        rows: impl DoubleEndedIterator<Item = Publication> + Clone,
+        kill_ns: u64,
+        end: u64,
+    ) -> Option<u64> {
         let killed = rows.clone().rev().find(|row| row.1 < kill_ns).map(|row| row.0);
         let mut rows = rows.filter(|row| row.1 >= kill_ns && row.1 < end);
         rows.find(|row| row.2 && Some(row.0) != killed).map(|row| row.1)
@@ -213,12 +232,20 @@ fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
     match kill.process {
         Process::Control => {
             let valid = |c: &CommandRow| c.volts.is_finite() && c.sample_ns > 0;
-            next(trace.commands.iter().map(|c| (c.incarnation, c.time_ns, valid(c))), kill.at_ns, end)
+            next(
+                trace.commands.iter().map(|c| (c.incarnation, c.time_ns, valid(c))),
+                kill.at_ns,
+                end,
+            )
         }
-        Process::Acquisition => {
-            next(trace.samples.iter().map(|s| (s.incarnation, s.time_ns, s.tick > 0)), kill.at_ns, end)
+        Process::Acquisition => next(
+            trace.samples.iter().map(|s| (s.incarnation, s.time_ns, s.tick > 0)),
+            kill.at_ns,
+            end,
+        ),
+        Process::Watchdog => {
+            next(trace.tokens.iter().map(|t| (t.incarnation, t.time_ns, true)), kill.at_ns, end)
         }
-        Process::Watchdog => next(trace.tokens.iter().map(|t| (t.incarnation, t.time_ns, true)), kill.at_ns, end),
         // The others publish too seldom to measure a restart by.
         _ => None,
     }
@@ -242,7 +269,8 @@ pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
     let mut trips = Vec::new();
     for pair in tokens.windows(2) {
         let [before, after] = pair else { continue };
-        let lost = [WatchdogState::Tripped.code(), WatchdogState::Faulted.code()].contains(&after.state);
+        let lost =
+            [WatchdogState::Tripped.code(), WatchdogState::Faulted.code()].contains(&after.state);
         if before.state != WatchdogState::Enabled.code() || !lost {
             continue;
         }
@@ -257,7 +285,8 @@ pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
     trips
 }
 
-/// When there was no leave to power the motor, after the first time that there was: from and to (ns, CLOCK_MONOTONIC).
+/// When there was no leave to power the motor, after the first time that there was: from and to
+/// (ns, CLOCK_MONOTONIC).
 pub fn dark(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
     let mut spans = Vec::new();
     let mut begun = None;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, EnableToken, Event, LoopTiming, MotorCommand, Process, Profile, SAMPLE, Sample,
-    TOKEN, TOPICS, event_topic, timing_topic,
+    CARD_SCAN, COMMAND, CardScan, EnableToken, Event, LoopTiming, MotorCommand, Process, Profile,
+    SAMPLE, Sample, TOKEN, TOPICS, event_topic, timing_topic,
 };
 use recording::mcap_read::{Check, ReadError, Recording, Selection};
 use recording::mcap_write::key;
@@ -18,7 +18,9 @@ pub enum TraceError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// It holds nothing to report.
-    #[error("{file}: expected samples of acquisition, found none; was the recording started after the rig went down?")]
+    #[error(
+        "{file}: expected samples of acquisition, found none; was the recording started after the rig went down?"
+    )]
     Empty {
         /// The file.
         file: String,
@@ -162,7 +164,9 @@ impl Trace {
                 Err(ReadError::Damaged { .. }) => continue,
                 Err(error) => return Err(error.into()),
             };
-            let Some((kind, layout, conversion)) = kinds.get(&message.channel_id()) else { continue };
+            let Some((kind, layout, conversion)) = kinds.get(&message.channel_id()) else {
+                continue;
+            };
             let Ok(body) = layout.body(message.data()) else { continue };
             match kind {
                 Kind::Sample => trace.samples.extend(conversion.apply(body).map(sample_row)),
@@ -180,10 +184,13 @@ impl Trace {
         trace.events.sort_by_key(|event| event.time_ns);
         if let Some(end) = recording.end_record() {
             let of = |name: &str, counter: &str| {
-                end.get(&format!("{name}.{counter}")).and_then(|text| text.parse::<u64>().ok()).unwrap_or(0)
+                end.get(&format!("{name}.{counter}"))
+                    .and_then(|text| text.parse::<u64>().ok())
+                    .unwrap_or(0)
             };
             let lost = |name| of(name, "gaps") + of(name, "dropped") + of(name, "refused");
-            trace.counted = TOPICS.iter().map(|topic| (topic.name.to_owned(), lost(topic.name))).collect();
+            trace.counted =
+                TOPICS.iter().map(|topic| (topic.name.to_owned(), lost(topic.name))).collect();
         }
         trace.check = recording.check()?;
         trace.bytes = recording.bytes();
@@ -196,7 +203,8 @@ impl Trace {
         (time_ns as i128 - i128::from(self.begin_ns)) as f64 * 1e-9
     }
 
-    /// The samples by tick, each tick once: a successor may publish a scan again that its predecessor published last.
+    /// The samples by tick, each tick once: a successor may publish a scan again that its
+    /// predecessor published last.
     pub fn by_tick(&self) -> Vec<SampleRow> {
         by_tick(&self.samples)
     }
@@ -231,8 +239,12 @@ impl Kind {
             _ if topic == COMMAND.topic.name => Some(Self::Command),
             _ if topic == CARD_SCAN.topic.name => Some(Self::Scan),
             _ if topic == TOKEN.topic.name => Some(Self::Token),
-            _ if per_process(|process| timing_topic(process).map(|t| t.topic.name)) => Some(Self::Timing),
-            _ if per_process(|process| event_topic(process).map(|t| t.topic.name)) => Some(Self::Event),
+            _ if per_process(|process| timing_topic(process).map(|t| t.topic.name)) => {
+                Some(Self::Timing)
+            }
+            _ if per_process(|process| event_topic(process).map(|t| t.topic.name)) => {
+                Some(Self::Event)
+            }
             _ => None,
         }
     }
@@ -284,7 +296,12 @@ fn command_row(c: MotorCommand) -> CommandRow {
 }
 
 fn scan_row(s: CardScan) -> ScanRow {
-    ScanRow { scan_ns: s.scan_time_ns, dac_v: s.dac_v[0], motor_v: s.motor_v[0], profile: s.profile }
+    ScanRow {
+        scan_ns: s.scan_time_ns,
+        dac_v: s.dac_v[0],
+        motor_v: s.motor_v[0],
+        profile: s.profile,
+    }
 }
 
 fn token_row(t: EnableToken) -> TokenRow {

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, EnableToken, LoopTiming, LossCounters, Message as _, MotorCommand, Process, Profile,
-    SAMPLE, Sample, TOKEN, TOPICS, WatchdogState, timing_topic,
+    CARD_SCAN, COMMAND, CardScan, EnableToken, LoopTiming, LossCounters, Message as _,
+    MotorCommand, Process, Profile, SAMPLE, Sample, TOKEN, TOPICS, WatchdogState, timing_topic,
 };
 use recording::mcap_write::{Start, Writer, key};
 
@@ -18,8 +18,9 @@ pub const BEGIN_NS: u64 = FIRST_TICK * PERIOD_NS;
 
 /// What happens in the run, in ms since its first scan.
 ///
-/// Control dies at 500.3 (its last command is at 500), its successor begins at 600; the card is at 0 V from 505.5 to 800. Acquisition
-/// dies at 1200.1, its successor begins at 1300.2 with the scans that the FIFO kept; 0 V from 1213 to 1600. End at 2000.
+/// Control dies at 500.3 (its last command is at 500), its successor begins at 600; the card is at
+/// 0 V from 505.5 to 800. Acquisition dies at 1200.1, its successor begins at 1300.2 with the scans
+/// that the FIFO kept; 0 V from 1213 to 1600. End at 2000.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Script {
     /// Samples that never reach the disk: from and to, in ticks since the first.
@@ -74,9 +75,19 @@ pub fn write(path: &Path, script: Script) {
             }
         }
         if !(script.missed.0..script.missed.1).contains(&index) {
-            let published =
-                if second { (index * PERIOD_NS + 80_000).max(1_300_200_000) } else { index * PERIOD_NS + 80_000 };
-            sample(&mut writer, if second { 2 } else { 1 }, &mut sample_sequence, index, published, script);
+            let published = if second {
+                (index * PERIOD_NS + 80_000).max(1_300_200_000)
+            } else {
+                index * PERIOD_NS + 80_000
+            };
+            sample(
+                &mut writer,
+                if second { 2 } else { 1 },
+                &mut sample_sequence,
+                index,
+                published,
+                script,
+            );
         }
         // control: 500 Hz, 200 µs after every fourth scan, answers the scan before
         if index % 4 == 0 && index > 0 {
@@ -87,7 +98,14 @@ pub fn write(path: &Path, script: Script) {
             // while acquisition is dead it answers the last sample again and again
             let answered = if (1200.0..1302.0).contains(&ms) { 2400 } else { index };
             if runs && !(incarnation == 12 && script.control_stays_dead) {
-                command(&mut writer, incarnation, &mut command_sequence, answered, scan_ns + 200_000, ms);
+                command(
+                    &mut writer,
+                    incarnation,
+                    &mut command_sequence,
+                    answered,
+                    scan_ns + 200_000,
+                    ms,
+                );
             }
         }
         writer.tick(scan_ns).unwrap();
@@ -111,13 +129,19 @@ pub fn write(path: &Path, script: Script) {
         }
     }
     let topic = TOPICS.iter().position(|topic| topic.name == SAMPLE.topic.name).unwrap() as u32;
-    let counters = LossCounters { topic, dropped: script.dropped_at_end, ..LossCounters::default() };
+    let counters =
+        LossCounters { topic, dropped: script.dropped_at_end, ..LossCounters::default() };
     writer.finish(&[counters]).unwrap();
 }
 
 fn scan(writer: &mut Writer, index: u64, scan_ns: u64, motor: f64) {
     let ms = index as f64 * 0.5;
-    let mut scan = CardScan { tick: FIRST_TICK + index, scan_time_ns: scan_ns, profile: 0, ..CardScan::default() };
+    let mut scan = CardScan {
+        tick: FIRST_TICK + index,
+        scan_time_ns: scan_ns,
+        profile: 0,
+        ..CardScan::default()
+    };
     scan.motor_v[0] = motor;
     // the DAC holds while acquisition is dead
     scan.dac_v[0] = if (1200.0..1300.0).contains(&ms) { volts(1200.0) } else { motor };
@@ -137,12 +161,20 @@ fn token(writer: &mut Writer, sequence: u64, time_ns: u64) {
         _ => (3, WatchdogState::Enabled),
     };
     let enabled = u8::from(state == WatchdogState::Enabled);
-    let mut token = EnableToken { epoch, enabled, state: state.code(), cause: 4, ..EnableToken::default() };
+    let mut token =
+        EnableToken { epoch, enabled, state: state.code(), cause: 4, ..EnableToken::default() };
     token.stamp(7, 31, sequence, time_ns);
     writer.write_message(&TOKEN, &token).unwrap();
 }
 
-fn sample(writer: &mut Writer, incarnation: u64, sequence: &mut u64, index: u64, since_ns: u64, script: Script) {
+fn sample(
+    writer: &mut Writer,
+    incarnation: u64,
+    sequence: &mut u64,
+    index: u64,
+    since_ns: u64,
+    script: Script,
+) {
     let ms = index as f64 * 0.5;
     let own = *sequence;
     *sequence += 1;
@@ -169,7 +201,14 @@ fn sample(writer: &mut Writer, incarnation: u64, sequence: &mut u64, index: u64,
     writer.write_message(&SAMPLE, &sample).unwrap();
 }
 
-fn command(writer: &mut Writer, incarnation: u64, sequence: &mut u64, index: u64, time_ns: u64, ms: f64) {
+fn command(
+    writer: &mut Writer,
+    incarnation: u64,
+    sequence: &mut u64,
+    index: u64,
+    time_ns: u64,
+    ms: f64,
+) {
     let mut command = MotorCommand {
         sample_tick: FIRST_TICK + index,
         sample_time_ns: BEGIN_NS + index * PERIOD_NS,

@@ -1,6 +1,7 @@
 //! Fig. 5.3 to 5.6 and 5.8, and the cable's part of fig. 5.7.
 //!
-//! The cable's own softening is declared in `plant::cable::Parameters::traced` (`docs/errata.md`), not fitted here.
+//! The cable's own softening is declared in `plant::cable::Parameters::traced` (`docs/errata.md`),
+//! not fitted here.
 
 use plant::cable::{Element, Parameters, Plant};
 use report::{Colour, Figure, Sheet};
@@ -14,7 +15,8 @@ use crate::published::published;
 use crate::row::{Role, Row};
 use crate::slow::{SlowCycle, slow_cycle};
 
-/// Amplitude of the slave where the cables are rigid, degrees: the hydrostatic master's. None is printed.
+/// Amplitude of the slave where the cables are rigid, degrees: the hydrostatic master's. None is
+/// printed.
 const SLAVE_AMPLITUDE_DEG: f64 = 30.0;
 /// Where the response with the traced stiffness is drawn closer, Hz: it jumps near its peak.
 const CLOSE_HZ: (f64, f64) = (5.0, 15.0);
@@ -102,8 +104,9 @@ fn slope_n_per_m(extension_mm: &[f64], force_n: &[f64]) -> (f64, f64) {
     let inside = || extension_mm.iter().zip(force_n).filter(|(x, _)| (0.02..=1.0).contains(*x));
     let count = inside().count().max(1) as f64;
     let mean = inside().fold((0.0, 0.0), |sum, (x, f)| (sum.0 + x / count, sum.1 + f / count));
-    let (cross, square) =
-        inside().fold((0.0, 0.0), |sum, (x, f)| (sum.0 + (x - mean.0) * (f - mean.1), sum.1 + (x - mean.0).powi(2)));
+    let (cross, square) = inside().fold((0.0, 0.0), |sum, (x, f)| {
+        (sum.0 + (x - mean.0) * (f - mean.1), sum.1 + (x - mean.0).powi(2))
+    });
     let slope = cross / square;
     (mean.1 - slope * mean.0, 1e3 * slope)
 }
@@ -158,8 +161,14 @@ pub fn loops(_: &Common) -> Result<Drawn> {
         assumed, since fig. 5.4 has no numbers in the text."
         .to_owned();
     let rows = vec![
-        Row::own("own.cable.second_over_first_loading", "5.4", "1", Some(ratios[0]), Some(ratios[1]))
-            .note("mean stiffness of the second loading to 100 N over that of the first"),
+        Row::own(
+            "own.cable.second_over_first_loading",
+            "5.4",
+            "1",
+            Some(ratios[0]),
+            Some(ratios[1]),
+        )
+        .note("mean stiffness of the second loading to 100 N over that of the first"),
     ];
     Ok(Drawn { number: "5.4", title: "Cable: two loading cycles", caption, sheet, rows })
 }
@@ -182,7 +191,8 @@ pub fn static_friction(common: &Common) -> Result<Drawn> {
     let sheet = Sheet::new("Fig. 5.5, static friction over position")
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic))
         .panel(panel("B  Cable, traced", &traced));
-    let note = "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz";
+    let note =
+        "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz";
     let rows = vec![
         Row::beside(
             published("cable.static_friction_positive_nm")?,
@@ -214,7 +224,10 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
     let tension: Vec<f64> = (1..=200).map(f64::from).collect();
     let friction: Vec<f64> = tension
         .iter()
-        .map(|tension| Parameters { pretension_n: *tension, ..Parameters::printed() }.static_friction_at_motor_nm())
+        .map(|tension| {
+            Parameters { pretension_n: *tension, ..Parameters::printed() }
+                .static_friction_at_motor_nm()
+        })
         .collect();
     let declared = Parameters::printed();
     let sheet = Sheet::new("Fig. 5.6, friction over pretension").panel(
@@ -223,18 +236,31 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
             .colour(Colour::Blue)
             .line("model", &tension, &friction)
             .colour(Colour::Black)
-            .scatter("declared", &[declared.pretension_n], &[declared.static_friction_at_motor_nm()]),
+            .scatter(
+                "declared",
+                &[declared.pretension_n],
+                &[declared.static_friction_at_motor_nm()],
+            ),
     );
     let caption = "Breakaway torque at the motor against the cables' tension: it grows with tension and settles, as measured. The law's limit is \
         set from § 5.2.2's friction; the tension at which it bends is assumed."
         .to_owned();
     let at = |tension: f64| {
-        Some(Parameters { pretension_n: tension, ..Parameters::printed() }.static_friction_at_motor_nm())
+        Some(
+            Parameters { pretension_n: tension, ..Parameters::printed() }
+                .static_friction_at_motor_nm(),
+        )
     };
     let rows = [30.0, 60.0, 120.0]
         .map(|tension| {
-            Row::own(format!("own.cable.static_friction_at_{tension:.0}n_nm"), "5.6", "N·m", at(tension), at(tension))
-                .note("does not depend on the stiffness")
+            Row::own(
+                format!("own.cable.static_friction_at_{tension:.0}n_nm"),
+                "5.6",
+                "N·m",
+                at(tension),
+                at(tension),
+            )
+            .note("does not depend on the stiffness")
         })
         .to_vec();
     Ok(Drawn { number: "5.6", title: "Cable: friction over pretension", caption, sheet, rows })
@@ -247,7 +273,8 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
 pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     let mut frequencies = logarithmic(0.2, 0.98 * CLOSE_HZ.0, 24);
     frequencies.extend(logarithmic(CLOSE_HZ.0, CLOSE_HZ.1, 48));
-    // As printed, the cable takes steps so small that the slowest are left out; its gain is flat there.
+    // As printed, the cable takes steps so small that the slowest are left out; its gain is flat
+    // there.
     let few = logarithmic(0.5, CLOSE_HZ.1, 28);
     let (printed, traced) = (Cable::new(Parameters::printed()), Cable::new(Parameters::traced()));
     let curves = [
@@ -315,10 +342,22 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic, 1.0))
         .panel(panel("B  Cable, traced", &cable, Parameters::traced().mechanical_ratio));
     let rows = vec![
-        Row::own("own.flat_top_1hz.hydrostatic_s", "5.8", "s", Some(printed[0]), Some(hydrostatic.flat_top_s()))
-            .note("longest time for which the slave stands still"),
-        Row::own("own.flat_top_1hz.cable_s", "5.8", "s", Some(printed[1]), Some(cable.flat_top_s()))
-            .note("longest time for which the slave stands still"),
+        Row::own(
+            "own.flat_top_1hz.hydrostatic_s",
+            "5.8",
+            "s",
+            Some(printed[0]),
+            Some(hydrostatic.flat_top_s()),
+        )
+        .note("longest time for which the slave stands still"),
+        Row::own(
+            "own.flat_top_1hz.cable_s",
+            "5.8",
+            "s",
+            Some(printed[1]),
+            Some(cable.flat_top_s()),
+        )
+        .note("longest time for which the slave stands still"),
     ];
     let caption = format!(
         "Master (full) and slave (dashed) at 1 Hz; the cable's master turns six times as far, and is drawn over that ratio. The master is moved \

@@ -20,8 +20,14 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    pub(super) fn simulated(name: &str, colour: Colour, dashed: bool, responses: &[Response]) -> Self {
-        let moving = |value: f64, response: &Response| if response.gain < STILL { f64::NAN } else { value };
+    pub(super) fn simulated(
+        name: &str,
+        colour: Colour,
+        dashed: bool,
+        responses: &[Response],
+    ) -> Self {
+        let moving =
+            |value: f64, response: &Response| if response.gain < STILL { f64::NAN } else { value };
         Self {
             name: name.to_owned(),
             colour,
@@ -32,7 +38,12 @@ impl Curve {
         }
     }
 
-    pub(super) fn linear(name: &str, colour: Colour, system: &LinearSystem, frequency: &[f64]) -> Self {
+    pub(super) fn linear(
+        name: &str,
+        colour: Colour,
+        system: &LinearSystem,
+        frequency: &[f64],
+    ) -> Self {
         // The rational part is given within half a turn either way; it lags by up to a whole one.
         let phase = |f: &f64| {
             let phase = system.phase_rad(*f).to_degrees();
@@ -67,7 +78,8 @@ pub(super) fn bode(
     lowest_phase: f64,
 ) -> [Figure; 2] {
     let mut gains = gain(&format!("{label}, gain")).x_range(low, high).y_range(floor, ceiling);
-    let mut phases = phase(&format!("{label}, phase")).x_range(low, high).y_range(lowest_phase, 20.0);
+    let mut phases =
+        phase(&format!("{label}, phase")).x_range(low, high).y_range(lowest_phase, 20.0);
     for curve in curves {
         gains = put(gains, curve, &curve.gain);
         phases = put(phases, curve, &curve.phase);

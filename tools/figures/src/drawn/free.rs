@@ -1,4 +1,5 @@
-//! Fig. 4.2's control at work: the torque that a hand must spend to move the handle freely, on the rig's twin.
+//! Fig. 4.2's control at work: the torque that a hand must spend to move the handle freely, on the
+//! rig's twin.
 
 use rayon::prelude::*;
 use report::{Colour, Figure, Sheet};
@@ -38,15 +39,27 @@ struct Case {
 const PLAIN: Case = Case { id: "", what: "", hand: None, gain: 1.0, offset_v: None };
 
 const CASES: [Case; 5] = [
-    Case { id: "soft_hand", what: "a hand of 5 N·m/rad and 0.2 N·m·s/rad", hand: Some((5.0, 0.2)), ..PLAIN },
-    Case { id: "stiff_hand", what: "a hand of 100 N·m/rad and 1 N·m·s/rad", hand: Some((100.0, 1.0)), ..PLAIN },
+    Case {
+        id: "soft_hand",
+        what: "a hand of 5 N·m/rad and 0.2 N·m·s/rad",
+        hand: Some((5.0, 0.2)),
+        ..PLAIN
+    },
+    Case {
+        id: "stiff_hand",
+        what: "a hand of 100 N·m/rad and 1 N·m·s/rad",
+        hand: Some((100.0, 1.0)),
+        ..PLAIN
+    },
     Case {
         id: "sensitivity_twice",
         what: "twice the volts per N·m of the torque cell, which are assumed",
         gain: 2.0,
         ..PLAIN
     },
-    Case { id: "sensitivity_four_times", what: "four times the volts per N·m", gain: 4.0, ..PLAIN },
+    Case {
+        id: "sensitivity_four_times", what: "four times the volts per N·m", gain: 4.0, ..PLAIN
+    },
     Case {
         id: "offset_0.9v",
         what: "an offset of 0.9 V instead of 1.5 and 1.2 V: a little less than friction takes in movement",
@@ -87,7 +100,8 @@ pub fn movement(_: &Common) -> Result<Drawn> {
 /// Free movement by a hand that swings the handle; needs nothing that other figures do.
 ///
 /// # Errors
-/// Where a rig file that is built in is not in order, or a published value is missing from the table.
+/// Where a rig file that is built in is not in order, or a published value is missing from the
+/// table.
 pub fn free_movement() -> Result<Drawn> {
     let mut rigs = Vec::with_capacity(RIGS.len());
     for (name, text) in RIGS {
@@ -97,7 +111,9 @@ pub fn free_movement() -> Result<Drawn> {
         || {
             (0..RIGS.len() * HERTZ.len())
                 .into_par_iter()
-                .map(|at| pair(&rigs[at / HERTZ.len()], &Swing::of_the_thesis(HERTZ[at % HERTZ.len()])))
+                .map(|at| {
+                    pair(&rigs[at / HERTZ.len()], &Swing::of_the_thesis(HERTZ[at % HERTZ.len()]))
+                })
                 .collect::<Result<Vec<Pair>>>()
         },
         || {
@@ -111,7 +127,9 @@ pub fn free_movement() -> Result<Drawn> {
     let (printed, traced) = pairs.split_at(HERTZ.len());
     let sheet = Sheet::new("Fig. 4.2, free movement under force control")
         .panel(over_frequency("A  Torque of the hand, rms", [printed, traced], |spent| spent.rms))
-        .panel(over_frequency("B  Peak-to-peak torque at the turns", [printed, traced], |spent| spent.ripple))
+        .panel(over_frequency("B  Peak-to-peak torque at the turns", [printed, traced], |spent| {
+            spent.ripple
+        }))
         .panel(cycle("C  Traced line, 1 Hz", &traced[DRAWN[0]]))
         .panel(cycle("D  Traced line, 3 Hz", &traced[DRAWN[1]]));
     let limits = &rigs[1].axes[0].limits;
@@ -139,9 +157,15 @@ pub fn free_movement() -> Result<Drawn> {
                 && spent.speed < limits.speed_max
                 && limits.torque_max.is_none_or(|most| spent.peak < most)
         };
-        HERTZ.iter().zip(pairs).filter(|(_, pair)| within(&pair[1])).map(|(hertz, _)| *hertz).next_back()
+        HERTZ
+            .iter()
+            .zip(pairs)
+            .filter(|(_, pair)| within(&pair[1]))
+            .map(|(hertz, _)| *hertz)
+            .next_back()
     };
-    let mut rows = claims(&rigs, [possible(printed), possible(traced)], [&printed[3][1], &traced[3][1]])?;
+    let mut rows =
+        claims(&rigs, [possible(printed), possible(traced)], [&printed[3][1], &traced[3][1]])?;
     for (at, hertz) in HERTZ.into_iter().enumerate() {
         rows.extend(values(hertz, &printed[at], &traced[at]));
     }
@@ -166,8 +190,9 @@ fn claims(rigs: &[RigFile], hertz: [Option<f64>; 2], fastest: [&Spent; 2]) -> Re
         let axis = &rig.axes[0];
         axis.control.force.map(|force| (force, axis.master.counts_per_unit))
     });
-    let used =
-        |read: fn(&rig::ForceControl, f64) -> f64| gains.map(|gains| gains.map(|(force, counts)| read(&force, counts)));
+    let used = |read: fn(&rig::ForceControl, f64) -> f64| {
+        gains.map(|gains| gains.map(|(force, counts)| read(&force, counts)))
+    };
     let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
         Ok(Row::beside(published(id)?, role, printed, traced))
     };
@@ -195,13 +220,24 @@ fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
         ("torque_ripple_nm", |spent| spent.ripple),
     ];
     let mut rows = Vec::with_capacity(2 * reads.len());
-    for (machine, before, what) in [(1, "", "under force control"), (0, "uncompensated_", "with the motor at 0 V")] {
+    for (machine, before, what) in
+        [(1, "", "under force control"), (0, "uncompensated_", "with the motor at 0 V")]
+    {
         for (name, read) in reads {
             let id = format!("hydrostatic.free.{hertz}hz.{before}{name}");
-            let row = Row::own(id, "4.2", "N·m", Some(read(&printed[machine])), Some(read(&traced[machine])));
+            let row = Row::own(
+                id,
+                "4.2",
+                "N·m",
+                Some(read(&printed[machine])),
+                Some(read(&traced[machine])),
+            );
             let how = match name {
                 "torque_ripple_nm" => {
-                    format!(", peak to peak within {:.0} ms of a turn, mean over the turns", 1e3 * TURN_S)
+                    format!(
+                        ", peak to peak within {:.0} ms of a turn, mean over the turns",
+                        1e3 * TURN_S
+                    )
                 }
                 _ => String::new(),
             };
@@ -212,7 +248,9 @@ fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
 }
 
 fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&Spent) -> f64) -> Figure {
-    let of = |pairs: &[Pair], machine: usize| pairs.iter().map(|pair| read(&pair[machine])).collect::<Vec<_>>();
+    let of = |pairs: &[Pair], machine: usize| {
+        pairs.iter().map(|pair| read(&pair[machine])).collect::<Vec<_>>()
+    };
     let [printed, traced] = pairs;
     tall(title, "frequency / Hz", "torque / (N·m)")
         .x_range(0.0, 3.2)

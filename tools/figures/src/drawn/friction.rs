@@ -21,7 +21,8 @@ const FASTEST_RAD_S: f64 = 20.0;
 pub fn laws(common: &Common) -> Result<Drawn> {
     let printed = Parameters::printed();
     // Speed 0 twice: friction jumps there from one breakaway to the other.
-    let speeds: Vec<f64> = (0..=800).map(|step| FASTEST_RAD_S * (f64::from(step) / 400.0 - 1.0)).collect();
+    let speeds: Vec<f64> =
+        (0..=800).map(|step| FASTEST_RAD_S * (f64::from(step) / 400.0 - 1.0)).collect();
     let law = |level: &dyn Fn(f64) -> f64| -> (Vec<f64>, Vec<f64>) {
         let mut points: Vec<(f64, f64)> = Vec::new();
         for speed in &speeds {
@@ -33,7 +34,8 @@ pub fn laws(common: &Common) -> Result<Drawn> {
         }
         points.into_iter().unzip()
     };
-    let (motor_speed, motor) = law(&|speed| printed.motor_coulomb_nm + printed.motor_viscous_nm_s * speed.abs());
+    let (motor_speed, motor) =
+        law(&|speed| printed.motor_coulomb_nm + printed.motor_viscous_nm_s * speed.abs());
     let (piston_speed, piston) = law(&|speed| 1e3 * printed.master_piston_friction().level(speed));
     let (slave_speed, slave) = law(&|speed| printed.slave_friction().level(speed));
 
@@ -50,11 +52,11 @@ pub fn laws(common: &Common) -> Result<Drawn> {
                 .colour(Colour::Blue)
                 .line("", &motor_speed, &motor),
         )
-        .panel(axes("B  Slave", "slave speed / (rad/s)", "friction / (N·m)").colour(Colour::Blue).line(
-            "",
-            &slave_speed,
-            &slave,
-        ))
+        .panel(
+            axes("B  Slave", "slave speed / (rad/s)", "friction / (N·m)")
+                .colour(Colour::Blue)
+                .line("", &slave_speed, &slave),
+        )
         .panel(
             axes("B  Master piston, on its pulley", "master speed / (rad/s)", "friction / (mN·m)")
                 .colour(Colour::Blue)
@@ -68,14 +70,18 @@ pub fn laws(common: &Common) -> Result<Drawn> {
     );
     let note = "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz, ±30°";
     let rows = vec![
-        Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0])).note(note),
+        Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0]))
+            .note(note),
         Row::beside(measured_back, Role::Predicted, Some(slow_printed[1]), Some(slow_traced[1]))
             .note(format!("{note}; the model's friction does not depend on the direction")),
         Row::beside(
             volts,
             Role::Input,
             Some(at_motor / printed.motor_torque_per_volt_nm),
-            Some(common.tracing.line.parameters.static_friction_at_motor_nm() / printed.motor_torque_per_volt_nm),
+            Some(
+                common.tracing.line.parameters.static_friction_at_motor_nm()
+                    / printed.motor_torque_per_volt_nm,
+            ),
         )
         .note("the motor's torque per volt is assumed from this value"),
         Row::own("own.static_friction_at_motor_nm", "3.2", "N·m", Some(at_motor), Some(at_motor))

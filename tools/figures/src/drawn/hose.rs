@@ -36,9 +36,12 @@ impl Hose {
         let frequencies = logarithmic(RANGE_HZ.0, RANGE_HZ.1, POINTS);
         let cycles = frequencies.par_iter().map(|f| cycle(line, *f)).collect::<Result<Vec<_>>>()?;
         let peak_hz = peak(line, 1.5, 300.0)?.frequency_hz();
-        // Friction alone turns the phase at low frequencies, so the search begins not far below the peak.
+        // Friction alone turns the phase at low frequencies, so the search begins not far below the
+        // peak.
         let quarter_turn_hz = match peak_hz {
-            Some(peak_hz) => falls_below(line, 0.6 * peak_hz, -std::f64::consts::FRAC_PI_2, |r| r.phase_rad)?,
+            Some(peak_hz) => {
+                falls_below(line, 0.6 * peak_hz, -std::f64::consts::FRAC_PI_2, |r| r.phase_rad)?
+            }
             None => None,
         };
         Ok(Self { name, id, cycles, peak_hz, quarter_turn_hz })
@@ -50,7 +53,10 @@ impl Hose {
 
     /// Mean over the figure's range, on a logarithmic axis; a slave that stands still counts as 0.
     fn mean(&self, value: impl Fn(&Cycle) -> f64) -> f64 {
-        self.cycles.iter().map(|c| if c.response.gain < STILL { 0.0 } else { value(c) }).sum::<f64>()
+        self.cycles
+            .iter()
+            .map(|c| if c.response.gain < STILL { 0.0 } else { value(c) })
+            .sum::<f64>()
             / self.cycles.len().max(1) as f64
     }
 }
@@ -95,7 +101,8 @@ const EFFICIENCIES: [Efficiency; 3] = [
 ];
 
 fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) -> (Sheet, Vec<Row>) {
-    let moving = |cycle: &Cycle, value: f64| if cycle.response.gain < STILL { f64::NAN } else { value };
+    let moving =
+        |cycle: &Cycle, value: f64| if cycle.response.gain < STILL { f64::NAN } else { value };
     let frequencies = logarithmic(RANGE_HZ.0, RANGE_HZ.1, POINTS);
     let draw = |mut figure: Figure, value: &dyn Fn(&Cycle) -> f64| {
         for (index, hose) in traced.iter().enumerate() {
@@ -106,10 +113,16 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
     };
     let mut sheet = Sheet::new(format!("Fig. {figure}, hose {kind}"))
         .panel(draw(gain("A  Gain, traced line").y_range(0.1, 8.0), &|c| c.response.gain.max(1e-9)))
-        .panel(draw(phase("A  Phase, traced line"), &|c| moving(c, c.response.phase_rad.to_degrees())));
+        .panel(draw(phase("A  Phase, traced line"), &|c| {
+            moving(c, c.response.phase_rad.to_degrees())
+        }));
     for efficiency in &EFFICIENCIES {
         let axes = tall(efficiency.panel, "frequency / Hz", "efficiency").log_x();
-        let axes = if efficiency.wide { axes.log_y().y_range(0.3, 100.0) } else { axes.y_range(0.0, efficiency.top) };
+        let axes = if efficiency.wide {
+            axes.log_y().y_range(0.3, 100.0)
+        } else {
+            axes.y_range(0.0, efficiency.top)
+        };
         sheet = sheet.panel(draw(axes, &|c| moving(c, (efficiency.of)(c))));
     }
     let mut rows = Vec::new();
@@ -125,17 +138,22 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
         for efficiency in &EFFICIENCIES {
             let [printed, traced] = [p, t].map(|hose| Some(hose.mean(efficiency.of)));
             let id = format!("own.{kind}.{}.efficiency_{}", t.id, efficiency.id);
-            rows.push(
-                Row::own(id, figure, "1", printed, traced)
-                    .note(format!("{}, mean over 0.5 to 24 Hz on a logarithmic axis", efficiency.what)),
-            );
+            rows.push(Row::own(id, figure, "1", printed, traced).note(format!(
+                "{}, mean over 0.5 to 24 Hz on a logarithmic axis",
+                efficiency.what
+            )));
         }
     }
     (sheet, rows)
 }
 
-fn hoses(base: &Line, values: &[f64], make: fn(Line, f64) -> (String, String, Line)) -> Result<Vec<Hose>> {
-    let all: Vec<(String, String, Line)> = values.iter().map(|value| make(base.clone(), *value)).collect();
+fn hoses(
+    base: &Line,
+    values: &[f64],
+    make: fn(Line, f64) -> (String, String, Line),
+) -> Result<Vec<Hose>> {
+    let all: Vec<(String, String, Line)> =
+        values.iter().map(|value| make(base.clone(), *value)).collect();
     all.par_iter().map(|(name, id, line)| Hose::new(name.clone(), id.clone(), line)).collect()
 }
 
@@ -150,7 +168,11 @@ const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pai
 pub fn diameter(common: &Common) -> Result<Drawn> {
     let make = |line: Line, diameter: f64| {
         let millimetres = 1e3 * diameter;
-        (format!("{millimetres:.0} mm"), format!("{millimetres:.0}mm"), line.with_diameter(diameter))
+        (
+            format!("{millimetres:.0} mm"),
+            format!("{millimetres:.0}mm"),
+            line.with_diameter(diameter),
+        )
     };
     let printed = hoses(&Line::printed(), &DIAMETERS_M, make)?;
     let traced = hoses(&common.tracing.line, &DIAMETERS_M, make)?;
@@ -168,7 +190,9 @@ pub fn diameter(common: &Common) -> Result<Drawn> {
 /// # Errors
 /// Where a constant is out of range.
 pub fn length(common: &Common) -> Result<Drawn> {
-    let make = |line: Line, length: f64| (format!("{length:.0} m"), format!("{length:.0}m"), line.with_length(length));
+    let make = |line: Line, length: f64| {
+        (format!("{length:.0} m"), format!("{length:.0}m"), line.with_length(length))
+    };
     let printed = hoses(&Line::printed(), &LENGTHS_M, make)?;
     let traced = hoses(&common.tracing.line, &LENGTHS_M, make)?;
     let (sheet, rows) = study("3.6", "length", &printed, &traced);

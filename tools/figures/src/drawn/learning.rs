@@ -29,10 +29,12 @@ fn opposite_percent(cycle: &Trace, standing_deg_s: f64) -> Option<f64> {
     let pairs = cycle.master_velocity.iter().zip(&cycle.slave_velocity);
     let opposite = pairs
         .filter(|(master, slave)| {
-            master.to_degrees().abs().min(slave.to_degrees().abs()) > standing_deg_s && *master * *slave < 0.0
+            master.to_degrees().abs().min(slave.to_degrees().abs()) > standing_deg_s
+                && *master * *slave < 0.0
         })
         .count();
-    (!cycle.master_velocity.is_empty()).then(|| 100.0 * opposite as f64 / cycle.master_velocity.len() as f64)
+    (!cycle.master_velocity.is_empty())
+        .then(|| 100.0 * opposite as f64 / cycle.master_velocity.len() as f64)
 }
 
 /// Fig. 4.5.
@@ -51,7 +53,8 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
     };
     let [printed, traced] = &common.learning.published;
     let standing = standing_deg_s(&lesson());
-    let [in_printed, in_traced] = [printed, traced].map(|course| opposite_percent(&course.cycles[1], standing));
+    let [in_printed, in_traced] =
+        [printed, traced].map(|course| opposite_percent(&course.cycles[1], standing));
     let sheet = Sheet::new("Fig. 4.5, master and slave velocity during learning")
         .panel(panel("A  Traced line", traced, 1.0))
         .panel(panel("B  Printed constants, first 0.2 s", printed, 0.2));
@@ -81,7 +84,9 @@ pub fn learning(common: &Common) -> Result<Drawn> {
         .panel(slave(&learning.published[1]))
         .panel(master(&learning.published[1]))
         .panel(errors(learning));
-    let of = |read: fn(&Course) -> Option<f64>, courses: &[Course; 2]| [read(&courses[0]), read(&courses[1])];
+    let of = |read: fn(&Course) -> Option<f64>, courses: &[Course; 2]| {
+        [read(&courses[0]), read(&courses[1])]
+    };
     let first = of(Course::first_deg, &learning.published);
     let last = of(Course::last_deg, &learning.published);
     let blocks = of(Course::blocks_to_goal, &learning.published);
@@ -115,7 +120,8 @@ pub fn learning(common: &Common) -> Result<Drawn> {
     })
 }
 
-/// The case of the learning study that begins with the control of § 4.1 as fig. 4.7 does, feed-forward and all.
+/// The case of the learning study that begins with the control of § 4.1 as fig. 4.7 does,
+/// feed-forward and all.
 const WITH_FEEDFORWARD: &str = "feedforward_30deg";
 
 /// Fig. 4.7.
@@ -142,9 +148,12 @@ pub fn before_and_after(common: &Common) -> Result<Drawn> {
         .line("before learning", &before.time_s, &degrees(&before.master))
         .colour(Colour::Blue)
         .line("after learning", &after.time_s, &degrees(&after.master));
-    let sheet = Sheet::new("Fig. 4.7, movement before and after learning").panel(slave).panel(master);
-    let of = |read: fn(&Quality) -> f64| quality.map(|quality| quality.map(|quality| read(&quality)));
-    let (error, plateau) = (of(|quality| quality.slave_error.to_degrees()), of(|quality| quality.plateau_s));
+    let sheet =
+        Sheet::new("Fig. 4.7, movement before and after learning").panel(slave).panel(master);
+    let of =
+        |read: fn(&Quality) -> f64| quality.map(|quality| quality.map(|quality| read(&quality)));
+    let (error, plateau) =
+        (of(|quality| quality.slave_error.to_degrees()), of(|quality| quality.plateau_s));
     let highest = |values: &[f64]| values.iter().copied().fold(f64::NAN, f64::max).to_degrees();
     let peaks = [highest(&before.master), highest(&after.master)];
     let caption = format!(
@@ -163,11 +172,26 @@ pub fn before_and_after(common: &Common) -> Result<Drawn> {
         Row::own(format!("own.before_after.{name}"), "4.7", unit, None, value).note(note)
     };
     let rows = vec![
-        row("error_before_deg", "°", error[0], "root mean square of the slave\'s error under § 4.1"),
+        row(
+            "error_before_deg",
+            "°",
+            error[0],
+            "root mean square of the slave\'s error under § 4.1",
+        ),
         row("error_after_deg", "°", error[1], "the same with the learnt reference"),
-        row("plateau_before_s", "s", plateau[0], "longest time for which the slave stands still under § 4.1"),
+        row(
+            "plateau_before_s",
+            "s",
+            plateau[0],
+            "longest time for which the slave stands still under § 4.1",
+        ),
         row("plateau_after_s", "s", plateau[1], "the same with the learnt reference"),
-        row("master_peak_before_deg", "°", Some(peaks[0]), "highest position of the master under § 4.1"),
+        row(
+            "master_peak_before_deg",
+            "°",
+            Some(peaks[0]),
+            "highest position of the master under § 4.1",
+        ),
         row("master_peak_after_deg", "°", Some(peaks[1]), "the same with the learnt reference"),
     ];
     Ok(Drawn { number: "4.7", title: "Movement before and after learning", caption, sheet, rows })
@@ -198,7 +222,9 @@ fn master(course: &Course) -> Figure {
 }
 
 fn errors(learning: &Learning) -> Figure {
-    let numbers = |course: &Course| (1..=course.errors_deg.len()).map(|block| block as f64).collect::<Vec<_>>();
+    let numbers = |course: &Course| {
+        (1..=course.errors_deg.len()).map(|block| block as f64).collect::<Vec<_>>()
+    };
     let [printed, traced] = &learning.published;
     let by_model = &learning.model_based[1];
     tall("B  Error of the slave", "block of 3 s", "mean magnitude / °")
@@ -224,7 +250,9 @@ fn rows(
     let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
         Ok(Row::beside(published(id)?, role, printed, traced))
     };
-    let own = |id: String, unit, [printed, traced]: [Option<f64>; 2]| Row::own(id, "4.6", unit, printed, traced);
+    let own = |id: String, unit, [printed, traced]: [Option<f64>; 2]| {
+        Row::own(id, "4.6", unit, printed, traced)
+    };
     let mut rows = vec![
         beside("hydrostatic.ilc.block_s", Role::Input, both(block_s))?,
         beside("hydrostatic.ilc.delay_samples_2khz", Role::Input, both(PUBLISHED.delay_samples(2000.0) as f64))?,
@@ -254,7 +282,9 @@ fn rows(
             values.push(("model_based_blocks", "1", by_model.blocks_to_goal()));
         }
         for (name, unit, value) in values {
-            rows.push(own(format!("own.ilc.{}.{name}", case.id), unit, [None, value]).note(case.what));
+            rows.push(
+                own(format!("own.ilc.{}.{name}", case.id), unit, [None, value]).note(case.what),
+            );
         }
     }
     Ok(rows)

@@ -57,7 +57,9 @@ fn columns(cycle: &Cycle) -> [Vec<f64>; 3] {
         [first, second, ..] => 2.0 * first.time_s - second.time_s,
         _ => 0.0,
     };
-    let of = |value: fn(&plant::transmission::Motion) -> f64| cycle.motion.iter().map(value).collect::<Vec<_>>();
+    let of = |value: fn(&plant::transmission::Motion) -> f64| {
+        cycle.motion.iter().map(value).collect::<Vec<_>>()
+    };
     [
         cycle.motion.iter().map(|motion| motion.time_s - start).collect(),
         of(|motion| motion.master_position_rad.to_degrees()),

@@ -56,7 +56,10 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         .panel(panel("B  1 Hz", 1.0))
         .panel(panel("C  3 Hz", 3.0));
     let of = |hertz, read: fn(&twin::guided::Quality) -> f64| {
-        guided.cell(LawKind::Printed, hertz).and_then(|cell| cell.quality).map(|quality| read(&quality))
+        guided
+            .cell(LawKind::Printed, hertz)
+            .and_then(|cell| cell.quality)
+            .map(|quality| read(&quality))
     };
     let plateau = |hertz| of(hertz, |quality| quality.plateau_s);
     let caption = format!(
@@ -94,8 +97,11 @@ pub fn feedforward(common: &Common) -> Result<Drawn> {
     let [none, printed, identified] = [LawKind::Feedback, LawKind::Printed, LawKind::Identified]
         .map(|law| movement_of(&common.guided, law, FIGURE_HZ, 1.0));
     let omega = std::f64::consts::TAU * FIGURE_HZ;
-    let inertia: Vec<f64> =
-        printed.desired.iter().map(|desired| -omega * omega * desired * control.feedforward.inertia_v).collect();
+    let inertia: Vec<f64> = printed
+        .desired
+        .iter()
+        .map(|desired| -omega * omega * desired * control.feedforward.inertia_v)
+        .collect();
     let curve = tall("A  Feed-forward", "time / s", "volts / V")
         .colour(Colour::Black)
         .line("printed: sine and triangle", &printed.time_s, &printed.feedforward)
@@ -134,12 +140,19 @@ pub fn feedforward(common: &Common) -> Result<Drawn> {
     .zip(errors)
     .map(|(id, error)| Row::own(id, "4.3", "°", None, error).note("root mean square at 1 Hz"))
     .collect();
-    Ok(Drawn { number: "4.3", title: "Feed-forward and friction compensation", caption, sheet, rows })
+    Ok(Drawn {
+        number: "4.3",
+        title: "Feed-forward and friction compensation",
+        caption,
+        sheet,
+        rows,
+    })
 }
 
 /// Eq. 4.2.3 over velocity, up to the peak speed of 3 Hz and ±60°.
 fn offset(force: Option<&rig::ForceControl>) -> Figure {
-    let figure = axes("B  Friction compensation, eq. 4.2.3", "velocity / (°/s)", "magnitude / V").y_range(0.0, 1.8);
+    let figure = axes("B  Friction compensation, eq. 4.2.3", "velocity / (°/s)", "magnitude / V")
+        .y_range(0.0, 1.8);
     let Some(force) = force else { return figure };
     let velocity: Vec<f64> = (-300..=300).map(|step| 0.06 * f64::from(step)).collect();
     let volts: Vec<f64> = velocity.iter().map(|velocity| offset_v(force, *velocity)).collect();
@@ -148,7 +161,12 @@ fn offset(force: Option<&rig::ForceControl>) -> Figure {
 
 fn effect([none, printed, identified]: [&Trace; 3]) -> Figure {
     let error = |trace: &Trace| -> Vec<f64> {
-        trace.desired.iter().zip(&trace.master).map(|(desired, master)| (desired - master).to_degrees()).collect()
+        trace
+            .desired
+            .iter()
+            .zip(&trace.master)
+            .map(|(desired, master)| (desired - master).to_degrees())
+            .collect()
     };
     tall("C  Error of the master", "time / s", "error / °")
         .colour(Colour::Grey)

@@ -31,19 +31,25 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
     let mut curves = vec![
         Curve::simulated("printed constants", Colour::Vermillion, false, &printed),
         Curve::simulated("traced line", Colour::Blue, false, &traced),
-        Curve::linear("eq. 3.3.1", Colour::Black, &LinearSystem::TEN_METRES, &logarithmic(0.2, 24.0, SMOOTH)),
+        Curve::linear(
+            "eq. 3.3.1",
+            Colour::Black,
+            &LinearSystem::TEN_METRES,
+            &logarithmic(0.2, 24.0, SMOOTH),
+        ),
     ];
     if let Some(fitted) = &common.fitted[1] {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
     }
     let [gains, phases] = bode("A  10 m", &curves, (0.2, 24.0), (0.1, 8.0), -300.0);
-    let sheet = Sheet::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
-        "B  1 Hz, traced line",
-        traced_line,
-        1.0,
-        ("eq. 3.3.1", &LinearSystem::TEN_METRES),
-        common.fitted[1].as_ref(),
-    )?);
+    let sheet =
+        Sheet::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
+            "B  1 Hz, traced line",
+            traced_line,
+            1.0,
+            ("eq. 3.3.1", &LinearSystem::TEN_METRES),
+            common.fitted[1].as_ref(),
+        )?);
     let (p, t) = (&common.tracing.printed, &common.tracing.traced);
     let decibels = |gain: Option<f64>| gain.map(|gain| 20.0 * gain.log10());
     let smallest = |responses: &[Response], cut_off: Option<f64>| {
@@ -51,17 +57,21 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
         let inside = responses.iter().filter(|r| r.frequency_hz <= limit).map(|r| r.gain);
         decibels(Some(inside.chain(cut_off.map(|_| CUT_OFF_GAIN)).fold(f64::INFINITY, f64::min)))
     };
-    let beside =
-        |id, printed, traced| -> Result<Row> { Ok(Row::beside(published(id)?, Role::Predicted, printed, traced)) };
+    let beside = |id, printed, traced| -> Result<Row> {
+        Ok(Row::beside(published(id)?, Role::Predicted, printed, traced))
+    };
     let slowest = |value: Option<f64>| value.unwrap_or(f64::NAN);
     let rows: Vec<Row> = vec![
-        beside("hydrostatic.linear_fit_10m.low_frequency_gain", p.low_frequency_gain, t.low_frequency_gain)?.note(
-            format!(
-                "gain at 1 Hz; at 0.2 Hz it is {:.3} (printed constants) and {:.3} (traced)",
-                slowest(p.slowest_gain),
-                slowest(t.slowest_gain)
-            ),
-        ),
+        beside(
+            "hydrostatic.linear_fit_10m.low_frequency_gain",
+            p.low_frequency_gain,
+            t.low_frequency_gain,
+        )?
+        .note(format!(
+            "gain at 1 Hz; at 0.2 Hz it is {:.3} (printed constants) and {:.3} (traced)",
+            slowest(p.slowest_gain),
+            slowest(t.slowest_gain)
+        )),
         beside("hydrostatic.linear_fit_10m.stated_resonance_hz", p.peak_hz, t.peak_hz)?
             .note("frequency of the largest gain"),
         beside("hydrostatic.linear_fit_10m.stated_cutoff_hz", p.cut_off_hz, t.cut_off_hz)?
@@ -77,11 +87,14 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
             smallest(&printed, p.cut_off_hz.filter(|cut_off| *cut_off <= 24.0)),
             smallest(&traced, t.cut_off_hz),
         )?
-        .note("smallest gain from 0.2 Hz to the cut-off, or to 24 Hz where the cut-off lies higher"),
+        .note(
+            "smallest gain from 0.2 Hz to the cut-off, or to 24 Hz where the cut-off lies higher",
+        ),
         beside("hydrostatic.gain_bounds.max_db", decibels(p.peak_gain), decibels(t.peak_gain))?
             .note("gain at the peak"),
-        beside("hydrostatic.vanishing.frequency_hz", p.vanishing_hz, t.vanishing_hz)?
-            .note(format!("gain falls below {VANISHED_GAIN}; the thesis says \"almost disappears\"")),
+        beside("hydrostatic.vanishing.frequency_hz", p.vanishing_hz, t.vanishing_hz)?.note(
+            format!("gain falls below {VANISHED_GAIN}; the thesis says \"almost disappears\""),
+        ),
     ]
     .into_iter()
     .chain(fit_rows("10m", "3.4", &common.fitted))
@@ -109,7 +122,12 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
             &sweep(&Line::printed().with_length(SHORT_M), &frequencies)?,
         ),
         Curve::simulated("traced line", Colour::Blue, false, &sweep(&line, &frequencies)?),
-        Curve::linear("eq. 3.3.2", Colour::Black, &LinearSystem::ONE_METRE, &logarithmic(0.5, 120.0, SMOOTH)),
+        Curve::linear(
+            "eq. 3.3.2",
+            Colour::Black,
+            &LinearSystem::ONE_METRE,
+            &logarithmic(0.5, 120.0, SMOOTH),
+        ),
     ];
     if let Some(fitted) = &common.fitted_short[1] {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
@@ -123,15 +141,36 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
         common.fitted_short[1].as_ref(),
     )?);
     let (p, t) = (&common.tracing.printed, &common.tracing.traced);
-    let beside =
-        |id, printed, traced, note: &str| Ok(Row::beside(published(id)?, Role::Predicted, printed, traced).note(note));
+    let beside = |id, printed, traced, note: &str| {
+        Ok(Row::beside(published(id)?, Role::Predicted, printed, traced).note(note))
+    };
     let peak = "frequency of the largest gain, 1 m of hose, softened as at 10 m";
     let cut_off = "gain 0.707 above the peak, 1 m of hose";
     let rows: Vec<Row> = [
-        beside("hydrostatic.linear_fit_1m.stated_natural_frequency_hz", p.short_peak_hz, t.short_peak_hz, peak),
-        beside("hydrostatic.linear_fit_1m.stated_cutoff_hz", p.short_cut_off_hz, t.short_cut_off_hz, cut_off),
-        beside("hydrostatic.linear_fit_1m.formula_natural_hz", p.short_peak_hz, t.short_peak_hz, peak),
-        beside("hydrostatic.linear_fit_1m.formula_cutoff_hz", p.short_cut_off_hz, t.short_cut_off_hz, cut_off),
+        beside(
+            "hydrostatic.linear_fit_1m.stated_natural_frequency_hz",
+            p.short_peak_hz,
+            t.short_peak_hz,
+            peak,
+        ),
+        beside(
+            "hydrostatic.linear_fit_1m.stated_cutoff_hz",
+            p.short_cut_off_hz,
+            t.short_cut_off_hz,
+            cut_off,
+        ),
+        beside(
+            "hydrostatic.linear_fit_1m.formula_natural_hz",
+            p.short_peak_hz,
+            t.short_peak_hz,
+            peak,
+        ),
+        beside(
+            "hydrostatic.linear_fit_1m.formula_cutoff_hz",
+            p.short_cut_off_hz,
+            t.short_cut_off_hz,
+            cut_off,
+        ),
     ]
     .into_iter()
     .collect::<Result<Vec<Row>>>()?
@@ -154,15 +193,24 @@ pub fn measured(common: &Common) -> Result<Drawn> {
     let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
     let cut_off = published("hydrostatic.frequency_response_measured.cutoff_hz")?;
     let curves = [
-        Curve::simulated("printed constants", Colour::Vermillion, false, &sweep(&Line::printed(), &frequencies)?),
-        Curve::simulated("traced line", Colour::Blue, false, &sweep(&common.tracing.line, &frequencies)?),
+        Curve::simulated(
+            "printed constants",
+            Colour::Vermillion,
+            false,
+            &sweep(&Line::printed(), &frequencies)?,
+        ),
+        Curve::simulated(
+            "traced line",
+            Colour::Blue,
+            false,
+            &sweep(&common.tracing.line, &frequencies)?,
+        ),
     ];
     let [gains, phases] = bode("A  Hydrostatic", &curves, (0.2, 15.0), (0.5, 4.0), -220.0);
-    let gains = gains.vertical("measured resonance", resonance.value).colour(Colour::Black).scatter(
-        "measured cut-off",
-        &[cut_off.value],
-        &[CUT_OFF_GAIN],
-    );
+    let gains = gains
+        .vertical("measured resonance", resonance.value)
+        .colour(Colour::Black)
+        .scatter("measured cut-off", &[cut_off.value], &[CUT_OFF_GAIN]);
     let ([cable_gains, cable_phases], cable_rows) = super::cable::response()?;
     let sheet = Sheet::new("Fig. 5.7, responses against what was measured")
         .panel(gains)
@@ -171,12 +219,17 @@ pub fn measured(common: &Common) -> Result<Drawn> {
         .panel(cable_phases);
     let (p, t) = (&common.tracing.printed, &common.tracing.traced);
     let mut rows = vec![
-        Row::beside(resonance, Role::Fitted, p.peak_hz, t.peak_hz)
-            .note("frequency of the largest gain, ±30°; the only value that the softening was fitted to"),
-        Row::beside(cut_off, Role::Predicted, p.cut_off_hz, t.cut_off_hz).note("gain 0.707 above the peak, ±30°"),
-        Row::own("own.nominal.peak_hz", "5.7", "Hz", p.peak_hz, t.peak_hz).note("±30°, printed friction"),
-        Row::own("own.nominal.peak_gain", "5.7", "1", p.peak_gain, t.peak_gain).note("±30°, printed friction"),
-        Row::own("own.nominal.lag_1hz_s", "5.7", "s", p.lag_1hz_s, t.lag_1hz_s).note("±30°, printed friction"),
+        Row::beside(resonance, Role::Fitted, p.peak_hz, t.peak_hz).note(
+            "frequency of the largest gain, ±30°; the only value that the softening was fitted to",
+        ),
+        Row::beside(cut_off, Role::Predicted, p.cut_off_hz, t.cut_off_hz)
+            .note("gain 0.707 above the peak, ±30°"),
+        Row::own("own.nominal.peak_hz", "5.7", "Hz", p.peak_hz, t.peak_hz)
+            .note("±30°, printed friction"),
+        Row::own("own.nominal.peak_gain", "5.7", "1", p.peak_gain, t.peak_gain)
+            .note("±30°, printed friction"),
+        Row::own("own.nominal.lag_1hz_s", "5.7", "s", p.lag_1hz_s, t.lag_1hz_s)
+            .note("±30°, printed friction"),
     ];
     rows.extend(cable_rows);
     let caption = "Both transmissions over the frequencies of the measurement. Of it the text gives two numbers, the same for both: \
@@ -195,7 +248,8 @@ fn outputs(
     fitted: Option<&LinearSystem>,
 ) -> Result<Figure> {
     let [time, master, slave] = columns(&cycle(line, frequency_hz)?);
-    let of = |system: &LinearSystem| linear::cycle_deg(system, frequency_hz, line.amplitude_deg, &time);
+    let of =
+        |system: &LinearSystem| linear::cycle_deg(system, frequency_hz, line.amplitude_deg, &time);
     let mut figure = axes(title, "time / s", "position / °")
         .colour(Colour::Grey)
         .line("master", &time, &master)
@@ -223,8 +277,9 @@ fn fit_rows(length: &str, figure: &str, fitted: &[Option<LinearSystem>; 2]) -> V
         .into_iter()
         .map(|(name, unit, read)| {
             let [printed, traced] = [0, 1].map(|i: usize| fitted[i].as_ref().and_then(read));
-            Row::own(format!("own.linear_fit_{length}.{name}"), figure, unit, printed, traced)
-                .note("second order with dead time, fitted to the simulated response as the thesis's was")
+            Row::own(format!("own.linear_fit_{length}.{name}"), figure, unit, printed, traced).note(
+                "second order with dead time, fitted to the simulated response as the thesis's was",
+            )
         })
         .collect()
 }

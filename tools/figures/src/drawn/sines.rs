@@ -38,10 +38,21 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         1e3 * traced_cycle.response.lag_s(),
     );
     let rows = vec![
-        Row::beside(delay, Role::Predicted, Some(printed_cycle.response.lag_s()), Some(traced_cycle.response.lag_s()))
-            .note("lag of the slave's fundamental at 1 Hz, ±30°"),
-        Row::own("own.flat_top_1hz_s", "3.3", "s", Some(printed_cycle.flat_top_s()), Some(traced_cycle.flat_top_s()))
-            .note("longest time for which the slave stands still, 1 Hz, ±30°"),
+        Row::beside(
+            delay,
+            Role::Predicted,
+            Some(printed_cycle.response.lag_s()),
+            Some(traced_cycle.response.lag_s()),
+        )
+        .note("lag of the slave's fundamental at 1 Hz, ±30°"),
+        Row::own(
+            "own.flat_top_1hz_s",
+            "3.3",
+            "s",
+            Some(printed_cycle.flat_top_s()),
+            Some(traced_cycle.flat_top_s()),
+        )
+        .note("longest time for which the slave stands still, 1 Hz, ±30°"),
     ];
     Ok(Drawn { number: "3.3", title: "Movement along a sine", caption, sheet, rows })
 }

@@ -1,4 +1,5 @@
-//! One size and one look for all: 420 CSS pixels with text of 13, which is 7.5 points when printed 85 mm wide.
+//! One size and one look for all: 420 CSS pixels with text of 13, which is 7.5 points when printed
+//! 85 mm wide.
 
 use report::Figure;
 

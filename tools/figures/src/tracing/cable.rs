@@ -9,10 +9,11 @@ use crate::error::Result;
 use crate::measure::cut_off;
 use crate::row::{Role, Row};
 
-/// Amplitudes of the slave where the cables are rigid, degrees; none is printed. Below, friction holds the slave at some
-/// frequencies, and there is no one peak.
+/// Amplitudes of the slave where the cables are rigid, degrees; none is printed. Below, friction
+/// holds the slave at some frequencies, and there is no one peak.
 pub const AMPLITUDES_DEG: [f64; 2] = [20.0, 30.0];
-/// Damping of each half of a cable (N·s/m): as declared, and so much that the gain at the peak halves.
+/// Damping of each half of a cable (N·s/m): as declared, and so much that the gain at the peak
+/// halves.
 pub const DAMPINGS: [f64; 2] = [0.6, 5.0];
 /// Factors on the printed stiffness between which the fit looks.
 const FACTORS: (f64, f64) = (1.0 / 25.0, 1.0 / 90.0);
@@ -38,8 +39,10 @@ pub struct CableCell {
 /// Where a constant is out of range.
 pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
     let target = measured("cable.resonance_hz")?;
-    let open: Vec<(f64, f64)> =
-        DAMPINGS.iter().flat_map(|damping| AMPLITUDES_DEG.iter().map(|amplitude| (*damping, *amplitude))).collect();
+    let open: Vec<(f64, f64)> = DAMPINGS
+        .iter()
+        .flat_map(|damping| AMPLITUDES_DEG.iter().map(|amplitude| (*damping, *amplitude)))
+        .collect();
     open.par_iter()
         .map(|(damping, amplitude)| {
             let cable = |factor: f64| Cable {
@@ -60,7 +63,8 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
             };
             if let Some((factor, top)) = found {
                 cell.peak_gain = top.gain();
-                cell.cut_off_hz = top.frequency_hz().map_or(Ok(None), |hz| cut_off(&cable(factor), hz))?;
+                cell.cut_off_hz =
+                    top.frequency_hz().map_or(Ok(None), |hz| cut_off(&cable(factor), hz))?;
             }
             done();
             Ok(cell)
@@ -72,7 +76,10 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
 pub fn rows(cells: &[CableCell]) -> Vec<Row> {
     let mut rows = Vec::new();
     for cell in cells {
-        let name = format!("own.cable.grid.{:.0}deg_{:.1}ns_per_m", cell.amplitude_deg, cell.damping_n_s_per_m);
+        let name = format!(
+            "own.cable.grid.{:.0}deg_{:.1}ns_per_m",
+            cell.amplitude_deg, cell.damping_n_s_per_m
+        );
         for (what, unit, role, value) in [
             ("cable_stiffness_factor", "1", Role::Fitted, cell.factor),
             ("peak_gain", "1", Role::Predicted, cell.peak_gain),

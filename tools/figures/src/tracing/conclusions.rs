@@ -1,5 +1,6 @@
-//! Which statements hold wherever the thesis leaves something open. Each is computed in every cell of the grid; one cell
-//! that contradicts it beyond its tolerance, or that cannot say, is enough to take it back.
+//! Which statements hold wherever the thesis leaves something open. Each is computed in every cell
+//! of the grid; one cell that contradicts it beyond its tolerance, or that cannot say, is enough to
+//! take it back.
 
 use super::grid::Cell;
 use super::measured_resonance_hz;
@@ -96,7 +97,9 @@ pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion
     let mut all = vec![
         Conclusion {
             id: "printed_cannot_give_8_hz",
-            statement: format!("The printed constants cannot give the measured resonance of {resonance} Hz."),
+            statement: format!(
+                "The printed constants cannot give the measured resonance of {resonance} Hz."
+            ),
             tolerance_percent: Some(PEAK_PERCENT),
             against: against(cells, |cell| {
                 cell.printed.peak_hz.is_some_and(|peak| deviation(peak, resonance) > PEAK_PERCENT)
@@ -105,7 +108,9 @@ pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion
         },
         Conclusion {
             id: "softer_line_gives_8_hz",
-            statement: format!("One softening of the line gives the measured resonance of {resonance} Hz."),
+            statement: format!(
+                "One softening of the line gives the measured resonance of {resonance} Hz."
+            ),
             tolerance_percent: None,
             against: against(cells, |cell| cell.factor.is_some()),
             range: None,
@@ -118,7 +123,8 @@ pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion
             ),
             tolerance_percent: Some(FACTOR_PERCENT),
             against: against(cells, |cell| {
-                cell.factor.is_some_and(|factor| deviation(factor, nominal_factor) <= FACTOR_PERCENT)
+                cell.factor
+                    .is_some_and(|factor| deviation(factor, nominal_factor) <= FACTOR_PERCENT)
             }),
             range: range(cells, |cell| cell.factor.map(|factor| 1.0 / factor), "times softer"),
         },
@@ -146,7 +152,8 @@ pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion
             ),
             tolerance_percent: Some(within.percent),
             against: against(cells, |cell| {
-                (within.value)(cell).is_some_and(|value| deviation(value, row.value) <= within.percent)
+                (within.value)(cell)
+                    .is_some_and(|value| deviation(value, row.value) <= within.percent)
             }),
             range: range(cells, within.value, row.unit),
         });
@@ -162,9 +169,14 @@ fn against(cells: &[Cell], agrees: impl Fn(&Cell) -> bool) -> Vec<String> {
     cells.iter().filter(|cell| !agrees(cell)).map(Cell::name).collect()
 }
 
-fn range(cells: &[Cell], value: impl Fn(&Cell) -> Option<f64>, unit: &'static str) -> Option<(f64, f64, &'static str)> {
+fn range(
+    cells: &[Cell],
+    value: impl Fn(&Cell) -> Option<f64>,
+    unit: &'static str,
+) -> Option<(f64, f64, &'static str)> {
     let values = || cells.iter().filter_map(&value);
-    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    let (low, high) =
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     (low <= high).then_some((low, high, unit))
 }
 
@@ -176,12 +188,23 @@ mod tests {
 
     fn cell(lag_1hz_s: f64) -> Cell {
         let traced = Prediction { lag_1hz_s: Some(lag_1hz_s), ..Prediction::default() };
-        let printed = Prediction { peak_hz: Some(30.0), lag_1hz_s: Some(0.002), ..Prediction::default() };
-        Cell { amplitude_deg: 1e3 * lag_1hz_s, friction: Friction::Printed, factor: Some(0.07), printed, traced }
+        let printed =
+            Prediction { peak_hz: Some(30.0), lag_1hz_s: Some(0.002), ..Prediction::default() };
+        Cell {
+            amplitude_deg: 1e3 * lag_1hz_s,
+            friction: Friction::Printed,
+            factor: Some(0.07),
+            printed,
+            traced,
+        }
     }
 
     fn lag(cells: &[Cell]) -> Conclusion {
-        conclusions(cells, 0.07).unwrap().into_iter().find(|conclusion| conclusion.id == "lag_predicted").unwrap()
+        conclusions(cells, 0.07)
+            .unwrap()
+            .into_iter()
+            .find(|conclusion| conclusion.id == "lag_predicted")
+            .unwrap()
     }
 
     #[test]

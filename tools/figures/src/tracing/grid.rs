@@ -2,7 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::{PRINTED_RANGE_HZ, Prediction, fit_softening, measured_resonance_hz, near, predict, predict_response};
+use super::{
+    PRINTED_RANGE_HZ, Prediction, fit_softening, measured_resonance_hz, near, predict,
+    predict_response,
+};
 use crate::error::Result;
 use crate::line::{Line, MEASURED_FRICTION_NM};
 
@@ -35,7 +38,8 @@ impl Friction {
 
     /// By how much the printed friction is multiplied.
     pub fn share(self) -> f64 {
-        let measured = MEASURED_FRICTION_NM / Line::printed().parameters.static_friction_at_motor_nm();
+        let measured =
+            MEASURED_FRICTION_NM / Line::printed().parameters.static_friction_at_motor_nm();
         match self {
             Self::Printed => 1.0,
             Self::Measured => measured,
@@ -72,8 +76,10 @@ impl Cell {
 /// Where a constant is out of range.
 pub fn grid(amplitudes_deg: &[f64], done: impl Fn() + Sync) -> Result<Vec<Cell>> {
     let target = measured_resonance_hz()?;
-    let cells: Vec<(Friction, f64)> =
-        Friction::ALL.iter().flat_map(|friction| amplitudes_deg.iter().map(|a| (*friction, *a))).collect();
+    let cells: Vec<(Friction, f64)> = Friction::ALL
+        .iter()
+        .flat_map(|friction| amplitudes_deg.iter().map(|a| (*friction, *a)))
+        .collect();
     cells
         .par_iter()
         .map(|(friction, amplitude_deg)| {

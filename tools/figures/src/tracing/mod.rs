@@ -1,10 +1,12 @@
-//! The loop closed on published measurements: what the printed constants give, which softening of the line gives the
-//! measured resonance, and what that softening then says of all the other published numbers.
+//! The loop closed on published measurements: what the printed constants give, which softening of
+//! the line gives the measured resonance, and what that softening then says of all the other
+//! published numbers.
 //!
-//! One number is fitted (`line_stiffness_factor`) to one number (`frequency_response_measured.resonance_hz`). All else is
-//! prediction. The movement's amplitude is printed nowhere, and the friction of § 3.2.1 contradicts § 5.2.2's measurement,
-//! so [`grid`] does it all again over both, and [`conclusions`] keeps what holds everywhere. [`rivals`] asks whether
-//! something else than a softer line says more.
+//! One number is fitted (`line_stiffness_factor`) to one number
+//! (`frequency_response_measured.resonance_hz`). All else is prediction. The movement's amplitude
+//! is printed nowhere, and the friction of § 3.2.1 contradicts § 5.2.2's measurement, so [`grid`]
+//! does it all again over both, and [`conclusions`] keeps what holds everywhere. [`rivals`] asks
+//! whether something else than a softer line says more.
 
 pub mod cable;
 pub mod conclusions;
@@ -72,7 +74,8 @@ fn measured(id: &'static str) -> Result<f64> {
     Ok(published(id)?.value)
 }
 
-/// What a line predicts of its own response, the peak looked for between two frequencies, Hz: peak, cut-off, lag and gain.
+/// What a line predicts of its own response, the peak looked for between two frequencies, Hz: peak,
+/// cut-off, lag and gain.
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
@@ -90,8 +93,9 @@ pub fn predict_response(line: &Line, (low, high): (f64, f64)) -> Result<Predicti
     })
 }
 
-/// All that a line predicts: [`predict_response`], and its response with 1 m of hose, the peak looked for between the lower
-/// bound and ten times the upper one (the resonance of a shorter line rises at most with 1/length).
+/// All that a line predicts: [`predict_response`], and its response with 1 m of hose, the peak
+/// looked for between the lower bound and ten times the upper one (the resonance of a shorter line
+/// rises at most with 1/length).
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
@@ -128,21 +132,28 @@ fn near(target_hz: f64) -> (f64, f64) {
     (0.5 * target_hz, 2.0 * target_hz)
 }
 
-/// Where it is looked for once a size is bracketed, Hz: of what lies farther off, the side is all that matters.
+/// Where it is looked for once a size is bracketed, Hz: of what lies farther off, the side is all
+/// that matters.
 fn close(target_hz: f64) -> (f64, f64) {
     (target_hz / 1.3, 1.3 * target_hz)
 }
 
-/// The size with which `rig(size)` peaks at `target_hz`; `None` where no size from `harmless` to `strongest` (both
-/// positive) does. Of several it is the one nearest to `harmless`.
+/// The size with which `rig(size)` peaks at `target_hz`; `None` where no size from `harmless` to
+/// `strongest` (both positive) does. Of several it is the one nearest to `harmless`.
 ///
-/// Brackets a root of "simulated peak less target" in the logarithm of the size, then closes in on it. A size whose peak
-/// lies outside half to twice the target counts as on that side of it, one with which the slave no longer moves as beyond
-/// the target. What is found is simulated again, since a peak may jump.
+/// Brackets a root of "simulated peak less target" in the logarithm of the size, then closes in on
+/// it. A size whose peak lies outside half to twice the target counts as on that side of it, one
+/// with which the slave no longer moves as beyond the target. What is found is simulated again,
+/// since a peak may jump.
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
-pub fn fit<R: Rig>(target_hz: f64, harmless: f64, strongest: f64, rig: impl Fn(f64) -> R) -> Result<Option<f64>> {
+pub fn fit<R: Rig>(
+    target_hz: f64,
+    harmless: f64,
+    strongest: f64,
+    rig: impl Fn(f64) -> R,
+) -> Result<Option<f64>> {
     Ok(fit_with_peak(target_hz, harmless, strongest, rig)?.map(|(size, _)| size))
 }
 
@@ -157,7 +168,8 @@ pub fn fit_with_peak<R: Rig>(
     rig: impl Fn(f64) -> R,
 ) -> Result<Option<(f64, Peak)>> {
     // Clamped, since the exponential of a logarithm may step over the end of a parameter's range.
-    let size = |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
+    let size =
+        |logarithm: f64| logarithm.exp().clamp(harmless.min(strongest), harmless.max(strongest));
     let off = |peak: &Peak| match peak {
         Peak::Inside { frequency_hz, .. } => frequency_hz - target_hz,
         Peak::Below | Peak::Still => -target_hz,
@@ -207,8 +219,8 @@ pub struct Tracing {
     pub printed: Prediction,
     /// What the softened line predicts.
     pub traced: Prediction,
-    /// Largest difference of gain between a line with the effect `line_compliance` and one with the bulk modulus times the
-    /// factor, over fig. 3.4's frequencies.
+    /// Largest difference of gain between a line with the effect `line_compliance` and one with the
+    /// bulk modulus times the factor, over fig. 3.4's frequencies.
     pub misprint_difference: f64,
 }
 
@@ -233,10 +245,16 @@ pub fn trace() -> Result<Tracing> {
     })?;
     let line = printed.clone().softened(factor);
     let frequencies = measure::logarithmic(LOW_HZ, HIGH_HZ, 12);
-    let compliance = Added { id: "line_compliance", site: Site::Line, size: 1.0 / factor - 1.0, more: Vec::new() };
+    let compliance = Added {
+        id: "line_compliance",
+        site: Site::Line,
+        size: 1.0 / factor - 1.0,
+        more: Vec::new(),
+    };
     let softer = measure::sweep(&printed.clone().with(compliance), &frequencies)?;
     let misprinted = measure::sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
-    let misprint_difference = softer.iter().zip(&misprinted).map(|(a, b)| (a.gain - b.gain).abs()).fold(0.0, f64::max);
+    let misprint_difference =
+        softer.iter().zip(&misprinted).map(|(a, b)| (a.gain - b.gain).abs()).fold(0.0, f64::max);
     Ok(Tracing {
         factor,
         printed: predict_widely(&printed, PRINTED_RANGE_HZ)?,

@@ -1,4 +1,5 @@
-//! Other explanations of the measured 8 Hz, each with whatever size gives it, and what each then says of the rest.
+//! Other explanations of the measured 8 Hz, each with whatever size gives it, and what each then
+//! says of the rest.
 
 use plant::effects::Site;
 use rayon::prelude::*;
@@ -47,8 +48,9 @@ pub fn held_rows() -> Result<Vec<Held>> {
 }
 
 impl Rival {
-    /// Root mean square of `ln(predicted/published)` over the held rows, in percent, of those measured on the rig or of
-    /// all; none where something is not predicted at all. Logarithms, so that half and twice count alike.
+    /// Root mean square of `ln(predicted/published)` over the held rows, in percent, of those
+    /// measured on the rig or of all; none where something is not predicted at all. Logarithms, so
+    /// that half and twice count alike.
     ///
     /// # Errors
     /// Those of [`held_rows`].
@@ -67,7 +69,8 @@ impl Rival {
     }
 }
 
-/// Stiffness of the relaxing branch over that of the spring, and its time, s: the effect's own defaults.
+/// Stiffness of the relaxing branch over that of the spring, and its time, s: the effect's own
+/// defaults.
 const BRANCH: (f64, f64) = (0.5, 0.1);
 
 fn added(id: &'static str, site: Site, size: f64) -> Added {

@@ -14,7 +14,12 @@ const FIGURE: &str = "5.7";
 ///
 /// # Errors
 /// Where a published value is missing from the table.
-pub fn rows(tracing: &Tracing, cells: &[Cell], rivals: &[Rival], conclusions: &[Conclusion]) -> Result<Vec<Row>> {
+pub fn rows(
+    tracing: &Tracing,
+    cells: &[Cell],
+    rivals: &[Rival],
+    conclusions: &[Conclusion],
+) -> Result<Vec<Row>> {
     let mut rows = vec![
         Row::own("own.line_stiffness_factor", FIGURE, "1", Some(1.0), Some(tracing.factor))
             .role(Role::Fitted)
@@ -50,9 +55,15 @@ pub fn rows(tracing: &Tracing, cells: &[Cell], rivals: &[Rival], conclusions: &[
             ("short_cutoff_hz", "Hz", None, t.short_cut_off_hz),
         ];
         for (name, unit, printed, traced) in values {
-            let role =
-                if ["line_stiffness_factor", "peak_hz"].contains(&name) { Role::Fitted } else { Role::Predicted };
-            rows.push(Row::own(format!("own.grid.{}.{name}", cell.name()), FIGURE, unit, printed, traced).role(role));
+            let role = if ["line_stiffness_factor", "peak_hz"].contains(&name) {
+                Role::Fitted
+            } else {
+                Role::Predicted
+            };
+            rows.push(
+                Row::own(format!("own.grid.{}.{name}", cell.name()), FIGURE, unit, printed, traced)
+                    .role(role),
+            );
         }
     }
     for rival in rivals {
@@ -74,7 +85,10 @@ pub fn rows(tracing: &Tracing, cells: &[Cell], rivals: &[Rival], conclusions: &[
         ];
         for (name, unit, value) in values {
             let role = if name == "peak_hz" { Role::Fitted } else { Role::Predicted };
-            rows.push(Row::own(format!("own.explanation.{id}.{name}"), FIGURE, unit, None, value).role(role));
+            rows.push(
+                Row::own(format!("own.explanation.{id}.{name}"), FIGURE, unit, None, value)
+                    .role(role),
+            );
         }
     }
     for conclusion in conclusions {

@@ -1,12 +1,14 @@
 //! An amplifier that puts out nothing for small commands.
 //!
-//! `f = F - clamp(F, ±half_width)`, so that a wanted force `f` costs the command `F = f + half_width · sign(f)`. `f` comes from the
-//! motion, not from the command, whose noise would explain itself; its sign is smoothed over a twentieth of the force's rms.
+//! `f = F - clamp(F, ±half_width)`, so that a wanted force `f` costs the command `F = f +
+//! half_width · sign(f)`. `f` comes from the motion, not from the command, whose noise would
+//! explain itself; its sign is smoothed over a twentieth of the force's rms.
 //!
-//! Parameter: `half_width` (N, N·m or V), at least 0; crossover of a stage without bias, 0.5 to 5 % of the range.
+//! Parameter: `half_width` (N, N·m or V), at least 0; crossover of a stage without bias, 0.5 to 5 %
+//! of the range.
 //!
-//! In a residual: over the command a step at zero. Confused with: Coulomb friction where inertia hardly matters (command and
-//! velocity then change sign together).
+//! In a residual: over the command a step at zero. Confused with: Coulomb friction where inertia
+//! hardly matters (command and velocity then change sign together).
 
 use super::{Axis, Effect, InverseEffect, Term, View};
 

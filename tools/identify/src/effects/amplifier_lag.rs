@@ -1,12 +1,14 @@
 //! An amplifier that follows late.
 //!
-//! `T ḟ + f = F`: a first-order lag of the current loop. A wanted force `f` costs the command `F = f + T ḟ`; `ḟ` comes from
-//! the motion, not from the command.
+//! `T ḟ + f = F`: a first-order lag of the current loop. A wanted force `f` costs the command `F =
+//! f + T ḟ`; `ḟ` comes from the motion, not from the command.
 //!
-//! Parameter: `time_constant` `T` (s), at least 0; 0.1 ms in a good current loop, 5 ms in a slow one.
+//! Parameter: `time_constant` `T` (s), at least 0; 0.1 ms in a good current loop, 5 ms in a slow
+//! one.
 //!
-//! In a residual: error in proportion to the rate of the force, largest at quick reversals. Confused with: dead time (the same in
-//! first order; below one and a half sampling periods neither gets a name), a mass or damping outside of its tolerance.
+//! In a residual: error in proportion to the rate of the force, largest at quick reversals.
+//! Confused with: dead time (the same in first order; below one and a half sampling periods neither
+//! gets a name), a mass or damping outside of its tolerance.
 
 use super::transport_delay::LAG_OR_DEAD_TIME;
 use super::{Axis, Effect, InverseEffect, Term, View};
@@ -52,7 +54,13 @@ impl InverseEffect for AmplifierLag {
     fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
         vec![derivatives(view.model, step_of(&view.signals.time).unwrap_or(1.0)).0]
     }
-    fn deliver(&self, command: &[f64], step: f64, amplitudes: &[f64], _: &[f64]) -> Option<Vec<f64>> {
+    fn deliver(
+        &self,
+        command: &[f64],
+        step: f64,
+        amplitudes: &[f64],
+        _: &[f64],
+    ) -> Option<Vec<f64>> {
         let share = step / amplitudes[0].max(1e-9 * step);
         let kept = (-share).exp();
         let mut before = command.first().copied().unwrap_or(0.0);

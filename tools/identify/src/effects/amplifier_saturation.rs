@@ -2,10 +2,11 @@
 //!
 //! `f = clamp(F, ±limit)`: of the command `F` beyond the limit nothing arrives.
 //!
-//! Parameter: `limit` (N, N·m or V), 30 to 98 % of the largest command of the records; one above it does not act.
+//! Parameter: `limit` (N, N·m or V), 30 to 98 % of the largest command of the records; one above it
+//! does not act.
 //!
-//! In a residual: nothing at all but for the highest commands, where the motion lags what was asked for. Confused with: load-dependent
-//! friction, a command channel at its own rail.
+//! In a residual: nothing at all but for the highest commands, where the motion lags what was asked
+//! for. Confused with: load-dependent friction, a command channel at its own rail.
 
 use super::{Axis, Effect, InverseEffect, Shape, Term, View};
 
@@ -37,7 +38,12 @@ impl InverseEffect for AmplifierSaturation {
         vec![Term::given()]
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
-        vec![Shape::by_factors("limit", axis.units.force, (0.3 * axis.force_peak, 0.98 * axis.force_peak), 12)]
+        vec![Shape::by_factors(
+            "limit",
+            axis.units.force,
+            (0.3 * axis.force_peak, 0.98 * axis.force_peak),
+            12,
+        )]
     }
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
         vec![view.signals.force.iter().map(|f| f - f.clamp(-shapes[0], shapes[0])).collect()]

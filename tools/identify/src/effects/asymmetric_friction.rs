@@ -4,16 +4,17 @@
 //!
 //! `F = (c₊+c₋)/2 · v + (c₊-c₋)/2 · |v| + (F₊+F₋)/2 · sign v + (F₊-F₋)/2 · |sign v|`.
 //!
-//! The first and third terms are the symmetric model. The last one is 1 wherever the machine moves, as is the column of
-//! the offset: the two differ only during standstill, where static friction hides the force anyway. So the
-//! difference of the Coulomb terms goes into the fitted offset, cannot be told from it, and has no column here.
-//! What remains is the viscous part. Source: Janot, Gautier, Brunot 2019 (EMPS), direction-dependent friction.
+//! The first and third terms are the symmetric model. The last one is 1 wherever the machine moves,
+//! as is the column of the offset: the two differ only during standstill, where static friction
+//! hides the force anyway. So the difference of the Coulomb terms goes into the fitted offset,
+//! cannot be told from it, and has no column here. What remains is the viscous part. Source: Janot,
+//! Gautier, Brunot 2019 (EMPS), direction-dependent friction.
 //!
-//! Parameter: `viscous_difference = (c₊-c₋)/2` (N·s/m or N·m·s/rad), either sign, positive where the positive direction is the
-//! stiffer one; up to the viscous friction itself.
+//! Parameter: `viscous_difference = (c₊-c₋)/2` (N·s/m or N·m·s/rad), either sign, positive where
+//! the positive direction is the stiffer one; up to the viscous friction itself.
 //!
-//! In a residual: a V over the velocity. Confused with: an offset, where the speed is the same in both directions; quadratic
-//! drag that acts in one direction only.
+//! In a residual: a V over the velocity. Confused with: an offset, where the speed is the same in
+//! both directions; quadratic drag that acts in one direction only.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 

@@ -1,13 +1,14 @@
 //! Lost motion: a gap in which no force passes.
 //!
-//! `F = -stiffness_lost · clamp(x - centre, ±gap/2)` beside the declared `k x`, with `stiffness_lost` near `k`: inside the gap the
-//! spring is missing, outside it begins at the gap's edge. Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
+//! `F = -stiffness_lost · clamp(x - centre, ±gap/2)` beside the declared `k x`, with
+//! `stiffness_lost` near `k`: inside the gap the spring is missing, outside it begins at the gap's
+//! edge. Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
 //!
-//! Parameters: `gap` (m or rad), 0.5 to 60 % of the travel; `centre` (m or rad), within the travel; `stiffness_lost` (N/m or
-//! N·m/rad), at least 0, near the stiffness for a real gap.
+//! Parameters: `gap` (m or rad), 0.5 to 60 % of the travel; `centre` (m or rad), within the travel;
+//! `stiffness_lost` (N/m or N·m/rad), at least 0, near the stiffness for a real gap.
 //!
-//! In a residual: over the position a flat part with two kinks, without a loop. Confused with: a stiffening spring (no kinks),
-//! presliding hysteresis (a loop).
+//! In a residual: over the position a flat part with two kinks, without a loop. Confused with: a
+//! stiffening spring (no kinks), presliding hysteresis (a loop).
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
 
@@ -42,7 +43,12 @@ impl InverseEffect for Backlash {
         let (low, travel) = (axis.positions.0, axis.travel());
         vec![
             Shape::by_factors("gap", axis.units.position, (0.005 * travel, 0.6 * travel), 8),
-            Shape::by_steps("centre", axis.units.position, (low + 0.1 * travel, low + 0.9 * travel), 17),
+            Shape::by_steps(
+                "centre",
+                axis.units.position,
+                (low + 0.1 * travel, low + 0.9 * travel),
+                17,
+            ),
         ]
     }
     fn law(&self) -> Option<&dyn Law> {

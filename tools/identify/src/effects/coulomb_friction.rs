@@ -1,13 +1,14 @@
 //! Coulomb friction: a constant force against the motion.
 //!
-//! `F = coulomb · sign(v)`, the sign smoothed as `tanh(v / smoothing_speed)`. Source: Coulomb; Armstrong-Hélouvry, Dupont,
-//! Canudas de Wit, Automatica 30 (1994), eq. 1.
+//! `F = coulomb · sign(v)`, the sign smoothed as `tanh(v / smoothing_speed)`. Source: Coulomb;
+//! Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), eq. 1.
 //!
-//! Parameter: `coulomb` (N or N·m), at least 0, since friction takes energy out; from some per cent of the drive's force in
-//! ball bearings to half of it at rubber seals.
+//! Parameter: `coulomb` (N or N·m), at least 0, since friction takes energy out; from some per cent
+//! of the drive's force in ball bearings to half of it at rubber seals.
 //!
-//! In a residual: a step at each reversal of the velocity, flat between. Confused with: presliding hysteresis (a step over
-//! a travel instead of a speed), load-dependent friction where the load hardly varies.
+//! In a residual: a step at each reversal of the velocity, flat between. Confused with: presliding
+//! hysteresis (a step over a travel instead of a speed), load-dependent friction where the load
+//! hardly varies.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 

@@ -1,11 +1,14 @@
 //! Mass or inertia beyond the declared tolerance.
 //!
-//! `F = m a` with `m` outside of what is declared: missing physics that acts like a changed parameter. Inside the
-//! tolerance the same change is calibration, and no effect. A part tested by itself for which no mass is declared has none.
+//! `F = m a` with `m` outside of what is declared: missing physics that acts like a changed
+//! parameter. Inside the tolerance the same change is calibration, and no effect. A part tested by
+//! itself for which no mass is declared has none.
 //!
-//! Parameter: `mass_beyond_declared` (kg or kg·m²), fitted less declared; either sign, the sum at least 0.
+//! Parameter: `mass_beyond_declared` (kg or kg·m²), fitted less declared; either sign, the sum at
+//! least 0.
 //!
-//! In a residual: a straight line over the acceleration. Confused with: a wrong scale of the force, dead time beside a spring.
+//! In a residual: a straight line over the acceleration. Confused with: a wrong scale of the force,
+//! dead time beside a spring.
 
 use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 

@@ -2,10 +2,11 @@
 //!
 //! `τ = sine · sin q + cosine · cos q`; `√(sine² + cosine²) = m g l`. Source: pendulum.
 //!
-//! Parameters: `sine`, `cosine` (N·m); 0.2 kg at 0.1 m makes 0.2 N·m. Rotary axes that turn by 0.3 rad or more.
+//! Parameters: `sine`, `cosine` (N·m); 0.2 kg at 0.1 m makes 0.2 N·m. Rotary axes that turn by 0.3
+//! rad or more.
 //!
-//! In a residual: one wave a turn over the position, the same both ways. Confused with: a spring (over a small angle), an offset,
-//! torque ripple of low order.
+//! In a residual: one wave a turn over the position, the same both ways. Confused with: a spring
+//! (over a small angle), an offset, torque ripple of low order.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 

@@ -1,12 +1,14 @@
 //! Compliance in series beyond the declared tolerance.
 //!
-//! `F = k x` with `k` outside of what is declared: hose bulging, belts, a clamp that gives way (or one that
-//! stiffens). A spring in series with the declared one acts as a smaller stiffness: `1/k = 1/k_declared + compliance`.
+//! `F = k x` with `k` outside of what is declared: hose bulging, belts, a clamp that gives way (or
+//! one that stiffens). A spring in series with the declared one acts as a smaller stiffness: `1/k =
+//! 1/k_declared + compliance`.
 //!
-//! Parameter: `stiffness_beyond_declared` (N/m or N·m/rad), fitted less declared; negative where compliance is added.
+//! Parameter: `stiffness_beyond_declared` (N/m or N·m/rad), fitted less declared; negative where
+//! compliance is added.
 //!
-//! In a residual: a straight line over the position. Confused with: a wrong scale of force or position, a relaxing branch in
-//! records slower or faster than its relaxation.
+//! In a residual: a straight line over the position. Confused with: a wrong scale of force or
+//! position, a relaxing branch in records slower or faster than its relaxation.
 
 use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 

@@ -2,10 +2,11 @@
 //!
 //! `F = d v` with `d` outside of what is declared, where a spring stands beside it (Kelvin-Voigt).
 //!
-//! Parameter: `damping_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign, the sum at least 0.
+//! Parameter: `damping_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign,
+//! the sum at least 0.
 //!
-//! In a residual: a straight line over the velocity; loops over the position that grow with frequency. Confused with: a
-//! relaxing branch faster than the record, viscous friction, dead time.
+//! In a residual: a straight line over the velocity; loops over the position that grow with
+//! frequency. Confused with: a relaxing branch faster than the record, viscous friction, dead time.
 
 use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 

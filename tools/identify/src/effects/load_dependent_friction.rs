@@ -1,12 +1,14 @@
 //! Friction that grows with the force that passes.
 //!
-//! `F = coefficient · |f| · sign(v)`, `f` the force that the rest of the model asks for: bearings pressed by the belt, seals pressed
-//! by the fluid. `f` comes from the motion, not from the measured force, whose noise would explain itself.
+//! `F = coefficient · |f| · sign(v)`, `f` the force that the rest of the model asks for: bearings
+//! pressed by the belt, seals pressed by the fluid. `f` comes from the motion, not from the
+//! measured force, whose noise would explain itself.
 //!
 //! Parameter: `coefficient` (1), 0 to 0.9; 0.01 in ball bearings, 0.1 to 0.3 at dry seals.
 //!
-//! In a residual: over the force, a V in one direction and its mirror image in the other; nothing where no load passes. Confused
-//! with: Coulomb friction (constant load), a wrong scale of the force.
+//! In a residual: over the force, a V in one direction and its mirror image in the other; nothing
+//! where no load passes. Confused with: Coulomb friction (constant load), a wrong scale of the
+//! force.
 
 use super::{Axis, Effect, InverseEffect, Term, View};
 

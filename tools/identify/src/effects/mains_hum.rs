@@ -1,11 +1,13 @@
 //! Mains frequency in the channel of the force.
 //!
-//! `F = sine · sin(2π f t) + cosine · cos(2π f t)` with `f` within 0.1 Hz of 50 or 60 Hz: what grids and sampling clocks differ.
+//! `F = sine · sin(2π f t) + cosine · cos(2π f t)` with `f` within 0.1 Hz of 50 or 60 Hz: what
+//! grids and sampling clocks differ.
 //!
-//! Parameters: `sine`, `cosine` (N, N·m or V), some thousandths of the range to some per cent; `frequency` `f` (Hz).
+//! Parameters: `sine`, `cosine` (N, N·m or V), some thousandths of the range to some per cent;
+//! `frequency` `f` (Hz).
 //!
-//! In a residual: a line in its spectrum at 50 or 60 Hz. A real vibration at mains frequency cannot be told from it in one
-//! channel and is taken for hum. Confused with: periodic disturbance.
+//! In a residual: a line in its spectrum at 50 or 60 Hz. A real vibration at mains frequency cannot
+//! be told from it in one channel and is taken for hum. Confused with: periodic disturbance.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Spacing, Term, waves};
 
@@ -41,7 +43,10 @@ impl InverseEffect for MainsHum {
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
         let points = 2 * waves::points(0.2 * axis.seconds);
-        vec![Shape { spacing: Spacing::Mains, ..Shape::by_steps("frequency", "Hz", (49.9, 60.1), points) }]
+        vec![Shape {
+            spacing: Spacing::Mains,
+            ..Shape::by_steps("frequency", "Hz", (49.9, 60.1), points)
+        }]
     }
     fn law(&self) -> Option<&dyn Law> {
         Some(self)

@@ -1,5 +1,5 @@
-//! The listed effects of drives, elements and oscillators: one file each, and one line in [`ALL`]. Those of transmissions are the plant's
-//! ([`plant::effects`]).
+//! The listed effects of drives, elements and oscillators: one file each, and one line in [`ALL`].
+//! Those of transmissions are the plant's ([`plant::effects`]).
 
 mod amplifier_deadzone;
 mod amplifier_lag;
@@ -30,7 +30,8 @@ mod waves;
 use crate::inverse::signals::Signals;
 use crate::regression::Bound;
 
-/// Every effect that identify knows by name of drives, elements and oscillators; of transmissions it knows [`plant::effects::LIST`].
+/// Every effect that identify knows by name of drives, elements and oscillators; of transmissions
+/// it knows [`plant::effects::LIST`].
 pub static ALL: &[&dyn Effect] = &[
     &coulomb_friction::CoulombFriction,
     &asymmetric_friction::AsymmetricFriction,
@@ -63,7 +64,8 @@ pub fn find(id: &str) -> Option<&'static dyn Effect> {
     ALL.iter().copied().find(|effect| effect.id() == id)
 }
 
-/// What an effect is, whatever the model: its name, where it can sit, what would tell it from others.
+/// What an effect is, whatever the model: its name, where it can sit, what would tell it from
+/// others.
 pub trait Effect: Sync {
     /// Fixed id, as in the table of effects.
     fn id(&self) -> &'static str;
@@ -98,8 +100,14 @@ pub struct Units {
 
 impl Units {
     /// Of a linear axis.
-    pub const LINEAR: Self =
-        Self { force: "N", position: "m", velocity: "m/s", stiffness: "N/m", damping: "N·s/m", mass: "kg" };
+    pub const LINEAR: Self = Self {
+        force: "N",
+        position: "m",
+        velocity: "m/s",
+        stiffness: "N/m",
+        damping: "N·s/m",
+        mass: "kg",
+    };
     /// Of a rotary axis.
     pub const ROTARY: Self = Self {
         force: "N·m",
@@ -110,8 +118,14 @@ impl Units {
         mass: "kg·m²",
     };
     /// Of a circuit whose input and output are volts.
-    pub const VOLTS: Self =
-        Self { force: "V", position: "V", velocity: "V/s", stiffness: "1", damping: "s", mass: "s²" };
+    pub const VOLTS: Self = Self {
+        force: "V",
+        position: "V",
+        velocity: "V/s",
+        stiffness: "1",
+        damping: "s",
+        mass: "s²",
+    };
 }
 
 /// What effects are scaled with: units, and how far, fast and long the records go.
@@ -157,7 +171,8 @@ pub struct Term {
     pub name: String,
     /// Its unit.
     pub unit: String,
-    /// Physical limits of the amplitude. Where they meet it is given, not fitted, and is not reported.
+    /// Physical limits of the amplitude. Where they meet it is given, not fitted, and is not
+    /// reported.
     pub bound: Bound,
 }
 
@@ -210,11 +225,28 @@ pub struct Shape {
 
 impl Shape {
     /// A shape that is searched by factors.
-    pub fn by_factors(name: &str, unit: impl Into<String>, (low, high): (f64, f64), points: usize) -> Self {
-        Self { name: name.into(), unit: unit.into(), low, high, points, spacing: Spacing::Logarithmic }
+    pub fn by_factors(
+        name: &str,
+        unit: impl Into<String>,
+        (low, high): (f64, f64),
+        points: usize,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            low,
+            high,
+            points,
+            spacing: Spacing::Logarithmic,
+        }
     }
     /// A shape that is searched by equal steps.
-    pub fn by_steps(name: &str, unit: impl Into<String>, (low, high): (f64, f64), points: usize) -> Self {
+    pub fn by_steps(
+        name: &str,
+        unit: impl Into<String>,
+        (low, high): (f64, f64),
+        points: usize,
+    ) -> Self {
         Self { name: name.into(), unit: unit.into(), low, high, points, spacing: Spacing::Linear }
     }
     /// The value at a share of the range, 0 to 1.
@@ -257,7 +289,8 @@ pub struct View<'a> {
     pub signals: &'a Signals,
     /// Smoothed sign of the velocity.
     pub sign: &'a [f64],
-    /// The force that the model without this effect asks for, low-passed. Empty before there is one.
+    /// The force that the model without this effect asks for, low-passed. Empty before there is
+    /// one.
     pub model: &'a [f64],
     /// Units and scales.
     pub axis: &'a Axis,
@@ -290,21 +323,22 @@ pub trait Law: Sync {
 
 /// An effect as columns of a regression.
 ///
-/// Columns are functions of the filtered motion. They are nonlinear, so the caller low-passes them once more: the
-/// force was low-passed after the machine had formed it, and a model must be treated alike.
+/// Columns are functions of the filtered motion. They are nonlinear, so the caller low-passes them
+/// once more: the force was low-passed after the machine had formed it, and a model must be treated
+/// alike.
 pub trait InverseEffect: Sync {
     /// Effects that must be in the model first, because this one by itself would mimic them.
     fn needs(&self) -> &'static [&'static str] {
         &[]
     }
-    /// The simpler effect that this one contains as a limit. Where the simpler one does as well it is taken, and the two
-    /// are no rivals.
+    /// The simpler effect that this one contains as a limit. Where the simpler one does as well it
+    /// is taken, and the two are no rivals.
     fn refines(&self) -> Option<&'static str> {
         None
     }
-    /// The declared parameter whose tolerance it lifts, for effects that act like a changed parameter. Such an
-    /// effect is a candidate only where the fit stands at the tolerance's edge; where the parameter is
-    /// not declared it has a column of its own.
+    /// The declared parameter whose tolerance it lifts, for effects that act like a changed
+    /// parameter. Such an effect is a candidate only where the fit stands at the tolerance's edge;
+    /// where the parameter is not declared it has a column of its own.
     fn lifts(&self) -> Option<Declared> {
         None
     }
@@ -324,8 +358,8 @@ pub trait InverseEffect: Sync {
     fn linear(&self) -> bool {
         false
     }
-    /// By how much it shifts the force in time (s), where that is all it does. A shift of about a sampling period is what
-    /// sampling and holding make, and gets no name.
+    /// By how much it shifts the force in time (s), where that is all it does. A shift of about a
+    /// sampling period is what sampling and holding make, and gets no name.
     fn shift(&self, _amplitudes: &[f64], _shapes: &[f64]) -> Option<f64> {
         None
     }
@@ -343,8 +377,15 @@ pub trait InverseEffect: Sync {
     fn law(&self) -> Option<&dyn Law> {
         None
     }
-    /// What arrives of a command that passes it (`step` apart (s)); `None` where it leaves the command alone.
-    fn deliver(&self, _command: &[f64], _step: f64, _amplitudes: &[f64], _shapes: &[f64]) -> Option<Vec<f64>> {
+    /// What arrives of a command that passes it (`step` apart (s)); `None` where it leaves the
+    /// command alone.
+    fn deliver(
+        &self,
+        _command: &[f64],
+        _step: f64,
+        _amplitudes: &[f64],
+        _shapes: &[f64],
+    ) -> Option<Vec<f64>> {
         None
     }
     /// One column per term at the full rate; a law without states is tabulated.

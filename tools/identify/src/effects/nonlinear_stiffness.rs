@@ -1,14 +1,16 @@
 //! A spring that stiffens or softens.
 //!
-//! `F = cubic · x³ + quadratic · x²` beside the declared `k x`: the odd term acts alike both ways, the even one makes one
-//! direction stiffer than the other (gas trapped in one line, fibres that take load one after the other, a spring that was
-//! measured from another zero: a shift by `e` makes `3 cubic e x²`). Source: Duffing 1918.
+//! `F = cubic · x³ + quadratic · x²` beside the declared `k x`: the odd term acts alike both ways,
+//! the even one makes one direction stiffer than the other (gas trapped in one line, fibres that
+//! take load one after the other, a spring that was measured from another zero: a shift by `e`
+//! makes `3 cubic e x²`). Source: Duffing 1918.
 //!
-//! Parameters: `cubic` (N/m³, N·m/rad³ or V⁻²), `quadratic` (N/m², N·m/rad² or V⁻¹), either sign; at the largest deflection
-//! they add some per cent to several times the linear force.
+//! Parameters: `cubic` (N/m³, N·m/rad³ or V⁻²), `quadratic` (N/m², N·m/rad² or V⁻¹), either sign;
+//! at the largest deflection they add some per cent to several times the linear force.
 //!
-//! In a residual: over the position an S (odd) or a parabola (even), without a loop; in frequency, energy at two and three
-//! times what was put in. Confused with: a compliance outside of its tolerance, backlash.
+//! In a residual: over the position an S (odd) or a parabola (even), without a loop; in frequency,
+//! energy at two and three times what was put in. Confused with: a compliance outside of its
+//! tolerance, backlash.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 

@@ -1,12 +1,14 @@
 //! A vibration of fixed frequency.
 //!
-//! `F = sine · sin(2π f t) + cosine · cos(2π f t)`: the scanner's gradients shake the table, a pump runs beside.
+//! `F = sine · sin(2π f t) + cosine · cos(2π f t)`: the scanner's gradients shake the table, a pump
+//! runs beside.
 //!
-//! Parameters: `sine`, `cosine` (N, N·m or V); `frequency` `f` (Hz), from two periods in the record to a little above the
-//! low-pass, without 0.15 Hz to either side of 50 and 60 Hz, where a tone is taken for mains hum.
+//! Parameters: `sine`, `cosine` (N, N·m or V); `frequency` `f` (Hz), from two periods in the record
+//! to a little above the low-pass, without 0.15 Hz to either side of 50 and 60 Hz, where a tone is
+//! taken for mains hum.
 //!
-//! In a residual: one line in its spectrum, whatever the movement does. Confused with: mains hum, torque ripple at constant
-//! speed, a movement that repeats itself at the same frequency.
+//! In a residual: one line in its spectrum, whatever the movement does. Confused with: mains hum,
+//! torque ripple at constant speed, a movement that repeats itself at the same frequency.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, waves};
 
@@ -39,7 +41,12 @@ impl InverseEffect for PeriodicDisturbance {
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
         let range = (2.0 / axis.seconds, 1.1 * axis.cut_off);
-        vec![Shape::by_steps("frequency", "Hz", range, waves::points((range.1 - range.0) * axis.seconds))]
+        vec![Shape::by_steps(
+            "frequency",
+            "Hz",
+            range,
+            waves::points((range.1 - range.0) * axis.seconds),
+        )]
     }
     fn law(&self) -> Option<&dyn Law> {
         Some(self)

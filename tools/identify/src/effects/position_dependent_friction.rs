@@ -1,13 +1,15 @@
 //! Friction that varies along the stroke.
 //!
-//! `F = sign(v) · (sine · sin(n x) + cosine · cos(n x))` beside Coulomb friction: a bent spindle, an eccentric pulley, seals in
-//! a bore that is not straight. Source: first harmonic of any variation; the thesis, ch. 4 and fig. 5.5.
+//! `F = sign(v) · (sine · sin(n x) + cosine · cos(n x))` beside Coulomb friction: a bent spindle,
+//! an eccentric pulley, seals in a bore that is not straight. Source: first harmonic of any
+//! variation; the thesis, ch. 4 and fig. 5.5.
 //!
-//! Parameters: `sine`, `cosine` (N or N·m), together below the Coulomb friction; `order` `n` (rad per m, or waves per turn),
-//! 0.4 to 12 waves over the travel.
+//! Parameters: `sine`, `cosine` (N or N·m), together below the Coulomb friction; `order` `n` (rad
+//! per m, or waves per turn), 0.4 to 12 waves over the travel.
 //!
-//! In a residual: plotted over the position, a wave in one direction and its mirror image in the other. Confused with: torque
-//! ripple and gravity (the same sign both ways), drift where the stroke is made once.
+//! In a residual: plotted over the position, a wave in one direction and its mirror image in the
+//! other. Confused with: torque ripple and gravity (the same sign both ways), drift where the
+//! stroke is made once.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
 
@@ -44,7 +46,12 @@ impl InverseEffect for PositionDependentFriction {
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
         let wave = std::f64::consts::TAU / axis.travel();
-        vec![Shape::by_steps("order", format!("rad/{}", axis.units.position), (0.4 * wave, 12.0 * wave), 59)]
+        vec![Shape::by_steps(
+            "order",
+            format!("rad/{}", axis.units.position),
+            (0.4 * wave, 12.0 * wave),
+            59,
+        )]
     }
     fn law(&self) -> Option<&dyn Law> {
         Some(self)

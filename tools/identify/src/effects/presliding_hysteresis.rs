@@ -1,13 +1,16 @@
 //! Bristles: friction that builds up over a small travel.
 //!
-//! `F = bristle_force · z`, `dz/dx = (1 - z sign(v)) / travel`: Dahl's law, whose limit for a small `travel` is Coulomb friction.
-//! Source: Dahl 1968; Canudas de Wit, Olsson, Åström, Lischinsky, IEEE Transactions on Automatic Control 40 (1995). The state
-//! begins at 0; what it really was is forgotten after a few `travel`.
+//! `F = bristle_force · z`, `dz/dx = (1 - z sign(v)) / travel`: Dahl's law, whose limit for a small
+//! `travel` is Coulomb friction. Source: Dahl 1968; Canudas de Wit, Olsson, Åström, Lischinsky,
+//! IEEE Transactions on Automatic Control 40 (1995). The state begins at 0; what it really was is
+//! forgotten after a few `travel`.
 //!
-//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the record's travel.
+//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the
+//! record's travel.
 //!
-//! In a residual: after each reversal the force goes over from one side to the other along the *position*, however slow the
-//! movement. Confused with: Coulomb friction (small travel), a Maxwell branch (along the time instead), backlash.
+//! In a residual: after each reversal the force goes over from one side to the other along the
+//! *position*, however slow the movement. Confused with: Coulomb friction (small travel), a Maxwell
+//! branch (along the time instead), backlash.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
 
@@ -40,7 +43,12 @@ impl InverseEffect for PreslidingHysteresis {
         vec![Term::positive("bristle_force", axis.units.force)]
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
-        vec![Shape::by_factors("travel", axis.units.position, (1e-4 * axis.travel(), 0.1 * axis.travel()), 7)]
+        vec![Shape::by_factors(
+            "travel",
+            axis.units.position,
+            (1e-4 * axis.travel(), 0.1 * axis.travel()),
+            7,
+        )]
     }
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
         let mut state = 0.0;

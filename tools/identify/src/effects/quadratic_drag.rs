@@ -1,13 +1,14 @@
 //! Drag that grows with the square of speed.
 //!
-//! `F = coefficient · |v| v`: turbulent flow through ports and bends, air. Source: Borda-Carnot; Merritt, Hydraulic Control
-//! Systems (1967), ch. 3.
+//! `F = coefficient · |v| v`: turbulent flow through ports and bends, air. Source: Borda-Carnot;
+//! Merritt, Hydraulic Control Systems (1967), ch. 3.
 //!
-//! Parameter: `coefficient` (N·s²/m² or N·m·s²/rad²), at least 0; at the highest speed it makes some per cent to all of the
-//! viscous friction.
+//! Parameter: `coefficient` (N·s²/m² or N·m·s²/rad²), at least 0; at the highest speed it makes
+//! some per cent to all of the viscous friction.
 //!
-//! In a residual: an S over the velocity that bends away from the straight line at both ends. Confused with: viscous
-//! friction (over a narrow range of speed), Stribeck friction of negative sign.
+//! In a residual: an S over the velocity that bends away from the straight line at both ends.
+//! Confused with: viscous friction (over a narrow range of speed), Stribeck friction of negative
+//! sign.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 
@@ -33,7 +34,10 @@ impl Effect for QuadraticDrag {
 
 impl InverseEffect for QuadraticDrag {
     fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("coefficient", format!("{}·({})⁻²", axis.units.force, axis.units.velocity))]
+        vec![Term::positive(
+            "coefficient",
+            format!("{}·({})⁻²", axis.units.force, axis.units.velocity),
+        )]
     }
     fn law(&self) -> Option<&dyn Law> {
         Some(self)

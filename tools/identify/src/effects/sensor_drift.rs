@@ -1,12 +1,13 @@
 //! A force channel whose zero wanders.
 //!
-//! `F → F + rate · t`, `t` since the start of the record. Source: bridge amplifiers warm up; data sheets give some thousandths
-//! of the range per hour, bad cables far more.
+//! `F → F + rate · t`, `t` since the start of the record. Source: bridge amplifiers warm up; data
+//! sheets give some thousandths of the range per hour, bad cables far more.
 //!
 //! Parameter: `rate` (N/s, N·m/s or V/s), either sign.
 //!
-//! In a residual: a ramp over the time that does not care for the movement. Confused with: a slow real force, thermal drift
-//! (which changes sign with the velocity), relaxation of an element that is held.
+//! In a residual: a ramp over the time that does not care for the movement. Confused with: a slow
+//! real force, thermal drift (which changes sign with the velocity), relaxation of an element that
+//! is held.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
 

@@ -1,12 +1,15 @@
 //! Stribeck friction: more of it near standstill.
 //!
-//! `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)` on top of Coulomb friction, without which a high Stribeck speed would
-//! mimic it. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), eq. 3.
+//! `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)` on top of Coulomb friction, without which a
+//! high Stribeck speed would mimic it. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
+//! Automatica 30 (1994), eq. 3.
 //!
-//! Parameters: `stribeck` (N or N·m), at least 0, usually 5 to 60 % of the Coulomb friction; `stribeck_speed` (m/s or rad/s),
-//! 1 to 35 % of the record's highest speed: above that the bell is as wide as the record and acts as a changed viscous friction.
+//! Parameters: `stribeck` (N or N·m), at least 0, usually 5 to 60 % of the Coulomb friction;
+//! `stribeck_speed` (m/s or rad/s), 1 to 35 % of the record's highest speed: above that the bell is
+//! as wide as the record and acts as a changed viscous friction.
 //!
-//! In a residual: a spike at each side of a reversal. Confused with: presliding hysteresis, a wrong smoothing of the sign.
+//! In a residual: a spike at each side of a reversal. Confused with: presliding hysteresis, a wrong
+//! smoothing of the sign.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
 

@@ -1,14 +1,16 @@
 //! Friction that changes as the machine warms.
 //!
-//! `F = (coulomb_excess · sign(v) + viscous_excess · v) · exp(-t / time_constant)`, `t` since the start of the record: more when cold
-//! where the excess is positive. Source: viscosity falls with temperature, which settles exponentially; Bittencourt and
-//! Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012), fig. 6.
+//! `F = (coulomb_excess · sign(v) + viscous_excess · v) · exp(-t / time_constant)`, `t` since the
+//! start of the record: more when cold where the excess is positive. Source: viscosity falls with
+//! temperature, which settles exponentially; Bittencourt and Gunnarsson, J. Dyn. Sys. Meas. Control
+//! 134 (2012), fig. 6.
 //!
-//! Parameters: `coulomb_excess` (N or N·m), `viscous_excess` (N·s/m or N·m·s/rad), up to twice the warm values;
-//! `time_constant` (s), a thirtieth to two fifths of the record: slower ones act as a constant.
+//! Parameters: `coulomb_excess` (N or N·m), `viscous_excess` (N·s/m or N·m·s/rad), up to twice the
+//! warm values; `time_constant` (s), a thirtieth to two fifths of the record: slower ones act as a
+//! constant.
 //!
-//! In a residual: error that is large early (or late) and goes with the velocity's sign. Confused with: drift of a sensor (does
-//! not change sign with the velocity), differences between records.
+//! In a residual: error that is large early (or late) and goes with the velocity's sign. Confused
+//! with: drift of a sensor (does not change sign with the velocity), differences between records.
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
 
@@ -40,7 +42,10 @@ impl InverseEffect for ThermalDrift {
         true
     }
     fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("coulomb_excess", axis.units.force), Term::free("viscous_excess", axis.units.damping)]
+        vec![
+            Term::free("coulomb_excess", axis.units.force),
+            Term::free("viscous_excess", axis.units.damping),
+        ]
     }
     fn shapes(&self, axis: &Axis) -> Vec<Shape> {
         vec![Shape::by_factors("time_constant", "s", (0.03 * axis.seconds, 0.4 * axis.seconds), 6)]

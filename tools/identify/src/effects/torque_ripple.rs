@@ -1,14 +1,16 @@
 //! Torque that varies with the motor's angle (cogging).
 //!
-//! `F = sine · sin(2π n x / turn) + cosine · cos(2π n x / turn)`. Source: Hanselman, Brushless Permanent Magnet Motor Design
-//! (2003), ch. 7.
+//! `F = sine · sin(2π n x / turn) + cosine · cos(2π n x / turn)`. Source: Hanselman, Brushless
+//! Permanent Magnet Motor Design (2003), ch. 7.
 //!
-//! Parameters: `sine`, `cosine` (N or N·m), 0.5 to 10 % of the rated force; `order` `n` (waves a turn), from 4 on a rotary
-//! axis, where lower ones are gravity, from 1 on a linear one; at least three waves over the travel. `turn` is the travel of one
-//! motor turn where the rig file declares it (`motor_turn_m`); else orders are waves per metre.
+//! Parameters: `sine`, `cosine` (N or N·m), 0.5 to 10 % of the rated force; `order` `n` (waves a
+//! turn), from 4 on a rotary axis, where lower ones are gravity, from 1 on a linear one; at least
+//! three waves over the travel. `turn` is the travel of one motor turn where the rig file declares
+//! it (`motor_turn_m`); else orders are waves per metre.
 //!
-//! In a residual: a fast wave over the position, the same both ways; in time a tone that follows the speed. Confused with:
-//! gravity (low orders), encoder eccentricity (grows with speed squared), a vibration at constant speed.
+//! In a residual: a fast wave over the position, the same both ways; in time a tone that follows
+//! the speed. Confused with: gravity (low orders), encoder eccentricity (grows with speed squared),
+//! a vibration at constant speed.
 
 use std::f64::consts::TAU;
 

@@ -1,14 +1,17 @@
 //! Dead time between the force and the motion.
 //!
-//! `F(t) = f(t + delay)`, `f` the force that the motion asks for: a positive delay is a motion that comes late after the recorded
-//! force (dead time of amplifier, network or position sensor), a negative one a force channel that comes late.
+//! `F(t) = f(t + delay)`, `f` the force that the motion asks for: a positive delay is a motion that
+//! comes late after the recorded force (dead time of amplifier, network or position sensor), a
+//! negative one a force channel that comes late.
 //!
-//! Parameter: `delay` (s), within one period of the low-pass's cut-off to either side; 0.1 to 20 ms.
+//! Parameter: `delay` (s), within one period of the low-pass's cut-off to either side; 0.1 to 20
+//! ms.
 //!
-//! In a residual: error in proportion to the rate of the force. Confused with: a lag of the amplifier (the same in first
-//! order), damping beside a spring, channels that were not sampled at the same instant. Below one and a half
-//! sampling periods it gets no name: a command that is sampled and held acts half a period late by itself, and one more where the
-//! loop computes in between.
+//! In a residual: error in proportion to the rate of the force. Confused with: a lag of the
+//! amplifier (the same in first order), damping beside a spring, channels that were not sampled at
+//! the same instant. Below one and a half sampling periods it gets no name: a command that is
+//! sampled and held acts half a period late by itself, and one more where the loop computes in
+//! between.
 
 use super::{Axis, Effect, InverseEffect, Shape, Term, View, waves};
 use crate::input::step_of;

@@ -1,15 +1,17 @@
 //! A relaxing branch: stiffness that decays with time.
 //!
-//! `F = branch_stiffness · e`, `ė = v - e / relaxation`: a Maxwell branch beside the declared spring (standard linear solid).
-//! Fast movement feels both springs, slow movement the declared one alone. Source: Findley, Lai, Onaran, Creep and Relaxation
-//! of Nonlinear Viscoelastic Materials (1976), ch. 5. The branch begins relaxed.
+//! `F = branch_stiffness · e`, `ė = v - e / relaxation`: a Maxwell branch beside the declared
+//! spring (standard linear solid). Fast movement feels both springs, slow movement the declared one
+//! alone. Source: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials
+//! (1976), ch. 5. The branch begins relaxed.
 //!
-//! Parameters: `branch_stiffness` (N/m or N·m/rad), at least 0, a few per cent to several times the declared stiffness;
-//! `relaxation` (s), from half a radian of the highest frequency seen to a third of the record: faster ones are a
-//! damper, slower ones a spring.
+//! Parameters: `branch_stiffness` (N/m or N·m/rad), at least 0, a few per cent to several times the
+//! declared stiffness; `relaxation` (s), from half a radian of the highest frequency seen to a
+//! third of the record: faster ones are a damper, slower ones a spring.
 //!
-//! In a residual: after a step of the position the force decays; over frequency the loop has a largest size. Confused with:
-//! damping (all of the record slower than the relaxation), stiffness (all faster), leakage (decays to nothing).
+//! In a residual: after a step of the position the force decays; over frequency the loop has a
+//! largest size. Confused with: damping (all of the record slower than the relaxation), stiffness
+//! (all faster), leakage (decays to nothing).
 
 use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
 

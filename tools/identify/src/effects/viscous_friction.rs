@@ -1,11 +1,13 @@
 //! Viscous friction beyond the declared tolerance.
 //!
-//! `F = c v` with `c` outside of what is declared: missing physics that acts like a changed parameter. Inside the
-//! tolerance the same change is calibration, and no effect.
+//! `F = c v` with `c` outside of what is declared: missing physics that acts like a changed
+//! parameter. Inside the tolerance the same change is calibration, and no effect.
 //!
-//! Parameter: `viscous_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign, the sum at least 0.
+//! Parameter: `viscous_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign,
+//! the sum at least 0.
 //!
-//! In a residual: a straight line over the velocity. Confused with: quadratic drag, a hand's damper, damping in the line.
+//! In a residual: a straight line over the velocity. Confused with: quadratic drag, a hand's
+//! damper, damping in the line.
 
 use super::{Axis, Declared, Effect, InverseEffect, Term, View};
 

@@ -1,7 +1,7 @@
 //! What effects that are waves share.
 
-/// Grid points for a frequency or wave number, given the number of waves by which its range differs over the record: a wave
-/// that is off by a quarter over the record still shows.
+/// Grid points for a frequency or wave number, given the number of waves by which its range differs
+/// over the record: a wave that is off by a quarter over the record still shows.
 pub(super) fn points(waves: f64) -> usize {
     ((4.0 * waves).ceil().clamp(2.0, 6000.0)) as usize
 }
@@ -23,7 +23,8 @@ pub(super) fn beside_mains(frequency: f64) -> f64 {
     frequency
 }
 
-/// The signal `samples` later (earlier where negative), by cubic interpolation; the ends repeat the last value.
+/// The signal `samples` later (earlier where negative), by cubic interpolation; the ends repeat the
+/// last value.
 pub(super) fn shifted(signal: &[f64], samples: f64) -> Vec<f64> {
     let last = signal.len() as i64 - 1;
     let at = |i: i64| signal[i.clamp(0, last) as usize];
@@ -63,6 +64,9 @@ mod tests {
     #[test]
     fn a_tone_is_moved_out_of_the_mains_band_alone() {
         assert_eq!(beside_mains(33.0), 33.0);
-        assert!((beside_mains(50.01) - 50.15).abs() < 1e-12 && (beside_mains(59.9) - 59.85).abs() < 1e-12);
+        assert!(
+            (beside_mains(50.01) - 50.15).abs() < 1e-12
+                && (beside_mains(59.9) - 59.85).abs() < 1e-12
+        );
     }
 }

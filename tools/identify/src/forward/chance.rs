@@ -1,9 +1,12 @@
-//! How often chance gives as much: machines that are as the model says, each with disturbances of its own, searched whole.
+//! How often chance gives as much: machines that are as the model says, each with disturbances of
+//! its own, searched whole.
 //!
-//! A threshold on what an effect gains holds for the records on which it was found good. What chance gains depends on the movement, on
-//! how much repeats differ by, and on how many candidates there are; so it is asked of records like these (a parametric bootstrap over the
-//! whole search). Each such machine is driven along the same movement in closed loop, pushed by torques whose course is that of what
-//! repeats differ by and whose size makes its innovations as large as theirs, and read by the same encoders.
+//! A threshold on what an effect gains holds for the records on which it was found good. What
+//! chance gains depends on the movement, on how much repeats differ by, and on how many candidates
+//! there are; so it is asked of records like these (a parametric bootstrap over the whole search).
+//! Each such machine is driven along the same movement in closed loop, pushed by torques whose
+//! course is that of what repeats differ by and whose size makes its innovations as large as
+//! theirs, and read by the same encoders.
 
 use nalgebra::{Matrix2, Vector2};
 use plant::transmission::{Input, Transmission as _};
@@ -34,8 +37,8 @@ pub struct Drive {
 pub struct Chance {
     /// In how many something was found that is not there, with a name or without.
     pub alarms: usize,
-    /// Of each that was searched, the largest gain of a name that it should not have got; 0 where there was none. Those that could not be
-    /// simulated along their records are not among them.
+    /// Of each that was searched, the largest gain of a name that it should not have got; 0 where
+    /// there was none. Those that could not be simulated along their records are not among them.
     pub gains: Vec<f64>,
 }
 
@@ -45,7 +48,8 @@ impl Chance {
         self.gains.len()
     }
 
-    /// Probability of so large a gain without the effect: the machines that gave as much and the one at hand, of all.
+    /// Probability of so large a gain without the effect: the machines that gave as much and the
+    /// one at hand, of all.
     pub fn probability(&self, gain: f64) -> f64 {
         (1 + self.as_much(gain)) as f64 / (1 + self.machines()) as f64
     }
@@ -56,7 +60,8 @@ impl Chance {
     }
 }
 
-/// How hard a machine is pushed for each radian of what repeats differ by: at the motor (V/rad) and at the slave (N·m/rad).
+/// How hard a machine is pushed for each radian of what repeats differ by: at the motor (V/rad) and
+/// at the slave (N·m/rad).
 type Sizes = [f64; 2];
 /// What repeats differ by, course by course, of each channel.
 type Courses = Vec<(Channel, Vec<Vec<f64>>)>;
@@ -67,25 +72,34 @@ struct Null<'a> {
     setting: Setting,
     drive: Drive,
     courses: Courses,
-    /// Whether positions are rounded to counts: where that alone makes more than what repeats differ by, rows were averaged.
+    /// Whether positions are rounded to counts: where that alone makes more than what repeats
+    /// differ by, rows were averaged.
     rounded: [bool; 2],
 }
 
-/// Corner of the filter on the speed that the drive takes, as the rig's control has one (Hz): counts are not to shake the motor.
+/// Corner of the filter on the speed that the drive takes, as the rig's control has one (Hz):
+/// counts are not to shake the motor.
 const SPEED_FILTER_HZ: f64 = 40.0;
 /// Largest correction of a push's size once it was tried, either way (1).
 const CORRECTION: f64 = 3.0;
 /// Hardest push, in units of the first try (1).
 const HARDEST: f64 = 10.0;
 
-/// Searches so many machines that have all effects found but the last; all records of each are new. `None` where not even the pushes can
-/// be found.
-pub fn chance(machine: &Machine, found: &Found, drive: Drive, machines: usize, seed: u64) -> Option<Chance> {
+/// Searches so many machines that have all effects found but the last; all records of each are new.
+/// `None` where not even the pushes can be found.
+pub fn chance(
+    machine: &Machine,
+    found: &Found,
+    drive: Drive,
+    machines: usize,
+    seed: u64,
+) -> Option<Chance> {
     let mut null = Null::new(machine, found, drive)?;
     let sizes = null.sizes()?;
     let there = |added: &Judged| {
         let is = |placed: &Placed| {
-            placed.id == added.id && (placed.site == added.site || twin((placed.id, placed.site)) == Some(added.site))
+            placed.id == added.id
+                && (placed.site == added.site || twin((placed.id, placed.site)) == Some(added.site))
         };
         null.setting.placed.iter().any(is)
     };
@@ -102,7 +116,12 @@ pub fn chance(machine: &Machine, found: &Found, drive: Drive, machines: usize, s
 }
 
 /// One such machine, and the setting that made it. `None` where it cannot be simulated.
-pub fn redrawn(machine: &Machine, found: &Found, drive: Drive, seed: u64) -> Option<(Machine, Setting)> {
+pub fn redrawn(
+    machine: &Machine,
+    found: &Found,
+    drive: Drive,
+    seed: u64,
+) -> Option<(Machine, Setting)> {
     let mut null = Null::new(machine, found, drive)?;
     let sizes = null.sizes()?;
     let played = null.played(sizes, seed)?;
@@ -142,14 +161,17 @@ impl Null<'_> {
         Some(rms(courses.iter().flatten().copied()))
     }
 
-    /// How large the pushes are for the machine's innovations to be as large as what repeats differ by. Each side's push shows in both
-    /// channels, so that three machines are asked: one left alone, and one pushed at each side.
+    /// How large the pushes are for the machine's innovations to be as large as what repeats differ
+    /// by. Each side's push shows in both channels, so that three machines are asked: one left
+    /// alone, and one pushed at each side.
     fn sizes(&mut self) -> Option<Sizes> {
-        // What the observer pulls with: a torque of that size shows about as large as what it is made of.
+        // What the observer pulls with: a torque of that size shows about as large as what it is
+        // made of.
         let pull_nm = self.machine.declared.slave_inertia_kg_m2() * OBSERVER_RAD_S * OBSERVER_RAD_S;
         let probe: Sizes = [pull_nm / self.machine.declared.motor_torque_per_volt_nm(), pull_nm];
         let mut alone = self.left([0.0; 2])?;
-        let targets = [Channel::Master, Channel::Slave].map(|channel| self.target(channel).unwrap_or(0.0).powi(2));
+        let targets = [Channel::Master, Channel::Slave]
+            .map(|channel| self.target(channel).unwrap_or(0.0).powi(2));
         for side in 0..2 {
             self.rounded[side] = alone[side] < targets[side];
         }
@@ -157,7 +179,8 @@ impl Null<'_> {
             alone = self.left([0.0; 2])?;
         }
         let pushed = [self.left([probe[0], 0.0])?, self.left([0.0, probe[1]])?];
-        let shown = Matrix2::from_fn(|channel, side| (pushed[side][channel] - alone[channel]).max(0.0));
+        let shown =
+            Matrix2::from_fn(|channel, side| (pushed[side][channel] - alone[channel]).max(0.0));
         let lacking = Vector2::from_fn(|channel, _| (targets[channel] - alone[channel]).max(0.0));
         let squares = not_negative(shown, lacking);
         let first = [0, 1].map(|side| probe[side] * squares[side].sqrt().min(HARDEST));
@@ -194,11 +217,14 @@ impl Null<'_> {
         Some(played)
     }
 
-    /// A course for all rows of a record: one of those that there are, from any place on, either way up; nothing where there is none. Pushes
-    /// come and go between its values; the cell's noise keeps each as long as it is the mean of, or the means would be smaller.
+    /// A course for all rows of a record: one of those that there are, from any place on, either
+    /// way up; nothing where there is none. Pushes come and go between its values; the cell's noise
+    /// keeps each as long as it is the mean of, or the means would be smaller.
     fn course(&self, channel: Channel, record: &Record, generator: &mut Pcg64Mcg) -> Vec<f64> {
         let rows = record.volts.len();
-        let Some((_, courses)) = self.courses.iter().find(|(own, _)| *own == channel) else { return vec![0.0; rows] };
+        let Some((_, courses)) = self.courses.iter().find(|(own, _)| *own == channel) else {
+            return vec![0.0; rows];
+        };
         let course = &courses[generator.random_range(0..courses.len())];
         let from = generator.random_range(0..course.len());
         let sign = if generator.random::<bool>() { 1.0 } else { -1.0 };
@@ -207,7 +233,11 @@ impl Null<'_> {
         (0..rows)
             .map(|row| {
                 let (block, part) = (row / width, (row % width) as f64 / width as f64);
-                if channel == Channel::Torque { at(block) } else { at(block) * (1.0 - part) + at(block + 1) * part }
+                if channel == Channel::Torque {
+                    at(block)
+                } else {
+                    at(block) * (1.0 - part) + at(block + 1) * part
+                }
             })
             .collect()
     }
@@ -215,7 +245,12 @@ impl Null<'_> {
     fn record(&self, measured: &Record, sizes: Sizes, noises: &[Vec<f64>; 3]) -> Option<Record> {
         let Parts { mut in_plant, mut on_torque, late, late_s } = self.setting.parts()?;
         in_plant.extend(late);
-        let mut plant = self.machine.constants(&self.setting)?.plant(in_plant).ok()?.with_longest_step(measured.step_s);
+        let mut plant = self
+            .machine
+            .constants(&self.setting)?
+            .plant(in_plant)
+            .ok()?
+            .with_longest_step(measured.step_s);
         let zero = self.machine.slave_zero_rad(&self.setting);
         let dt = measured.step_s;
         plant.rest_at(measured.master[0], measured.slave.as_ref().map(|slave| slave[0] - zero));
@@ -225,7 +260,11 @@ impl Null<'_> {
         let hand = advanced(&late_hand, late);
         let counted = |position: f64, side: usize| {
             let count = measured.count_rad[side];
-            if self.rounded[side] && count > 0.0 { (position / count).round() * count } else { position }
+            if self.rounded[side] && count > 0.0 {
+                (position / count).round() * count
+            } else {
+                position
+            }
         };
         let mut new = Record { turned: Vec::new(), ..measured.clone() };
         let (mut behind, mut speed) = (0.0, 0.0);
@@ -243,7 +282,9 @@ impl Null<'_> {
             }
             speed += share * ((off - behind) / dt - speed);
             behind = off;
-            let volts = measured.volts[row] + self.drive.position_gain * off + self.drive.velocity_gain * speed;
+            let volts = measured.volts[row]
+                + self.drive.position_gain * off
+                + self.drive.velocity_gain * speed;
             new.volts[row] = volts.clamp(-self.drive.volts_max, self.drive.volts_max);
             plant.step(
                 Input {
@@ -267,9 +308,12 @@ impl Null<'_> {
     }
 }
 
-/// Solves two equations for numbers of which none is negative: where one would be, it is 0, and the other is what serves both best.
+/// Solves two equations for numbers of which none is negative: where one would be, it is 0, and the
+/// other is what serves both best.
 fn not_negative(matrix: Matrix2<f64>, right: Vector2<f64>) -> Vector2<f64> {
-    if let Some(whole) = matrix.lu().solve(&right).filter(|whole| whole.iter().all(|value| *value >= 0.0)) {
+    if let Some(whole) =
+        matrix.lu().solve(&right).filter(|whole| whole.iter().all(|value| *value >= 0.0))
+    {
         return whole;
     }
     let single = |side: usize| {
@@ -302,7 +346,9 @@ mod tests {
         assert!((solution - Vector2::new(1.0, 3.0)).norm() < 1e-9);
         // A side that does not show at all is not pushed.
         let blind = Matrix2::new(0.0, 1.0, 0.0, 2.0);
-        assert!((not_negative(blind, Vector2::new(2.0, 4.0)) - Vector2::new(0.0, 2.0)).norm() < 1e-9);
+        assert!(
+            (not_negative(blind, Vector2::new(2.0, 4.0)) - Vector2::new(0.0, 2.0)).norm() < 1e-9
+        );
         // The first alone would have to be negative.
         let solution = not_negative(matrix, Vector2::new(0.0, 10.0));
         assert_eq!(solution[0], 0.0);

@@ -1,8 +1,9 @@
 //! Levenberg-Marquardt on all records at once, every record and channel with a variance of its own.
 //!
-//! The likelihood is that of independent residuals whose variance nobody knows: `Σ ½ M ln(mean e²)` over records and channels. Weights
-//! are taken from the last residual and held while the fit moves. Tolerances are held by a transformation that no step leaves; what the
-//! data do not see, each by itself or several together, is kept near its declared value by one row each.
+//! The likelihood is that of independent residuals whose variance nobody knows: `Σ ½ M ln(mean e²)`
+//! over records and channels. Weights are taken from the last residual and held while the fit
+//! moves. Tolerances are held by a transformation that no step leaves; what the data do not see,
+//! each by itself or several together, is kept near its declared value by one row each.
 
 use std::cell::RefCell;
 use std::f64::consts::FRAC_PI_2;
@@ -18,8 +19,8 @@ use crate::inverse::split::Role;
 
 /// A slope below this, as a mean over all weighted rows, is none.
 const UNSEEN: f64 = 1e-6;
-/// Weight of a declared value at the end of its tolerance (1). Neighbouring rows of a residual are not independent: some tens of them
-/// weigh as much as one that is.
+/// Weight of a declared value at the end of its tolerance (1). Neighbouring rows of a residual are
+/// not independent: some tens of them weigh as much as one that is.
 const DECLARED: f64 = 5.0;
 
 /// Steps after which slopes are worth taking afresh.
@@ -82,7 +83,8 @@ impl View<'_> {
         self.records.par_iter().map(|record| self.machine.residual(setting, *record)).collect()
     }
 
-    /// A setting with knobs that stand at an end of their range as near to it as fits come: they would leap there with the first step.
+    /// A setting with knobs that stand at an end of their range as near to it as fits come: they
+    /// would leap there with the first step.
     pub fn inside(&self, mut setting: Setting, knobs: &[Knob]) -> Setting {
         for knob in knobs {
             let open = knob.open(self.machine, &setting);
@@ -113,7 +115,8 @@ impl View<'_> {
     /// Slope of that row by the knob's free number; 0 for what is not declared.
     fn off_slope(&self, knob: &Knob, setting: &Setting) -> f64 {
         match knob {
-            // Place by free number; a declared parameter stands in the middle of its range, or nearly.
+            // Place by free number; a declared parameter stands in the middle of its range, or
+            // nearly.
             Knob::Base(index) if self.machine.base[*index].declared.is_some() => {
                 DECLARED * knob.open(self.machine, setting).cos()
             }
@@ -123,7 +126,8 @@ impl View<'_> {
 
     /// Weights of every record and channel: 1 over the root mean square.
     pub fn weights(residuals: &[Residual]) -> Vec<Vec<f64>> {
-        let weight = |channel: &Vec<f64>| 1.0 / super::record::rms(channel.iter().copied()).max(1e-9);
+        let weight =
+            |channel: &Vec<f64>| 1.0 / super::record::rms(channel.iter().copied()).max(1e-9);
         residuals.iter().map(|residual| residual.channels.iter().map(weight).collect()).collect()
     }
 
@@ -139,21 +143,23 @@ impl View<'_> {
         DVector::from_vec(rows.collect())
     }
 
-    /// Slopes of the weighted residual by the free number of each knob; 0 of one that cannot be moved without losing a record, which
-    /// then stays where it is.
+    /// Slopes of the weighted residual by the free number of each knob; 0 of one that cannot be
+    /// moved without losing a record, which then stays where it is.
     pub fn slopes(&self, fitted: &Fitted, knobs: &[Knob], weights: &[Vec<f64>]) -> DMatrix<f64> {
         let here = Self::stack(&fitted.residuals, weights);
         let moved: Vec<(Setting, f64)> = knobs
             .iter()
             .map(|knob| {
                 let mut setting = fitted.setting.clone();
-                let (from, to) = (knob.open(self.machine, &setting), knob.aside(self.machine, &setting));
+                let (from, to) =
+                    (knob.open(self.machine, &setting), knob.aside(self.machine, &setting));
                 knob.close(self.machine, &mut setting, to);
                 (setting, to - from)
             })
             .collect();
-        let jobs: Vec<(usize, usize)> =
-            (0..knobs.len()).flat_map(|knob| self.records.iter().map(move |record| (knob, *record))).collect();
+        let jobs: Vec<(usize, usize)> = (0..knobs.len())
+            .flat_map(|knob| self.records.iter().map(move |record| (knob, *record)))
+            .collect();
         let mut residuals = jobs
             .par_iter()
             .map(|(knob, record)| self.machine.residual(&moved[*knob].0, *record))
@@ -161,7 +167,8 @@ impl View<'_> {
             .into_iter();
         let mut slopes = DMatrix::zeros(here.len(), knobs.len());
         for (knob, (_, aside)) in moved.iter().enumerate() {
-            let of_knob: Vec<Option<Residual>> = residuals.by_ref().take(self.records.len()).collect();
+            let of_knob: Vec<Option<Residual>> =
+                residuals.by_ref().take(self.records.len()).collect();
             if let Some(of_knob) = of_knob.into_iter().collect::<Option<Vec<Residual>>>() {
                 slopes.set_column(knob, &((Self::stack(&of_knob, weights) - &here) / *aside));
             }
@@ -169,9 +176,15 @@ impl View<'_> {
         slopes
     }
 
-    /// One step of Gauss and Newton with slopes that were taken before, at another place perhaps: as far as it leads down. Weights are those of
-    /// the slopes. `None` where it does not.
-    pub fn step(&self, from: &Fitted, knobs: &[Knob], slopes: &DMatrix<f64>, weights: &[Vec<f64>]) -> Option<Fitted> {
+    /// One step of Gauss and Newton with slopes that were taken before, at another place perhaps:
+    /// as far as it leads down. Weights are those of the slopes. `None` where it does not.
+    pub fn step(
+        &self,
+        from: &Fitted,
+        knobs: &[Knob],
+        slopes: &DMatrix<f64>,
+        weights: &[Vec<f64>],
+    ) -> Option<Fitted> {
         let rows = Self::stack(&from.residuals, weights);
         let (mut normal, mut gradient) = (slopes.transpose() * slopes, slopes.transpose() * rows);
         for (at, knob) in knobs.iter().enumerate() {
@@ -180,7 +193,8 @@ impl View<'_> {
             normal[(at, at)] += slope * slope;
             gradient[at] += slope * self.off(&from.setting, *index);
         }
-        let damped = &normal + DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-3 * entry + 1e-9));
+        let damped =
+            &normal + DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-3 * entry + 1e-9));
         let whole = -damped.cholesky()?.solve(&gradient);
         [1.0, 0.4, 0.1].iter().find_map(|part| {
             let mut setting = from.setting.clone();
@@ -194,7 +208,8 @@ impl View<'_> {
         })
     }
 
-    /// Fits from a setting: so many rounds, each with weights and slopes taken where it begins. `None` where the start cannot be simulated.
+    /// Fits from a setting: so many rounds, each with weights and slopes taken where it begins.
+    /// `None` where the start cannot be simulated.
     pub fn fit(&self, start: &Setting, knobs: &[Knob], rounds: usize) -> Option<Fitted> {
         let mut best = self.evaluate(self.inside(start.clone(), knobs))?;
         for _ in 0..rounds {
@@ -212,12 +227,17 @@ impl View<'_> {
                 template: best.setting.clone(),
                 known: RefCell::new(None),
             };
-            let (mut problem, _) =
-                LevenbergMarquardt::new().with_ftol(1e-4).with_xtol(1e-9).with_stepbound(3.0).minimize(problem);
+            let (mut problem, _) = LevenbergMarquardt::new()
+                .with_ftol(1e-4)
+                .with_xtol(1e-9)
+                .with_stepbound(3.0)
+                .minimize(problem);
             // It may end on a step that was none.
             let kept = problem.before.take().and_then(|(_, fitted)| fitted);
-            let now =
-                [problem.now.take(), kept].into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective));
+            let now = [problem.now.take(), kept]
+                .into_iter()
+                .flatten()
+                .min_by(|a, b| a.objective.total_cmp(&b.objective));
             match now {
                 Some(now) if now.objective < best.objective => best = now,
                 _ => break,
@@ -230,10 +250,11 @@ impl View<'_> {
         Some(best)
     }
 
-    /// Those of some starts that lead furthest in a brief fit, the foremost first: how a start looks says little of where it leads, a round or
-    /// two say most of it.
+    /// Those of some starts that lead furthest in a brief fit, the foremost first: how a start
+    /// looks says little of where it leads, a round or two say most of it.
     pub fn leading(&self, starts: &[Setting], knobs: &[Knob], rounds: usize) -> Vec<Fitted> {
-        let mut begun: Vec<Fitted> = starts.par_iter().filter_map(|start| self.fit(start, knobs, rounds)).collect();
+        let mut begun: Vec<Fitted> =
+            starts.par_iter().filter_map(|start| self.fit(start, knobs, rounds)).collect();
         begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
         begun.truncate(LEADING);
         begun
@@ -242,7 +263,9 @@ impl View<'_> {
 
 /// `Σ ½ M ln(mean e²)`.
 pub fn objective(residuals: &[Residual]) -> f64 {
-    let one = |channel: &Vec<f64>| channel.len() as f64 * super::record::rms(channel.iter().copied()).max(1e-9).ln();
+    let one = |channel: &Vec<f64>| {
+        channel.len() as f64 * super::record::rms(channel.iter().copied()).max(1e-9).ln()
+    };
     residuals.iter().flat_map(|residual| &residual.channels).map(one).sum()
 }
 
@@ -260,8 +283,8 @@ struct Problem<'a, 'b> {
     known: RefCell<Option<Known>>,
 }
 
-/// Slopes that were taken once and are kept up to date by what every step since has shown (Broyden): a step costs one simulation of every
-/// record, slopes one for every knob.
+/// Slopes that were taken once and are kept up to date by what every step since has shown
+/// (Broyden): a step costs one simulation of every record, slopes one for every knob.
 struct Known {
     /// Where they hold.
     open: DVector<f64>,
@@ -275,7 +298,8 @@ struct Known {
 }
 
 impl Known {
-    /// Brings them up to date, or says that they lead no further: too many steps ago, or the last one gained too little.
+    /// Brings them up to date, or says that they lead no further: too many steps ago, or the last
+    /// one gained too little.
     fn update(&mut self, open: &DVector<f64>, rows: DVector<f64>, objective: f64) -> bool {
         let step = open - &self.open;
         let length = step.norm_squared();
@@ -294,7 +318,9 @@ impl Known {
 impl Problem<'_, '_> {
     fn rows(&self) -> usize {
         let machine = self.view.machine;
-        let of = |record: &usize| machine.channels(*record).len() * machine.records[*record].residual_rows();
+        let of = |record: &usize| {
+            machine.channels(*record).len() * machine.records[*record].residual_rows()
+        };
         self.view.records.iter().map(of).sum::<usize>() + self.declared().count()
     }
 
@@ -336,9 +362,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 
     fn residuals(&self) -> Option<DVector<f64>> {
         // A step to where nothing can be simulated is a bad one, not the end.
-        let Some(now) = self.now.as_ref() else { return Some(DVector::from_element(self.rows(), 1e6)) };
+        let Some(now) = self.now.as_ref() else {
+            return Some(DVector::from_element(self.rows(), 1e6));
+        };
         let rows = View::stack(&now.residuals, &self.weights);
-        let off: Vec<f64> = self.declared().map(|index| self.view.off(&now.setting, index)).collect();
+        let off: Vec<f64> =
+            self.declared().map(|index| self.view.off(&now.setting, index)).collect();
         let data = rows.len();
         let mut all = rows.resize_vertically(data + off.len(), 0.0);
         for (row, off) in off.into_iter().enumerate() {
@@ -361,14 +390,20 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
         for (row, (column, knob)) in of_declared.enumerate() {
             all[(data + row, column)] = self.view.off_slope(knob, &now.setting);
         }
-        *known = Some(Known { open: self.open.clone(), rows, objective: now.objective, slopes: all.clone(), steps: 0 });
+        *known = Some(Known {
+            open: self.open.clone(),
+            rows,
+            objective: now.objective,
+            slopes: all.clone(),
+            steps: 0,
+        });
         Some(all)
     }
 }
 
 impl View<'_> {
-    /// Standard deviation of each knob's value, by blocks: neighbours in a residual are not independent. Infinite where the records do
-    /// not see it, or one cannot be told at all.
+    /// Standard deviation of each knob's value, by blocks: neighbours in a residual are not
+    /// independent. Infinite where the records do not see it, or one cannot be told at all.
     pub fn deviations(&self, fitted: &Fitted, knobs: &[Knob], block: usize) -> Vec<f64> {
         let weights = Self::weights(&fitted.residuals);
         let slopes = self.slopes(fitted, knobs, &weights);
@@ -377,7 +412,9 @@ impl View<'_> {
         let unseen = UNSEEN * UNSEEN * slopes.nrows() as f64;
         let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
         let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
-        let Some(factors) = (normal + ridge).cholesky() else { return vec![f64::INFINITY; knobs.len()] };
+        let Some(factors) = (normal + ridge).cholesky() else {
+            return vec![f64::INFINITY; knobs.len()];
+        };
         let inverse = factors.inverse();
         let mut spread = DMatrix::zeros(knobs.len(), knobs.len());
         let mut from = 0;
@@ -397,7 +434,8 @@ impl View<'_> {
             let before = knob.value(&moved);
             knob.close(self.machine, &mut moved, aside);
             let slope = (knob.value(&moved) - before) / (aside - open);
-            // A number that few blocks see has no spread among them: then it is known no better than if rows were independent.
+            // A number that few blocks see has no spread among them: then it is known no better
+            // than if rows were independent.
             let variance = covariance[(index, index)].max(inverse[(index, index)]);
             if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY }
         };

@@ -1,27 +1,36 @@
 //! A torque channel that never shows one sign: which of its rows may have had the other one.
 //!
-//! A sensor that rectifies by more than half shows both signs as one; taken back, each reading has two torques. Between two moments at which
-//! it shows nothing the torque kept its sign. Which one it was, the movement tells: the model is pulled along twice, with the readings as
-//! they are and turned around, and of every such stretch that sign is taken that leaves less.
+//! A sensor that rectifies by more than half shows both signs as one; taken back, each reading has
+//! two torques. Between two moments at which it shows nothing the torque kept its sign. Which one
+//! it was, the movement tells: the model is pulled along twice, with the readings as they are and
+//! turned around, and of every such stretch that sign is taken that leaves less.
 
 use super::machine::{Machine, Setting};
 use super::record::Record;
 
-/// A channel is folded where what it shows of the one sign is no more than this share of what it shows of the other.
+/// A channel is folded where what it shows of the one sign is no more than this share of what it
+/// shows of the other.
 const ONE_SIDED: f64 = 0.05;
 /// Readings below this share of the largest are next to nothing.
 const NOTHING: f64 = 0.015;
-/// Share of the rows that are left out at either end of their order: single rows of noise make no sign.
+/// Share of the rows that are left out at either end of their order: single rows of noise make no
+/// sign.
 const OUTLYING: f64 = 0.01;
 
 /// Records with a hand, where none of them shows both signs; else nothing.
 pub fn folded(machine: &Machine) -> Vec<usize> {
-    let with_hand = |index: &usize| !machine.records[*index].idle && machine.records[*index].torque.is_some();
+    let with_hand =
+        |index: &usize| !machine.records[*index].idle && machine.records[*index].torque.is_some();
     let hands: Vec<usize> = (0..machine.records.len()).filter(with_hand).collect();
-    if hands.iter().all(|index| is_one_sided(&machine.records[*index])) { hands } else { Vec::new() }
+    if hands.iter().all(|index| is_one_sided(&machine.records[*index])) {
+        hands
+    } else {
+        Vec::new()
+    }
 }
 
-/// Tells the rows of such records apart, by a setting that was fitted without them. `None` where it cannot be simulated.
+/// Tells the rows of such records apart, by a setting that was fitted without them. `None` where it
+/// cannot be simulated.
 pub fn unfold(machine: &mut Machine, hands: Vec<usize>, setting: &Setting) -> Option<()> {
     let mut turned = machine.clone();
     for index in &hands {
@@ -29,7 +38,8 @@ pub fn unfold(machine: &mut Machine, hands: Vec<usize>, setting: &Setting) -> Op
         torque.for_each(|reading| *reading = -*reading);
     }
     for index in hands {
-        let (straight, other) = (machine.residual(setting, index)?, turned.residual(setting, index)?);
+        let (straight, other) =
+            (machine.residual(setting, index)?, turned.residual(setting, index)?);
         // The torque itself is not among the channels: somebody was at the handle.
         let gain: Vec<f64> = (0..straight.channels.first()?.len())
             .map(|row| {
@@ -53,11 +63,14 @@ fn is_one_sided(record: &Record) -> bool {
     }
 }
 
-/// Rows of a record whose reading leaves less when turned around; `gain` is what it leaves less, for each row of the residual.
+/// Rows of a record whose reading leaves less when turned around; `gain` is what it leaves less,
+/// for each row of the residual.
 fn turned_rows(record: &Record, gain: &[f64]) -> Vec<bool> {
     let torque = record.torque.as_deref().unwrap_or_default();
     let (width, settling) = (record.decimation(), record.settling_rows());
-    let of = |row: usize| (row / width).checked_sub(settling).and_then(|at| gain.get(at)).copied().unwrap_or(0.0);
+    let of = |row: usize| {
+        (row / width).checked_sub(settling).and_then(|at| gain.get(at)).copied().unwrap_or(0.0)
+    };
     let mut turned = vec![false; torque.len()];
     let mut from = 0;
     for to in zeros(torque).into_iter().chain([torque.len()]) {
@@ -68,7 +81,8 @@ fn turned_rows(record: &Record, gain: &[f64]) -> Vec<bool> {
     turned
 }
 
-/// Rows at which a torque that is shown without its sign is nearest to nothing: one of each stretch of rows that show next to nothing.
+/// Rows at which a torque that is shown without its sign is nearest to nothing: one of each stretch
+/// of rows that show next to nothing.
 fn zeros(torque: &[f64]) -> Vec<usize> {
     let nothing = NOTHING * torque.iter().fold(0.0, |most: f64, reading| most.max(*reading));
     let stretches = torque.chunk_by(|one, next| (*one > nothing) == (*next > nothing));
@@ -119,13 +133,15 @@ mod tests {
 
     #[test]
     fn a_stretch_between_two_zeros_is_turned_as_a_whole() {
-        let torque: Vec<f64> =
-            (0..400).map(|row| (std::f64::consts::TAU * f64::from(row) / 200.0).sin().abs()).collect();
+        let torque: Vec<f64> = (0..400)
+            .map(|row| (std::f64::consts::TAU * f64::from(row) / 200.0).sin().abs())
+            .collect();
         let record = record(torque);
         // One row of the residual for each of the record; 50 are left out at the start.
         assert_eq!((record.decimation(), record.settling_rows()), (1, 50));
         let mut gain = vec![0.0; 350];
-        // Of the stretch from 200 to 300 most says that it was turned; of that from 300 to 400, that it was not.
+        // Of the stretch from 200 to 300 most says that it was turned; of that from 300 to 400,
+        // that it was not.
         gain[150..250].fill(1.0);
         gain[180..200].fill(-2.0);
         gain[250..350].fill(-1.0);

@@ -1,7 +1,7 @@
 //! Torques that have no name: functions of one variable, put into the plant where they would act.
 //!
-//! Where one of them explains on held-out records what no listed effect does, something unlisted is missing, and the function is what it
-//! looks like.
+//! Where one of them explains on held-out records what no listed effect does, something unlisted is
+//! missing, and the function is what it looks like.
 
 use plant::ParameterSet;
 use plant::effects::{Effect, End, Link, Moment, SideLoad, Site};
@@ -63,9 +63,11 @@ impl Variable {
     }
 }
 
-/// Where functions are tried, and of what. At the drive, those of speed and position are a share of the motor's torque: beside it, a torque
-/// that depends on them is the master's. At the line it is a force (N). What goes by a line's force is the speed (m/s) at which it gives way: at
-/// both ends of the line, or where it meets master or slave. At the sensor it is what the torque cell shows too much (N·m).
+/// Where functions are tried, and of what. At the drive, those of speed and position are a share of
+/// the motor's torque: beside it, a torque that depends on them is the master's. At the line it is
+/// a force (N). What goes by a line's force is the speed (m/s) at which it gives way: at both ends
+/// of the line, or where it meets master or slave. At the sensor it is what the torque cell shows
+/// too much (N·m).
 pub const PLACES: [(Site, Variable); 22] = [
     (Site::Drive, Variable::Voltage),
     (Site::Drive, Variable::VoltageTurning),
@@ -110,7 +112,8 @@ pub struct Table {
     pub low: f64,
     /// The variable at the last node.
     pub high: f64,
-    /// Values at the nodes: N·m; N or m/s at the line, a share at the drive where it goes by speed, position or the volts' mean.
+    /// Values at the nodes: N·m; N or m/s at the line, a share at the drive where it goes by speed,
+    /// position or the volts' mean.
     pub values: [f64; NODES],
     /// Volts of the present step.
     volts: f64,
@@ -145,7 +148,8 @@ impl Table {
 
     /// The function.
     pub fn value(&self, x: f64) -> f64 {
-        let place = ((x - self.low) / (self.high - self.low) * (NODES - 1) as f64).clamp(0.0, (NODES - 1) as f64);
+        let place = ((x - self.low) / (self.high - self.low) * (NODES - 1) as f64)
+            .clamp(0.0, (NODES - 1) as f64);
         if place.is_nan() {
             return 0.0;
         }
@@ -225,7 +229,8 @@ impl Effect for Table {
     }
 }
 
-/// Sign of a link's force while its line is pressed: the first is while the slave is driven forward, the second the other way about.
+/// Sign of a link's force while its line is pressed: the first is while the slave is driven
+/// forward, the second the other way about.
 fn pressed(link: &Link) -> f64 {
     let of_end = if link.end == End::Slave { 1.0 } else { -1.0 };
     if link.line == 0 { of_end } else { -of_end }
@@ -326,12 +331,16 @@ mod tests {
                 table.deflect(&mut after, &moment(1e-3));
                 after.deflection_m - before
             };
-            // The slave driven forward presses the first line, and the master's end of it the other way.
+            // The slave driven forward presses the first line, and the master's end of it the other
+            // way.
             assert!((crept(&mut table, 0, End::Slave, 5.0) + 1e-5).abs() < 1e-12);
             assert_eq!(crept(&mut table, 0, End::Slave, -5.0), 0.0);
             assert!((crept(&mut table, 1, End::Slave, -5.0) - 1e-5).abs() < 1e-12);
             let master = crept(&mut table, 0, End::Master, -5.0);
-            assert!((master - if master_gives { 1e-5 } else { 0.0 }).abs() < 1e-12, "{site:?}: {master}");
+            assert!(
+                (master - if master_gives { 1e-5 } else { 0.0 }).abs() < 1e-12,
+                "{site:?}: {master}"
+            );
         }
     }
 }

@@ -27,7 +27,8 @@ pub const fn least_beside(effects: usize) -> f64 {
 pub const LEAST_T: f64 = 3.0;
 /// Rows of a block (half a second where rows are 4 ms apart).
 pub const BLOCK: usize = 125;
-/// Fewest blocks of a record, whose blocks are the shorter for it: from one no error of a mean can be told.
+/// Fewest blocks of a record, whose blocks are the shorter for it: from one no error of a mean can
+/// be told.
 const FEWEST_BLOCKS: usize = 4;
 /// An error within this factor of what repeats differ by leaves nothing to be explained.
 const AT_FLOOR: f64 = 1.2;
@@ -55,8 +56,8 @@ pub struct Judged {
     pub gain: f64,
     /// The same over its standard error.
     pub t: f64,
-    /// Records that get better and worse by more than a hundredth, and by more than a tenth of what the one gains that gains most (beside
-    /// other effects: of what all gain by mean).
+    /// Records that get better and worse by more than a hundredth, and by more than a tenth of what
+    /// the one gains that gains most (beside other effects: of what all gain by mean).
     pub better: usize,
     /// See `better`.
     pub worse: usize,
@@ -82,26 +83,31 @@ fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
     before
         .iter()
         .zip(after)
-        .map(|(before, after)| before.channels.iter().zip(&after.channels).map(|(b, a)| blocks(b, a)).collect())
+        .map(|(before, after)| {
+            before.channels.iter().zip(&after.channels).map(|(b, a)| blocks(b, a)).collect()
+        })
         .collect()
 }
 
-/// A record that gains or loses less than this share of what the one gains that gains most (beside other effects: of what all gain by
-/// mean) stays as it was.
+/// A record that gains or loses less than this share of what the one gains that gains most (beside
+/// other effects: of what all gain by mean) stays as it was.
 const UNCHANGED: f64 = 0.1;
 /// A channel may lose this much.
 const MAY_LOSE: f64 = 0.03;
-/// For a first effect it may lose this share of what all channels gain: a fit that has just begun to make room for it trades between them.
+/// For a first effect it may lose this share of what all channels gain: a fit that has just begun
+/// to make room for it trades between them.
 const MAY_LOSE_SHARE: f64 = 0.2;
 
-/// Whether a model with an effect has two ways to go from the same place: where friction falls with speed, it slips or sticks by less than
-/// what the records tell. Half a second in which it went the other way then outweighs a whole record, though nothing is wrong with the model:
-/// as a first effect it is judged by the blocks of each record.
+/// Whether a model with an effect has two ways to go from the same place: where friction falls with
+/// speed, it slips or sticks by less than what the records tell. Half a second in which it went the
+/// other way then outweighs a whole record, though nothing is wrong with the model: as a first
+/// effect it is judged by the blocks of each record.
 pub fn has_two_ways(id: &str) -> bool {
     id == "stribeck_friction"
 }
 
-/// Judges what a fit does on records that it has not seen, beside what was there before: as a first effect is judged.
+/// Judges what a fit does on records that it has not seen, beside what was there before: as a first
+/// effect is judged.
 pub fn judge(named: (&'static str, Site), before: &[Residual], after: &[Residual]) -> Judged {
     judge_beside(0, named, before, after)
 }
@@ -117,11 +123,14 @@ pub fn judge_beside(
     let mut blocks = Vec::new();
     for record in &falls {
         let count = record.iter().map(Vec::len).min().unwrap_or(0);
-        blocks.extend((0..count).map(|block| record.iter().map(|channel| channel[block]).sum::<f64>()));
+        blocks.extend(
+            (0..count).map(|block| record.iter().map(|channel| channel[block]).sum::<f64>()),
+        );
     }
     let count = blocks.len().max(1) as f64;
     let gain = blocks.iter().sum::<f64>() / count;
-    let variance = blocks.iter().map(|block| (block - gain).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let variance =
+        blocks.iter().map(|block| (block - gain).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
     let t = gain / (variance / count).sqrt().max(1e-12);
     // By whole records and channels.
     let whole = |before: &Vec<f64>, after: &Vec<f64>| {
@@ -132,11 +141,15 @@ pub fn judge_beside(
         falls.iter().map(|channels| channels.iter().map(mean).collect()).collect()
     } else {
         let pairs = before.iter().zip(after);
-        pairs.map(|(b, a)| b.channels.iter().zip(&a.channels).map(|(b, a)| whole(b, a)).collect()).collect()
+        pairs
+            .map(|(b, a)| b.channels.iter().zip(&a.channels).map(|(b, a)| whole(b, a)).collect())
+            .collect()
     };
-    let sums: Vec<f64> = by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
+    let sums: Vec<f64> =
+        by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
     let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
-    // What is in few records (a hand's torque) leaves the others as they were, a little better or worse as parameters move with it.
+    // What is in few records (a hand's torque) leaves the others as they were, a little better or
+    // worse as parameters move with it.
     let first = effects == 0;
     let typical = if first { sums.iter().copied().fold(0.0, f64::max) } else { total };
     let unchanged = f64::max(0.01, UNCHANGED * typical);
@@ -145,16 +158,22 @@ pub fn judge_beside(
     let may_lose = f64::max(MAY_LOSE, if first { MAY_LOSE_SHARE * total } else { 0.0 });
     let channels = by_record.iter().map(Vec::len).max().unwrap_or(0);
     let harmed = (0..channels).any(|channel| {
-        let of: Vec<f64> = by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
+        let of: Vec<f64> =
+            by_record.iter().filter_map(|channels| channels.get(channel).copied()).collect();
         of.iter().sum::<f64>() / (of.len().max(1) as f64) < -may_lose
     });
-    let accepted = gain.min(total) >= least_beside(effects) && t >= LEAST_T && better > worse && !harmed;
+    let accepted =
+        gain.min(total) >= least_beside(effects) && t >= LEAST_T && better > worse && !harmed;
     Judged { id, site, gain: gain.min(total), t, better, worse, accepted }
 }
 
-/// Root mean square of a setting's residual over records, by channel; and that of the difference of records that repeat one another,
-/// over √2: what no model can explain.
-pub fn errors(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Vec<(Channel, f64, Option<f64>)>> {
+/// Root mean square of a setting's residual over records, by channel; and that of the difference of
+/// records that repeat one another, over √2: what no model can explain.
+pub fn errors(
+    machine: &Machine,
+    records: &[usize],
+    setting: &Setting,
+) -> Option<Vec<(Channel, f64, Option<f64>)>> {
     Some(errors_of(machine, records, &all_residuals(machine, setting)?))
 }
 
@@ -163,12 +182,17 @@ fn all_residuals(machine: &Machine, setting: &Setting) -> Option<Vec<Residual>> 
 }
 
 /// The same of residuals of all records.
-fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Vec<(Channel, f64, Option<f64>)> {
+fn errors_of(
+    machine: &Machine,
+    records: &[usize],
+    residuals: &[Residual],
+) -> Vec<(Channel, f64, Option<f64>)> {
     let pairs = repeats(&machine.records);
     let mut out = Vec::new();
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         let of = |record: usize| machine.channel_of(record, &residuals[record], channel);
-        let rows: Vec<f64> = records.iter().filter_map(|record| of(*record)).flatten().copied().collect();
+        let rows: Vec<f64> =
+            records.iter().filter_map(|record| of(*record)).flatten().copied().collect();
         if rows.is_empty() {
             continue;
         }
@@ -183,8 +207,8 @@ fn errors_of(machine: &Machine, records: &[usize], residuals: &[Residual]) -> Ve
     out
 }
 
-/// By what records that repeat one another ([`repeats`]) differ in a channel, over √2, row by row, for each two of them: what no model can
-/// explain. The residuals are those of all records.
+/// By what records that repeat one another ([`repeats`]) differ in a channel, over √2, row by row,
+/// for each two of them: what no model can explain. The residuals are those of all records.
 pub fn repeat_differences(
     machine: &Machine,
     pairs: &[(usize, usize)],
@@ -199,8 +223,8 @@ pub fn repeat_differences(
     pairs.iter().filter_map(difference).collect()
 }
 
-/// Repeats that differ by less do not say that a model should leave as little: half of what the rounding to counts leaves, a share of the
-/// movement, a thousandth of a newton metre.
+/// Repeats that differ by less do not say that a model should leave as little: half of what the
+/// rounding to counts leaves, a share of the movement, a thousandth of a newton metre.
 fn least(machine: &Machine, channel: Channel) -> f64 {
     let largest = |of: &dyn Fn(&Record) -> f64| machine.records.iter().map(of).fold(0.0, f64::max);
     let moved = |column: &[f64]| {
@@ -209,20 +233,24 @@ fn least(machine: &Machine, channel: Channel) -> f64 {
     };
     let rounding = 0.5 / 12f64.sqrt();
     match channel {
-        Channel::Master => largest(&|record| moved(&record.master).max(rounding * record.count_rad[0])),
-        Channel::Slave => {
-            largest(&|record| record.slave.as_deref().map_or(0.0, moved).max(rounding * record.count_rad[1]))
+        Channel::Master => {
+            largest(&|record| moved(&record.master).max(rounding * record.count_rad[0]))
         }
+        Channel::Slave => largest(&|record| {
+            record.slave.as_deref().map_or(0.0, moved).max(rounding * record.count_rad[1])
+        }),
         Channel::Torque => 1e-3,
     }
 }
 
-/// How far a setting stands above what repeats of a movement differ by (1 is at the floor), in its worst channel.
+/// How far a setting stands above what repeats of a movement differ by (1 is at the floor), in its
+/// worst channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Above {
     /// The repeated records themselves.
     pub repeated: f64,
-    /// The records that were asked for, whose movements differ: their own floor is not known, and something may have happened in them.
+    /// The records that were asked for, whose movements differ: their own floor is not known, and
+    /// something may have happened in them.
     pub others: f64,
 }
 
@@ -243,10 +271,13 @@ impl Above {
     }
 }
 
-/// How far a setting stands above what repeats differ by: of several records it is the geometric mean. `None` where nothing is
-/// repeated, or a record cannot be simulated. Of a record that reports only by how much it differs from its repeat is looked at, never how well the setting does on it.
+/// How far a setting stands above what repeats differ by: of several records it is the geometric
+/// mean. `None` where nothing is repeated, or a record cannot be simulated. Of a record that
+/// reports only by how much it differs from its repeat is looked at, never how well the setting
+/// does on it.
 pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> Option<Above> {
-    let mut repeated: Vec<usize> = repeats(&machine.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
+    let mut repeated: Vec<usize> =
+        repeats(&machine.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
     repeated.sort_unstable();
     repeated.dedup();
     repeated.retain(|record| machine.records[*record].role != Role::Report);
@@ -257,8 +288,11 @@ pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> O
     let floors = errors_of(machine, records, &residuals);
     let typical = |records: &[usize]| -> Vec<(Channel, f64)> {
         let of = |channel: Channel| {
-            let rows = records.iter().filter_map(|record| machine.channel_of(*record, &residuals[*record], channel));
-            let logs = rows.filter(|rows| !rows.is_empty()).map(|rows| rms(rows.iter().copied()).ln());
+            let rows = records
+                .iter()
+                .filter_map(|record| machine.channel_of(*record, &residuals[*record], channel));
+            let logs =
+                rows.filter(|rows| !rows.is_empty()).map(|rows| rms(rows.iter().copied()).ln());
             let (sum, count) = logs.fold((0.0, 0usize), |(sum, count), log| (sum + log, count + 1));
             (channel, (sum / count.max(1) as f64).exp())
         };
@@ -274,7 +308,8 @@ pub fn above_floor(machine: &Machine, records: &[usize], setting: &Setting) -> O
     Some(Above { repeated: worst(&repeated), others: worst(records) })
 }
 
-/// Whether records are explained as closely as repeats of a movement repeat; false where none is repeated.
+/// Whether records are explained as closely as repeats of a movement repeat; false where none is
+/// repeated.
 pub fn at_floor(machine: &Machine, records: &[usize], setting: &Setting) -> bool {
     above_floor(machine, records, setting).is_some_and(|above| above.at_floor())
 }

@@ -1,4 +1,5 @@
-//! The numbers of a setting that a fit moves, each held within its range by a transformation that no step leaves.
+//! The numbers of a setting that a fit moves, each held within its range by a transformation that
+//! no step leaves.
 
 use std::f64::consts::TAU;
 
@@ -6,11 +7,13 @@ use super::catalogue::{Candidate, Way};
 use super::machine::{Machine, Setting};
 use super::record::Record;
 
-/// Nearest to an end of its range that a fit comes, as a share of half of it: there the free number hardly moves the value.
+/// Nearest to an end of its range that a fit comes, as a share of half of it: there the free number
+/// hardly moves the value.
 const EDGE: f64 = 0.995;
 /// A value this far out, as a share of half its range, stands at its end.
 pub const AT_EDGE: f64 = 0.97;
-/// How far a number is moved for a slope, as a share of half its range: small ones see stick-slip from too near.
+/// How far a number is moved for a slope, as a share of half its range: small ones see stick-slip
+/// from too near.
 const ASIDE: f64 = 0.02;
 /// The same of an effect, as a share of its value, where that is less.
 const ASIDE_OF_VALUE: f64 = 0.04;
@@ -95,13 +98,18 @@ impl Knob {
     pub fn value(&self, setting: &Setting) -> f64 {
         match self {
             Self::Base(index) => setting.base[*index],
-            Self::Effect { placed, name, .. } => setting.placed[*placed].value(name).unwrap_or_default(),
+            Self::Effect { placed, name, .. } => {
+                setting.placed[*placed].value(name).unwrap_or_default()
+            }
             Self::Wave { placed, name, part, .. } => {
                 let placed = &setting.placed[*placed];
                 let phase = placed.value("phase").unwrap_or_default();
-                placed.value(name).unwrap_or_default() * if *part == 0 { phase.cos() } else { phase.sin() }
+                placed.value(name).unwrap_or_default()
+                    * if *part == 0 { phase.cos() } else { phase.sin() }
             }
-            Self::Node { node, .. } => setting.tables.last().map_or(0.0, |table| table.values[*node]),
+            Self::Node { node, .. } => {
+                setting.tables.last().map_or(0.0, |table| table.values[*node])
+            }
         }
     }
 
@@ -118,7 +126,8 @@ impl Knob {
             Self::Base(index) => setting.base[*index] = value,
             Self::Effect { placed, name, .. } => into(setting, *placed, name, value),
             Self::Wave { placed, name, most, part } => {
-                let other = Self::Wave { placed: *placed, name, most: *most, part: 1 - part }.value(setting);
+                let other = Self::Wave { placed: *placed, name, most: *most, part: 1 - part }
+                    .value(setting);
                 let (cosine, sine) = if *part == 0 { (value, other) } else { (other, value) };
                 into(setting, *placed, name, cosine.hypot(sine).min(*most));
                 into(setting, *placed, "phase", sine.atan2(cosine));
@@ -163,7 +172,8 @@ impl Knob {
     /// Where the value stands in its range, -1 to 1.
     pub fn place(&self, machine: &Machine, setting: &Setting) -> f64 {
         let (low, high, logarithmic) = self.range(machine);
-        let scale = |value: f64| if logarithmic { value.max(f64::MIN_POSITIVE).ln() } else { value };
+        let scale =
+            |value: f64| if logarithmic { value.max(f64::MIN_POSITIVE).ln() } else { value };
         let (low, high) = (scale(low), scale(high));
         (2.0 * scale(self.value(setting)) - low - high) / (high - low)
     }
@@ -191,18 +201,21 @@ impl Knob {
         let step = match self {
             Self::Wave { .. } => 4e-3,
             Self::Node { .. } => 0.5 / MOST_UNITS,
-            // So far that the wave comes out of step by a small part of a turn between the first record and the last.
+            // So far that the wave comes out of step by a small part of a turn between the first
+            // record and the last.
             Self::Effect { way: Way::WavesInTime, low, high, .. } => {
                 let turn_hz = 1.0 / machine.records.iter().map(Record::end_s).fold(1.0, f64::max);
                 2.0 * (OUT_OF_STEP * turn_hz / self.value(setting).max(*low)) / (high / low).ln()
             }
             // The same over a movement of a radian.
             Self::Effect { way: Way::WavesInAngle, low, high, .. } => {
-                (2.0 * (OUT_OF_STEP * TAU / self.value(setting).max(*low)) / (high / low).ln()).min(ASIDE)
+                (2.0 * (OUT_OF_STEP * TAU / self.value(setting).max(*low)) / (high / low).ln())
+                    .min(ASIDE)
             }
             // An effect's range is wide beside what its size may be.
             Self::Effect { way: Way::Straight, low, high, .. } => {
-                (ASIDE_OF_VALUE * self.value(setting).abs() / (0.5 * (high - low))).clamp(1e-4, ASIDE)
+                (ASIDE_OF_VALUE * self.value(setting).abs() / (0.5 * (high - low)))
+                    .clamp(1e-4, ASIDE)
             }
             _ => ASIDE,
         };

@@ -16,7 +16,8 @@ use crate::inverse::split::Role;
 pub const SMOOTHING: &str = "friction_smoothing_rad_s";
 /// Name of the parameter that gives that rounding its shape.
 pub const SMOOTHING_SHAPE: &str = "friction_smoothing_shape";
-/// Name of the parameter that shifts the slave's encoder by up to a count: where it stands when it counts 0, nobody knows closer.
+/// Name of the parameter that shifts the slave's encoder by up to a count: where it stands when it
+/// counts 0, nobody knows closer.
 pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
 /// Between which it is looked for, and where a search begins (rad/s).
 const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
@@ -24,8 +25,8 @@ const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
 pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
 /// A model beyond this has lost the record (rad).
 const LOST_RAD: f64 = 1e3;
-/// Bandwidth of the observer (rad/s). Less would show slow effects with more contrast, and gives a model with stick-slip two ways to go from
-/// the same place: fits then end where they began.
+/// Bandwidth of the observer (rad/s). Less would show slow effects with more contrast, and gives a
+/// model with stick-slip two ways to go from the same place: fits then end where they began.
 pub const OBSERVER_RAD_S: f64 = 150.0;
 /// Damping of the observer, as a factor on its bandwidth.
 const OBSERVER_DAMPING: f64 = 1.4;
@@ -157,24 +158,40 @@ pub struct Machine {
     pub base: Vec<BaseParameter>,
     /// The records.
     pub records: Vec<Record>,
-    /// Steps of the simulation in one row of a record, where the plant's own do not ask for more (1).
+    /// Steps of the simulation in one row of a record, where the plant's own do not ask for more
+    /// (1).
     pub steps: u32,
 }
 
 impl Machine {
-    /// The model of a rig file (`file`, for messages) with its records; `slave_count_rad` is a count of the slave's encoder (rad).
+    /// The model of a rig file (`file`, for messages) with its records; `slave_count_rad` is a
+    /// count of the slave's encoder (rad).
     ///
     /// # Errors
     /// Where the declaration is no transmission, or holds what a transmission cannot be.
-    pub fn new(file: &str, declared: &Declared, records: Vec<Record>, slave_count_rad: Option<f64>) -> Result<Self> {
-        let constants = declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
+    pub fn new(
+        file: &str,
+        declared: &Declared,
+        records: Vec<Record>,
+        slave_count_rad: Option<f64>,
+    ) -> Result<Self> {
+        let constants =
+            declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
         let mut base = Vec::new();
         for parameter in &declared.parameters {
-            let Some(info) = constants.infos().iter().find(|info| info.name == parameter.name) else { continue };
+            let Some(info) = constants.infos().iter().find(|info| info.name == parameter.name)
+            else {
+                continue;
+            };
             let spread = parameter.spread();
-            let (low, high) =
-                ((parameter.value - spread).max(info.minimum), (parameter.value + spread).min(info.maximum));
-            if spread <= 0.0 || low >= high || [SMOOTHING, SMOOTHING_SHAPE].contains(&parameter.name.as_str()) {
+            let (low, high) = (
+                (parameter.value - spread).max(info.minimum),
+                (parameter.value + spread).min(info.maximum),
+            );
+            if spread <= 0.0
+                || low >= high
+                || [SMOOTHING, SMOOTHING_SHAPE].contains(&parameter.name.as_str())
+            {
                 continue;
             }
             base.push(BaseParameter {
@@ -210,7 +227,9 @@ impl Machine {
                 logarithmic: false,
             });
         }
-        if let Some(count) = slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some())) {
+        if let Some(count) =
+            slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some()))
+        {
             base.push(BaseParameter {
                 name: SLAVE_ZERO.to_owned(),
                 unit: "rad",
@@ -226,12 +245,18 @@ impl Machine {
 
     /// The setting from which fits begin.
     pub fn start(&self) -> Setting {
-        Setting { base: self.base.iter().map(|parameter| parameter.start).collect(), ..Setting::default() }
+        Setting {
+            base: self.base.iter().map(|parameter| parameter.start).collect(),
+            ..Setting::default()
+        }
     }
 
-    /// The model as it is declared, without effects; what no file declares as the model has it by itself.
+    /// The model as it is declared, without effects; what no file declares as the model has it by
+    /// itself.
     pub fn as_declared(&self) -> Setting {
-        let of = |parameter: &BaseParameter| parameter.declared.or_else(|| self.declared.get(&parameter.name));
+        let of = |parameter: &BaseParameter| {
+            parameter.declared.or_else(|| self.declared.get(&parameter.name))
+        };
         let base = self.base.iter().map(|parameter| of(parameter).unwrap_or(parameter.start));
         Setting { base: base.collect(), ..Setting::default() }
     }
@@ -255,41 +280,61 @@ impl Machine {
     }
 
     /// A channel of what is left of a record; `None` where it has none.
-    pub fn channel_of<'a>(&self, record: usize, residual: &'a Residual, channel: Channel) -> Option<&'a Vec<f64>> {
+    pub fn channel_of<'a>(
+        &self,
+        record: usize,
+        residual: &'a Residual,
+        channel: Channel,
+    ) -> Option<&'a Vec<f64>> {
         let at = self.channels(record).iter().position(|own| *own == channel)?;
         residual.channels.get(at)
     }
 
     /// Where the slave stands when its encoder counts 0 (rad).
     pub fn slave_zero_rad(&self, setting: &Setting) -> f64 {
-        self.base.iter().position(|parameter| parameter.name == SLAVE_ZERO).map_or(0.0, |index| setting.base[index])
+        self.base
+            .iter()
+            .position(|parameter| parameter.name == SLAVE_ZERO)
+            .map_or(0.0, |index| setting.base[index])
     }
 
     /// Constants with a setting's values.
     pub fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
         let mut constants = self.declared.clone();
-        for (parameter, value) in
-            self.base.iter().zip(&setting.base).filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
+        for (parameter, value) in self
+            .base
+            .iter()
+            .zip(&setting.base)
+            .filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
         {
             constants.set(&parameter.name, *value).ok()?;
         }
         Some(constants)
     }
 
-    /// What a setting leaves of a record; `None` where the plant cannot be so, or has no such effect.
+    /// What a setting leaves of a record; `None` where the plant cannot be so, or has no such
+    /// effect.
     pub fn residual(&self, setting: &Setting, record: usize) -> Option<Residual> {
         self.residual_beside(setting, record, Vec::new())
     }
 
     /// The same with effects of the plant beside those of the setting.
-    pub fn residual_beside(&self, setting: &Setting, record: usize, beside: Vec<Box<dyn Effect>>) -> Option<Residual> {
+    pub fn residual_beside(
+        &self,
+        setting: &Setting,
+        record: usize,
+        beside: Vec<Box<dyn Effect>>,
+    ) -> Option<Residual> {
         let record = &self.records[record];
         let Parts { mut in_plant, mut on_torque, late_s, .. } = setting.parts()?;
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         in_plant.extend(beside);
-        let mut plant =
-            self.constants(setting)?.plant(in_plant).ok()?.with_longest_step(record.step_s / f64::from(self.steps));
+        let mut plant = self
+            .constants(setting)?
+            .plant(in_plant)
+            .ok()?
+            .with_longest_step(record.step_s / f64::from(self.steps));
         // What is shown late is known earlier: an observer that waited for it would swing.
         let late = late_s / record.step_s;
         let known = record.volts.len().saturating_sub(late.ceil() as usize);
@@ -303,8 +348,10 @@ impl Machine {
         let (hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
         let hand = advanced(&hand, late);
         let dt = record.step_s;
-        let (on_position, on_speed) = (OBSERVER_DAMPING * OBSERVER_RAD_S * dt, OBSERVER_RAD_S * OBSERVER_RAD_S * dt);
-        let (width, settling, rows) = (record.decimation(), record.settling_rows(), record.residual_rows());
+        let (on_position, on_speed) =
+            (OBSERVER_DAMPING * OBSERVER_RAD_S * dt, OBSERVER_RAD_S * OBSERVER_RAD_S * dt);
+        let (width, settling, rows) =
+            (record.decimation(), record.settling_rows(), record.residual_rows());
         let mut master_rows = Vec::with_capacity(rows);
         let mut slave_rows = Vec::with_capacity(if slave.is_some() { rows } else { 0 });
         let (mut sums, share) = ([0.0; 2], 1.0 / width as f64);
@@ -312,7 +359,8 @@ impl Machine {
             for row in block * width..(block + 1) * width {
                 let reading = plant.reading();
                 let mut master_off = master[row] - reading.master_rad;
-                let mut slave_off = slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
+                let mut slave_off =
+                    slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
                 // Shown only after the record's end.
                 if row >= known {
                     (master_off, slave_off) = (0.0, 0.0);
@@ -361,8 +409,14 @@ impl Placed {
 
     /// Whether it changes the torque channel and nothing else.
     pub fn acts_on_torque_alone(&self) -> bool {
-        const ON_TORQUE: [&str; 6] =
-            ["sensor_offset", "sensor_gain", "sensor_drift", "sensor_crosstalk", "mains_hum", "rectified_sensor"];
+        const ON_TORQUE: [&str; 6] = [
+            "sensor_offset",
+            "sensor_gain",
+            "sensor_drift",
+            "sensor_crosstalk",
+            "mains_hum",
+            "rectified_sensor",
+        ];
         ON_TORQUE.contains(&self.id)
     }
 

@@ -21,20 +21,24 @@ pub struct Record {
     pub slave: Option<Vec<f64>>,
     /// Torque of the hand on the slave, as measured (N·m), where it was.
     pub torque: Option<Vec<f64>>,
-    /// Rows whose torque had the other sign, if the sensor shows both as one; empty where it does not.
+    /// Rows whose torque had the other sign, if the sensor shows both as one; empty where it does
+    /// not.
     pub turned: Vec<bool>,
     /// What it is for.
     pub role: Role,
-    /// Least change of master and slave from a row to the next, as recorded: a count, where an encoder measured them (rad).
+    /// Least change of master and slave from a row to the next, as recorded: a count, where an
+    /// encoder measured them (rad).
     pub count_rad: [f64; 2],
-    /// Whether nobody was at the handle: the torque channel says nothing but what the sensor makes up itself.
+    /// Whether nobody was at the handle: the torque channel says nothing but what the sensor makes
+    /// up itself.
     pub idle: bool,
 }
 
 /// Rows of a residual per second, about: innovations are averaged over as many rows as that takes.
 const RESIDUAL_HZ: f64 = 250.0;
-/// Time between rows that a simulation needs (s): a record that is finer is thinned. With the true parameters most records are
-/// left with 5 % more than with steps of 0.5 ms at most, single ones with 30 %; fitted ones with nothing more.
+/// Time between rows that a simulation needs (s): a record that is finer is thinned. With the true
+/// parameters most records are left with 5 % more than with steps of 0.5 ms at most, single ones
+/// with 30 %; fitted ones with nothing more.
 pub const PACE_S: f64 = 2e-3;
 /// What the observer needs to find the lines' state is left out at the start (s).
 pub const SETTLING_S: f64 = 0.2;
@@ -50,18 +54,23 @@ const FAR_RAD: f64 = 60.0;
 const HIGH_V: f64 = 200.0;
 
 impl Record {
-    /// Checks a series and lays it out; `gear` is the number of turns of the model's master per turn of the measured one.
+    /// Checks a series and lays it out; `gear` is the number of turns of the model's master per
+    /// turn of the measured one.
     ///
     /// # Errors
-    /// Where a column is missing, dead, not finite, or implausible by orders of magnitude; where time is not uniform.
+    /// Where a column is missing, dead, not finite, or implausible by orders of magnitude; where
+    /// time is not uniform.
     pub fn new(series: &Series, gear: f64, notes: &mut Vec<String>) -> Result<Self> {
         let time = series.time()?;
         let (_, volts) = series.any(&["motor_v"])?;
         let (_, master) = series.any(&["master_rad"])?;
         let (slave, torque) = (series.column("slave_rad"), series.column("slave_torque_nm"));
-        for (name, column) in
-            [("motor_v", Some(volts)), ("master_rad", Some(master)), ("slave_rad", slave), ("slave_torque_nm", torque)]
-        {
+        for (name, column) in [
+            ("motor_v", Some(volts)),
+            ("master_rad", Some(master)),
+            ("slave_rad", slave),
+            ("slave_torque_nm", torque),
+        ] {
             if column.is_some() {
                 series.finite(name)?;
             }
@@ -82,7 +91,11 @@ impl Record {
         };
         if step_s > 0.02 {
             let found = format!("a row every {step_s:.4} s");
-            return Err(channel("t_s", found, "record at 100 Hz or more: the line's resonance must be seen"));
+            return Err(channel(
+                "t_s",
+                found,
+                "record at 100 Hz or more: the line's resonance must be seen",
+            ));
         }
         for (name, column) in [("master_rad", Some(master)), ("slave_rad", slave)] {
             let Some(column) = column else { continue };
@@ -94,7 +107,11 @@ impl Record {
             }
             if peak(column) > FAR_RAD {
                 let found = format!("values up to {:.4e}", peak(column));
-                return Err(channel(name, found, "positions are in rad: these look like counts or degrees"));
+                return Err(channel(
+                    name,
+                    found,
+                    "positions are in rad: these look like counts or degrees",
+                ));
             }
         }
         if peak(volts) > HIGH_V {
@@ -142,8 +159,8 @@ impl Record {
         self.start_s + self.volts.len() as f64 * self.step_s
     }
 
-    /// The same at the pace of the simulation. Volts and torques are held from row to row, so that they become means; positions are taken
-    /// where a new row begins, averaged to both sides.
+    /// The same at the pace of the simulation. Volts and torques are held from row to row, so that
+    /// they become means; positions are taken where a new row begins, averaged to both sides.
     #[must_use]
     pub fn thinned(self) -> Self {
         let every = (PACE_S / self.step_s * (1.0 + 1e-6)) as usize;
@@ -197,7 +214,10 @@ impl Record {
         // A mean of rows is that of the moments at which they were taken.
         let middle = 0.5 * (width - 1) as f64;
         (0..self.residual_rows())
-            .map(|row| self.start_s + self.step_s * (((row + self.settling_rows()) * width) as f64 + middle))
+            .map(|row| {
+                self.start_s
+                    + self.step_s * (((row + self.settling_rows()) * width) as f64 + middle)
+            })
             .collect()
     }
 
@@ -212,13 +232,14 @@ impl Record {
     }
 }
 
-/// Gives roles to records that have none: of those with a hand and of those without, in turn, two fit, one selects, and every
-/// other fourth one reports.
+/// Gives roles to records that have none: of those with a hand and of those without, in turn, two
+/// fit, one selects, and every other fourth one reports.
 pub fn share_out(records: &mut [Record], fixed: bool) {
     if fixed {
         return;
     }
-    const ORDER: [Role; 7] = [Role::Fit, Role::Select, Role::Fit, Role::Report, Role::Fit, Role::Select, Role::Report];
+    const ORDER: [Role; 7] =
+        [Role::Fit, Role::Select, Role::Fit, Role::Report, Role::Fit, Role::Select, Role::Report];
     for idle in [true, false] {
         for (turn, record) in records.iter_mut().filter(|record| record.idle == idle).enumerate() {
             record.role = ORDER[turn % ORDER.len()];
@@ -257,7 +278,8 @@ pub fn repeats(records: &[Record]) -> Vec<(usize, usize)> {
 
 /// Root mean square; 0 of nothing.
 pub fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), value| (sum + value * value, count + 1));
+    let (sum, count) =
+        values.fold((0.0, 0usize), |(sum, count), value| (sum + value * value, count + 1));
     (sum / count.max(1) as f64).sqrt()
 }
 
@@ -269,7 +291,8 @@ fn range(values: &[f64]) -> f64 {
 /// The least change from a row to the next that is one; 0 where nothing changes.
 fn least_change(values: &[f64]) -> f64 {
     // What arithmetic leaves of no change is none.
-    let changes = values.windows(2).map(|rows| (rows[1] - rows[0]).abs()).filter(|change| *change > 1e-9);
+    let changes =
+        values.windows(2).map(|rows| (rows[1] - rows[0]).abs()).filter(|change| *change > 1e-9);
     let least = changes.fold(f64::INFINITY, f64::min);
     if least.is_finite() { least } else { 0.0 }
 }
@@ -278,8 +301,8 @@ fn peak(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |peak, value| value.abs().max(peak))
 }
 
-/// Whether a torque channel shows nobody: a constant, a drift and a share of the motor's volts are all there is to it, beside noise and
-/// hum, which an average over 40 ms takes away.
+/// Whether a torque channel shows nobody: a constant, a drift and a share of the motor's volts are
+/// all there is to it, beside noise and hum, which an average over 40 ms takes away.
 fn is_idle(torque: &[f64], volts: &[f64], step_s: f64) -> bool {
     let width = ((0.04 / step_s).round() as usize).max(1);
     let mean = |column: &[f64]| -> Vec<f64> {
@@ -294,7 +317,9 @@ fn is_idle(torque: &[f64], volts: &[f64], step_s: f64) -> bool {
     });
     let right = nalgebra::DVector::from_vec(torque);
     let normal = columns.transpose() * &columns;
-    let Some(solution) = normal.cholesky().map(|normal| normal.solve(&(columns.transpose() * &right))) else {
+    let Some(solution) =
+        normal.cholesky().map(|normal| normal.solve(&(columns.transpose() * &right)))
+    else {
         return false;
     };
     let left = right - columns * solution;
@@ -320,7 +345,9 @@ mod tests {
 
     #[test]
     fn nobody_at_the_handle_is_seen_through_offset_drift_crosstalk_and_hum() {
-        let idle = |torque: &dyn Fn(f64) -> f64| Record::new(&series(torque), 1.0, &mut Vec::new()).unwrap().idle;
+        let idle = |torque: &dyn Fn(f64) -> f64| {
+            Record::new(&series(torque), 1.0, &mut Vec::new()).unwrap().idle
+        };
         assert!(idle(&|_| 0.0));
         assert!(idle(&|t| 0.3 + 0.05 * t + 0.06 * (5.0 * t).sin() + 0.1 * (314.159 * t).sin()));
         assert!(!idle(&|t| 2.0 * (3.0 * t).sin()));
@@ -335,11 +362,13 @@ mod tests {
         };
         let text = refused(&|series| series.columns[1].1.iter_mut().for_each(|value| *value = 0.1));
         assert!(text.contains("master_rad") && text.contains("never moved"), "{text}");
-        let text = refused(&|series| series.columns[2].1.iter_mut().for_each(|value| *value *= 4000.0));
+        let text =
+            refused(&|series| series.columns[2].1.iter_mut().for_each(|value| *value *= 4000.0));
         assert!(text.contains("slave_rad") && text.contains("counts or degrees"), "{text}");
         let text = refused(&|series| series.columns[0].1.iter_mut().for_each(|value| *value = 1.0));
         assert!(text.contains("motor_v") && text.contains("in all rows"), "{text}");
-        let text = refused(&|series| series.columns.iter_mut().for_each(|column| column.1.truncate(800)));
+        let text =
+            refused(&|series| series.columns.iter_mut().for_each(|column| column.1.truncate(800)));
         assert!(text.contains("0.40 s"), "{text}");
     }
 

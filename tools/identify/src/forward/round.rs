@@ -1,5 +1,5 @@
-//! One round of the search: the best candidates of the screening, each fitted beside what there is, first briefly, then as far as it is
-//! worth it.
+//! One round of the search: the best candidates of the screening, each fitted beside what there is,
+//! first briefly, then as far as it is worth it.
 
 use plant::effects::Site;
 use rayon::prelude::*;
@@ -25,7 +25,8 @@ const FROM_DECLARED: usize = 5;
 const TO_SHOW: usize = 4;
 /// Rounds of a fit before that, from each start beside the declared values.
 const TO_BEGIN: usize = 2;
-/// A start whose brief fit stands so far behind the best that was tried, in the logarithm of the error, goes no further.
+/// A start whose brief fit stands so far behind the best that was tried, in the logarithm of the
+/// error, goes no further.
 const OUT_OF_REACH: f64 = 0.3;
 /// A candidate whose gain is less than this share of the best one's is not fitted any closer.
 const WITHIN_REACH: f64 = 0.6;
@@ -69,8 +70,11 @@ impl Round<'_> {
     pub fn run(&self) -> Vec<Tried> {
         let projection = Projection::new(self.fit, self.now, self.knobs);
         let scored = projection.rank(self.fit, self.now, self.candidates);
-        let mut tried: Vec<Tried> =
-            scored.iter().take(REFITTED).filter_map(|scored| self.quick(scored, &projection)).collect();
+        let mut tried: Vec<Tried> = scored
+            .iter()
+            .take(REFITTED)
+            .filter_map(|scored| self.quick(scored, &projection))
+            .collect();
         // Those that fit best and those that hold best go on.
         let mut chosen = foremost(&tried);
         for index in &chosen {
@@ -108,7 +112,8 @@ impl Round<'_> {
         let beside = self.now.setting.placed.len();
         let mut judged = judge_beside(beside, (of.id, of.site), self.before, &selected);
         if beside > 0 {
-            // A shape at the low end of its range has gone over into another law: beside an effect it takes up what that leaves.
+            // A shape at the low end of its range has gone over into another law: beside an effect
+            // it takes up what that leaves.
             let own = knobs_of(of, fitted.setting.placed.len().saturating_sub(1));
             let gone = |knob: &Knob| {
                 matches!(knob, Knob::Effect { way: Way::Logarithmic, .. })
@@ -148,30 +153,35 @@ impl Round<'_> {
         better_of(tried, found);
     }
 
-    /// A fit without the effect may have gone astray, and bends declared parameters until little of it is left to be seen: from the
-    /// declared values candidates are fitted and looked at as well.
+    /// A fit without the effect may have gone astray, and bends declared parameters until little of
+    /// it is left to be seen: from the declared values candidates are fitted and looked at as well.
     fn look_from_declared(&self, tried: &mut Vec<Tried>, chosen: &[usize]) {
         let machine = self.fit.machine;
         if self.now.setting.placed.is_empty() {
             for index in chosen.iter().take(AFRESH) {
-                let fresh = Setting { base: machine.start().base, ..tried[*index].fitted.setting.clone() };
+                let fresh =
+                    Setting { base: machine.start().base, ..tried[*index].fitted.setting.clone() };
                 self.improve(tried, *index, &fresh, TO_THE_END);
             }
         }
         // Beside an effect the declared values themselves may lose a record.
-        let start = self.fit.evaluate(self.fit.inside(declared(machine, &self.now.setting), self.knobs));
+        let start =
+            self.fit.evaluate(self.fit.inside(declared(machine, &self.now.setting), self.knobs));
         let Some(start) = start else { return };
-        let ranked = Projection::new(self.fit, &start, self.knobs).rank(self.fit, &start, self.candidates);
+        let ranked =
+            Projection::new(self.fit, &start, self.knobs).rank(self.fit, &start, self.candidates);
         for scored in ranked.iter().take(FROM_DECLARED) {
             let with = start.setting.with(&scored.placed);
             better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
         }
     }
 
-    /// Fits that do not follow from how a candidate looks at its start: from all starts beside the parameters as they are. Where what is missing
-    /// enters at one place alone, from all of them beside the declared values too, and nowhere else.
+    /// Fits that do not follow from how a candidate looks at its start: from all starts beside the
+    /// parameters as they are. Where what is missing enters at one place alone, from all of them
+    /// beside the declared values too, and nowhere else.
     fn look_from_all_starts(&self, tried: &mut Vec<Tried>) {
-        let origin = origin((self.fit, self.select), &self.now.setting).filter(|origin| origin.site() != Site::Line);
+        let origin = origin((self.fit, self.select), &self.now.setting)
+            .filter(|origin| origin.site() != Site::Line);
         let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
             of.starts.iter().map(|start| from.with(&start.placed)).collect()
         };
@@ -192,11 +202,14 @@ impl Round<'_> {
             if origin.is_some() {
                 leading.extend(begun(&declared, TO_BEGIN));
             }
-            let nearest = tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
+            let nearest =
+                tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
             let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
             leading.retain(|begun| begun.objective <= reach);
-            let found: Vec<Tried> =
-                leading.par_iter().filter_map(|begun| self.fitted(candidate, &begun.setting, TO_SHOW)).collect();
+            let found: Vec<Tried> = leading
+                .par_iter()
+                .filter_map(|begun| self.fitted(candidate, &begun.setting, TO_SHOW))
+                .collect();
             for found in found {
                 better_of(tried, Some(found));
             }
@@ -205,7 +218,10 @@ impl Round<'_> {
 
     /// One candidate in the place of the last effect of a setting, from all its starts.
     fn instead(&self, tried: &mut Vec<Tried>, setting: &Setting, which: (&str, Site)) {
-        let Some(candidate) = self.candidates.iter().position(|of| (of.id, of.site) == which) else { return };
+        let Some(candidate) = self.candidates.iter().position(|of| (of.id, of.site) == which)
+        else {
+            return;
+        };
         for start in &self.candidates[candidate].starts {
             let mut with = setting.clone();
             if let Some(placed) = with.placed.last_mut() {
@@ -215,7 +231,8 @@ impl Round<'_> {
         }
     }
 
-    /// What the best has found may act at another site, or be the simpler one that it becomes at the end of its range.
+    /// What the best has found may act at another site, or be the simpler one that it becomes at
+    /// the end of its range.
     fn elsewhere(&self, tried: &mut Vec<Tried>) {
         let best = tried.iter().max_by(|a, b| a.judged.gain.total_cmp(&b.judged.gain));
         let Some(best) = best.filter(|best| best.judged.accepted) else { return };
@@ -247,7 +264,8 @@ fn foremost(tried: &[Tried]) -> Vec<usize> {
     order.sort_by(|a, b| tried[*a].fitted.objective.total_cmp(&tried[*b].fitted.objective));
     let mut chosen: Vec<usize> = order.iter().copied().take(FINISHED).collect();
     order.sort_by(|a, b| tried[*b].judged.gain.total_cmp(&tried[*a].judged.gain));
-    let holders: Vec<usize> = order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
+    let holders: Vec<usize> =
+        order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
     chosen.extend(holders);
     chosen
 }
@@ -264,7 +282,11 @@ fn better_of(tried: &mut Vec<Tried>, found: Option<Tried>) {
 
 /// A setting with all that is declared at its declared value; what is not stays as it was fitted.
 fn declared(machine: &Machine, now: &Setting) -> Setting {
-    let base = machine.base.iter().zip(&now.base).map(|(parameter, fitted)| parameter.declared.unwrap_or(*fitted));
+    let base = machine
+        .base
+        .iter()
+        .zip(&now.base)
+        .map(|(parameter, fitted)| parameter.declared.unwrap_or(*fitted));
     Setting { base: base.collect(), ..now.clone() }
 }
 
@@ -272,5 +294,7 @@ fn declared(machine: &Machine, now: &Setting) -> Setting {
 pub fn winner(tried: &[Tried]) -> Option<&Tried> {
     let passed = || tried.iter().filter(|tried| tried.judged.accepted);
     let most = passed().map(|tried| tried.judged.gain).max_by(f64::total_cmp)?;
-    passed().filter(|tried| tried.judged.gain >= AS_GOOD * most).min_by_key(|tried| tried.knobs.len())
+    passed()
+        .filter(|tried| tried.judged.gain >= AS_GOOD * most)
+        .min_by_key(|tried| tried.knobs.len())
 }

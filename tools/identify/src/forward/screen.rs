@@ -1,7 +1,8 @@
 //! Which effects point along the residual.
 //!
-//! Each start of each candidate is simulated once. What it changes, less what the declared parameters could change as well, is held
-//! against the residual: the part of the residual that it would take away is its score. No effect is fitted here.
+//! Each start of each candidate is simulated once. What it changes, less what the declared
+//! parameters could change as well, is held against the residual: the part of the residual that it
+//! would take away is its score. No effect is fitted here.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -24,7 +25,8 @@ pub struct Projection {
     left: DVector<f64>,
 }
 
-/// An orthonormal basis of what some columns of so many rows span; those that are nothing are left out.
+/// An orthonormal basis of what some columns of so many rows span; those that are nothing are left
+/// out.
 pub fn basis(columns: impl Iterator<Item = DVector<f64>>, rows: usize) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = columns
         .filter_map(|column| {
@@ -32,7 +34,11 @@ pub fn basis(columns: impl Iterator<Item = DVector<f64>>, rows: usize) -> DMatri
             (norm > 0.0).then(|| column / norm)
         })
         .collect();
-    if columns.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&columns).qr().q() }
+    if columns.is_empty() {
+        DMatrix::zeros(rows, 0)
+    } else {
+        DMatrix::from_columns(&columns).qr().q()
+    }
 }
 
 /// A candidate with the start that scored best.
@@ -66,19 +72,28 @@ impl Projection {
         Some(&change - &self.basis * (self.basis.transpose() * &change))
     }
 
-    /// By how much of each of some directions the residual is best taken away, and the part of its square that goes.
+    /// By how much of each of some directions the residual is best taken away, and the part of its
+    /// square that goes.
     fn best(&self, directions: &[DVector<f64>], limits: (f64, f64)) -> Option<(Vec<f64>, f64)> {
         let count = directions.len();
-        let gram = DMatrix::from_fn(count, count, |row, column| directions[row].dot(&directions[column]));
-        let right = DVector::from_iterator(count, directions.iter().map(|direction| -direction.dot(&self.left)));
+        let gram =
+            DMatrix::from_fn(count, count, |row, column| directions[row].dot(&directions[column]));
+        let right = DVector::from_iterator(
+            count,
+            directions.iter().map(|direction| -direction.dot(&self.left)),
+        );
         let ridge = 1e-9 * gram.trace().max(f64::MIN_POSITIVE);
         let factors = (gram + DMatrix::identity(count, count) * ridge).cholesky()?.solve(&right);
-        let factors: Vec<f64> = factors.iter().map(|factor| factor.clamp(limits.0, limits.1)).collect();
+        let factors: Vec<f64> =
+            factors.iter().map(|factor| factor.clamp(limits.0, limits.1)).collect();
         let mut after = self.left.clone();
         for (direction, factor) in directions.iter().zip(&factors) {
             after.axpy(*factor, direction, 1.0);
         }
-        Some((factors, 1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE)))
+        Some((
+            factors,
+            1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE),
+        ))
     }
 
     /// The score of some directions by themselves (functions without a name): factors and share.
@@ -97,7 +112,9 @@ impl Projection {
             .collect();
         let scored: Vec<Scored> = starts
             .par_iter()
-            .filter_map(|(index, start)| self.score(view, fitted, *index, &candidates[*index], start))
+            .filter_map(|(index, start)| {
+                self.score(view, fitted, *index, &candidates[*index], start)
+            })
             .collect();
         let mut best: Vec<Scored> = Vec::new();
         for scored in scored {
@@ -174,11 +191,15 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
     let mut hum = vec![50.0, 60.0];
     hum.extend(lines(&torque, (15.0, 124.0), 2));
     Scale {
-        volts: records.iter().flat_map(|record| &record.volts).fold(0.0, |most, volts| volts.abs().max(most)),
+        volts: records
+            .iter()
+            .flat_map(|record| &record.volts)
+            .fold(0.0, |most, volts| volts.abs().max(most)),
         lines_hz: [lines(&master, (0.4, 110.0), 3), lines(&slave, (0.4, 110.0), 3)],
         hum_hz: if torque.is_empty() { Vec::new() } else { hum },
         orders: orders(&master),
-        count_rad: [0, 1].map(|side| records.iter().map(|record| record.count_rad[side]).fold(0.0, f64::max)),
+        count_rad: [0, 1]
+            .map(|side| records.iter().map(|record| record.count_rad[side]).fold(0.0, f64::max)),
         torque: records.iter().any(|record| record.torque.is_some()),
         hand: machine.records.iter().any(|record| !record.idle),
         folded: machine.records.iter().any(|record| record.turned.contains(&true)),
@@ -186,7 +207,8 @@ pub fn scale(view: &View<'_>, fitted: &Fitted) -> Scale {
     }
 }
 
-/// Frequencies (Hz) at which residuals have more power than their neighbourhood, the most prominent first.
+/// Frequencies (Hz) at which residuals have more power than their neighbourhood, the most prominent
+/// first.
 fn lines(residuals: &[(&Record, &Vec<f64>)], (low, high): (f64, f64), count: usize) -> Vec<f64> {
     const POINTS: usize = 1 << 14;
     let Some((first, _)) = residuals.first() else { return Vec::new() };
@@ -204,24 +226,34 @@ fn lines(residuals: &[(&Record, &Vec<f64>)], (low, high): (f64, f64), count: usi
         power.iter_mut().zip(&bins).for_each(|(sum, bin)| *sum += bin.norm_sqr());
     }
     let step = rate / POINTS as f64;
-    let found = prominent(&power, |index| index as f64 * step, (low, high), (2.0 / step) as usize, 0.4, count);
+    let found = prominent(
+        &power,
+        |index| index as f64 * step,
+        (low, high),
+        (2.0 / step) as usize,
+        0.4,
+        count,
+    );
     found.into_iter().map(|hz| coherent(residuals, hz, 2.0 * step)).collect()
 }
 
-/// The frequency near another at which all records together, each at its own time, swing most: a spectrum of one record does not tell
-/// the phase after the next hundred seconds.
+/// The frequency near another at which all records together, each at its own time, swing most: a
+/// spectrum of one record does not tell the phase after the next hundred seconds.
 fn coherent(residuals: &[(&Record, &Vec<f64>)], about_hz: f64, reach_hz: f64) -> f64 {
     let ends = residuals.iter().map(|(record, rows)| {
         let length = rows.len() as f64 * record.step_s * record.decimation() as f64;
         (record.start_s, record.start_s + length)
     });
-    let (first, last) = ends.fold((f64::MAX, f64::MIN), |(low, high), (from, to)| (low.min(from), high.max(to)));
+    let (first, last) =
+        ends.fold((f64::MAX, f64::MIN), |(low, high), (from, to)| (low.min(from), high.max(to)));
     // A sixth of a turn from end to end.
     let step = 1.0 / (6.0 * (last - first).max(1.0));
     let steps = (reach_hz / step).ceil() as i32;
-    let times: Vec<Vec<f64>> = residuals.iter().map(|(record, _)| record.residual_times()).collect();
+    let times: Vec<Vec<f64>> =
+        residuals.iter().map(|(record, _)| record.residual_times()).collect();
     let power = |hz: f64| {
-        let parts = residuals.iter().zip(&times).flat_map(|((_, rows), times)| rows.iter().zip(times));
+        let parts =
+            residuals.iter().zip(&times).flat_map(|((_, rows), times)| rows.iter().zip(times));
         let (cosine, sine) = parts.fold((0.0, 0.0), |(cosine, sine), (row, time)| {
             let (s, c) = (std::f64::consts::TAU * hz * time).sin_cos();
             (cosine + row * c, sine + row * s)
@@ -240,11 +272,15 @@ fn coherent(residuals: &[(&Record, &Vec<f64>)], about_hz: f64, reach_hz: f64) ->
 fn orders(residuals: &[(&Record, &Vec<f64>)]) -> Vec<f64> {
     const STEP: f64 = 0.25;
     let order = |index: usize| 3.5 + STEP * index as f64;
-    let positions: Vec<Vec<f64>> = residuals.iter().map(|(record, _)| record.averaged(&record.master)).collect();
+    let positions: Vec<Vec<f64>> =
+        residuals.iter().map(|(record, _)| record.averaged(&record.master)).collect();
     let power: Vec<f64> = (0..400)
         .into_par_iter()
         .map(|index| {
-            let parts = residuals.iter().zip(&positions).flat_map(|((_, rows), positions)| rows.iter().zip(positions));
+            let parts = residuals
+                .iter()
+                .zip(&positions)
+                .flat_map(|((_, rows), positions)| rows.iter().zip(positions));
             let (cosine, sine) = parts.fold((0.0, 0.0), |(cosine, sine), (row, position)| {
                 let (s, c) = (order(index) * position).sin_cos();
                 (cosine + row * c, sine + row * s)
@@ -255,7 +291,8 @@ fn orders(residuals: &[(&Record, &Vec<f64>)]) -> Vec<f64> {
     prominent(&power, order, (3.75, 100.0), 24, 0.6, 3)
 }
 
-/// The places of a spectrum that stand out most from the mean of their neighbourhood, `apart` from one another.
+/// The places of a spectrum that stand out most from the mean of their neighbourhood, `apart` from
+/// one another.
 fn prominent(
     power: &[f64],
     place: impl Fn(usize) -> f64,
@@ -299,6 +336,9 @@ mod tests {
         let mut power: Vec<f64> = (0..1000).map(|index| 1e3 / f64::from(1 + index)).collect();
         power[400] += 40.0;
         power[700] += 20.0;
-        assert_eq!(prominent(&power, |index| index as f64 * 0.1, (1.0, 99.0), 30, 0.5, 2), vec![40.0, 70.0]);
+        assert_eq!(
+            prominent(&power, |index| index as f64 * 0.1, (1.0, 99.0), 30, 0.5, 2),
+            vec![40.0, 70.0]
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! From records to what the model lacks, round by round: fit, screen, refit the best, judge them on records that took no part.
+//! From records to what the model lacks, round by round: fit, screen, refit the best, judge them on
+//! records that took no part.
 
 use plant::effects::Site;
 
@@ -23,7 +24,8 @@ const BETTER: f64 = 0.03;
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, with those whose effect was given up again.
 const MOST_ROUNDS: usize = 5;
-/// Share of the best one's gain from which another of the first round may stand for several effects, or in the place of the best.
+/// Share of the best one's gain from which another of the first round may stand for several
+/// effects, or in the place of the best.
 const A_RIVAL: f64 = 0.25;
 /// Share of what a model gains that one with an effect's twin must.
 const AS_MUCH: f64 = 0.75;
@@ -58,7 +60,8 @@ pub struct Found {
     pub knobs: Vec<Knob>,
     /// Effects in the order in which they were added.
     pub steps: Vec<Step>,
-    /// All that were fitted in each round, best first; in the last round none passed, unless it is the third.
+    /// All that were fitted in each round, best first; in the last round none passed, unless it is
+    /// the third.
     pub rounds: Vec<Vec<Judged>>,
     /// Effects that were added and given up again when a later one explained what they had.
     pub given_up: Vec<(&'static str, Site)>,
@@ -66,7 +69,8 @@ pub struct Found {
     pub generic: Vec<Judged>,
     /// The best of them, where it passes.
     pub nameless: Option<Nameless>,
-    /// Where what has no name enters, whatever it depends on; told where there is no name to be had.
+    /// Where what has no name enters, whatever it depends on; told where there is no name to be
+    /// had.
     pub origin: Option<Origin>,
     /// Knobs of the effects that were added.
     pub effect_knobs: Vec<Knob>,
@@ -89,7 +93,8 @@ impl Found {
     /// Where what has no name acts, though no function of one variable explains it.
     pub fn acts_at(&self) -> Option<Site> {
         let origin = self.origin.as_ref().filter(|_| self.inadequate && self.nameless.is_none())?;
-        // The motor's torque acts on the master: which of them it is, only what it depends on tells.
+        // The motor's torque acts on the master: which of them it is, only what it depends on
+        // tells.
         let best = self.generic.first().filter(|best| best.gain > 0.0);
         match origin.site() {
             Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
@@ -97,7 +102,8 @@ impl Found {
         }
     }
 
-    /// Takes the last effect back, and fits what is left; what was said beside it goes too. `None` where that cannot be simulated.
+    /// Takes the last effect back, and fits what is left; what was said beside it goes too. `None`
+    /// where that cannot be simulated.
     pub fn without_last(&mut self, machine: &Machine) -> Option<()> {
         let Some(step) = self.steps.pop() else { return Some(()) };
         let at = step.fitted.setting.placed.len().saturating_sub(1);
@@ -121,7 +127,8 @@ impl Found {
         (self.generic, self.nameless, self.origin) = (tried, best, origin);
     }
 
-    /// What is left once an effect was taken back: whether the model is one of this machine at all, and what has no name.
+    /// What is left once an effect was taken back: whether the model is one of this machine at all,
+    /// and what has no name.
     pub fn judge_anew(&mut self, machine: &Machine) {
         let (fit, select) = (View::of(machine, Role::Fit), View::of(machine, Role::Select));
         let above = above_floor(machine, &select.records, &self.last().setting);
@@ -143,8 +150,8 @@ impl Found {
     }
 }
 
-/// The whole search; which sign a torque had, where the sensor does not tell, is left in the records. `None` where not even the declared
-/// model can be simulated along the records.
+/// The whole search; which sign a torque had, where the sensor does not tell, is left in the
+/// records. `None` where not even the declared model can be simulated along the records.
 pub fn search(machine: &mut Machine) -> Option<Found> {
     let hands = folded(machine);
     if !hands.is_empty() {
@@ -191,7 +198,19 @@ impl<'a> Search<'a> {
         let (now, knobs) = (base.clone(), base_knobs.clone());
         let (steps, rounds, given_up) = (Vec::new(), Vec::new(), Vec::new());
         let (others, latest) = (Vec::new(), Vec::new());
-        Some(Self { fit, select, base, base_knobs, now, knobs, steps, rounds, given_up, others, latest })
+        Some(Self {
+            fit,
+            select,
+            base,
+            base_knobs,
+            now,
+            knobs,
+            steps,
+            rounds,
+            given_up,
+            others,
+            latest,
+        })
     }
 }
 
@@ -200,33 +219,45 @@ impl Search<'_> {
         (&self.fit, &self.select)
     }
 
-    /// One round: the best candidate that passes comes in, and all is fitted again. Whether there was one.
+    /// One round: the best candidate that passes comes in, and all is fitted again. Whether there
+    /// was one.
     fn add(&mut self) -> bool {
         let (fit, select, now) = (&self.fit, &self.select, &self.now);
         let Some(before) = select.residuals(&now.setting) else { return false };
         let listed: Vec<Candidate> = candidates(&scale(fit, now))
             .into_iter()
             .filter(|candidate| {
-                now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
+                now.setting
+                    .placed
+                    .iter()
+                    .all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let round = Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
+        let round =
+            Round { fit, select, now, knobs: &self.knobs, before: &before, candidates: &listed };
         let mut tried = round.run();
         let held = |tried: &Tried| {
             now.setting.placed.is_empty()
                 || !may_be_the_step(tried.judged.id)
                 || holds(self.views(), now, &self.knobs, tried)
         };
-        while let Some(at) = winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate) {
+        while let Some(at) =
+            winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate)
+        {
             if let Some(step) = tried.iter_mut().find(|tried| tried.candidate == at) {
                 step.judged.accepted = false;
             }
         }
         self.rounds.push(tried.iter().map(|tried| tried.judged.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };
-        self.steps.push(Step { added: winner.judged.clone(), rivals: Vec::new(), fitted: winner.fitted.clone() });
-        let is_rival =
-            |other: &&Tried| other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain;
+        self.steps.push(Step {
+            added: winner.judged.clone(),
+            rivals: Vec::new(),
+            fitted: winner.fitted.clone(),
+        });
+        let is_rival = |other: &&Tried| {
+            other.candidate != winner.candidate && other.judged.gain >= A_RIVAL * winner.judged.gain
+        };
         self.latest = tried.iter().filter(is_rival).filter_map(Other::of).collect();
         if self.rounds.len() == 1 {
             self.others.clone_from(&self.latest);
@@ -244,7 +275,8 @@ impl Search<'_> {
         }
     }
 
-    /// Puts another one in the place of an effect where that does clearly better beside the rest: until the floor is reached.
+    /// Puts another one in the place of an effect where that does clearly better beside the rest:
+    /// until the floor is reached.
     fn exchange(&mut self) {
         let count = self.steps.len();
         for at in (0..count).filter(|_| count > 1) {
@@ -252,28 +284,37 @@ impl Search<'_> {
                 return;
             }
             let others = if at + 1 == count { &self.latest } else { &self.others };
-            let Some(found) = exchange(self.views(), &self.now, &self.knobs, at, others) else { continue };
+            let Some(found) = exchange(self.views(), &self.now, &self.knobs, at, others) else {
+                continue;
+            };
             let step = &mut self.steps[at];
             self.given_up.push((step.added.id, step.added.site));
             let gain = step.added.gain + found.beside.gain;
-            step.added = Judged { id: found.beside.id, site: found.beside.site, gain, ..step.added };
+            step.added =
+                Judged { id: found.beside.id, site: found.beside.site, gain, ..step.added };
             step.rivals.clear();
             (self.now, self.knobs) = (found.fitted, found.knobs);
         }
     }
 
-    /// Tries the first round's others alone: one of them takes the place of all that is there where it does as well, and those that the
-    /// records cannot tell from a single effect are its rivals.
+    /// Tries the first round's others alone: one of them takes the place of all that is there where
+    /// it does as well, and those that the records cannot tell from a single effect are its rivals.
     fn hold_against_others(&mut self) -> Option<()> {
         let alone = alone(self.views(), &self.now, &self.knobs, &self.others)?;
         let enough = if self.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
         match &alone[..] {
-            // One does as well as several, or better than the one that was best before all was fitted again.
+            // One does as well as several, or better than the one that was best before all was
+            // fitted again.
             [best, rest @ ..] if best.beside.gain < enough => {
                 self.give_up_all();
                 (self.now, self.knobs) = (best.fitted.clone(), best.knobs.clone());
                 let added = self.beside_declared()?;
-                let rivals = rivals((added.id, added.site), &best.selected, effect_count(&best.knobs), rest.iter());
+                let rivals = rivals(
+                    (added.id, added.site),
+                    &best.selected,
+                    effect_count(&best.knobs),
+                    rest.iter(),
+                );
                 self.steps.push(Step { added, rivals, fitted: self.now.clone() });
             }
             all => {
@@ -291,14 +332,16 @@ impl Search<'_> {
         Some(())
     }
 
-    /// Names beside each effect that has no rival the one that does the same elsewhere, where a model with that explains nearly as much: what
-    /// it explains less is how it is computed.
+    /// Names beside each effect that has no rival the one that does the same elsewhere, where a
+    /// model with that explains nearly as much: what it explains less is how it is computed.
     fn name_twins(&mut self) -> Option<()> {
-        let (without, with) = (self.select.residuals(&self.base.setting)?, self.select.residuals(&self.now.setting)?);
+        let (without, with) =
+            (self.select.residuals(&self.base.setting)?, self.select.residuals(&self.now.setting)?);
         for at in 0..self.steps.len() {
             let id = self.steps[at].added.id;
             let Some(site) = twin((id, self.steps[at].added.site)) else { continue };
-            let there = self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
+            let there =
+                self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
             if there || !self.steps[at].rivals.is_empty() {
                 continue;
             }
@@ -306,7 +349,8 @@ impl Search<'_> {
             setting.placed[at].site = site;
             let Some(fitted) = self.fit.fit(&setting, &self.knobs, AS_A_TWIN) else { continue };
             let there = self.select.residuals(&fitted.setting)?;
-            let [meant, twin] = [&with, &there].map(|after| judge((id, site), &without, after).gain);
+            let [meant, twin] =
+                [&with, &there].map(|after| judge((id, site), &without, after).gain);
             if twin >= AS_MUCH * meant {
                 self.steps[at].rivals.push((id, site));
             }
@@ -314,18 +358,22 @@ impl Search<'_> {
         Some(())
     }
 
-    /// Says of an encoder that is out of centre whether it may be the other one: small movements do not tell. The one that explains more is
-    /// meant.
+    /// Says of an encoder that is out of centre whether it may be the other one: small movements do
+    /// not tell. The one that explains more is meant.
     fn name_other_encoder(&mut self) -> Option<()> {
         let mut with = self.select.residuals(&self.now.setting)?;
         for at in 0..self.steps.len() {
             let (id, site) = (self.steps[at].added.id, self.steps[at].added.site);
             let mut setting = self.now.setting.clone();
-            let Some(encoder) = setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER) else {
+            let Some(encoder) =
+                setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER)
+            else {
                 continue;
             };
             encoder.1 = 1.0 - encoder.1;
-            let Some(other) = self.fit.fit(&setting, &self.knobs, AS_ANOTHER_ENCODER) else { continue };
+            let Some(other) = self.fit.fit(&setting, &self.knobs, AS_ANOTHER_ENCODER) else {
+                continue;
+            };
             let Some(there) = self.select.residuals(&other.setting) else { continue };
             let mut beside = judge((id, site), &there, &with).gain;
             if beside < -BETTER {
@@ -345,7 +393,8 @@ impl Search<'_> {
     /// How a model with a single effect does beside the declared one.
     fn beside_declared(&self) -> Option<Judged> {
         let only = self.now.setting.placed.first()?;
-        let [before, after] = [&self.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
+        let [before, after] =
+            [&self.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
         Some(judge((only.id, only.site), &before?, &after?))
     }
 
@@ -362,15 +411,20 @@ impl Search<'_> {
         let declared = (&self.base, &self.base_knobs[..]);
         // Names that leave so much are wrong, and would bend a function.
         let mut unnamed = inadequate.then(|| functions(self.views(), declared, true));
-        // A name must hold against functions that have none: where one of them alone explains more, the name is wrong.
+        // A name must hold against functions that have none: where one of them alone explains more,
+        // the name is wrong.
         if !inadequate && !at_floor && !self.steps.is_empty() {
             let others = functions(self.views(), declared, false);
             if let Some(best) = others.best.as_ref().filter(|best| best.judged.accepted) {
-                let [named, nameless] = [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
+                let [named, nameless] =
+                    [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
                 let names = self.steps.iter().map(|step| (step.added.id, step.added.site));
-                let by =
-                    names.into_iter().find(|(id, _)| has_two_ways(id)).unwrap_or((best.judged.id, best.judged.site));
-                let more = named.zip(nameless).map(|(named, nameless)| judge(by, &named, &nameless).gain);
+                let by = names
+                    .into_iter()
+                    .find(|(id, _)| has_two_ways(id))
+                    .unwrap_or((best.judged.id, best.judged.site));
+                let more =
+                    named.zip(nameless).map(|(named, nameless)| judge(by, &named, &nameless).gain);
                 if more.is_some_and(|more| more >= LEAST_GAIN) {
                     (inadequate, unnamed) = (true, Some(others));
                 }
@@ -387,6 +441,18 @@ impl Search<'_> {
         }
         let (knobs, effect_knobs) = self.knobs.into_iter().partition(Knob::is_base);
         let Self { base, base_knobs, steps, rounds, given_up, .. } = self;
-        Found { base, base_knobs, knobs, steps, rounds, given_up, generic, nameless, origin, effect_knobs, inadequate }
+        Found {
+            base,
+            base_knobs,
+            knobs,
+            steps,
+            rounds,
+            given_up,
+            generic,
+            nameless,
+            origin,
+            effect_knobs,
+            inadequate,
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! What the sensors of a record mean: the torque cell's errors taken back, and readings that come late.
+//! What the sensors of a record mean: the torque cell's errors taken back, and readings that come
+//! late.
 
 use std::borrow::Cow;
 
@@ -18,7 +19,11 @@ pub fn advanced(column: &[f64], rows: f64) -> Cow<'_, [f64]> {
     }
     let (whole, part) = (rows.floor() as usize, rows.fract());
     let at = |row: usize| column[row.min(column.len() - 1)];
-    Cow::Owned((0..column.len()).map(|row| at(row + whole) * (1.0 - part) + at(row + whole + 1) * part).collect())
+    Cow::Owned(
+        (0..column.len())
+            .map(|row| at(row + whole) * (1.0 - part) + at(row + whole + 1) * part)
+            .collect(),
+    )
 }
 
 /// What a cell's error may depend on, as measured, at a row; 0 for what was not.
@@ -26,7 +31,8 @@ pub fn beside(record: &Record, variable: Variable, row: usize) -> f64 {
     let position = record.slave.as_deref().unwrap_or(&record.master);
     let reach = ((REACH_S / record.step_s).round() as usize).max(1);
     let here = row.clamp(reach, position.len() - 1 - reach);
-    let (before, after, span) = (position[here - reach], position[here + reach], reach as f64 * record.step_s);
+    let (before, after, span) =
+        (position[here - reach], position[here + reach], reach as f64 * record.step_s);
     match variable {
         Variable::Position => position[row],
         Variable::Velocity => (after - before) / (2.0 * span),
@@ -36,7 +42,10 @@ pub fn beside(record: &Record, variable: Variable, row: usize) -> f64 {
         Variable::Torque => record.torque.as_ref().map_or(0.0, |torque| torque[row]),
         Variable::Time => record.start_s + row as f64 * record.step_s,
         Variable::Voltage => record.volts[row],
-        Variable::VoltageTurning | Variable::VoltageMean | Variable::Deflection | Variable::Force => 0.0,
+        Variable::VoltageTurning
+        | Variable::VoltageMean
+        | Variable::Deflection
+        | Variable::Force => 0.0,
     }
 }
 
@@ -58,9 +67,14 @@ pub fn shown(record: &Record, effects: &mut [Box<dyn Effect>], row: usize, hand_
     reading.slave_torque_nm
 }
 
-/// The hand's torque on the slave, row by row: what was measured with the sensor's effects taken back. Where nobody is at the handle it
-/// is 0, and what the channel shows beyond that is returned too.
-pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[Table]) -> (Vec<f64>, Option<Vec<f64>>) {
+/// The hand's torque on the slave, row by row: what was measured with the sensor's effects taken
+/// back. Where nobody is at the handle it is 0, and what the channel shows beyond that is returned
+/// too.
+pub fn hand_torque(
+    record: &Record,
+    effects: &mut [Box<dyn Effect>],
+    tables: &[Table],
+) -> (Vec<f64>, Option<Vec<f64>>) {
     let rows = record.volts.len();
     let Some(torque) = &record.torque else { return (vec![0.0; rows], None) };
     let mut torque = torque.clone();
@@ -83,7 +97,8 @@ pub fn hand_torque(record: &Record, effects: &mut [Box<dyn Effect>], tables: &[T
         let beyond = torque[row] - at_rest;
         let slopes = [shown(row, 1.0) - at_rest, at_rest - shown(row, -1.0)];
         // Where both signs are shown as one, the reading does not tell which it was.
-        let negative = if slopes[1] < 0.0 { record.turned.get(row) == Some(&true) } else { beyond < 0.0 };
+        let negative =
+            if slopes[1] < 0.0 { record.turned.get(row) == Some(&true) } else { beyond < 0.0 };
         let slope = slopes[usize::from(negative)];
         // A sensor that shows no torque of one sign says nothing of it.
         if slope.abs() < 0.05 { 0.0 } else { beyond / slope }
@@ -122,7 +137,8 @@ mod tests {
 
     fn close(found: &[f64], expected: &[f64]) {
         assert_eq!(found.len(), expected.len());
-        let near = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9);
+        let near =
+            found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9);
         assert!(near, "{found:?}, expected {expected:?}");
     }
 
@@ -152,11 +168,17 @@ mod tests {
     #[test]
     fn an_effect_of_the_cell_is_taken_back() {
         let truth = [1.0, -0.5, 0.0, 2.0];
-        for (id, value) in [("sensor_gain", 0.2), ("sensor_offset", 0.3), ("rectified_sensor", 0.4)] {
+        for (id, value) in [("sensor_gain", 0.2), ("sensor_offset", 0.3), ("rectified_sensor", 0.4)]
+        {
             let effect = || effects::make(id, Site::Sensor, value).unwrap();
             let mut shown = truth.to_vec();
             for torque in &mut shown {
-                let mut reading = Reading { motor_v: 1.5, master_rad: 0.25, slave_rad: 0.0, slave_torque_nm: *torque };
+                let mut reading = Reading {
+                    motor_v: 1.5,
+                    master_rad: 0.25,
+                    slave_rad: 0.0,
+                    slave_torque_nm: *torque,
+                };
                 effect().sense(&mut reading, &Moment::default());
                 *torque = reading.slave_torque_nm;
             }

@@ -1,4 +1,5 @@
-//! What the records show of each declared parameter: whether it does anything, and whether another does the same.
+//! What the records show of each declared parameter: whether it does anything, and whether another
+//! does the same.
 
 use nalgebra::DMatrix;
 
@@ -60,11 +61,15 @@ impl Told {
 fn told(slopes: &DMatrix<f64>, shown: f64) -> Vec<Told> {
     let norms: Vec<f64> = slopes.column_iter().map(|column| column.norm()).collect();
     let live: Vec<usize> = (0..norms.len()).filter(|at| norms[*at] >= shown).collect();
-    let units = DMatrix::from_fn(slopes.nrows(), live.len(), |row, at| slopes[(row, live[at])] / norms[live[at]]);
+    let units = DMatrix::from_fn(slopes.nrows(), live.len(), |row, at| {
+        slopes[(row, live[at])] / norms[live[at]]
+    });
     let alike = units.transpose() * &units;
     // What the others leave of a column, squared, is one over its entry in the inverse.
     let inverse = (alike.clone() + DMatrix::identity(live.len(), live.len()) * 1e-9).try_inverse();
-    let own = |at: usize| inverse.as_ref().map_or(0.0, |inverse| (1.0 / inverse[(at, at)]).max(0.0).sqrt());
+    let own = |at: usize| {
+        inverse.as_ref().map_or(0.0, |inverse| (1.0 / inverse[(at, at)]).max(0.0).sqrt())
+    };
     norms
         .iter()
         .enumerate()
@@ -74,8 +79,11 @@ fn told(slopes: &DMatrix<f64>, shown: f64) -> Vec<Told> {
             Some(at) if own(at) >= OWN => Told::Clear,
             Some(at) => {
                 let others = (0..live.len()).filter(|other| *other != at);
-                let most = others.max_by(|a, b| alike[(at, *a)].abs().total_cmp(&alike[(at, *b)].abs()));
-                Told::Traded(most.filter(|most| alike[(at, *most)].abs() >= ALIKE).map(|most| live[most]))
+                let most =
+                    others.max_by(|a, b| alike[(at, *a)].abs().total_cmp(&alike[(at, *b)].abs()));
+                Told::Traded(
+                    most.filter(|most| alike[(at, *most)].abs() >= ALIKE).map(|most| live[most]),
+                )
             }
         })
         .collect()
@@ -88,7 +96,9 @@ mod tests {
     #[test]
     fn a_column_that_another_stands_in_for_is_traded_and_a_small_one_is_flat() {
         let rows = 200;
-        let wave = |order: f64, row: usize| (std::f64::consts::TAU * order * row as f64 / rows as f64).sin();
+        let wave = |order: f64, row: usize| {
+            (std::f64::consts::TAU * order * row as f64 / rows as f64).sin()
+        };
         let slopes = DMatrix::from_fn(rows, 6, |row, column| match column {
             0 => wave(1.0, row),
             // The first, and a little of its own.
@@ -100,14 +110,19 @@ mod tests {
             _ => wave(2.0, row) + wave(5.0, row),
         });
         let told = told(&slopes, 1.0);
-        assert_eq!(told[..5], [Told::Traded(Some(1)), Told::Traded(Some(0)), Told::Clear, Told::Flat, Told::Dead]);
+        assert_eq!(
+            told[..5],
+            [Told::Traded(Some(1)), Told::Traded(Some(0)), Told::Clear, Told::Flat, Told::Dead]
+        );
         assert_eq!(told[5], Told::Clear);
     }
 
     #[test]
     fn several_that_stand_in_together_have_no_name() {
         let rows = 400;
-        let wave = |order: f64, row: usize| (std::f64::consts::TAU * order * row as f64 / rows as f64).sin();
+        let wave = |order: f64, row: usize| {
+            (std::f64::consts::TAU * order * row as f64 / rows as f64).sin()
+        };
         let orders = [1.0, 2.0, 3.0, 4.0, 5.0];
         // The last is the sum of five others: like none of them (0.45), and nothing of its own.
         let slopes = DMatrix::from_fn(rows, 6, |row, column| match orders.get(column) {

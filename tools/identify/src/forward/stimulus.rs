@@ -1,16 +1,19 @@
-//! A known torque at a known place: how residuals answer it tells what they would look like if an unknown one acted there.
+//! A known torque at a known place: how residuals answer it tells what they would look like if an
+//! unknown one acted there.
 
 use std::sync::Arc;
 
 use plant::ParameterSet;
 use plant::effects::{Effect, Link, Moment, SideLoad, Site};
 
-/// Which way a torque goes next is drawn by this generator's highest bit (multiplier and increment of Knuth's MMIX).
+/// Which way a torque goes next is drawn by this generator's highest bit (multiplier and increment
+/// of Knuth's MMIX).
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
 /// See there.
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
 
-/// A torque on a side (N·m), or a force on what moves in the lines (N), over time: one size, both signs, changing at random.
+/// A torque on a side (N·m), or a force on what moves in the lines (N), over time: one size, both
+/// signs, changing at random.
 #[derive(Clone, Debug)]
 pub struct Stimulus {
     /// On the master, the slave, or the line.

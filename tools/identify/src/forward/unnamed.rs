@@ -1,4 +1,5 @@
-//! Functions of one variable that stand for what has no name: where they are tried, and how each does.
+//! Functions of one variable that stand for what has no name: where they are tried, and how each
+//! does.
 
 use plant::effects::Site;
 use rayon::prelude::*;
@@ -48,7 +49,9 @@ pub struct Unnamed {
 /// Between which all but a hundredth of some values lie.
 fn ends(mut values: Vec<f64>) -> (f64, f64) {
     values.sort_by(f64::total_cmp);
-    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
+    let at = |share: f64| {
+        values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0)
+    };
     (at(0.005), at(0.995))
 }
 
@@ -57,7 +60,9 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
     let mut values: Vec<f64> = Vec::new();
     if site == Site::Sensor {
         for record in records.iter().map(|index| &machine.records[*index]) {
-            values.extend((0..record.volts.len()).step_by(4).map(|row| beside(record, variable, row)));
+            values.extend(
+                (0..record.volts.len()).step_by(4).map(|row| beside(record, variable, row)),
+            );
         }
         return ends(values);
     }
@@ -71,9 +76,13 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
         let positions = record.averaged(position);
         match variable {
             Variable::Position => values.extend(&positions),
-            Variable::Velocity => values.extend(positions.windows(5).map(|rows| (rows[4] - rows[0]) / (4.0 * pace))),
+            Variable::Velocity => {
+                values.extend(positions.windows(5).map(|rows| (rows[4] - rows[0]) / (4.0 * pace)))
+            }
             Variable::Time => values.extend(record.residual_times()),
-            Variable::VoltageMean => values.extend(record.averaged(&record.volts).into_iter().map(f64::abs)),
+            Variable::VoltageMean => {
+                values.extend(record.averaged(&record.volts).into_iter().map(f64::abs))
+            }
             Variable::Acceleration => return (0.0, 0.0),
             // The line carries what the volts give.
             _ => values.extend(record.averaged(&record.volts)),
@@ -82,8 +91,10 @@ fn range(machine: &Machine, records: &[usize], (site, variable): (Site, Variable
     let (low, high) = ends(values);
     let declared = &machine.declared;
     let per_volt = declared.motor_torque_per_volt_nm();
-    let (displacement, stiffness) = (declared.master_displacement_m_per_rad(), declared.line_stiffness_n_per_m());
-    // The line carries at most what the motor gives, and half of it a line; its ends stand off by that over their stiffness.
+    let (displacement, stiffness) =
+        (declared.master_displacement_m_per_rad(), declared.line_stiffness_n_per_m());
+    // The line carries at most what the motor gives, and half of it a line; its ends stand off by
+    // that over their stiffness.
     let factor = match (site, variable) {
         (Site::Line, Variable::Velocity) => displacement,
         (_, Variable::Torque) => 0.7 * per_volt,
@@ -114,12 +125,20 @@ fn by(mut setting: Setting, node: usize, units: f64) -> Setting {
 /// The same of a node and half of its neighbours: a function with half as many nodes.
 fn wide(setting: Setting, node: usize, units: f64) -> Setting {
     let sides = [node.checked_sub(1), Some(node + 1).filter(|next| *next < NODES)];
-    sides.into_iter().flatten().fold(by(setting, node, units), |setting, side| by(setting, side, 0.5 * units))
+    sides
+        .into_iter()
+        .flatten()
+        .fold(by(setting, node, units), |setting, side| by(setting, side, 0.5 * units))
 }
 
-/// Functions of one variable beside what there is: how each does on the selecting records, and the best that passes. With
-/// `must_be` something is known to be missing: then only those are tried that act where it enters, and that is told too.
-pub fn functions((fit, select): (&View<'_>, &View<'_>), (now, knobs): (&Fitted, &[Knob]), must_be: bool) -> Unnamed {
+/// Functions of one variable beside what there is: how each does on the selecting records, and the
+/// best that passes. With `must_be` something is known to be missing: then only those are tried
+/// that act where it enters, and that is told too.
+pub fn functions(
+    (fit, select): (&View<'_>, &View<'_>),
+    (now, knobs): (&Fitted, &[Knob]),
+    must_be: bool,
+) -> Unnamed {
     let machine = fit.machine;
     let projection = Projection::new(fit, now, knobs);
     let Some(before) = select.residuals(&now.setting) else { return Unnamed::default() };
@@ -136,7 +155,8 @@ pub fn functions((fit, select): (&View<'_>, &View<'_>), (now, knobs): (&Fitted, 
             let table = Table::new(*place, low, high);
             let mut start = now.setting.clone();
             start.tables.push(table);
-            let coarse: Vec<Setting> = (0..NODES).step_by(2).map(|node| wide(start.clone(), node, 1.0)).collect();
+            let coarse: Vec<Setting> =
+                (0..NODES).step_by(2).map(|node| wide(start.clone(), node, 1.0)).collect();
             let (factors, share) = projection.explain(fit, &coarse)?;
             for (node, factor) in (0..NODES).step_by(2).zip(factors) {
                 start = wide(start, node, factor);
@@ -155,14 +175,19 @@ pub fn functions((fit, select): (&View<'_>, &View<'_>), (now, knobs): (&Fitted, 
             let free: Vec<Knob> = knobs.iter().cloned().chain(nodes).collect();
             let fitted = fit.fit(&start, &free, ROUNDS)?;
             let table = fitted.setting.tables.last()?.clone();
-            let mut judged = judge((table.variable.name(), table.site), &before, &select.residuals(&fitted.setting)?);
+            let mut judged = judge(
+                (table.variable.name(), table.site),
+                &before,
+                &select.residuals(&fitted.setting)?,
+            );
             judged.accepted &= judged.gain >= LEAST_UNNAMED;
             Some(Nameless { judged, table, fitted, knobs: free })
         })
         .collect();
     tried.sort_by(|a, b| b.judged.gain.total_cmp(&a.judged.gain));
     let judged = tried.iter().map(|tried| tried.judged.clone()).collect();
-    // Where nothing else is left to say, what explains a part of it is said though it does not pass.
+    // Where nothing else is left to say, what explains a part of it is said though it does not
+    // pass.
     let enough = |tried: &Nameless| match must_be {
         true => tried.judged.gain >= LEAST_HINT,
         false => tried.judged.accepted,

@@ -1,4 +1,5 @@
-//! Fits a structure: amplitudes by bounded least squares, shapes on a grid and then by Levenberg-Marquardt.
+//! Fits a structure: amplitudes by bounded least squares, shapes on a grid and then by
+//! Levenberg-Marquardt.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
@@ -29,10 +30,17 @@ pub enum Known {
 }
 
 impl Machine {
-    /// Fits amplitudes and shapes on `blocks`. Shapes beyond the `known` ones are searched on their grid (amplitudes by
-    /// bounded least squares at each point); the best point is refined by Levenberg-Marquardt on the projected
-    /// residual. `None` where the columns cannot be told apart in these rows.
-    pub fn fit(&self, structure: &Structure<'_>, blocks: &[Block], known: &[f64], how: Known) -> Option<Fitted> {
+    /// Fits amplitudes and shapes on `blocks`. Shapes beyond the `known` ones are searched on their
+    /// grid (amplitudes by bounded least squares at each point); the best point is refined by
+    /// Levenberg-Marquardt on the projected residual. `None` where the columns cannot be told apart
+    /// in these rows.
+    pub fn fit(
+        &self,
+        structure: &Structure<'_>,
+        blocks: &[Block],
+        known: &[f64],
+        how: Known,
+    ) -> Option<Fitted> {
         let shapes = self.shapes(structure);
         let bounds = self.bounds(structure);
         let mut values = self.search_grid(structure, blocks, &shapes, &bounds, (known, how))?;
@@ -47,8 +55,8 @@ impl Machine {
         Some(Fitted { fit, std, shapes: values, columns })
     }
 
-    /// The best point of the grid over all shapes that are not known, and over the smoothing speed where something new
-    /// depends on it.
+    /// The best point of the grid over all shapes that are not known, and over the smoothing speed
+    /// where something new depends on it.
     fn search_grid(
         &self,
         structure: &Structure<'_>,
@@ -73,13 +81,23 @@ impl Machine {
         let mut best: Option<(f64, Vec<f64>)> = None;
         for smoothing in smoothing {
             let leading = [&[smoothing], known.get(1..from).unwrap_or(&[])].concat();
-            let before = Structure { effects: structure.effects[..settled].to_vec(), model: structure.model.clone() };
+            let before = Structure {
+                effects: structure.effects[..settled].to_vec(),
+                model: structure.model.clone(),
+            };
             // With the sign of the whole structure, which the settled part by itself may not want.
-            let signs: Vec<Vec<f64>> = self.balances.iter().map(|b| self.sign(structure, smoothing, b)).collect();
+            let signs: Vec<Vec<f64>> =
+                self.balances.iter().map(|b| self.sign(structure, smoothing, b)).collect();
             let settled_columns = self.columns(&before, &leading);
             let mut points = grid(&shapes[from..]);
             if points.len() > LARGEST_GRID {
-                points = first_look(self, structure, blocks, settled, (&settled_columns, &signs, points))?;
+                points = first_look(
+                    self,
+                    structure,
+                    blocks,
+                    settled,
+                    (&settled_columns, &signs, points),
+                )?;
             }
             for own in points {
                 let all = [leading.as_slice(), &own].concat();
@@ -116,7 +134,9 @@ impl Machine {
                 let from = block.rows.start + i * length;
                 scores.push(DVector::from_iterator(
                     fit.coefficients.len(),
-                    columns[block.record].iter().map(|c| part.iter().zip(&c[from..]).map(|(e, x)| e * x).sum::<f64>()),
+                    columns[block.record]
+                        .iter()
+                        .map(|c| part.iter().zip(&c[from..]).map(|(e, x)| e * x).sum::<f64>()),
                 ));
             }
         }
@@ -134,10 +154,22 @@ impl Machine {
         let free: Vec<usize> = (0..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let shares = free.iter().map(|i| shapes[*i].share(start[*i]));
         let shares = DVector::from_iterator(free.len(), shares);
-        let problem =
-            Projected { machine: self, structure, blocks, shapes, bounds, free, start: start.clone(), shares };
+        let problem = Projected {
+            machine: self,
+            structure,
+            blocks,
+            shapes,
+            bounds,
+            free,
+            start: start.clone(),
+            shares,
+        };
         let before = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-        let (problem, _) = LevenbergMarquardt::new().with_ftol(1e-6).with_xtol(1e-4).with_patience(8).minimize(problem);
+        let (problem, _) = LevenbergMarquardt::new()
+            .with_ftol(1e-6)
+            .with_xtol(1e-4)
+            .with_patience(8)
+            .minimize(problem);
         let after = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
         if after < before { problem.values_at(&problem.shares) } else { start }
     }
@@ -148,14 +180,18 @@ fn grid(shapes: &[Shape]) -> Vec<Vec<f64>> {
     let mut points = vec![Vec::new()];
     for shape in shapes {
         let last = (shape.points.max(2) - 1) as f64;
-        let values: Vec<f64> = (0..shape.points.max(1)).map(|k| shape.at(k as f64 / last)).collect();
-        points = points.iter().flat_map(|p| values.iter().map(|v| [p.as_slice(), &[*v]].concat())).collect();
+        let values: Vec<f64> =
+            (0..shape.points.max(1)).map(|k| shape.at(k as f64 / last)).collect();
+        points = points
+            .iter()
+            .flat_map(|p| values.iter().map(|v| [p.as_slice(), &[*v]].concat()))
+            .collect();
     }
     points
 }
 
-/// The residual as a function of the shapes alone, amplitudes solved for inside (variable projection). Shapes
-/// are followed as shares of their range.
+/// The residual as a function of the shapes alone, amplitudes solved for inside (variable
+/// projection). Shapes are followed as shares of their range.
 struct Projected<'a> {
     machine: &'a Machine,
     structure: &'a Structure<'a>,

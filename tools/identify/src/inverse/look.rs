@@ -1,8 +1,8 @@
 //! A first look at large grids of shapes: which points are worth a fit.
 //!
-//! The residual of the model without the new effect is held against the effect's columns row by row, without the low-pass
-//! and without fitting the rest again. Tones are found in the residual's spectrum. The best few points that are no
-//! neighbours go on to the exact fit.
+//! The residual of the model without the new effect is held against the effect's columns row by
+//! row, without the low-pass and without fitting the rest again. Tones are found in the residual's
+//! spectrum. The best few points that are no neighbours go on to the exact fit.
 
 use super::model::{Machine, Structure, residual};
 use super::split::Block;
@@ -18,7 +18,8 @@ const KEPT: usize = 6;
 /// Products of rows and points that a look may cost; beyond, rows are left out evenly.
 const LARGEST_COST: usize = 20_000_000;
 
-/// The best of the `points` for the one new effect after the settled ones; all of them where there are several new ones.
+/// The best of the `points` for the one new effect after the settled ones; all of them where there
+/// are several new ones.
 pub(super) fn first_look(
     machine: &Machine,
     structure: &Structure<'_>,
@@ -27,11 +28,16 @@ pub(super) fn first_look(
     (columns, signs, points): (&[Columns], &[Vec<f64>], Vec<Vec<f64>>),
 ) -> Option<Vec<Vec<f64>>> {
     let [effect] = structure.effects[settled..] else { return Some(points) };
-    let before = Structure { effects: structure.effects[..settled].to_vec(), model: structure.model.clone() };
+    let before = Structure {
+        effects: structure.effects[..settled].to_vec(),
+        model: structure.model.clone(),
+    };
     let fit = solve(&machine.gram(columns, blocks), &machine.bounds(&before))?;
     let left: Vec<Vec<f64>> = blocks
         .iter()
-        .map(|b| residual(&columns[b.record], &machine.balances[b.record].force, &fit.coefficients, b))
+        .map(|b| {
+            residual(&columns[b.record], &machine.balances[b.record].force, &fit.coefficients, b)
+        })
         .collect();
     if effect.is_tone() {
         return Some(tones(machine, blocks, &left, &effect.shapes(&machine.axis)));
@@ -40,7 +46,8 @@ pub(super) fn first_look(
     let thin: Vec<_> = machine.balances.iter().map(|b| b.signals.thin()).collect();
     let thinner = |full: &[f64], record: usize| machine.balances[record].signals.rows(full);
     let signs: Vec<Vec<f64>> = signs.iter().enumerate().map(|(i, s)| thinner(s, i)).collect();
-    let models: Vec<Vec<f64>> = structure.model.iter().enumerate().map(|(i, m)| thinner(m, i)).collect();
+    let models: Vec<Vec<f64>> =
+        structure.model.iter().enumerate().map(|(i, m)| thinner(m, i)).collect();
     let rows: usize = blocks.iter().map(|b| b.rows.len()).sum();
     let every = (rows * points.len()).div_ceil(LARGEST_COST).max(1);
     let explained = |shapes: &Vec<f64>| {
@@ -50,11 +57,14 @@ pub(super) fn first_look(
             .enumerate()
             .map(|(i, signals)| {
                 let model = models.get(i).map_or(&[][..], Vec::as_slice);
-                effect.columns(&View { signals, sign: &signs[i], model, axis: &machine.axis }, shapes)
+                effect
+                    .columns(&View { signals, sign: &signs[i], model, axis: &machine.axis }, shapes)
             })
             .collect();
         for (block, left) in blocks.iter().zip(&left) {
-            let pick = |c: &Vec<f64>| c[block.rows.clone()].iter().step_by(every).copied().collect::<Vec<f64>>();
+            let pick = |c: &Vec<f64>| {
+                c[block.rows.clone()].iter().step_by(every).copied().collect::<Vec<f64>>()
+            };
             let own: Vec<Vec<f64>> = columns[block.record].iter().map(pick).collect();
             let target = pick_every(left, every);
             gram.add(&own, &target, 0..target.len());
@@ -77,8 +87,14 @@ fn pick_every(values: &[f64], every: usize) -> Vec<f64> {
     values.iter().step_by(every).copied().collect()
 }
 
-/// The strongest lines in the residual's spectrum, over all records, within the range of the one shape.
-fn tones(machine: &Machine, blocks: &[Block], left: &[Vec<f64>], shapes: &[Shape]) -> Vec<Vec<f64>> {
+/// The strongest lines in the residual's spectrum, over all records, within the range of the one
+/// shape.
+fn tones(
+    machine: &Machine,
+    blocks: &[Block],
+    left: &[Vec<f64>],
+    shapes: &[Shape],
+) -> Vec<Vec<f64>> {
     let Some(shape) = shapes.first() else { return Vec::new() };
     let mut spectra: Vec<Vec<(f64, f64)>> = Vec::new();
     for (record, balance) in machine.balances.iter().enumerate() {
@@ -90,11 +106,15 @@ fn tones(machine: &Machine, blocks: &[Block], left: &[Vec<f64>], shapes: &[Shape
     }
     let Some(longest) = spectra.iter().max_by_key(|s| s.len()) else { return Vec::new() };
     let power = |frequency: f64| -> f64 {
-        spectra.iter().filter_map(|s| s.get((frequency / s.get(1)?.0).round() as usize).map(|bin| bin.1)).sum()
+        spectra
+            .iter()
+            .filter_map(|s| s.get((frequency / s.get(1)?.0).round() as usize).map(|bin| bin.1))
+            .sum()
     };
     // Back and forth through the shape's range: what it cannot take is no line.
     let allowed = |f: &f64| (shape.at(shape.share(*f)) - f).abs() < 1e-6;
-    let mut lines: Vec<(f64, f64)> = longest.iter().map(|bin| bin.0).filter(allowed).map(|f| (f, power(f))).collect();
+    let mut lines: Vec<(f64, f64)> =
+        longest.iter().map(|bin| bin.0).filter(allowed).map(|f| (f, power(f))).collect();
     lines.sort_by(|a, b| b.1.total_cmp(&a.1));
     let width = 1.5 / machine.axis.seconds;
     let mut kept: Vec<f64> = Vec::new();

@@ -1,6 +1,7 @@
-//! Models read inversely: the measured motion goes in, the force that it needs comes out, and what the measured force
-//! has beyond that is the residual. Such models are linear in their parameters but for a few shapes, so fits are exact
-//! and fast, and nothing drifts as a free simulation of a machine without a spring would.
+//! Models read inversely: the measured motion goes in, the force that it needs comes out, and what
+//! the measured force has beyond that is the residual. Such models are linear in their parameters
+//! but for a few shapes, so fits are exact and fast, and nothing drifts as a free simulation of a
+//! machine without a spring would.
 
 pub mod fit;
 mod look;

@@ -67,7 +67,8 @@ pub struct Machine {
 pub struct Structure<'a> {
     /// In the order in which they were added.
     pub effects: Vec<&'a dyn InverseEffect>,
-    /// The force that a model asked for, per record at the full rate: what columns are made of that come from it.
+    /// The force that a model asked for, per record at the full rate: what columns are made of that
+    /// come from it.
     pub model: Arc<Vec<Vec<f64>>>,
 }
 
@@ -107,7 +108,8 @@ impl Machine {
     pub fn shapes(&self, structure: &Structure<'_>) -> Vec<Shape> {
         let range = (1e-3 * self.axis.velocity_rms, 0.3 * self.axis.velocity_rms);
         let points = if self.uses_sign(structure) { 7 } else { 1 };
-        let mut shapes = vec![Shape::by_factors("smoothing_speed", self.axis.units.velocity, range, points)];
+        let mut shapes =
+            vec![Shape::by_factors("smoothing_speed", self.axis.units.velocity, range, points)];
         shapes.extend(structure.effects.iter().flat_map(|e| e.shapes(&self.axis)));
         shapes
     }
@@ -122,10 +124,11 @@ impl Machine {
         structure.effects.iter().flat_map(|e| self.terms_of(*e)).collect()
     }
 
-    /// Bounds of all amplitudes: tolerances of declared parameters unless an effect lifts them, physical
-    /// limits of effects.
+    /// Bounds of all amplitudes: tolerances of declared parameters unless an effect lifts them,
+    /// physical limits of effects.
     pub fn bounds(&self, structure: &Structure<'_>) -> Vec<Bound> {
-        let lifted = |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
+        let lifted =
+            |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
         let declared = self.parameters.iter().map(|p| match p.column {
             // Mass, damping and stiffness below 0 are no machine, whatever the tolerance.
             Column::One => (p.declared - p.spread, p.declared + p.spread),
@@ -136,7 +139,12 @@ impl Machine {
     }
 
     /// The smoothed sign along a record, where the structure wants one.
-    pub(super) fn sign(&self, structure: &Structure<'_>, smoothing: f64, balance: &Balance) -> Vec<f64> {
+    pub(super) fn sign(
+        &self,
+        structure: &Structure<'_>,
+        smoothing: f64,
+        balance: &Balance,
+    ) -> Vec<f64> {
         if self.uses_sign(structure) { balance.signals.sign(smoothing) } else { Vec::new() }
     }
 
@@ -154,7 +162,12 @@ impl Machine {
     }
 
     /// An effect's columns at the full rate, low-passed.
-    fn full_columns(&self, effect: &dyn InverseEffect, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+    fn full_columns(
+        &self,
+        effect: &dyn InverseEffect,
+        view: &View<'_>,
+        shapes: &[f64],
+    ) -> Vec<Vec<f64>> {
         if self.frees(effect) {
             return Vec::new();
         }
@@ -178,7 +191,8 @@ impl Machine {
         self.full_columns(effect, &view, shapes).iter().map(|c| signals.rows(c)).collect()
     }
 
-    /// The shapes of each effect: their places in the list of all, the smoothing speed being the first.
+    /// The shapes of each effect: their places in the list of all, the smoothing speed being the
+    /// first.
     pub fn places(&self, structure: &Structure<'_>) -> Vec<std::ops::Range<usize>> {
         let mut next = 1;
         let place = |effect: &&dyn InverseEffect| {
@@ -196,15 +210,19 @@ impl Machine {
             let sign = self.sign(structure, shapes[0], balance);
             let mut columns = self.declared_columns(&sign, balance);
             for (effect, place) in structure.effects.iter().zip(&places) {
-                columns.extend(self.effect_columns(structure, *effect, (record, &sign, &shapes[place.clone()])));
+                columns.extend(self.effect_columns(
+                    structure,
+                    *effect,
+                    (record, &sign, &shapes[place.clone()]),
+                ));
             }
             columns
         };
         self.balances.iter().enumerate().map(of).collect()
     }
 
-    /// The force that a fitted model asks for, per record at the full rate, low-passed. Effects that are made of this force
-    /// themselves are left out.
+    /// The force that a fitted model asks for, per record at the full rate, low-passed. Effects
+    /// that are made of this force themselves are left out.
     pub fn force(&self, structure: &Structure<'_>, fitted: &Fitted) -> Vec<Vec<f64>> {
         let places = self.places(structure);
         let of = |balance: &Balance| {
@@ -245,17 +263,27 @@ impl Machine {
     pub(super) fn gram(&self, columns: &[Vec<Vec<f64>>], blocks: &[Block]) -> Gram {
         let mut gram = Gram::empty(columns.first().map_or(0, Vec::len));
         for block in blocks {
-            gram.add(&columns[block.record], &self.balances[block.record].force, block.rows.clone());
+            gram.add(
+                &columns[block.record],
+                &self.balances[block.record].force,
+                block.rows.clone(),
+            );
         }
         gram
     }
 
     /// Residual of a fitted structure over some rows.
     pub fn residual(&self, fitted: &Fitted, block: &Block) -> Vec<f64> {
-        residual(&fitted.columns[block.record], &self.balances[block.record].force, &fitted.fit.coefficients, block)
+        residual(
+            &fitted.columns[block.record],
+            &self.balances[block.record].force,
+            &fitted.fit.coefficients,
+            block,
+        )
     }
 
-    /// The shift in time (s) of the effect that was added last, where it is one that sampling and holding would make.
+    /// The shift in time (s) of the effect that was added last, where it is one that sampling and
+    /// holding would make.
     pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
         let effect = *structure.effects.last()?;
         let amplitudes = fitted.fit.coefficients.as_slice();
@@ -272,7 +300,9 @@ impl Machine {
             let columns = &fitted.columns[block.record];
             let from = columns.len() - terms;
             for row in block.rows.clone() {
-                let put: f64 = (from..columns.len()).map(|c| fitted.fit.coefficients[c] * columns[c][row]).sum();
+                let put: f64 = (from..columns.len())
+                    .map(|c| fitted.fit.coefficients[c] * columns[c][row])
+                    .sum();
                 sum += put * put;
             }
             rows += block.rows.len();
@@ -282,7 +312,12 @@ impl Machine {
 }
 
 /// Force less the columns times their coefficients, over some rows.
-pub(super) fn residual(columns: &[Vec<f64>], force: &[f64], coefficients: &DVector<f64>, block: &Block) -> Vec<f64> {
+pub(super) fn residual(
+    columns: &[Vec<f64>],
+    force: &[f64],
+    coefficients: &DVector<f64>,
+    block: &Block,
+) -> Vec<f64> {
     let mut e = force[block.rows.clone()].to_vec();
     for (column, amplitude) in columns.iter().zip(coefficients.iter()) {
         for (e, x) in e.iter_mut().zip(&column[block.rows.clone()]) {

@@ -1,4 +1,5 @@
-//! Which effects the records demand, one after the other, judged on rows that took no part in the fit.
+//! Which effects the records demand, one after the other, judged on rows that took no part in the
+//! fit.
 
 use std::sync::Arc;
 
@@ -8,14 +9,17 @@ use super::spline::{Spline, Variable};
 use super::split::{Block, Role};
 use crate::effects::{ALL, Effect, InverseEffect};
 
-/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this share at least. On
-/// filtered rows at 200 Hz any test of significance alone would fire on clean data; size is what protects.
+/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this
+/// share at least. On filtered rows at 200 Hz any test of significance alone would fire on clean
+/// data; size is what protects.
 pub const LEAST_GAIN: f64 = 0.10;
 
-/// And when the mean fall of the blocks' squared residual is this many of its standard errors above 0.
+/// And when the mean fall of the blocks' squared residual is this many of its standard errors above
+/// 0.
 pub const LEAST_T: f64 = 2.5;
 
-/// A rival is as good as the winner when its gain (in log error) is at least this share of the winner's.
+/// A rival is as good as the winner when its gain (in log error) is at least this share of the
+/// winner's.
 const RIVAL: f64 = 0.9;
 
 /// Most effects that are added: more than three are a fit, not an explanation.
@@ -110,7 +114,8 @@ pub struct Found {
     pub base: Fitted,
     /// Effects in the order in which they were added.
     pub steps: Vec<Step>,
-    /// How the listed candidates did in the last round: none passed, or there was no room for one more.
+    /// How the listed candidates did in the last round: none passed, or there was no room for one
+    /// more.
     pub last_round: Vec<Tried>,
     /// How generic functions of one variable did after that, best first.
     pub generic: Vec<Generic>,
@@ -140,11 +145,14 @@ pub fn mean_squares(machine: &Machine, fitted: &Fitted, blocks: &[Block]) -> Vec
     let square = |e: &f64| e * e;
     blocks
         .iter()
-        .map(|b| machine.residual(fitted, b).iter().map(square).sum::<f64>() / b.rows.len().max(1) as f64)
+        .map(|b| {
+            machine.residual(fitted, b).iter().map(square).sum::<f64>() / b.rows.len().max(1) as f64
+        })
         .collect()
 }
 
-/// Holds a candidate against what was there, from the mean squared residuals of the selecting blocks.
+/// Holds a candidate against what was there, from the mean squared residuals of the selecting
+/// blocks.
 pub fn judge(id: &'static str, before: &[f64], after: &[f64]) -> Candidate {
     let n = before.len() as f64;
     let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
@@ -161,13 +169,19 @@ pub fn judge(id: &'static str, before: &[f64], after: &[f64]) -> Candidate {
 
 /// Whether the model has that effect already: added, or declared as a parameter.
 fn has(machine: &Machine, added: &[Sited], id: &str) -> bool {
-    id == "coulomb_friction" && machine.declares(Column::Sign) || added.iter().any(|a| a.effect.id() == id)
+    id == "coulomb_friction" && machine.declares(Column::Sign)
+        || added.iter().any(|a| a.effect.id() == id)
 }
 
 /// Candidates that make sense beside the effects that are in the model already.
 pub fn candidates(machine: &Machine, added: &[Sited], now: &Fitted) -> Vec<Sited> {
-    let at_edge =
-        |column| machine.parameters.iter().zip(&now.fit.at_bound).any(|(p, edge)| p.column == column && *edge);
+    let at_edge = |column| {
+        machine
+            .parameters
+            .iter()
+            .zip(&now.fit.at_bound)
+            .any(|(p, edge)| p.column == column && *edge)
+    };
     let rank = |site: &str| machine.sites.iter().position(|s| *s == site);
     let sited = |effect: &'static dyn Effect| {
         let inverse = effect.inverse()?;
@@ -179,7 +193,9 @@ pub fn candidates(machine: &Machine, added: &[Sited], now: &Fitted) -> Vec<Sited
         .filter_map(|e| sited(*e))
         .filter(|c| !has(machine, added, c.effect.id()) && c.inverse.applies(&machine.axis))
         .filter(|c| c.inverse.needs().iter().all(|need| has(machine, added, need)))
-        .filter(|c| !machine.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge))
+        .filter(|c| {
+            !machine.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge)
+        })
         .collect();
     // Of two names for the same parameter the one at the nearer site is meant.
     let lifted: Vec<_> = list.iter().map(|c| (c.inverse.lifts(), rank(c.site))).collect();
@@ -236,7 +252,9 @@ impl Round<'_> {
                 .map(|job| {
                     let (before, model) = (&before, &model);
                     let own = candidates.iter().skip(job).step_by(jobs);
-                    scope.spawn(move || own.filter_map(|c| self.attempt(*c, before, model)).collect::<Vec<_>>())
+                    scope.spawn(move || {
+                        own.filter_map(|c| self.attempt(*c, before, model)).collect::<Vec<_>>()
+                    })
                 })
                 .collect();
             threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
@@ -269,19 +287,25 @@ fn freedom(machine: &Machine, sited: &Sited) -> usize {
     terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&machine.axis).len()
 }
 
-/// Of the candidates that pass, one of those that do about as well as the best: the one with the fewest numbers, and of
-/// these the best. One that it contains as a limit takes its place unless it is better by as much as an effect must be.
-/// `tried` is in the order of gains.
+/// Of the candidates that pass, one of those that do about as well as the best: the one with the
+/// fewest numbers, and of these the best. One that it contains as a limit takes its place unless it
+/// is better by as much as an effect must be. `tried` is in the order of gains.
 pub fn choose(machine: &Machine, added: &[Sited], tried: &[Standing<'_>]) -> Option<usize> {
     let top = tried.iter().find(|t| t.verdict.accepted)?.log_gain();
     let near = |t: &Standing<'_>| t.verdict.accepted && t.log_gain() >= RIVAL * top;
-    let best = (0..tried.len()).filter(|i| near(&tried[*i])).min_by_key(|i| freedom(machine, &tried[*i].sited))?;
+    let best = (0..tried.len())
+        .filter(|i| near(&tried[*i]))
+        .min_by_key(|i| freedom(machine, &tried[*i].sited))?;
     let simpler = tried[best].sited.inverse.refines().filter(|id| !has(machine, added, id));
-    let simpler = simpler.and_then(|id| tried.iter().position(|t| t.verdict.id == id && t.verdict.accepted));
-    Some(simpler.filter(|s| !judge("", tried[*s].after, tried[best].after).accepted).unwrap_or(best))
+    let simpler =
+        simpler.and_then(|id| tried.iter().position(|t| t.verdict.id == id && t.verdict.accepted));
+    Some(
+        simpler.filter(|s| !judge("", tried[*s].after, tried[best].after).accepted).unwrap_or(best),
+    )
 }
 
-/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of them.
+/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of
+/// them.
 pub fn near(machine: &Machine, tried: &[Standing<'_>], best: usize) -> Vec<Sited> {
     let winner = &tried[best];
     let nested = |a: &Sited, b: &Sited| a.inverse.refines() == Some(b.effect.id());
@@ -298,13 +322,15 @@ pub fn near(machine: &Machine, tried: &[Standing<'_>], best: usize) -> Vec<Sited
 
 /// Those that did about as well as the winner and have nothing to add to it; at most two.
 fn rivals(round: &Round<'_>, winner: &Tried, near: Vec<Sited>, jobs: usize) -> Vec<Sited> {
-    let beside = Round { structure: &winner.structure, now: &winner.fitted, ..*round }.try_all(&near, jobs);
-    let adds = |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
+    let beside =
+        Round { structure: &winner.structure, now: &winner.fitted, ..*round }.try_all(&near, jobs);
+    let adds =
+        |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
     near.into_iter().filter(|c| !adds(c)).take(2).collect()
 }
 
-/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes or [`MOST_EFFECTS`]
-/// are in. `None` where not even the declared model can be fitted.
+/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes
+/// or [`MOST_EFFECTS`] are in. `None` where not even the declared model can be fitted.
 pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
     let mut structure = Structure::default();
@@ -314,7 +340,8 @@ pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found>
     let last_round = loop {
         let added: Vec<Sited> = steps.iter().map(|s| s.added).collect();
         let how = Known::Start;
-        let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how };
+        let round =
+            Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how };
         let tried = round.try_all(&candidates(machine, &added, &now), jobs);
         let room = steps.len() < MOST_EFFECTS;
         let standings: Vec<Standing<'_>> = tried.iter().map(Tried::standing).collect();
@@ -325,7 +352,14 @@ pub fn search(machine: &Machine, blocks: &[Block], jobs: usize) -> Option<Found>
         (structure, now) = (wider.clone(), fitted.clone());
         steps.push(Step { ranking, added: sited, rivals, structure: wider, fitted });
     };
-    let round = Round { machine, structure: &structure, now: &now, fit: &fit, select: &select, how: Known::Held };
+    let round = Round {
+        machine,
+        structure: &structure,
+        now: &now,
+        fit: &fit,
+        select: &select,
+        how: Known::Held,
+    };
     let generic = generic(&round);
     let unlisted = generic.iter().find(|g| g.verdict.accepted).map(|g| g.unlisted.clone());
     Some(Found { base, steps, last_round, generic, unlisted })
@@ -337,17 +371,34 @@ pub fn generic(round: &Round<'_>) -> Vec<Generic> {
     let before = mean_squares(machine, round.now, round.select);
     let mut tried: Vec<Generic> = Vec::new();
     for variable in Variable::ALL {
-        let Some(spline) = Spline::over(variable, machine.balances.iter().map(|b| &b.signals)) else { continue };
-        let effects = round.structure.effects.iter().copied().chain([&spline as &dyn InverseEffect]).collect();
+        let Some(spline) = Spline::over(variable, machine.balances.iter().map(|b| &b.signals))
+        else {
+            continue;
+        };
+        let effects = round
+            .structure
+            .effects
+            .iter()
+            .copied()
+            .chain([&spline as &dyn InverseEffect])
+            .collect();
         let wider = Structure { effects, model: Arc::clone(&round.structure.model) };
         // Shapes stay where they are: a spline must not pay for a worse smoothing.
-        let Some(fitted) = machine.fit(&wider, round.fit, &round.now.shapes, Known::Held) else { continue };
-        let verdict = judge(variable.name(), &before, &mean_squares(machine, &fitted, round.select));
+        let Some(fitted) = machine.fit(&wider, round.fit, &round.now.shapes, Known::Held) else {
+            continue;
+        };
+        let verdict =
+            judge(variable.name(), &before, &mean_squares(machine, &fitted, round.select));
         let knots = spline.knots.len();
         let from = fitted.fit.coefficients.len() - knots;
-        let at = |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
+        let at =
+            |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
         let unlisted = Unlisted { variable, table: (0..knots).map(at).collect() };
-        tried.push(Generic { verdict, unlisted, size: machine.size_of_last(&fitted, knots, round.select) });
+        tried.push(Generic {
+            verdict,
+            unlisted,
+            size: machine.size_of_last(&fitted, knots, round.select),
+        });
     }
     tried.sort_by(|a, b| b.verdict.gain_percent.total_cmp(&a.verdict.gain_percent));
     tried

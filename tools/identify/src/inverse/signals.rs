@@ -3,10 +3,12 @@
 use crate::filter::{ZeroPhase, derivatives};
 use crate::spectral::{LowPass, Spectrum};
 
-/// Rows per cut-off frequency that are kept after the low-pass: five, since nothing is left above the cut-off.
+/// Rows per cut-off frequency that are kept after the low-pass: five, since nothing is left above
+/// the cut-off.
 const ROWS_PER_CUT_OFF: f64 = 5.0;
 
-/// How much finer than sampled a band-limited motion is followed: a cube of it stays below half the finer rate.
+/// How much finer than sampled a band-limited motion is followed: a cube of it stays below half the
+/// finer rate.
 pub const FINER: usize = 4;
 
 /// Of the output's energy this share lies below the band's edge.
@@ -64,9 +66,15 @@ pub struct CutOff {
 }
 
 impl Balance {
-    /// Low-passes position and force alike (see [`crate::filter`]) and takes derivatives of the position. `None` where the
-    /// record is too short to leave a row.
-    pub fn new(name: &str, time: &[f64], position: &[f64], force: &[f64], limit: CutOff) -> Option<Self> {
+    /// Low-passes position and force alike (see [`crate::filter`]) and takes derivatives of the
+    /// position. `None` where the record is too short to leave a row.
+    pub fn new(
+        name: &str,
+        time: &[f64],
+        position: &[f64],
+        force: &[f64],
+        limit: CutOff,
+    ) -> Option<Self> {
         let step = (time.last()? - time.first()?) / (time.len().checked_sub(1)? as f64);
         let sampling = 1.0 / step;
         let cut_off = limit.highest.min(limit.share * sampling);
@@ -85,22 +93,32 @@ impl Balance {
             stride,
         };
         let force = signals.low_passed_rows(force);
-        (!force.is_empty()).then(|| Self { name: name.to_owned(), signals, force, cut_off, sampling: step })
+        (!force.is_empty()).then(|| Self {
+            name: name.to_owned(),
+            signals,
+            force,
+            cut_off,
+            sampling: step,
+        })
     }
 
-    /// The same for a band-limited pair: motion and force are followed [`FINER`] times finer than sampled, with spectral
-    /// derivatives (see [`crate::spectral`]), and rows are the sampling instants. The band ends where 99.9 % of the
-    /// motion's energy does, and a quarter above. `None` where the record is too short to leave a row.
+    /// The same for a band-limited pair: motion and force are followed [`FINER`] times finer than
+    /// sampled, with spectral derivatives (see [`crate::spectral`]), and rows are the sampling
+    /// instants. The band ends where 99.9 % of the motion's energy does, and a quarter above.
+    /// `None` where the record is too short to leave a row.
     pub fn band_limited(name: &str, time: &[f64], position: &[f64], force: &[f64]) -> Option<Self> {
         let first = *time.first()?;
         let step = (time.last()? - first) / (time.len().checked_sub(1)? as f64);
         let sampling = 1.0 / step;
         let motion = Spectrum::of(position)?;
-        let cut_off = (1.25 * motion.energy_below(BAND_ENERGY, sampling)).clamp(0.02 * sampling, 0.38 * sampling);
+        let cut_off = (1.25 * motion.energy_below(BAND_ENERGY, sampling))
+            .clamp(0.02 * sampling, 0.38 * sampling);
         let low_pass = LowPass { cut_off, sampling: sampling * FINER as f64 };
         let derivative = |order| motion.wave(FINER, order, sampling, |f| low_pass.weight(f));
         let signals = Signals {
-            time: (0..(time.len() - 1) * FINER + 1).map(|i| first + i as f64 * step / FINER as f64).collect(),
+            time: (0..(time.len() - 1) * FINER + 1)
+                .map(|i| first + i as f64 * step / FINER as f64)
+                .collect(),
             position: derivative(0)?,
             velocity: derivative(1)?,
             acceleration: derivative(2)?,
@@ -111,7 +129,13 @@ impl Balance {
             stride: FINER,
         };
         let rows = signals.low_passed_rows(&signals.force);
-        (!rows.is_empty()).then(|| Self { name: name.to_owned(), signals, force: rows, cut_off, sampling: step })
+        (!rows.is_empty()).then(|| Self {
+            name: name.to_owned(),
+            signals,
+            force: rows,
+            cut_off,
+            sampling: step,
+        })
     }
 
     /// Rows of the regression.
@@ -132,12 +156,17 @@ impl Signals {
         self.settling
     }
 
-    /// Rows of a full-rate signal that is linear in the filtered motion: edges cut, every `stride`th sample.
+    /// Rows of a full-rate signal that is linear in the filtered motion: edges cut, every
+    /// `stride`th sample.
     pub fn rows(&self, full: &[f64]) -> Vec<f64> {
         if full.len() <= 2 * self.settling {
             return Vec::new();
         }
-        full[self.settling..full.len() - self.settling].iter().step_by(self.stride).copied().collect()
+        full[self.settling..full.len() - self.settling]
+            .iter()
+            .step_by(self.stride)
+            .copied()
+            .collect()
     }
 
     /// The low-pass, at the full rate.
@@ -148,7 +177,8 @@ impl Signals {
         }
     }
 
-    /// As [`Self::rows`], after the low-pass: for measured force and for nonlinear functions of the motion.
+    /// As [`Self::rows`], after the low-pass: for measured force and for nonlinear functions of the
+    /// motion.
     pub fn low_passed_rows(&self, full: &[f64]) -> Vec<f64> {
         self.rows(&self.low_passed(full))
     }
@@ -167,8 +197,8 @@ impl Signals {
         }
     }
 
-    /// Sign of the velocity, smoothed: `tanh(v / smoothing)`. A hard sign would make noise at standstill switch
-    /// the whole friction; the width is fitted.
+    /// Sign of the velocity, smoothed: `tanh(v / smoothing)`. A hard sign would make noise at
+    /// standstill switch the whole friction; the width is fitted.
     pub fn sign(&self, smoothing: f64) -> Vec<f64> {
         self.velocity.iter().map(|v| (v / smoothing).tanh()).collect()
     }

@@ -61,24 +61,30 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// Knots over the range that the records cover, halfway between even spacing (which leaves knots without data that
-    /// then swing freely) and equal numbers of rows (which leaves the ends coarse). `None` where the variable does not
-    /// vary.
-    pub fn over<'a>(variable: Variable, records: impl Iterator<Item = &'a Signals>) -> Option<Self> {
-        let mut values: Vec<f64> = records.flat_map(|s| variable.values(s).iter().copied()).collect();
+    /// Knots over the range that the records cover, halfway between even spacing (which leaves
+    /// knots without data that then swing freely) and equal numbers of rows (which leaves the ends
+    /// coarse). `None` where the variable does not vary.
+    pub fn over<'a>(
+        variable: Variable,
+        records: impl Iterator<Item = &'a Signals>,
+    ) -> Option<Self> {
+        let mut values: Vec<f64> =
+            records.flat_map(|s| variable.values(s).iter().copied()).collect();
         values.sort_by(f64::total_cmp);
         let (low, high) = (*values.first()?, *values.last()?);
         let n = variable.knots();
         let knot = |i: usize| {
             let share = i as f64 / (n - 1) as f64;
-            0.5 * (low + (high - low) * share) + 0.5 * values[(share * (values.len() - 1) as f64) as usize]
+            0.5 * (low + (high - low) * share)
+                + 0.5 * values[(share * (values.len() - 1) as f64) as usize]
         };
         (high > low).then(|| Self { variable, knots: (0..n).map(knot).collect() })
     }
 }
 
 impl Spline {
-    /// The knot to the left of a value, and how far towards the next one it lies; beyond the ends it stays at them.
+    /// The knot to the left of a value, and how far towards the next one it lies; beyond the ends
+    /// it stays at them.
     fn place(&self, value: f64) -> (usize, f64) {
         let left = self.knots.partition_point(|k| *k <= value).clamp(1, self.knots.len() - 1) - 1;
         let share = (value - self.knots[left]) / (self.knots[left + 1] - self.knots[left]);
@@ -105,7 +111,8 @@ impl InverseEffect for Spline {
         let mut columns = vec![vec![0.0; values.len()]; self.knots.len()];
         for (row, value) in values.iter().enumerate() {
             let (left, share) = self.place(*value);
-            let weight = if self.variable == Variable::PositionByDirection { view.sign[row] } else { 1.0 };
+            let weight =
+                if self.variable == Variable::PositionByDirection { view.sign[row] } else { 1.0 };
             columns[left][row] = weight * (1.0 - share);
             columns[left + 1][row] = weight * share;
         }

@@ -22,7 +22,8 @@ pub struct Block {
     pub role: Role,
 }
 
-/// A small generator (Steele, Lea, Flood 2014, SplitMix64): splits must repeat for a seed, no more is asked of it.
+/// A small generator (Steele, Lea, Flood 2014, SplitMix64): splits must repeat for a seed, no more
+/// is asked of it.
 struct SplitMix(u64);
 
 impl SplitMix {
@@ -35,10 +36,17 @@ impl SplitMix {
     }
 }
 
-/// Splits one record into contiguous blocks of `length` rows with `guard` rows left out between neighbours, so that the
-/// low-pass carries nothing from one block into the next. Of every four neighbours two fit, one selects and one
-/// reports, in an order drawn anew: roles are spread over the record and no period of the motion can lock onto them.
-pub fn one_record(record: usize, rows: usize, length: usize, guard: usize, seed: u64) -> Vec<Block> {
+/// Splits one record into contiguous blocks of `length` rows with `guard` rows left out between
+/// neighbours, so that the low-pass carries nothing from one block into the next. Of every four
+/// neighbours two fit, one selects and one reports, in an order drawn anew: roles are spread over
+/// the record and no period of the motion can lock onto them.
+pub fn one_record(
+    record: usize,
+    rows: usize,
+    length: usize,
+    guard: usize,
+    seed: u64,
+) -> Vec<Block> {
     let mut random = SplitMix(seed);
     let mut blocks = Vec::new();
     let mut start = 0;
@@ -61,11 +69,14 @@ pub fn one_record(record: usize, rows: usize, length: usize, guard: usize, seed:
 /// A whole record in one role, cut into blocks of `length` rows (gains are judged block by block).
 pub fn whole_record(record: usize, rows: usize, length: usize, role: Role) -> Vec<Block> {
     let count = (rows / length.max(1)).max(1);
-    (0..count).map(|i| Block { record, rows: i * rows / count..(i + 1) * rows / count, role }).collect()
+    (0..count)
+        .map(|i| Block { record, rows: i * rows / count..(i + 1) * rows / count, role })
+        .collect()
 }
 
-/// Roles of `n` whole records where nobody fixed them: the last quarter reports, the quarter before it selects (each rounded down, but
-/// one record at least), the others fit. `None` for fewer than three records.
+/// Roles of `n` whole records where nobody fixed them: the last quarter reports, the quarter before
+/// it selects (each rounded down, but one record at least), the others fit. `None` for fewer than
+/// three records.
 pub fn roles(n: usize) -> Option<Vec<Role>> {
     if n < 3 {
         return None;
@@ -94,7 +105,10 @@ mod tests {
                 assert_eq!(pair[1].rows.start - pair[0].rows.end, 20);
             }
             let count = |role| blocks.iter().filter(|b| b.role == role).count();
-            assert!(count(Role::Fit) >= 2 * count(Role::Select) - 2 && count(Role::Select) >= 8, "seed {seed}");
+            assert!(
+                count(Role::Fit) >= 2 * count(Role::Select) - 2 && count(Role::Select) >= 8,
+                "seed {seed}"
+            );
             assert!(count(Role::Report) >= 8);
         }
         assert_ne!(one_record(0, 5000, 120, 20, 1), one_record(0, 5000, 120, 20, 2));

@@ -7,8 +7,8 @@ use crate::outcome::{Calibration, Named};
 /// Probability beyond which chance may have given what was found.
 const BY_CHANCE: f64 = 0.05;
 
-/// Searches so many machines that lack the last effect found, and takes that effect back where they give as much too often. What cannot be
-/// simulated is noted.
+/// Searches so many machines that lack the last effect found, and takes that effect back where they
+/// give as much too often. What cannot be simulated is noted.
 pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: u64) {
     let chance = chance(&study.machine, &study.found, drive, machines, seed).unwrap_or_default();
     let lost = machines - chance.machines();
@@ -31,16 +31,18 @@ pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: 
     };
     if let Some(step) = study.found.steps.last() {
         let gain = step.added.gain;
-        calibration.of = Some(Named { id: step.added.id.to_owned(), site: step.added.site.name().to_owned() });
+        calibration.of =
+            Some(Named { id: step.added.id.to_owned(), site: step.added.site.name().to_owned() });
         calibration.as_much = Some(chance.as_much(gain));
         calibration.probability = Some(chance.probability(gain));
         calibration.withdrawn = too_often(&chance, gain);
     }
     if calibration.withdrawn && study.found.without_last(&study.machine).is_none() {
         calibration.withdrawn = false;
-        study
-            .notes
-            .push("chance gives as much, but the model without the effect cannot be simulated: it stays".to_owned());
+        study.notes.push(
+            "chance gives as much, but the model without the effect cannot be simulated: it stays"
+                .to_owned(),
+        );
     }
     if calibration.withdrawn {
         study.found.judge_anew(&study.machine);
@@ -48,7 +50,8 @@ pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: 
     study.calibration = Some(calibration);
 }
 
-/// Few machines cannot show a small probability: an effect goes only where one of them gave as much.
+/// Few machines cannot show a small probability: an effect goes only where one of them gave as
+/// much.
 fn too_often(chance: &Chance, gain: f64) -> bool {
     chance.as_much(gain) > 0 && chance.probability(gain) > BY_CHANCE
 }
@@ -59,13 +62,19 @@ pub(super) fn sentence(calibration: &Calibration) -> String {
     match (&calibration.of, calibration.as_much, calibration.probability) {
         (Some(of), Some(as_much), Some(probability)) => {
             let words = super::transmission_words::words(&of.id);
-            let taken = if calibration.withdrawn { "; that is too often, and it is taken back" } else { "" };
+            let taken = if calibration.withdrawn {
+                "; that is too often, and it is taken back"
+            } else {
+                ""
+            };
             format!(
                 "Of {machines} simulated machines without {words} ({}), {as_much} gave as much by chance (p = {probability:.2}){taken}.",
                 of.site
             )
         }
-        _ => format!("Of {machines} simulated machines that lack nothing, something was found in {alarms}."),
+        _ => format!(
+            "Of {machines} simulated machines that lack nothing, something was found in {alarms}."
+        ),
     }
 }
 

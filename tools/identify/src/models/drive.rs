@@ -1,11 +1,12 @@
 //! One mass with friction, force in and position out: `m ẍ + c ẋ + offset = force`.
 //!
-//! The model is read inversely. Position and force pass the same zero-phase low-pass ([`crate::filter`]: order 4 a
-//! pass, 40 Hz), velocity and acceleration are five-point differences of the filtered position, nonlinear columns pass the
-//! low-pass once more, as the friction in the force did, and every fifth sample (at 1 kHz) becomes a row. The first and last 0.1 s
-//! are left out. The residual is what the measured force has beyond the model, in percent of the force's root mean square. The
-//! method is that of Janot, Gautier, Brunot (2019), who publish 4.08 % with Coulomb friction and 3.11 % with
-//! direction-dependent friction for the EMPS record.
+//! The model is read inversely. Position and force pass the same zero-phase low-pass
+//! ([`crate::filter`]: order 4 a pass, 40 Hz), velocity and acceleration are five-point differences
+//! of the filtered position, nonlinear columns pass the low-pass once more, as the friction in the
+//! force did, and every fifth sample (at 1 kHz) becomes a row. The first and last 0.1 s are left
+//! out. The residual is what the measured force has beyond the model, in percent of the force's
+//! root mean square. The method is that of Janot, Gautier, Brunot (2019), who publish 4.08 % with
+//! Coulomb friction and 3.11 % with direction-dependent friction for the EMPS record.
 //!
 //! A free simulation would judge badly: a mass without a spring is a double integrator.
 //!
@@ -52,37 +53,59 @@ impl Model for Drive {
             channel = name;
         }
         let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
-        let parameters = declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
+        let parameters =
+            declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let mut axis = axis(&balances, units, false, true);
         axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
         let machine = Machine { balances, parameters, axis, sites: SITES };
-        let advice = "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-        check_scale(&machine, channel, (Column::Acceleration, "force and acceleration give a mass"), advice)?;
+        let advice =
+            "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+        check_scale(
+            &machine,
+            channel,
+            (Column::Acceleration, "force and acceleration give a mass"),
+            advice,
+        )?;
         study(machine, records, options, (channel, notes))
     }
 }
 
-/// Reads the declaration: mass, viscous friction, offset, and Coulomb friction where it is declared.
+/// Reads the declaration: mass, viscous friction, offset, and Coulomb friction where it is
+/// declared.
 fn declared_parameters(declaration: &Declaration<'_>, units: &Units) -> Result<Vec<Parameter>> {
     let viscous = ["viscous_friction_n_s_per_m", "viscous_n_s_per_m", "viscous_nm_s_per_rad"];
     let mut parameters = vec![
-        declaration.need_positive(&["mass_kg", "inertia_kg_m2"], units.mass, Column::Acceleration)?,
+        declaration.need_positive(
+            &["mass_kg", "inertia_kg_m2"],
+            units.mass,
+            Column::Acceleration,
+        )?,
         declaration.need(&viscous, units.damping, Column::Velocity)?,
     ];
     let coulomb = ["coulomb_friction_n", "coulomb_n", "coulomb_nm"];
     parameters.extend(declaration.of(&coulomb, units.force, Column::Sign));
-    parameters.extend(declaration.of(&["force_offset_n", "offset_n", "offset_nm"], units.force, Column::One));
+    parameters.extend(declaration.of(
+        &["force_offset_n", "offset_n", "offset_nm"],
+        units.force,
+        Column::One,
+    ));
     Ok(parameters)
 }
 
 /// Checks one record and prepares its rows; the second value is the force's column.
-fn prepare(series: &Series, declared: &Declared, notes: &mut Vec<String>) -> Result<(Balance, &'static str)> {
+fn prepare(
+    series: &Series,
+    declared: &Declared,
+    notes: &mut Vec<String>,
+) -> Result<(Balance, &'static str)> {
     let time = series.time()?;
     let (position_name, position) = series.any(&["position_m", "position_rad"])?;
     let scaled: Vec<f64>;
     let force_per_volt = declared.parameter("force_per_volt_n").map(|p| p.value);
     let (force_source, channel, force) = match (series.column("motor_v"), force_per_volt) {
-        (Some(volts), Some(scale)) if series.column("force_n").is_none() && series.column("torque_nm").is_none() => {
+        (Some(volts), Some(scale))
+            if series.column("force_n").is_none() && series.column("torque_nm").is_none() =>
+        {
             scaled = volts.iter().map(|v| v * scale).collect();
             notes.push(format!("{}: force = {scale} N/V × motor_v, as declared", series.file));
             ("motor_v", "force_n", scaled.as_slice())

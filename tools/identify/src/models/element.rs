@@ -1,13 +1,16 @@
-//! A part tested by itself under imposed motion, motion in and force out: `k x + d v + offset = force`.
+//! A part tested by itself under imposed motion, motion in and force out: `k x + d v + offset =
+//! force`.
 //!
-//! The cable in a testing machine, a seal, a damper, a piece of hose. The model is read inversely, as that of a
-//! drive ([`super::drive`]), but for the low-pass: it ends at 100 Hz, or at 0.15 of the sampling frequency where that is
-//! lower, since only one derivative is taken and hum of the mains should still be seen. The residual is what the
-//! measured force has beyond the model, in percent of the force's root mean square.
+//! The cable in a testing machine, a seal, a damper, a piece of hose. The model is read inversely,
+//! as that of a drive ([`super::drive`]), but for the low-pass: it ends at 100 Hz, or at 0.15 of
+//! the sampling frequency where that is lower, since only one derivative is taken and hum of the
+//! mains should still be seen. The residual is what the measured force has beyond the model, in
+//! percent of the force's root mean square.
 //!
-//! Signs: the force that must be put on the part to move it; a positive stiffness needs a positive force at a positive
-//! position. The offset is the force at position 0 and at rest. A mass that moves with the part is declared as `mass_kg`;
-//! where it is not, the part has none, and one that shows is `extra_inertia`.
+//! Signs: the force that must be put on the part to move it; a positive stiffness needs a positive
+//! force at a positive position. The offset is the force at position 0 and at rest. A mass that
+//! moves with the part is declared as `mass_kg`; where it is not, the part has none, and one that
+//! shows is `extra_inertia`.
 
 use report::Page;
 use rig::{Model as Declared, ModelKind};
@@ -24,7 +27,8 @@ use crate::outcome::Outcome;
 /// The model kind `element`.
 pub(super) struct Element;
 
-/// Where an element's effects are looked for: in the part, at its moved end, and in the instruments.
+/// Where an element's effects are looked for: in the part, at its moved end, and in the
+/// instruments.
 const SITES: &[&str] = &["line", "slave", "sensor"];
 
 const CUT_OFF: CutOff = CutOff { highest: 100.0, share: 0.15 };
@@ -47,22 +51,34 @@ impl Model for Element {
             let time = series.time()?;
             let (position_name, position) = series.any(&["position_m", "position_rad"])?;
             let (force_name, force) = series.any(&["force_n", "torque_nm"])?;
-            check_channels(series, &[(position_name, "the position"), (force_name, "the force")], &mut notes)?;
+            check_channels(
+                series,
+                &[(position_name, "the position"), (force_name, "the force")],
+                &mut notes,
+            )?;
             let balance = Balance::new(&series.file, time, position, force, CUT_OFF);
             balances.push(balance.ok_or_else(|| series.short(time.len()))?);
             channel = force_name;
         }
         let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
-        let parameters = declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
+        let parameters =
+            declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let axis = axis(&balances, units, true, false);
         let machine = Machine { balances, parameters, axis, sites: SITES };
-        let advice = "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-        check_scale(&machine, channel, (Column::Position, "force and position give a stiffness"), advice)?;
+        let advice =
+            "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+        check_scale(
+            &machine,
+            channel,
+            (Column::Position, "force and position give a stiffness"),
+            advice,
+        )?;
         study(machine, records, options, (channel, notes))
     }
 }
 
-/// Reads the declaration: stiffness, damping, and mass, friction and offset where they are declared.
+/// Reads the declaration: stiffness, damping, and mass, friction and offset where they are
+/// declared.
 fn declared_parameters(declaration: &Declaration<'_>, units: &Units) -> Result<Vec<Parameter>> {
     let stiffness = ["stiffness_n_per_m", "stiffness_nm_per_rad"];
     let damping = ["viscous_damping_n_s_per_m", "viscous_damping_nm_s_per_rad"];
@@ -70,8 +86,16 @@ fn declared_parameters(declaration: &Declaration<'_>, units: &Units) -> Result<V
         declaration.need_positive(&stiffness, units.stiffness, Column::Position)?,
         declaration.need(&damping, units.damping, Column::Velocity)?,
     ];
-    parameters.extend(declaration.of(&["mass_kg", "inertia_kg_m2"], units.mass, Column::Acceleration));
-    parameters.extend(declaration.of(&["coulomb_friction_n", "coulomb_nm"], units.force, Column::Sign));
+    parameters.extend(declaration.of(
+        &["mass_kg", "inertia_kg_m2"],
+        units.mass,
+        Column::Acceleration,
+    ));
+    parameters.extend(declaration.of(
+        &["coulomb_friction_n", "coulomb_nm"],
+        units.force,
+        Column::Sign,
+    ));
     parameters.extend(declaration.of(&["force_offset_n", "offset_nm"], units.force, Column::One));
     Ok(parameters)
 }

@@ -1,4 +1,5 @@
-//! What a search found among the records of a model that is read inversely, and the error that it leaves.
+//! What a search found among the records of a model that is read inversely, and the error that it
+//! leaves.
 
 use nalgebra::DVector;
 
@@ -25,7 +26,10 @@ pub(super) fn error(machine: &Machine, fitted: &Fitted, blocks: &[Block]) -> (f6
     let (mut e, mut f, mut n) = (0.0, 0.0, 0usize);
     for block in blocks {
         e += DVector::from_vec(machine.residual(fitted, block)).norm_squared();
-        f += machine.balances[block.record].force[block.rows.clone()].iter().map(|f| f * f).sum::<f64>();
+        f += machine.balances[block.record].force[block.rows.clone()]
+            .iter()
+            .map(|f| f * f)
+            .sum::<f64>();
         n += block.rows.len();
     }
     ((e / n.max(1) as f64).sqrt(), (f / n.max(1) as f64).sqrt())

@@ -28,8 +28,8 @@ pub(super) fn shift_note(machine: &Machine, what: &Candidate, shift: f64) -> Str
     )
 }
 
-/// Listed effects and generic functions that show on the selecting rows, largest gain first. They are tried one
-/// by one: two lines may be two views of the same thing.
+/// Listed effects and generic functions that show on the selecting rows, largest gain first. They
+/// are tried one by one: two lines may be two views of the same thing.
 pub(super) fn left(study: &Study) -> Vec<Left> {
     let (machine, found) = (&study.machine, &study.found);
     let select = of(&study.blocks, Role::Select);
@@ -40,7 +40,11 @@ pub(super) fn left(study: &Study) -> Vec<Left> {
         left.push(Left {
             id: tried.verdict.id.into(),
             site: Some(tried.sited.site.into()),
-            size: machine.size_of_last(&tried.fitted, machine.terms_of(tried.sited.inverse).len(), &select),
+            size: machine.size_of_last(
+                &tried.fitted,
+                machine.terms_of(tried.sited.inverse).len(),
+                &select,
+            ),
             unit: unit.into(),
             gain_percent: tried.verdict.gain_percent,
             t: tried.verdict.t,

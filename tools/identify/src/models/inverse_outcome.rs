@@ -1,4 +1,5 @@
-//! From what the search found to the verdict, its numbers and its page, for models that are read inversely.
+//! From what the search found to the verdict, its numbers and its page, for models that are read
+//! inversely.
 
 use report::Page;
 
@@ -11,7 +12,8 @@ use crate::inverse::model::{Fitted, Machine, Structure};
 use crate::inverse::search::{Candidate, Found, Sited, Tried, of};
 use crate::inverse::split::{Block, Role};
 use crate::outcome::{
-    CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable, Verdict,
+    CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable,
+    Verdict,
 };
 use crate::page;
 
@@ -24,8 +26,12 @@ pub(super) fn conclude(study: &Study) -> (Outcome, Page) {
 
 fn outcome(study: &Study) -> Outcome {
     let found = &study.found;
-    let rivals: Vec<Sited> =
-        found.steps.iter().rev().find(|s| !s.rivals.is_empty()).map_or(Vec::new(), |s| s.rivals.clone());
+    let rivals: Vec<Sited> = found
+        .steps
+        .iter()
+        .rev()
+        .find(|s| !s.rivals.is_empty())
+        .map_or(Vec::new(), |s| s.rivals.clone());
     // With three effects in the model a fourth that passes is something left, too.
     let remains = found.unlisted.is_some() || found.last_round.iter().any(|t| t.verdict.accepted);
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
@@ -46,7 +52,10 @@ fn outcome(study: &Study) -> Outcome {
     let open = Open {
         contested: contested.and_then(|s| Some((s.added, *s.rivals.first()?))),
         unlisted: found.unlisted.as_ref().map(|u| u.variable),
-        unsure: declared.iter().find(|p| !p.identifiable && p.declared.is_some()).map(|p| p.name.clone()),
+        unsure: declared
+            .iter()
+            .find(|p| !p.identifiable && p.declared.is_some())
+            .map(|p| p.name.clone()),
         last: found.steps.last().map(|s| s.added),
         records: study.machine.balances.len(),
         spring: study.machine.axis.spring,
@@ -72,7 +81,10 @@ fn outcome(study: &Study) -> Outcome {
 
 fn notes(study: &Study) -> Vec<String> {
     let shift = |tried: &Tried| {
-        let shift = study.machine.hidden_shift(&tried.structure, &tried.fitted).filter(|_| shows(&tried.verdict))?;
+        let shift = study
+            .machine
+            .hidden_shift(&tried.structure, &tried.fitted)
+            .filter(|_| shows(&tried.verdict))?;
         Some(shift_note(&study.machine, &tried.verdict, shift))
     };
     study.notes.iter().cloned().chain(study.found.last_round.iter().filter_map(shift)).collect()
@@ -83,7 +95,8 @@ pub(super) fn named(sited: &Sited) -> Named {
     Named { id: sited.effect.id().into(), site: sited.site.into() }
 }
 
-/// The table of what has no name. The site is where most of the listed effects of this kind of model sit.
+/// The table of what has no name. The site is where most of the listed effects of this kind of
+/// model sit.
 pub(super) fn unlisted(machine: &Machine, found: &Found) -> Option<UnlistedTable> {
     let unlisted = found.unlisted.as_ref()?;
     let site = machine.sites.first().copied().unwrap_or_default();
@@ -135,7 +148,8 @@ pub(super) fn roles(machine: &Machine, blocks: &[Block]) -> Roles {
 
 /// All rows of all records as one block each.
 fn all_rows(study: &Study) -> Vec<Block> {
-    let rows = study.machine.balances.iter().map(crate::inverse::signals::Balance::rows).enumerate();
+    let rows =
+        study.machine.balances.iter().map(crate::inverse::signals::Balance::rows).enumerate();
     rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect()
 }
 
@@ -154,15 +168,20 @@ fn steps(study: &Study) -> Vec<StepError> {
     for (model, structure, fitted) in models {
         let whole = machine.fit(structure, &all, &fitted.shapes, Known::Start);
         let terms = machine.terms(structure);
-        let names = machine.parameters.iter().map(|p| p.name.clone()).chain(terms.into_iter().map(|t| t.name));
+        let names = machine
+            .parameters
+            .iter()
+            .map(|p| p.name.clone())
+            .chain(terms.into_iter().map(|t| t.name));
         out.push(StepError {
             model: model.to_owned(),
             fit_percent: by_role(fitted, Role::Fit),
             select_percent: by_role(fitted, Role::Select),
             report_percent: by_role(fitted, Role::Report),
             all_rows_percent: whole.as_ref().map_or(f64::NAN, |w| percent(w, &all)),
-            all_rows_parameters: whole
-                .map_or(Vec::new(), |w| names.enumerate().map(|(i, n)| (n, w.fit.coefficients[i], w.std[i])).collect()),
+            all_rows_parameters: whole.map_or(Vec::new(), |w| {
+                names.enumerate().map(|(i, n)| (n, w.fit.coefficients[i], w.std[i])).collect()
+            }),
         });
     }
     out

@@ -25,12 +25,22 @@ pub(super) fn effect_parameters(
             }
         };
         if !term.is_given() {
-            parameters.push(EffectParameter { name: term.name, value, std: Some(std), unit: term.unit });
+            parameters.push(EffectParameter {
+                name: term.name,
+                value,
+                std: Some(std),
+                unit: term.unit,
+            });
         }
     }
     let place = machine.places(structure)[at].clone();
     for (shape, value) in inverse.shapes(&machine.axis).into_iter().zip(&fitted.shapes[place]) {
-        parameters.push(EffectParameter { name: shape.name, value: *value, std: None, unit: shape.unit });
+        parameters.push(EffectParameter {
+            name: shape.name,
+            value: *value,
+            std: None,
+            unit: shape.unit,
+        });
     }
     parameters
 }
@@ -38,11 +48,17 @@ pub(super) fn effect_parameters(
 /// What a declared parameter has beyond its declared value, and the standard deviation of that.
 fn lifted(machine: &Machine, fitted: &Fitted, which: Declared) -> (f64, f64) {
     let at = machine.parameters.iter().position(|p| p.column == Column::of(which));
-    at.map_or((0.0, 0.0), |i| (fitted.fit.coefficients[i] - machine.parameters[i].declared, fitted.std[i]))
+    at.map_or((0.0, 0.0), |i| {
+        (fitted.fit.coefficients[i] - machine.parameters[i].declared, fitted.std[i])
+    })
 }
 
 /// Declared parameters, as fitted.
-pub(super) fn parameters(machine: &Machine, structure: &Structure<'_>, last: &Fitted) -> Vec<FittedParameter> {
+pub(super) fn parameters(
+    machine: &Machine,
+    structure: &Structure<'_>,
+    last: &Fitted,
+) -> Vec<FittedParameter> {
     let mut out: Vec<FittedParameter> = machine
         .parameters
         .iter()

@@ -1,4 +1,5 @@
-//! What models that are read inversely share: checks of their columns, the split, the study as a whole.
+//! What models that are read inversely share: checks of their columns, the split, the study as a
+//! whole.
 
 use report::Page;
 use rig::{Model as Declared, Parameter as DeclaredParameter};
@@ -25,7 +26,8 @@ const BLOCKS: f64 = 40.0;
 const FEWEST_BLOCKS: usize = 12;
 /// Fewest blocks that select.
 const FEWEST_SELECTING: usize = 3;
-/// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong guess.
+/// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong
+/// guess.
 const UNIT_FACTOR: f64 = 30.0;
 
 /// Splits, searches and concludes.
@@ -36,7 +38,8 @@ pub(super) fn study(
     (channel, notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let blocks = blocks(&machine, records, options.seed)?;
-    let found = search(&machine, &blocks, options.jobs).ok_or_else(|| singular(&machine, records))?;
+    let found =
+        search(&machine, &blocks, options.jobs).ok_or_else(|| singular(&machine, records))?;
     Ok(conclude(&Study { machine, blocks, found, channel, notes }))
 }
 
@@ -58,19 +61,41 @@ pub(super) struct Declaration<'a> {
 
 impl Declaration<'_> {
     /// The first of these that is declared, as a column.
-    pub(super) fn of(&self, names: &[&'static str], unit: &'static str, column: Column) -> Option<Parameter> {
+    pub(super) fn of(
+        &self,
+        names: &[&'static str],
+        unit: &'static str,
+        column: Column,
+    ) -> Option<Parameter> {
         let declared = names.iter().find_map(|n| self.model.parameter(n))?;
         let DeclaredParameter { name, value, .. } = declared;
-        Some(Parameter { name: name.clone(), unit, declared: *value, spread: declared.spread(), column })
+        Some(Parameter {
+            name: name.clone(),
+            unit,
+            declared: *value,
+            spread: declared.spread(),
+            column,
+        })
     }
 
     /// As [`Self::of`], where one of them must be declared.
-    pub(super) fn need(&self, names: &[&'static str], unit: &'static str, column: Column) -> Result<Parameter> {
+    pub(super) fn need(
+        &self,
+        names: &[&'static str],
+        unit: &'static str,
+        column: Column,
+    ) -> Result<Parameter> {
         self.of(names, unit, column).ok_or_else(|| IdentifyError::Parameter {
             file: self.file.to_owned(),
             kind: self.model.kind.name(),
             name: names[0],
-            found: self.model.parameters.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", "),
+            found: self
+                .model
+                .parameters
+                .iter()
+                .map(|p| p.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", "),
         })
     }
 
@@ -84,14 +109,23 @@ impl Declaration<'_> {
         let parameter = self.need(names, unit, column)?;
         if parameter.declared <= 0.0 {
             let (file, value) = (self.file.to_owned(), parameter.declared);
-            return Err(IdentifyError::Value { file, name: names[0], value, expected: "more than 0" });
+            return Err(IdentifyError::Value {
+                file,
+                name: names[0],
+                value,
+                expected: "more than 0",
+            });
         }
         Ok(parameter)
     }
 }
 
 /// Checks that channels are numbers and alive, and notes one that stands at its extreme.
-pub(super) fn check_channels(series: &Series, channels: &[(&str, &str)], notes: &mut Vec<String>) -> Result<()> {
+pub(super) fn check_channels(
+    series: &Series,
+    channels: &[(&str, &str)],
+    notes: &mut Vec<String>,
+) -> Result<()> {
     for (name, what) in channels {
         series.finite(name)?;
         series.alive(name, what)?;
@@ -136,10 +170,18 @@ pub(super) fn axis(balances: &[Balance], units: Units, spring: bool, commanded: 
     }
 }
 
-/// Refuses data whose scale is off by orders of magnitude, or whose sign is: a free fit of one parameter tells.
-pub(super) fn check_scale(machine: &Machine, channel: &str, which: (Column, &str), advice: &str) -> Result<()> {
+/// Refuses data whose scale is off by orders of magnitude, or whose sign is: a free fit of one
+/// parameter tells.
+pub(super) fn check_scale(
+    machine: &Machine,
+    channel: &str,
+    which: (Column, &str),
+    advice: &str,
+) -> Result<()> {
     let (column, what) = which;
-    let Some(at) = machine.parameters.iter().position(|p| p.column == column) else { return Ok(()) };
+    let Some(at) = machine.parameters.iter().position(|p| p.column == column) else {
+        return Ok(());
+    };
     let parameter = &machine.parameters[at];
     for balance in &machine.balances {
         let s = &balance.signals;
@@ -179,11 +221,15 @@ pub(super) fn check_scale(machine: &Machine, channel: &str, which: (Column, &str
         };
         let unit = parameter.unit;
         if ratio < 0.0 {
-            let advice = "both channels must be positive in the same direction: change the sign of one";
+            let advice =
+                "both channels must be positive in the same direction: change the sign of one";
             return fault(format!("{what} of {found:.4} {unit}"), advice);
         }
         if !(1.0 / UNIT_FACTOR..=UNIT_FACTOR).contains(&ratio) {
-            return fault(format!("{what} of {found:.4} {unit}, declared {}", parameter.declared), advice);
+            return fault(
+                format!("{what} of {found:.4} {unit}, declared {}", parameter.declared),
+                advice,
+            );
         }
     }
     Ok(())
@@ -224,7 +270,11 @@ fn shared_out(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Bl
         let b = &machine.balances[i];
         let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
         let blocks = split::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
-        if blocks.len() < FEWEST_BLOCKS { Err(records[i].short(records[i].columns[0].1.len())) } else { Ok(blocks) }
+        if blocks.len() < FEWEST_BLOCKS {
+            Err(records[i].short(records[i].columns[0].1.len()))
+        } else {
+            Ok(blocks)
+        }
     };
     let n = machine.balances.len();
     if records.iter().all(|r| r.role.is_some()) {
@@ -232,7 +282,9 @@ fn shared_out(machine: &Machine, records: &[Series], seed: u64) -> Result<Vec<Bl
         return Ok(roles.flat_map(|(i, role)| whole(i, role)).collect());
     }
     match split::roles(n) {
-        Some(roles) => Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect()),
+        Some(roles) => {
+            Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect())
+        }
         None if n == 2 => {
             // The second reports as a whole; the first fits and selects.
             let mut blocks = cut(0)?;

@@ -64,7 +64,8 @@ pub trait Model: Sync {
     fn kind(&self) -> ModelKind;
     /// The verdict as a sentence, and one that says how far it holds.
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
-        let words = |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words());
+        let words =
+            |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words());
         let words: Vec<&str> = outcome.effects.iter().filter_map(words).collect();
         let (_, sentence, detail) = crate::page::sentences(&words, outcome);
         (sentence, detail)

@@ -23,15 +23,20 @@ pub(super) struct Open {
 impl Open {
     /// The experiment that would settle it.
     pub(super) fn next_experiment(&self) -> NextExperiment {
-        let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
+        let make =
+            |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
         if let Some((added, rival)) = &self.contested {
             let (added, rival) = (added.effect, rival.effect);
-            let why = format!("These records cannot tell {} from {}.", added.words(), rival.words());
+            let why =
+                format!("These records cannot tell {} from {}.", added.words(), rival.words());
             return make(why, added.experiment());
         }
         if let Some(variable) = self.unlisted {
             let on = variable.name().replace('_', " ");
-            return make(format!("Something is left that depends on {on} and has no name here."), self.along(variable));
+            return make(
+                format!("Something is left that depends on {on} and has no name here."),
+                self.along(variable),
+            );
         }
         if let Some(name) = &self.unsure {
             let what = match self.spring {
@@ -42,7 +47,10 @@ impl Open {
                     "slow movement over the whole range (for stiffness and offset) and fast movement (for damping and mass)"
                 }
             };
-            return make(format!("These records say no more about {name} than its declaration."), what);
+            return make(
+                format!("These records say no more about {name} than its declaration."),
+                what,
+            );
         }
         match &self.last {
             Some(last) if self.records < 3 => make(
@@ -69,12 +77,18 @@ impl Open {
     /// A movement that shows how something depends on one variable.
     fn along(&self, variable: Variable) -> &'static str {
         match (variable, self.spring) {
-            (Variable::Time, _) => "the same movement for ten times as long, with the temperature recorded",
+            (Variable::Time, _) => {
+                "the same movement for ten times as long, with the temperature recorded"
+            }
             (Variable::Velocity, false) => {
                 "constant speeds from the slowest to the fastest that the drive can hold, both ways"
             }
-            (Variable::Velocity, true) => "triangles of the same amplitude at speeds that differ by factors of two",
-            (Variable::Acceleration, false) => "the same stroke with accelerations that differ by factors of two",
+            (Variable::Velocity, true) => {
+                "triangles of the same amplitude at speeds that differ by factors of two"
+            }
+            (Variable::Acceleration, false) => {
+                "the same stroke with accelerations that differ by factors of two"
+            }
             (Variable::Acceleration, true) => {
                 "sines of the same amplitude at frequencies that differ by factors of two"
             }

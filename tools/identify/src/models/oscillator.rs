@@ -1,13 +1,16 @@
 //! Mass, damper and spring, input in and output out: `m ÿ + d ẏ + k y + offset = input`.
 //!
-//! Candidates are screened by the balance of the input ([`crate::inverse`]): motion and input are followed four times finer
-//! than sampled, with spectral derivatives ([`crate::spectral`]), since both are band-limited. The best few are then
-//! simulated from the input alone ([`crate::output_error`]), fitted by what the output lacks, and judged by that on rows
-//! that took no part in the fit. All errors are those of the simulation: output measured less simulated, not filtered. One
-//! thing of the output is used beside the fit: position and speed at the first row, where the simulation begins.
+//! Candidates are screened by the balance of the input ([`crate::inverse`]): motion and input are
+//! followed four times finer than sampled, with spectral derivatives ([`crate::spectral`]), since
+//! both are band-limited. The best few are then simulated from the input alone
+//! ([`crate::output_error`]), fitted by what the output lacks, and judged by that on rows that took
+//! no part in the fit. All errors are those of the simulation: output measured less simulated, not
+//! filtered. One thing of the output is used beside the fit: position and speed at the first row,
+//! where the simulation begins.
 //!
-//! The offset is positive where the machine needs a positive input to rest at 0. An output that is measured from
-//! another zero acts as an offset of the input, and beside a cubic spring as a quadratic one.
+//! The offset is positive where the machine needs a positive input to rest at 0. An output that is
+//! measured from another zero acts as an offset of the input, and beside a cubic spring as a
+//! quadratic one.
 
 use report::Page;
 use rig::{Model as Declared, ModelKind};
@@ -25,7 +28,8 @@ use crate::output_error::fit::Record;
 /// The model kind `oscillator`.
 pub(super) struct Oscillator;
 
-/// Where an oscillator's effects are looked for: at the spring, at the mass, before it, and in its instruments.
+/// Where an oscillator's effects are looked for: at the spring, at the mass, before it, and in its
+/// instruments.
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
 
 impl Model for Oscillator {
@@ -46,7 +50,11 @@ impl Model for Oscillator {
             declaration.need(&["damping_s"], Units::VOLTS.damping, Column::Velocity)?,
             declaration.need_positive(&["stiffness"], Units::VOLTS.stiffness, Column::Position)?,
         ];
-        parameters.extend(declaration.of(&["coulomb_friction_v"], Units::VOLTS.force, Column::Sign));
+        parameters.extend(declaration.of(
+            &["coulomb_friction_v"],
+            Units::VOLTS.force,
+            Column::Sign,
+        ));
         parameters.extend(declaration.of(&["input_offset_v"], Units::VOLTS.force, Column::One));
         // The lightest mass on the stiffest spring that the declaration allows.
         let (mass, stiffness) = (&parameters[0], &parameters[2]);
@@ -62,12 +70,28 @@ impl Model for Oscillator {
         let axis = axis(&balances, Units::VOLTS, true, true);
         let machine = Machine { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which of the two is which";
-        check_scale(&machine, "output", (Column::Acceleration, "input and acceleration give a mass"), advice)?;
-        check_scale(&machine, "output", (Column::Position, "input and output give a stiffness"), advice)?;
+        check_scale(
+            &machine,
+            "output",
+            (Column::Acceleration, "input and acceleration give a mass"),
+            advice,
+        )?;
+        check_scale(
+            &machine,
+            "output",
+            (Column::Position, "input and output give a stiffness"),
+            advice,
+        )?;
         let blocks = blocks(&machine, series, options.seed)?;
         let found = oscillator_search::search(&machine, &records, &blocks, options.jobs)
             .ok_or_else(|| singular(&machine, series))?;
-        let study = oscillator_outcome::Study { machine: &machine, records: &records, blocks: &blocks, found, notes };
+        let study = oscillator_outcome::Study {
+            machine: &machine,
+            records: &records,
+            blocks: &blocks,
+            found,
+            notes,
+        };
         Ok(study.conclude())
     }
 }
@@ -96,6 +120,7 @@ fn prepare(series: &Series, natural: f64, notes: &mut Vec<String>) -> Result<(Ba
     let at = signals.before_rows();
     let start = (signals.position[at], signals.velocity[at]);
     let first = Record::first_sample(at);
-    let record = Record::new(time, (input, output), (first, balance.rows()), start, natural).ok_or_else(short)?;
+    let record = Record::new(time, (input, output), (first, balance.rows()), start, natural)
+        .ok_or_else(short)?;
     Ok((balance, record))
 }

@@ -12,7 +12,9 @@ use super::oscillator_search::Found;
 use crate::inverse::model::{Fitted, Machine, Structure};
 use crate::inverse::search::{Candidate, Sited, of};
 use crate::inverse::split::{Block, Role};
-use crate::outcome::{CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict};
+use crate::outcome::{
+    CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict,
+};
 use crate::output_error::fit::{Bench, Record, Simulated};
 use crate::page;
 
@@ -46,7 +48,8 @@ impl Study<'_> {
         let found = &self.found;
         let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
         let rivals: &[Sited] = contested.map_or(&[], |s| &s.rivals);
-        let remains = found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
+        let remains =
+            found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
         let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
         let report = of(self.blocks, Role::Report);
         let (before, output) = self.error(&found.base, &report);
@@ -64,7 +67,10 @@ impl Study<'_> {
         let open = Open {
             contested: contested.and_then(|s| Some((s.added.sited, *s.rivals.first()?))),
             unlisted: found.unlisted.as_ref().map(|u| u.variable),
-            unsure: declared.iter().find(|p| !p.identifiable && p.declared.is_some()).map(|p| p.name.clone()),
+            unsure: declared
+                .iter()
+                .find(|p| !p.identifiable && p.declared.is_some())
+                .map(|p| p.name.clone()),
             last: found.steps.last().map(|s| s.added.sited),
             records: self.records.len(),
             spring: true,
@@ -96,7 +102,8 @@ impl Study<'_> {
     fn notes(&self) -> Vec<String> {
         let shift = |proved: &super::oscillator_search::Proved| {
             let (structure, fitted) = (&proved.structure, &proved.simulated.fitted);
-            let shift = self.machine.hidden_shift(structure, fitted).filter(|_| shows(&proved.verdict))?;
+            let shift =
+                self.machine.hidden_shift(structure, fitted).filter(|_| shows(&proved.verdict))?;
             Some(shift_note(self.machine, &proved.verdict, shift))
         };
         self.notes.iter().cloned().chain(self.found.last_proved.iter().filter_map(shift)).collect()
@@ -107,7 +114,10 @@ impl Study<'_> {
         let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
         for block in blocks {
             e += self.bench().residual(simulated, block).iter().map(|e| e * e).sum::<f64>();
-            y += self.records[block.record].output[block.rows.clone()].iter().map(|y| y * y).sum::<f64>();
+            y += self.records[block.record].output[block.rows.clone()]
+                .iter()
+                .map(|y| y * y)
+                .sum::<f64>();
             n += block.rows.len();
         }
         ((e / n.max(1) as f64).sqrt(), (y / n.max(1) as f64).sqrt())
@@ -120,7 +130,12 @@ impl Study<'_> {
             FoundEffect {
                 id: sited.effect.id().into(),
                 site: sited.site.into(),
-                parameters: effect_parameters(self.machine, &structure, at, &self.found.last().fitted),
+                parameters: effect_parameters(
+                    self.machine,
+                    &structure,
+                    at,
+                    &self.found.last().fitted,
+                ),
                 t: step.added.verdict.t,
                 gain_percent: step.added.verdict.gain_percent,
             }
@@ -167,7 +182,8 @@ impl Study<'_> {
         };
         let by_role = |role| percent(simulated, &of(self.blocks, role));
         let rows = self.records.iter().map(|r| r.output.len()).enumerate();
-        let all: Vec<Block> = rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect();
+        let all: Vec<Block> =
+            rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect();
         let whole = self.bench().fit(structure, &all, start, without);
         let terms = machine.terms(structure).into_iter().map(|t| t.name);
         let names = machine.parameters.iter().map(|p| p.name.clone()).chain(terms);
@@ -178,7 +194,10 @@ impl Study<'_> {
             report_percent: by_role(Role::Report),
             all_rows_percent: whole.as_ref().map_or(f64::NAN, |w| percent(w, &all)),
             all_rows_parameters: whole.map_or(Vec::new(), |w| {
-                names.enumerate().map(|(i, n)| (n, w.fitted.fit.coefficients[i], w.fitted.std[i])).collect()
+                names
+                    .enumerate()
+                    .map(|(i, n)| (n, w.fitted.fit.coefficients[i], w.fitted.std[i]))
+                    .collect()
             }),
         }
     }
@@ -201,11 +220,14 @@ impl Study<'_> {
             out.extend(step.ranking.iter().map(|c| row(i + 1, false, c)));
         }
         out.extend(found.last_ranking.iter().map(|c| row(last, false, c)));
-        out.extend(found.generic.iter().map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))));
+        out.extend(
+            found.generic.iter().map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))),
+        );
         out
     }
 
-    /// What shows in the last round and is too small for a name. Sizes are what it changes in the output.
+    /// What shows in the last round and is too small for a name. Sizes are what it changes in the
+    /// output.
     fn left(&self) -> Vec<Left> {
         let select = of(self.blocks, Role::Select);
         let now = &self.found.last().outputs;
@@ -225,25 +247,31 @@ impl Study<'_> {
                 unit: self.machine.axis.units.position.into(),
                 gain_percent: proved.verdict.gain_percent,
                 t: proved.verdict.t,
-                parameters: effect_parameters(self.machine, &proved.structure, at, &proved.simulated.fitted),
+                parameters: effect_parameters(
+                    self.machine,
+                    &proved.structure,
+                    at,
+                    &proved.simulated.fitted,
+                ),
             });
         }
         left
     }
 
     fn view(&self) -> page::View {
-        let records = self.machine.balances.iter().zip(self.records).enumerate().map(|(i, (b, record))| {
-            let block = Block { record: i, rows: 0..b.rows(), role: Role::Fit };
-            page::RecordView {
-                name: b.name.clone(),
-                time: b.signals.rows(&b.signals.time),
-                position: b.signals.rows(&b.signals.position),
-                velocity: b.signals.rows(&b.signals.velocity),
-                measured: record.output.clone(),
-                before: self.bench().residual(&self.found.base, &block),
-                after: self.bench().residual(self.found.last(), &block),
-            }
-        });
+        let records =
+            self.machine.balances.iter().zip(self.records).enumerate().map(|(i, (b, record))| {
+                let block = Block { record: i, rows: 0..b.rows(), role: Role::Fit };
+                page::RecordView {
+                    name: b.name.clone(),
+                    time: b.signals.rows(&b.signals.time),
+                    position: b.signals.rows(&b.signals.position),
+                    velocity: b.signals.rows(&b.signals.velocity),
+                    measured: record.output.clone(),
+                    before: self.bench().residual(&self.found.base, &block),
+                    after: self.bench().residual(self.found.last(), &block),
+                }
+            });
         page::View {
             units: self.machine.axis.units,
             channel: page::Channel::Output,

@@ -4,8 +4,8 @@ use crate::effects::InverseEffect;
 use crate::inverse::fit::Known;
 use crate::inverse::model::{Fitted, Machine, Structure};
 use crate::inverse::search::{
-    Candidate, LEAST_T, MOST_EFFECTS, Round, Sited, Standing, Tried, Unlisted, candidates, choose, generic, judge,
-    near, of,
+    Candidate, LEAST_T, MOST_EFFECTS, Round, Sited, Standing, Tried, Unlisted, candidates, choose,
+    generic, judge, near, of,
 };
 use crate::inverse::spline::{Spline, Variable};
 use crate::inverse::split::{Block, Role};
@@ -85,14 +85,18 @@ impl Search<'_> {
     /// Simulates the best screened candidates; best first.
     fn prove(&self, tried: &[Tried], now: &Simulated) -> Vec<Proved> {
         let before = self.bench.mean_squares(now, &self.select);
-        let promising: Vec<&Tried> =
-            tried.iter().filter(|t| t.verdict.t >= LEAST_T && t.verdict.gain_percent > 0.0).take(SIMULATED).collect();
+        let promising: Vec<&Tried> = tried
+            .iter()
+            .filter(|t| t.verdict.t >= LEAST_T && t.verdict.gain_percent > 0.0)
+            .take(SIMULATED)
+            .collect();
         let prove = |tried: &Tried| {
             let start = from_here(&tried.fitted, now);
             let simulated = self.bench.fit(&tried.structure, &self.fit, &start, &[])?;
             let after = self.bench.mean_squares(&simulated, &self.select);
             let mut verdict = judge(tried.verdict.id, &before, &after);
-            verdict.accepted &= self.bench.machine.hidden_shift(&tried.structure, &simulated.fitted).is_none();
+            verdict.accepted &=
+                self.bench.machine.hidden_shift(&tried.structure, &simulated.fitted).is_none();
             let (structure, screened) = (tried.structure.clone(), tried.fitted.clone());
             Some(Proved { sited: tried.sited, verdict, structure, simulated, after, screened })
         };
@@ -124,7 +128,8 @@ impl Search<'_> {
             how: Known::Unrefined,
         };
         let beside = self.prove(&round.try_all(&near, self.jobs), &winner.simulated);
-        let adds = |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
+        let adds =
+            |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
         near.into_iter().filter(|c| !adds(c)).take(2).collect()
     }
 
@@ -134,7 +139,8 @@ impl Search<'_> {
             .into_iter()
             .map(|g| {
                 let shows = g.verdict.t >= LEAST_T && g.verdict.gain_percent > 3.0;
-                let proved = shows.then(|| self.prove_generic(round, g.unlisted.variable, now)).flatten();
+                let proved =
+                    shows.then(|| self.prove_generic(round, g.unlisted.variable, now)).flatten();
                 match proved {
                     Some((verdict, unlisted)) => (verdict, unlisted, true),
                     None => (Candidate { accepted: false, ..g.verdict }, g.unlisted, false),
@@ -142,12 +148,19 @@ impl Search<'_> {
             })
             .collect();
         all.sort_by(|a, b| {
-            (b.2, b.0.gain_percent).partial_cmp(&(a.2, a.0.gain_percent)).unwrap_or(std::cmp::Ordering::Equal)
+            (b.2, b.0.gain_percent)
+                .partial_cmp(&(a.2, a.0.gain_percent))
+                .unwrap_or(std::cmp::Ordering::Equal)
         });
         all
     }
 
-    fn prove_generic(&self, round: &Round<'_>, variable: Variable, now: &Simulated) -> Option<(Candidate, Unlisted)> {
+    fn prove_generic(
+        &self,
+        round: &Round<'_>,
+        variable: Variable,
+        now: &Simulated,
+    ) -> Option<(Candidate, Unlisted)> {
         let before = &self.bench.mean_squares(now, &self.select);
         let machine = self.bench.machine;
         let spline = Spline::over(variable, machine.balances.iter().map(|b| &b.signals))?;
@@ -157,10 +170,12 @@ impl Search<'_> {
         let wider = Structure { effects, model: round.structure.model.clone() };
         let start = machine.fit(&wider, &self.fit, &round.now.shapes, Known::Held)?;
         let simulated = self.bench.fit(&wider, &self.fit, &from_here(&start, now), &[])?;
-        let verdict = judge(variable.name(), before, &self.bench.mean_squares(&simulated, &self.select));
+        let verdict =
+            judge(variable.name(), before, &self.bench.mean_squares(&simulated, &self.select));
         let fitted = &simulated.fitted;
         let from = fitted.fit.coefficients.len() - spline.knots.len();
-        let at = |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
+        let at =
+            |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
         Some((verdict, Unlisted { variable, table: (0..spline.knots.len()).map(at).collect() }))
     }
 }
@@ -185,7 +200,12 @@ fn ranking(proved: &[Proved], tried: &[Tried]) -> Vec<(Candidate, bool)> {
 }
 
 /// Greedy search by simulated output. `None` where not even the declared model can be fitted.
-pub(super) fn search(machine: &Machine, records: &[Record], blocks: &[Block], jobs: usize) -> Option<Found> {
+pub(super) fn search(
+    machine: &Machine,
+    records: &[Record],
+    blocks: &[Block],
+    jobs: usize,
+) -> Option<Found> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
     let search = Search { bench: Bench { machine, records }, fit, select, jobs };
     let mut structure = Structure::default();
@@ -201,14 +221,22 @@ pub(super) fn search(machine: &Machine, records: &[Record], blocks: &[Block], jo
             .collect();
         // What the screening leaves coarse the simulation refines.
         let how = Known::Unrefined;
-        let round =
-            Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select, how };
+        let round = Round {
+            machine,
+            structure: &structure,
+            now: &screened,
+            fit: &search.fit,
+            select: &search.select,
+            how,
+        };
         let tried = round.try_all(&list, jobs);
         let proved = search.prove(&tried, &now);
         let ranking = ranking(&proved, &tried);
         let standings: Vec<Standing<'_>> = proved.iter().map(Proved::standing).collect();
         let room = steps.len() < MOST_EFFECTS;
-        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else { break (ranking, proved) };
+        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else {
+            break (ranking, proved);
+        };
         let rivals = search.rivals(&proved[best], near(machine, &standings, best));
         let added = proved[best].clone();
         structure = added.structure.clone();
@@ -217,7 +245,14 @@ pub(super) fn search(machine: &Machine, records: &[Record], blocks: &[Block], jo
         steps.push(Step { ranking, added, rivals });
     };
     let how = Known::Held;
-    let round = Round { machine, structure: &structure, now: &screened, fit: &search.fit, select: &search.select, how };
+    let round = Round {
+        machine,
+        structure: &structure,
+        now: &screened,
+        fit: &search.fit,
+        select: &search.select,
+        how,
+    };
     let generic = search.generic(&round, &now);
     let unlisted = generic.iter().find(|g| g.0.accepted).map(|g| g.1.clone());
     Some(Found { base, steps, last_ranking, last_proved, generic, unlisted })

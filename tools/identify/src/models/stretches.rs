@@ -1,9 +1,11 @@
-//! One long recording of a transmission, cut into the records that a search needs: stretches of movement that fit, select and report.
+//! One long recording of a transmission, cut into the records that a search needs: stretches of
+//! movement that fit, select and report.
 //!
-//! Where the machine hardly moves nothing is seen, and nothing is taken. What moves is cut into stretches of about [`LENGTH_S`], each at the
-//! end of a stroke on the same side: there the speed is lowest, which the model cannot know at the start of a stretch, and stretches of
-//! a periodic movement become repeats of one another, from which the floor is told. Roles go round among stretches of like quickness,
-//! so that slow and quick movement fit, select and report.
+//! Where the machine hardly moves nothing is seen, and nothing is taken. What moves is cut into
+//! stretches of about [`LENGTH_S`], each at the end of a stroke on the same side: there the speed
+//! is lowest, which the model cannot know at the start of a stretch, and stretches of a periodic
+//! movement become repeats of one another, from which the floor is told. Roles go round among
+//! stretches of like quickness, so that slow and quick movement fit, select and report.
 
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
@@ -21,12 +23,14 @@ const WINDOW_S: f64 = 1.0;
 const LEAST_RAD: f64 = 0.05;
 /// Fewest stretches: one to fit, one to select, one to report.
 const FEWEST: usize = 3;
-/// Most stretches: a search takes as long as its records are, and what a longer recording repeats tells nothing new.
+/// Most stretches: a search takes as long as its records are, and what a longer recording repeats
+/// tells nothing new.
 const MOST: usize = 40;
 /// Who does what, in turn.
 const TURN: [Role; 4] = [Role::Fit, Role::Select, Role::Fit, Role::Report];
 
-/// Cuts records that are too few into stretches; records that are enough, or that the caller gave roles, stay as they are.
+/// Cuts records that are too few into stretches; records that are enough, or that the caller gave
+/// roles, stay as they are.
 ///
 /// # Errors
 /// Where the records are too few and too short to be cut.
@@ -39,7 +43,8 @@ pub(super) fn enough(records: &[Series], notes: &mut Vec<String>) -> Result<Opti
         let (time, (_, master)) = (record.time()?, record.any(&["master_rad"])?);
         record.finite("master_rad")?;
         let Some(step_s) = step_of(time) else { continue };
-        stretches.extend(cuts(master, step_s).into_iter().map(|rows| stretch(record, rows, step_s)));
+        stretches
+            .extend(cuts(master, step_s).into_iter().map(|rows| stretch(record, rows, step_s)));
     }
     if stretches.len() < FEWEST {
         let (found, moved) = (records.len(), stretches.len());
@@ -106,7 +111,9 @@ fn moving(master: &[f64], window: usize) -> Vec<std::ops::Range<usize>> {
     let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
     let mut start = 0;
     for piece in master.chunks(window) {
-        let (low, high) = piece.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) = piece
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let end = start + piece.len();
         if high - low >= LEAST_RAD {
             match runs.last_mut().filter(|run| run.end == start) {
@@ -119,8 +126,14 @@ fn moving(master: &[f64], window: usize) -> Vec<std::ops::Range<usize>> {
     runs
 }
 
-/// The row of the highest position within reach, where it is an end of a stroke and not the edge of what is looked at.
-fn stroke_end(master: &[f64], due: usize, run: &std::ops::Range<usize>, reach: usize) -> Option<usize> {
+/// The row of the highest position within reach, where it is an end of a stroke and not the edge of
+/// what is looked at.
+fn stroke_end(
+    master: &[f64],
+    due: usize,
+    run: &std::ops::Range<usize>,
+    reach: usize,
+) -> Option<usize> {
     let (low, high) = (due.saturating_sub(reach).max(run.start), (due + reach).min(run.end));
     let at = (low..high).max_by(|a, b| master[*a].total_cmp(&master[*b]))?;
     // An encoder stands still for some rows there: the middle of them.
@@ -130,9 +143,12 @@ fn stroke_end(master: &[f64], due: usize, run: &std::ops::Range<usize>, reach: u
     (low < first && last + 1 < high).then_some(middle)
 }
 
-/// Root mean square of the way in 20 ms, over that of the position about its mean: a frequency, about.
+/// Root mean square of the way in 20 ms, over that of the position about its mean: a frequency,
+/// about.
 fn quickness(stretch: &Series) -> f64 {
-    let (Some(master), Some(time)) = (stretch.column("master_rad"), stretch.column("t_s")) else { return 0.0 };
+    let (Some(master), Some(time)) = (stretch.column("master_rad"), stretch.column("t_s")) else {
+        return 0.0;
+    };
     let width = step_of(time).map_or(1, |step| (0.02 / step).round().max(1.0) as usize);
     let mean = master.iter().sum::<f64>() / master.len().max(1) as f64;
     let way: f64 = master.windows(width + 1).map(|rows| (rows[width] - rows[0]).powi(2)).sum();
@@ -151,7 +167,11 @@ fn stretch(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Series
         (name.clone(), part.to_vec())
     });
     let (from, to) = (rows.start as f64 * step_s, rows.end as f64 * step_s);
-    Series { file: naming::stretch(&record.file, from, to), columns: columns.collect(), ..Series::default() }
+    Series {
+        file: naming::stretch(&record.file, from, to),
+        columns: columns.collect(),
+        ..Series::default()
+    }
 }
 
 #[cfg(test)]
@@ -188,18 +208,29 @@ mod tests {
             assert_eq!(stretch.column("master_rad").unwrap().len(), time.len());
         }
         for pair in stretches.windows(2) {
-            assert!(pair[0].column("t_s").unwrap().last() < pair[1].column("t_s").unwrap().first(), "none overlaps");
+            assert!(
+                pair[0].column("t_s").unwrap().last() < pair[1].column("t_s").unwrap().first(),
+                "none overlaps"
+            );
         }
         let of = |role| stretches.iter().filter(|stretch| stretch.role == Some(role)).count();
-        assert!(of(Role::Fit) >= 3 && of(Role::Select) >= 2 && of(Role::Report) >= 1, "{stretches:?}");
-        let quick: Vec<_> = stretches.iter().filter(|s| s.column("t_s").unwrap()[0] > 22.5).map(|s| s.role).collect();
+        assert!(
+            of(Role::Fit) >= 3 && of(Role::Select) >= 2 && of(Role::Report) >= 1,
+            "{stretches:?}"
+        );
+        let quick: Vec<_> = stretches
+            .iter()
+            .filter(|s| s.column("t_s").unwrap()[0] > 22.5)
+            .map(|s| s.role)
+            .collect();
         assert!(quick.contains(&Some(Role::Fit)) && quick.len() >= 2, "{quick:?}");
     }
 
     #[test]
     fn a_periodic_movement_is_cut_at_the_same_place_of_its_period() {
         let stretches = enough(&[recording()], &mut Vec::new()).unwrap().unwrap();
-        let whole: Vec<_> = stretches.iter().filter(|s| s.column("t_s").unwrap()[0] < 18.0).collect();
+        let whole: Vec<_> =
+            stretches.iter().filter(|s| s.column("t_s").unwrap()[0] < 18.0).collect();
         assert!(whole.len() >= 4);
         for stretch in whole {
             let start = stretch.column("t_s").unwrap()[0];
@@ -217,13 +248,18 @@ mod tests {
         for turn in 1..10 {
             let later = f64::from(turn) * 32.0;
             for ((name, column), (_, own)) in long.columns.iter_mut().zip(&once.columns) {
-                column.extend(own.iter().map(|value| if name == "t_s" { value + later } else { *value }));
+                column.extend(
+                    own.iter().map(|value| if name == "t_s" { value + later } else { *value }),
+                );
             }
         }
         let mut notes = Vec::new();
         let stretches = enough(&[long], &mut notes).unwrap().unwrap();
         assert_eq!(stretches.len(), MOST);
-        assert!(notes[0].contains("40 of them taken") && notes[1].contains("into 40 stretches"), "{notes:?}");
+        assert!(
+            notes[0].contains("40 of them taken") && notes[1].contains("into 40 stretches"),
+            "{notes:?}"
+        );
         for role in [Role::Fit, Role::Select, Role::Report] {
             let starts: Vec<f64> = stretches
                 .iter()
@@ -231,8 +267,10 @@ mod tests {
                 .map(|stretch| stretch.column("t_s").unwrap()[0])
                 .collect();
             assert!(starts.len() >= 9, "{role:?}: {}", starts.len());
-            let (first, last) =
-                (starts.iter().copied().fold(f64::INFINITY, f64::min), starts.iter().copied().fold(0.0, f64::max));
+            let (first, last) = (
+                starts.iter().copied().fold(f64::INFINITY, f64::min),
+                starts.iter().copied().fold(0.0, f64::max),
+            );
             assert!(first < 64.0 && last > 256.0, "{role:?}: {first} to {last} s");
         }
     }

@@ -1,7 +1,9 @@
-//! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and slave out.
+//! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and
+//! slave out.
 //!
-//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records fit, select and report; where there
-//! are too few of them, stretches of them do ([`super::stretches`]).
+//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records
+//! fit, select and report; where there are too few of them, stretches of them do
+//! ([`super::stretches`]).
 
 use report::Page;
 use rig::{Model as Declared, ModelKind};
@@ -38,12 +40,15 @@ impl Model for Transmission {
         records: &[Series],
         options: Options,
     ) -> Result<(Outcome, Page)> {
-        let mut notes: Vec<String> = records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
+        let mut notes: Vec<String> =
+            records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
         notes.extend(not_used(records));
         let cut = stretches::enough(records, &mut notes)?;
         let records = cut.as_deref().unwrap_or(records);
-        let mut laid_out =
-            records.iter().map(|series| Record::new(series, options.gear, &mut notes)).collect::<Result<Vec<_>>>()?;
+        let mut laid_out = records
+            .iter()
+            .map(|series| Record::new(series, options.gear, &mut notes))
+            .collect::<Result<Vec<_>>>()?;
         if let Some(cut) = &cut {
             hold_throughout(&mut laid_out, cut);
         }
@@ -52,7 +57,10 @@ impl Model for Transmission {
         for role in [Role::Fit, Role::Select, Role::Report] {
             if machine.of_role(role).is_empty() {
                 return Err(IdentifyError::Roles {
-                    what: format!("expected at least three records of a transmission, found {}", machine.records.len()),
+                    what: format!(
+                        "expected at least three records of a transmission, found {}",
+                        machine.records.len()
+                    ),
                     advice: "whole records fit, select and report: give more of them, with movements that differ",
                 });
             }
@@ -72,15 +80,21 @@ impl Model for Transmission {
             pool.install(|| calibrate(&mut study, stage.drive(), options.calibrate, options.seed));
         }
         let stage = options.stage.filter(|_| options.propose);
-        pool.install(|| transmission_outcome::conclude(&study, stage.as_ref())).ok_or_else(|| lost(&study.machine))
+        pool.install(|| transmission_outcome::conclude(&study, stage.as_ref()))
+            .ok_or_else(|| lost(&study.machine))
     }
 }
 
-/// Whoever holds the handle in one stretch of a recording holds it in all of them, however lightly: what the cell shows is a torque in each.
+/// Whoever holds the handle in one stretch of a recording holds it in all of them, however lightly:
+/// what the cell shows is a torque in each.
 fn hold_throughout(records: &mut [Record], stretches: &[Series]) {
     let of = |stretch: &Series| recording_of(&stretch.file).to_owned();
-    let held: Vec<String> =
-        records.iter().zip(stretches).filter(|(record, _)| !record.idle).map(|(_, stretch)| of(stretch)).collect();
+    let held: Vec<String> = records
+        .iter()
+        .zip(stretches)
+        .filter(|(record, _)| !record.idle)
+        .map(|(_, stretch)| of(stretch))
+        .collect();
     for (record, stretch) in records.iter_mut().zip(stretches) {
         record.idle &= !held.contains(&of(stretch));
     }
@@ -99,8 +113,9 @@ fn not_used(records: &[Series]) -> Option<String> {
         .collect();
     names.sort_unstable();
     names.dedup();
-    (!names.is_empty())
-        .then(|| format!("{} are recorded and take no part: the model has no such signal", names.join(", ")))
+    (!names.is_empty()).then(|| {
+        format!("{} are recorded and take no part: the model has no such signal", names.join(", "))
+    })
 }
 
 fn lost(machine: &Machine) -> IdentifyError {
@@ -114,12 +129,18 @@ mod tests {
 
     #[test]
     fn a_hand_in_one_stretch_of_a_recording_is_there_in_all_of_them() {
-        let names = ["a.mcap[0.0..3.0 s]", "a.mcap[3.0..6.0 s]", "b[1].mcap[0.0..3.0 s]", "b[1].mcap[3.0..6.0 s]"];
+        let names = [
+            "a.mcap[0.0..3.0 s]",
+            "a.mcap[3.0..6.0 s]",
+            "b[1].mcap[0.0..3.0 s]",
+            "b[1].mcap[3.0..6.0 s]",
+        ];
         let stretches = names.map(|name| {
             let time: Vec<f64> = (0..4000).map(|row| f64::from(row) * 1e-3).collect();
             // 0.02 N·m are too little to be a hand by themselves.
             let most = if name == names[1] { 2.0 } else { 0.02 };
-            let wave = |size: f64| time.iter().map(|t| size * (5.0 * t).sin()).collect::<Vec<f64>>();
+            let wave =
+                |size: f64| time.iter().map(|t| size * (5.0 * t).sin()).collect::<Vec<f64>>();
             let columns = [
                 ("motor_v", time.iter().map(|t| 3.0 * (3.0 * t).sin()).collect()),
                 ("master_rad", wave(1.0)),
@@ -127,12 +148,16 @@ mod tests {
                 ("slave_torque_nm", wave(most)),
                 ("t_s", time.clone()),
             ];
-            let columns = columns.into_iter().map(|(name, column)| (name.to_owned(), column)).collect();
+            let columns =
+                columns.into_iter().map(|(name, column)| (name.to_owned(), column)).collect();
             Series { file: name.to_owned(), columns, ..Series::default() }
         });
-        let mut records: Vec<Record> =
-            stretches.iter().filter_map(|series| Record::new(series, 1.0, &mut Vec::new()).ok()).collect();
-        let idle = |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
+        let mut records: Vec<Record> = stretches
+            .iter()
+            .filter_map(|series| Record::new(series, 1.0, &mut Vec::new()).ok())
+            .collect();
+        let idle =
+            |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
         assert_eq!(idle(&records), [true, false, true, true]);
         hold_throughout(&mut records, &stretches);
         assert_eq!(idle(&records), [false, false, true, true]);
@@ -144,7 +169,10 @@ mod tests {
             columns: names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect(),
             ..Series::default()
         };
-        let all = [series(&["t_s", "temperature_c", "motor_v"]), series(&["temperature_c", "hose_pressure_pa"])];
+        let all = [
+            series(&["t_s", "temperature_c", "motor_v"]),
+            series(&["temperature_c", "hose_pressure_pa"]),
+        ];
         let told = not_used(&all).unwrap_or_default();
         assert!(told.starts_with("hose_pressure_pa, temperature_c are recorded"), "{told}");
         assert_eq!(not_used(&[series(&USED)]), None);

@@ -1,4 +1,5 @@
-//! What a transmission's residual depends on: position, velocity, torque, time since the last reversal, time, frequency.
+//! What a transmission's residual depends on: position, velocity, torque, time since the last
+//! reversal, time, frequency.
 
 use report::{Figure, Page, Sheet};
 
@@ -49,15 +50,24 @@ fn since_reversal(velocity: &[f64], pace_s: f64) -> Vec<f64> {
 
 impl Rows {
     /// Takes in a record: its channel's residual of the declared model and of the last one.
-    fn take(&mut self, study: &Study, record: &Record, channel: Channel, (before, after): (&[f64], &[f64])) {
+    fn take(
+        &mut self,
+        study: &Study,
+        record: &Record,
+        channel: Channel,
+        (before, after): (&[f64], &[f64]),
+    ) {
         let column = match (channel, &record.slave) {
             (Channel::Slave | Channel::Torque, Some(slave)) => slave,
             _ => &record.master,
         };
-        let (position, pace_s) = (record.averaged(column), record.step_s * record.decimation() as f64);
+        let (position, pace_s) =
+            (record.averaged(column), record.step_s * record.decimation() as f64);
         let inner = 2..record.residual_rows().saturating_sub(2);
-        let velocity: Vec<f64> =
-            inner.clone().map(|row| (position[row + 2] - position[row - 2]) / (4.0 * pace_s)).collect();
+        let velocity: Vec<f64> = inner
+            .clone()
+            .map(|row| (position[row + 2] - position[row - 2]) / (4.0 * pace_s))
+            .collect();
         // The hand's torque where one is measured, the motor's everywhere else.
         let torque = match (channel, &record.torque) {
             (Channel::Slave, Some(torque)) if !record.idle => record.averaged(torque),
@@ -80,18 +90,24 @@ impl Rows {
         }
     }
 
-    /// A map over some values, of the rows in which there is one; `None` where there is none: a machine that never turned has no reversal.
+    /// A map over some values, of the rows in which there is one; `None` where there is none: a
+    /// machine that never turned has no reversal.
     fn over(&self, what: &str, unit: &str, of: &str, values: &[f64]) -> Option<Figure> {
-        let rows: Vec<usize> = (0..self.before.len()).filter(|row| values[*row].is_finite()).collect();
+        let rows: Vec<usize> =
+            (0..self.before.len()).filter(|row| values[*row].is_finite()).collect();
         if rows.is_empty() {
             return None;
         }
         let at = |column: &[f64]| rows.iter().map(|row| column[*row]).collect::<Vec<f64>>();
-        Some(banded(what, unit, of, &at(values), (&at(&self.before), &at(&self.after)), self.with).size(SIZE.0, SIZE.1))
+        Some(
+            banded(what, unit, of, &at(values), (&at(&self.before), &at(&self.after)), self.with)
+                .size(SIZE.0, SIZE.1),
+        )
     }
 }
 
-/// Amplitude density of some stretches of equal pace, in bins that grow with frequency: frequencies (Hz) and unit/√Hz.
+/// Amplitude density of some stretches of equal pace, in bins that grow with frequency: frequencies
+/// (Hz) and unit/√Hz.
 fn density(stretches: &[&[f64]], pace_s: f64) -> (Vec<f64>, Vec<f64>) {
     let longest = stretches.iter().map(|rows| rows.len()).max().unwrap_or(0) as f64 * pace_s;
     if longest <= 0.0 {
@@ -102,7 +118,9 @@ fn density(stretches: &[&[f64]], pace_s: f64) -> (Vec<f64>, Vec<f64>) {
     for rows in stretches {
         // Two-sided power of all rows; half of it is left out, so that it counts twice.
         let scale = 2.0 * pace_s / rows.len().max(1) as f64;
-        for (frequency, power) in periodogram(rows, 1.0 / pace_s).into_iter().filter(|(f, _)| *f >= lowest) {
+        for (frequency, power) in
+            periodogram(rows, 1.0 / pace_s).into_iter().filter(|(f, _)| *f >= lowest)
+        {
             let bin = (BINS_A_DECADE * (frequency / lowest).log10()) as usize;
             if bins.len() <= bin {
                 bins.resize(bin + 1, (0.0, 0.0, 0.0));
@@ -129,7 +147,10 @@ pub(super) fn maps(
     let (mut pace_s, mut driven) = (0.0, true);
     for (at, index) in report.iter().enumerate() {
         let record = &study.machine.records[*index];
-        let Some(place) = study.machine.channels(*index).iter().position(|own| *own == channel) else { continue };
+        let Some(place) = study.machine.channels(*index).iter().position(|own| *own == channel)
+        else {
+            continue;
+        };
         let both = (&before[at].channels[place][..], &after[at].channels[place][..]);
         rows.take(study, record, channel, both);
         of_before.push(both.0);
@@ -140,12 +161,18 @@ pub(super) fn maps(
     if rows.before.is_empty() {
         return page;
     }
-    let torque = if channel == Channel::Slave && driven { "hand's torque" } else { "motor's torque" };
+    let torque =
+        if channel == Channel::Slave && driven { "hand's torque" } else { "motor's torque" };
     let unit = channel.unit();
-    rows.since_reversal.iter_mut().filter(|since| **since > LONGEST_S).for_each(|since| *since = f64::NAN);
+    rows.since_reversal
+        .iter_mut()
+        .filter(|since| **since > LONGEST_S)
+        .for_each(|since| *since = f64::NAN);
     let mut spectral = false;
-    let mut spectrum =
-        Figure::new("", "frequency / Hz", format!("residual / ({unit}/√Hz)")).size(SIZE.0, SIZE.1).log_x().log_y();
+    let mut spectrum = Figure::new("", "frequency / Hz", format!("residual / ({unit}/√Hz)"))
+        .size(SIZE.0, SIZE.1)
+        .log_x()
+        .log_y();
     for (name, colour, stretches) in drawn(&of_before, &of_after, with) {
         let (hz, amplitude) = density(stretches, pace_s);
         spectral |= !hz.is_empty();
@@ -159,7 +186,8 @@ pub(super) fn maps(
         rows.over("time", "s", unit, &rows.time),
         spectral.then_some(spectrum),
     ];
-    let sheet = Sheet::new(format!("What the innovation of {} depends on", channel.column())).columns(2);
+    let sheet =
+        Sheet::new(format!("What the innovation of {} depends on", channel.column())).columns(2);
     let sheet = panels.into_iter().flatten().fold(sheet, Sheet::panel);
     page.sheet(&sheet, &format!("Innovation of {}.", channel.column()))
 }
@@ -173,7 +201,13 @@ mod tests {
         let since = since_reversal(&[0.0, 1.0, 0.0, 1.0, -0.05, -1.0, -1.0, 0.02, -1.0, 1.0], 0.1);
         assert!(since[..5].iter().all(|since| since.is_nan()));
         let expected = [0.0, 0.1, 0.2, 0.3, 0.0];
-        assert!(since[5..].iter().zip(expected).all(|(since, expected)| (since - expected).abs() < 1e-12), "{since:?}");
+        assert!(
+            since[5..]
+                .iter()
+                .zip(expected)
+                .all(|(since, expected)| (since - expected).abs() < 1e-12),
+            "{since:?}"
+        );
     }
 
     #[test]
@@ -199,12 +233,21 @@ mod tests {
         let high = hz.iter().zip(&amplitude).filter(|(hz, _)| **hz > 20.0);
         assert!(high.clone().count() > 10);
         for (hz, amplitude) in high {
-            assert!((amplitude / expected - 1.0).abs() < 0.25, "{hz}: {amplitude}, expected {expected}");
+            assert!(
+                (amplitude / expected - 1.0).abs() < 0.25,
+                "{hz}: {amplitude}, expected {expected}"
+            );
         }
-        let tone: Vec<f64> =
-            (0..2000).map(|row| (std::f64::consts::TAU * 30.0 * 4e-3 * f64::from(row)).sin()).collect();
+        let tone: Vec<f64> = (0..2000)
+            .map(|row| (std::f64::consts::TAU * 30.0 * 4e-3 * f64::from(row)).sin())
+            .collect();
         let (hz, amplitude) = density(&[&tone], 4e-3);
-        let most = amplitude.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| hz[at]).unwrap();
+        let most = amplitude
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .map(|(at, _)| hz[at])
+            .unwrap();
         assert!((most / 30.0 - 1.0).abs() < 0.06, "{most}");
         assert!(density(&[], 4e-3).0.is_empty());
     }

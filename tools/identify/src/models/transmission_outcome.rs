@@ -21,15 +21,17 @@ use crate::forward::sight::{Sight as Seen, sights};
 use crate::forward::unnamed::Nameless;
 use crate::inverse::split::Role;
 use crate::outcome::{
-    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles,
-    Sight, UNKNOWN, Unexplained, UnlistedTable, Verdict,
+    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named,
+    NextExperiment, Outcome, Roles, Sight, UNKNOWN, Unexplained, UnlistedTable, Verdict,
 };
 
-/// The verdict, and the page that shows it; `None` where the last model cannot be simulated any more.
-/// With a `stage`, the next experiment is found by simulating what the rig can play.
+/// The verdict, and the page that shows it; `None` where the last model cannot be simulated any
+/// more. With a `stage`, the next experiment is found by simulating what the rig can play.
 pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome, Page)> {
     let mut outcome = outcome(study)?;
-    if let Some(next) = stage.and_then(|stage| propose(study, stage, outcome.verdict, &outcome.parameters)) {
+    if let Some(next) =
+        stage.and_then(|stage| propose(study, stage, outcome.verdict, &outcome.parameters))
+    {
         outcome.next_experiment = next;
     }
     let page = transmission_page::page(study, &outcome)?;
@@ -38,7 +40,12 @@ pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome,
 
 fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
-    let rivals = found.steps.iter().rev().find(|step| !step.rivals.is_empty()).map_or(&[][..], |step| &step.rivals);
+    let rivals = found
+        .steps
+        .iter()
+        .rev()
+        .find(|step| !step.rivals.is_empty())
+        .map_or(&[][..], |step| &step.rivals);
     let remains = found.nameless.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = View::of(&study.machine, Role::Fit);
@@ -51,7 +58,10 @@ fn outcome(study: &Study) -> Option<Outcome> {
     Some(Outcome {
         verdict,
         effects: effects(study, &known),
-        ambiguous_with: rivals.iter().map(|(id, site)| Named { id: (*id).into(), site: site.name().into() }).collect(),
+        ambiguous_with: rivals
+            .iter()
+            .map(|(id, site)| Named { id: (*id).into(), site: site.name().into() })
+            .collect(),
         remains,
         left: Vec::new(),
         unlisted: unlisted(found, &fit, &known),
@@ -70,15 +80,21 @@ fn outcome(study: &Study) -> Option<Outcome> {
 /// What has no name; `known` are deviations of the model that all is said of.
 fn unlisted(found: &Found, fit: &View<'_>, known: &Vec<(Knob, f64)>) -> Option<UnlistedTable> {
     let of_function = |nameless| table(nameless, fit, found.inadequate.then_some(known));
-    let alone =
-        |site: Site| UnlistedTable { site: site.name().into(), depends_on: UNKNOWN.into(), ..UnlistedTable::default() };
+    let alone = |site: Site| UnlistedTable {
+        site: site.name().into(),
+        depends_on: UNKNOWN.into(),
+        ..UnlistedTable::default()
+    };
     let told = found.nameless.as_ref().map(of_function).or_else(|| found.acts_at().map(alone))?;
     let places = found.origin.iter().flat_map(|origin| &origin.left);
-    let unexplained = places.map(|(place, share)| Unexplained { place: place.name().into(), share: *share }).collect();
+    let unexplained = places
+        .map(|(place, share)| Unexplained { place: place.name().into(), share: *share })
+        .collect();
     Some(UnlistedTable { unexplained, ..told })
 }
 
-/// The table of a function; `known` are deviations of its own model, where that is the one that all is said of.
+/// The table of a function; `known` are deviations of its own model, where that is the one that all
+/// is said of.
 fn table(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
     let own = || {
         let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK);
@@ -133,7 +149,11 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
                     name: (*name).to_owned(),
                     value: *value,
                     std: of(at, name),
-                    unit: infos.iter().find(|info| info.name == *name).map_or("", |info| info.unit).to_owned(),
+                    unit: infos
+                        .iter()
+                        .find(|info| info.name == *name)
+                        .map_or("", |info| info.unit)
+                        .to_owned(),
                 })
                 .collect();
             FoundEffect {
@@ -149,7 +169,8 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
 
 fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     let report = study.machine.of_role(Role::Report);
-    let declared = errors(&study.machine, &report, &study.machine.as_declared()).unwrap_or_default();
+    let declared =
+        errors(&study.machine, &report, &study.machine.as_declared()).unwrap_or_default();
     let before = errors(&study.machine, &report, &study.found.base.setting)?;
     let after = errors(&study.machine, &report, &study.found.last().setting)?;
     let size = |channel: Channel| {
@@ -159,30 +180,39 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
                 Channel::Master => Some(record.averaged(&record.master)),
                 Channel::Slave => record.slave.as_ref().map(|slave| record.averaged(slave)),
                 // The cell is read where nobody holds the handle: elsewhere it drives the model.
-                Channel::Torque => record.torque.as_ref().filter(|_| record.idle).map(|torque| record.averaged(torque)),
+                Channel::Torque => record
+                    .torque
+                    .as_ref()
+                    .filter(|_| record.idle)
+                    .map(|torque| record.averaged(torque)),
             }
         });
         rms(rows.flatten()).max(f64::MIN_POSITIVE)
     };
-    let channels = before.into_iter().zip(after).map(|((channel, before, _), (_, after, floor))| {
-        let error = ChannelError {
-            declared: declared.iter().find(|(own, ..)| *own == channel).map(|(_, declared, _)| *declared),
-            before,
-            after,
-            floor,
-            unit: channel.unit().to_owned(),
-            before_percent: 100.0 * before / size(channel),
-            after_percent: 100.0 * after / size(channel),
-        };
-        (channel.column().to_owned(), error)
-    });
+    let channels =
+        before.into_iter().zip(after).map(|((channel, before, _), (_, after, floor))| {
+            let error = ChannelError {
+                declared: declared
+                    .iter()
+                    .find(|(own, ..)| *own == channel)
+                    .map(|(_, declared, _)| *declared),
+                before,
+                after,
+                floor,
+                unit: channel.unit().to_owned(),
+                before_percent: 100.0 * before / size(channel),
+                after_percent: 100.0 * after / size(channel),
+            };
+            (channel.column().to_owned(), error)
+        });
     Some(channels.collect())
 }
 
 fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
     let machine = &study.machine;
     let last = study.found.last();
-    let effects: Vec<Knob> = known.iter().map(|(knob, _)| knob).filter(|knob| !knob.is_base()).cloned().collect();
+    let effects: Vec<Knob> =
+        known.iter().map(|(knob, _)| knob).filter(|knob| !knob.is_base()).cloned().collect();
     let seen = sights(&View::of(machine, Role::Fit), last, &effects);
     machine
         .base
@@ -191,15 +221,20 @@ fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
         .enumerate()
         .map(|(index, (parameter, seen))| {
             let knob = Knob::Base(index);
-            let deviation = known.iter().find(|(own, _)| *own == knob).map(|(_, deviation)| *deviation);
-            let at_edge = parameter.declared.is_some() && knob.place(machine, &last.setting).abs() > AT_EDGE;
-            let identifiable =
-                !at_edge && deviation.is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
+            let deviation =
+                known.iter().find(|(own, _)| *own == knob).map(|(_, deviation)| *deviation);
+            let at_edge =
+                parameter.declared.is_some() && knob.place(machine, &last.setting).abs() > AT_EDGE;
+            let identifiable = !at_edge
+                && deviation
+                    .is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
             let (sight, trades_with) = match seen {
                 _ if at_edge => (Sight::AtBound, None),
                 _ if identifiable => (Sight::Seen, None),
                 Seen::Dead => (Sight::Dead, None),
-                Seen::Traded(like) => (Sight::TradeOff, like.as_ref().and_then(|like| knob_name(study, like))),
+                Seen::Traded(like) => {
+                    (Sight::TradeOff, like.as_ref().and_then(|like| knob_name(study, like)))
+                }
                 Seen::Flat | Seen::Clear => (Sight::Flat, None),
             };
             FittedParameter {
@@ -225,14 +260,22 @@ fn knob_name(study: &Study, knob: &Knob) -> Option<String> {
     };
     match knob {
         Knob::Base(index) => study.machine.base.get(*index).map(|parameter| parameter.name.clone()),
-        Knob::Effect { placed, name, .. } | Knob::Wave { placed, name, .. } => of_effect(*placed, name),
+        Knob::Effect { placed, name, .. } | Knob::Wave { placed, name, .. } => {
+            of_effect(*placed, name)
+        }
         Knob::Node { .. } => Some("what has no name".to_owned()),
     }
 }
 
 fn roles(study: &Study) -> Roles {
-    let names =
-        |role| study.machine.of_role(role).into_iter().map(|index| study.machine.records[index].name.clone()).collect();
+    let names = |role| {
+        study
+            .machine
+            .of_role(role)
+            .into_iter()
+            .map(|index| study.machine.records[index].name.clone())
+            .collect()
+    };
     Roles { fit: names(Role::Fit), select: names(Role::Select), report: names(Role::Report) }
 }
 
@@ -259,7 +302,9 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
 
 fn notes(study: &Study) -> Vec<String> {
     let steps = &study.found.steps;
-    let came_back = |id: &str, site: Site| steps.iter().any(|step| (step.added.id, step.added.site) == (id, site));
+    let came_back = |id: &str, site: Site| {
+        steps.iter().any(|step| (step.added.id, step.added.site) == (id, site))
+    };
     let given_up = study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
         format!("{id} at the {site} was added, and given up: what came later explained all that it had, or it left far more than repeats differ by")
     });
@@ -267,7 +312,8 @@ fn notes(study: &Study) -> Vec<String> {
 }
 
 fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
-    let make = |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
+    let make =
+        |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
     let found = &study.found;
     match verdict {
         Verdict::Ambiguous => {

@@ -1,4 +1,5 @@
-//! The page of a transmission: measured against model, what the residual depends on, all candidates, parameters.
+//! The page of a transmission: measured against model, what the residual depends on, all
+//! candidates, parameters.
 
 use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
@@ -17,39 +18,59 @@ use crate::page::{drawn, parameters, ranking, short};
 
 /// Where something acts whose way of acting is not known.
 fn place(site: &str) -> String {
-    if site == Site::Line.name() { "between master and slave".to_owned() } else { format!("at the {site}") }
+    if site == Site::Line.name() {
+        "between master and slave".to_owned()
+    } else {
+        format!("at the {site}")
+    }
 }
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
-    let names: Vec<String> =
-        outcome.effects.iter().map(|effect| format!("{} ({})", words(&effect.id), effect.site)).collect();
+    let names: Vec<String> = outcome
+        .effects
+        .iter()
+        .map(|effect| format!("{} ({})", words(&effect.id), effect.site))
+        .collect();
     let list = names.join(", and ");
     let (tone, sentence) = match outcome.verdict {
         Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
         Verdict::Ambiguous => {
-            let itself =
-                |named: &Named| outcome.effects.iter().any(|own| (&own.id, &own.site) == (&named.id, &named.site));
+            let itself = |named: &Named| {
+                outcome.effects.iter().any(|own| (&own.id, &own.site) == (&named.id, &named.site))
+            };
             let other = |named: &Named| match itself(named) {
                 true => OTHER_ENCODER.to_owned(),
                 false => format!("{} ({})", words(&named.id), named.site),
             };
             let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
-            (Tone::Warning, format!("The declared model lacks {list}, or else {}.", others.join(" or ")))
+            (
+                Tone::Warning,
+                format!("The declared model lacks {list}, or else {}.", others.join(" or ")),
+            )
         }
         Verdict::None => {
             let fitted = "the declared model, fitted within its tolerances, explains them";
             (Tone::Good, format!("Nothing is missing that these records could show: {fitted}."))
         }
         Verdict::Unlisted => {
-            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| match unlisted.variable() {
-                Some(variable) => format!("; it acts at the {} and depends on {variable}", unlisted.site),
-                None => format!("; it acts {}, and no function of one variable explains it", place(&unlisted.site)),
+            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
+                match unlisted.variable() {
+                    Some(variable) => {
+                        format!("; it acts at the {} and depends on {variable}", unlisted.site)
+                    }
+                    None => format!(
+                        "; it acts {}, and no function of one variable explains it",
+                        place(&unlisted.site)
+                    ),
+                }
             });
             (Tone::Warning, format!("Something is missing that no listed effect explains{of}."))
         }
     };
-    let mut detail = String::from("On records that took no part in fitting or choosing, the model is pulled along by");
+    let mut detail = String::from(
+        "On records that took no part in fitting or choosing, the model is pulled along by",
+    );
     for (index, (channel, error)) in outcome.error.iter().enumerate() {
         let comma = if index == 0 { "" } else { ";" };
         detail += &match outcome.effects.is_empty() {
@@ -73,7 +94,9 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     }
     if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-            let on = unlisted.variable().map_or(String::new(), |variable| format!(" that depends on {variable}"));
+            let on = unlisted
+                .variable()
+                .map_or(String::new(), |variable| format!(" that depends on {variable}"));
             format!(" at the {}{on}", unlisted.site)
         });
         detail += &format!(" Something is left{of} and that no listed effect explains.");
@@ -110,21 +133,31 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         page = maps(page, study, &report, channel, (&before, &after), with);
     }
-    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.unexplained.is_empty()) {
+    if let Some(unlisted) =
+        outcome.unlisted.as_ref().filter(|unlisted| !unlisted.unexplained.is_empty())
+    {
         page = page.heading("Where it acts").table(places(unlisted), PLACES);
     }
-    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.table.is_empty()) {
-        let column = |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
+    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.table.is_empty())
+    {
+        let column =
+            |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
         let value = column(1);
         let most = value.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
         // Where the records do not reach, the band goes as far as the figure does.
         let half = |std: f64| if std.is_finite() { std.min(most) } else { most };
-        let bound = |sign: f64| unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>();
-        let figure = Figure::new("What is left", unlisted.depends_on.clone(), format!("at the {}", unlisted.site))
-            .colour(Colour::Blue)
-            .line("", &column(0), &value)
-            .colour(Colour::Blue)
-            .band("", &column(0), &bound(-1.0), &bound(1.0));
+        let bound = |sign: f64| {
+            unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>()
+        };
+        let figure = Figure::new(
+            "What is left",
+            unlisted.depends_on.clone(),
+            format!("at the {}", unlisted.site),
+        )
+        .colour(Colour::Blue)
+        .line("", &column(0), &value)
+        .colour(Colour::Blue)
+        .band("", &column(0), &bound(-1.0), &bound(1.0));
         page = page.figure(
             &figure,
             "Function of one variable without a name, fitted beside the model (line), and one standard deviation to either side (band).",
@@ -167,19 +200,34 @@ const PLACES: &str = "A torque moves master and slave in a proportion and with a
     leaves much, it acts on master and slave together, as all does that gives way between them. Motor and master cannot be told apart by it.";
 
 fn places(unlisted: &UnlistedTable) -> Table {
-    unlisted.unexplained.iter().fold(Table::new(["a torque at the", "leaves unexplained"]), |table, place| {
-        table.row([place.place.clone(), format!("{:.0} %", 100.0 * place.share)])
-    })
+    unlisted
+        .unexplained
+        .iter()
+        .fold(Table::new(["a torque at the", "leaves unexplained"]), |table, place| {
+            table.row([place.place.clone(), format!("{:.0} %", 100.0 * place.share)])
+        })
 }
 
 fn errors(outcome: &Outcome) -> Table {
-    let mut table =
-        Table::new(["channel", "rig file as it is", "declared model, fitted", "with effects", "floor", "unit"]);
+    let mut table = Table::new([
+        "channel",
+        "rig file as it is",
+        "declared model, fitted",
+        "with effects",
+        "floor",
+        "unit",
+    ]);
     for (channel, error) in &outcome.error {
         let known = |value: Option<f64>| value.map_or("–".to_owned(), short);
         let (before, after) = (short(error.before), short(error.after));
-        table =
-            table.row([channel.clone(), known(error.declared), before, after, known(error.floor), error.unit.clone()]);
+        table = table.row([
+            channel.clone(),
+            known(error.declared),
+            before,
+            after,
+            known(error.floor),
+            error.unit.clone(),
+        ]);
     }
     table
 }
@@ -193,21 +241,30 @@ fn record(
 ) -> Page {
     let record = &study.machine.records[index];
     let time = record.residual_times();
-    let mut position = Figure::new("Position", "time / s", "position / rad").size(680, 260).colour(Colour::Black).line(
-        "master",
-        &time,
-        &record.averaged(&record.master)[..time.len()],
-    );
+    let mut position = Figure::new("Position", "time / s", "position / rad")
+        .size(680, 260)
+        .colour(Colour::Black)
+        .line("master", &time, &record.averaged(&record.master)[..time.len()]);
     if let Some(slave) = &record.slave {
-        position = position.colour(Colour::Green).line("slave", &time, &record.averaged(slave)[..time.len()]);
+        position = position.colour(Colour::Green).line(
+            "slave",
+            &time,
+            &record.averaged(slave)[..time.len()],
+        );
     }
     let mut page = page.figure(&position, &format!("{label}: measured movement."));
     for (at, channel) in study.machine.channels(index).into_iter().enumerate() {
-        let figure =
-            Figure::new("Innovation", "time / s", format!("{} / {}", channel.column(), channel.unit())).size(680, 260);
+        let figure = Figure::new(
+            "Innovation",
+            "time / s",
+            format!("{} / {}", channel.column(), channel.unit()),
+        )
+        .size(680, 260);
         let figure = drawn(&before.channels[at], &after.channels[at], with)
             .into_iter()
-            .fold(figure, |figure, (name, colour, residual)| figure.colour(colour).line(name, &time, residual));
+            .fold(figure, |figure, (name, colour, residual)| {
+                figure.colour(colour).line(name, &time, residual)
+            });
         page = page.figure(
             &figure.horizontal("", 0.0),
             &format!("{label}: what the observer pulls the model by, {}.", channel.column()),

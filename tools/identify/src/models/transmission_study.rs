@@ -1,4 +1,5 @@
-//! What is known of a transmission once it has been searched: what its verdict, page and next experiment are made of.
+//! What is known of a transmission once it has been searched: what its verdict, page and next
+//! experiment are made of.
 
 use crate::forward::machine::Machine;
 use crate::forward::search::Found;

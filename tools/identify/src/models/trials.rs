@@ -12,7 +12,8 @@ use crate::inverse::split::Role;
 
 /// Time that a model is let move for a prediction (s).
 pub(super) const PREDICTED_S: f64 = 8.0;
-/// Time that the rig is to move along one trial (s): enough to be cut into stretches that fit, select and report.
+/// Time that the rig is to move along one trial (s): enough to be cut into stretches that fit,
+/// select and report.
 pub(super) const PLAYED_S: f64 = 24.0;
 /// Time in which a sine comes and goes (s).
 const FADE_S: f64 = 1.0;
@@ -46,7 +47,8 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Of a rig with one axis that turns; `None` of any other, and of a model that is no transmission.
+    /// Of a rig with one axis that turns; `None` of any other, and of a model that is no
+    /// transmission.
     pub fn of(rig: &RigFile) -> Option<Self> {
         let [axis] = rig.axes.as_slice() else { return None };
         (axis.unit == AxisUnit::Radian).then_some(())?;
@@ -74,16 +76,20 @@ impl Stage {
         0.5 * (self.range.0 + self.range.1)
     }
 
-    /// Whether the rig reaches a movement with room to spare: its amplitude (rad), peak speed (rad/s), peak acceleration (rad/s²).
+    /// Whether the rig reaches a movement with room to spare: its amplitude (rad), peak speed
+    /// (rad/s), peak acceleration (rad/s²).
     fn bears(&self, amplitude: f64, speed: f64, acceleration: f64) -> bool {
-        let volts = self.model.inertia_v * acceleration + self.model.near.peak_v() + self.model.far.peak_v();
+        let volts = self.model.inertia_v * acceleration
+            + self.model.near.peak_v()
+            + self.model.far.peak_v();
         amplitude <= ROOM * 0.5 * (self.range.1 - self.range.0)
             && speed <= ROOM * self.speed_max
             && volts <= ROOM * self.volts_max
     }
 
-    /// How a model moves along a trial from rest, as it would be recorded by instruments without noise, nobody at the handle. Position
-    /// control with the declared friction and inertia in its feed-forward: near what the rig does, whatever its laws are.
+    /// How a model moves along a trial from rest, as it would be recorded by instruments without
+    /// noise, nobody at the handle. Position control with the declared friction and inertia in its
+    /// feed-forward: near what the rig does, whatever its laws are.
     pub(super) fn record(&self, trial: Trial, mut plant: Plant) -> Record {
         let step_s = self.control_s / f64::from(self.scans);
         plant = plant.with_longest_step(step_s);
@@ -105,7 +111,8 @@ impl Stage {
             let volts = volts.clamp(-self.volts_max, self.volts_max);
             for _ in 0..self.scans {
                 let reading = plant.reading();
-                let values = [volts, reading.master_rad, reading.slave_rad, reading.slave_torque_nm];
+                let values =
+                    [volts, reading.master_rad, reading.slave_rad, reading.slave_torque_nm];
                 columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
                 plant.step(Input { motor_v: volts, hand_torque_nm: 0.0 }, step_s);
             }
@@ -165,7 +172,10 @@ impl Trial {
     pub(super) fn all(stage: &Stage) -> Vec<Self> {
         let mut all = Vec::new();
         for amplitude in [2.0, 5.0, 10.0, 20.0, 40.0, 60.0] {
-            all.extend([0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0].map(|frequency| Self::Sine(amplitude, frequency)));
+            all.extend(
+                [0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0]
+                    .map(|frequency| Self::Sine(amplitude, frequency)),
+            );
             all.extend([5.0, 20.0, 60.0].map(|speed| Self::Triangle(amplitude, speed)));
             all.push(Self::Steps(amplitude));
         }
@@ -215,7 +225,8 @@ impl Trial {
     fn reference(self, time_s: f64) -> (f64, f64, f64) {
         match self {
             Self::Sine(amplitude, frequency) => {
-                let (amplitude, omega) = (amplitude.to_radians() * (time_s / FADE_S).min(1.0), TAU * frequency);
+                let (amplitude, omega) =
+                    (amplitude.to_radians() * (time_s / FADE_S).min(1.0), TAU * frequency);
                 let (sine, cosine) = (omega * time_s).sin_cos();
                 (amplitude * sine, amplitude * omega * cosine, -amplitude * omega * omega * sine)
             }
@@ -247,7 +258,9 @@ impl Trial {
     /// What it is, in words.
     pub(super) fn words(self) -> String {
         match self {
-            Self::Sine(amplitude, frequency) => format!("a sine of {amplitude}° and {frequency} Hz"),
+            Self::Sine(amplitude, frequency) => {
+                format!("a sine of {amplitude}° and {frequency} Hz")
+            }
             Self::Triangle(amplitude, speed) => format!("a triangle of {amplitude}° at {speed}°/s"),
             Self::Steps(amplitude) => format!("steps between ±{amplitude}°"),
         }
@@ -270,7 +283,8 @@ impl Trial {
                 let strokes = (PLAYED_S / self.stroke_s()).ceil().max(4.0) as usize;
                 let duration = self.stroke_s() + EASE_S;
                 let stroke = |at: usize| {
-                    let position = middle + if at.is_multiple_of(2) { amplitude } else { -amplitude };
+                    let position =
+                        middle + if at.is_multiple_of(2) { amplitude } else { -amplitude };
                     format!(
                         "[[segments]]\nkind = \"ramp\"\nlabel = \"{label}\"\nposition_deg = {position:?}\nspeed_deg_s = {speed:?}\nease_s = \
                          {EASE_S:?}\nduration_s = {duration:?}\n\n"
@@ -281,7 +295,12 @@ impl Trial {
             Self::Steps(amplitude) => {
                 let count = (PLAYED_S / (RISE_S + DWELL_S)).round() as usize;
                 let positions: Vec<String> = (0..count)
-                    .map(|at| format!("{:?}", middle + if at.is_multiple_of(2) { amplitude } else { -amplitude }))
+                    .map(|at| {
+                        format!(
+                            "{:?}",
+                            middle + if at.is_multiple_of(2) { amplitude } else { -amplitude }
+                        )
+                    })
                     .collect();
                 format!(
                     "[[segments]]\nkind = \"steps\"\nlabel = \"{label}\"\npositions_deg = [{}]\nrise_s = {RISE_S:?}\ndwell_s = {DWELL_S:?}\n\n",
@@ -298,7 +317,8 @@ mod tests {
     use rig::protocol::Protocol;
 
     fn rig() -> RigFile {
-        RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+        RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"))
+            .unwrap()
     }
 
     #[test]
@@ -310,7 +330,8 @@ mod tests {
         assert!(!all.contains(&Trial::Sine(60.0, 8.0)), "60° at 8 Hz are beyond any motor");
         for trial in all {
             let text = stage.protocol("trial", "one trial", &[trial]);
-            let protocol = Protocol::parse(&text, "trial.toml").unwrap_or_else(|error| panic!("{error}\n{text}"));
+            let protocol = Protocol::parse(&text, "trial.toml")
+                .unwrap_or_else(|error| panic!("{error}\n{text}"));
             protocol.check_against(&rig).unwrap_or_else(|error| panic!("{error}\n{text}"));
             assert!(protocol.duration_s() >= PLAYED_S, "{} s", protocol.duration_s());
         }
@@ -323,22 +344,32 @@ mod tests {
         for trial in [Trial::Sine(20.0, 1.0), Trial::Triangle(20.0, 60.0), Trial::Steps(10.0)] {
             let h = 1e-5;
             for time in [1.21, 1.77, 3.13, 4.6] {
-                let (low, now, high) = (trial.reference(time - h), trial.reference(time), trial.reference(time + h));
+                let (low, now, high) =
+                    (trial.reference(time - h), trial.reference(time), trial.reference(time + h));
                 assert!(((high.0 - low.0) / (2.0 * h) - now.1).abs() < 1e-3, "{trial:?} at {time}");
                 let acceleration = (high.1 - low.1) / (2.0 * h);
-                assert!((acceleration - now.2).abs() < 1e-2 * (1.0 + now.2.abs()), "{trial:?} at {time}");
+                assert!(
+                    (acceleration - now.2).abs() < 1e-2 * (1.0 + now.2.abs()),
+                    "{trial:?} at {time}"
+                );
             }
             let plant = rig.transmission_parameters().unwrap().plant(Vec::new()).unwrap();
             let record = stage.record(trial, plant);
-            let reach = record.master.iter().fold(0.0f64, |most, position| position.abs().max(most));
+            let reach =
+                record.master.iter().fold(0.0f64, |most, position| position.abs().max(most));
             let amplitude = trial.peaks().0;
-            assert!((0.7..1.5).contains(&(reach / amplitude)), "{trial:?}: {reach} rad of {amplitude}");
+            assert!(
+                (0.7..1.5).contains(&(reach / amplitude)),
+                "{trial:?}: {reach} rad of {amplitude}"
+            );
         }
     }
 
     #[test]
     fn a_rig_that_no_plant_simulates_plays_nothing() {
-        let emps = RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml")).unwrap();
+        let emps =
+            RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"))
+                .unwrap();
         assert!(Stage::of(&emps).is_none());
     }
 }

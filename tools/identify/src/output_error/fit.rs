@@ -16,7 +16,8 @@ const LARGEST: f64 = 20.0;
 /// Clusters of the sandwich last this many decay times of the machine.
 const CLUSTER_DECAYS: f64 = 4.0;
 
-/// One record: measured output, and the input as the simulation wants it, both from the first row on.
+/// One record: measured output, and the input as the simulation wants it, both from the first row
+/// on.
 pub struct Record {
     /// Output at the rows.
     pub output: Vec<f64>,
@@ -28,8 +29,9 @@ pub struct Record {
 }
 
 impl Record {
-    /// From one record's columns, of which `rows` from sample `first` on are used; position and velocity at that sample.
-    /// `natural` is the highest natural frequency to expect (rad/s). `None` where the input has no transform.
+    /// From one record's columns, of which `rows` from sample `first` on are used; position and
+    /// velocity at that sample. `natural` is the highest natural frequency to expect (rad/s).
+    /// `None` where the input has no transform.
     pub fn new(
         time: &[f64],
         (input, output): (&[f64], &[f64]),
@@ -43,7 +45,8 @@ impl Record {
         let values = fine.get(2 * steps * first..=2 * steps * (first + rows - 1))?.to_vec();
         let output = output.get(first..first + rows)?.to_vec();
         let largest = LARGEST * output.iter().fold(0.0f64, |top, y| top.max(y.abs()));
-        let input = Input { values, steps, step: sampling / steps as f64, start: *time.get(first)? };
+        let input =
+            Input { values, steps, step: sampling / steps as f64, start: *time.get(first)? };
         Some(Self { output, input, start, largest })
     }
 
@@ -73,7 +76,8 @@ pub struct Bench<'a> {
 impl Bench<'_> {
     /// Output less simulation, over some rows.
     pub fn residual(&self, simulated: &Simulated, block: &Block) -> Vec<f64> {
-        let (measured, model) = (&self.records[block.record].output, &simulated.outputs[block.record]);
+        let (measured, model) =
+            (&self.records[block.record].output, &simulated.outputs[block.record]);
         block.rows.clone().map(|row| measured[row] - model[row]).collect()
     }
 
@@ -83,8 +87,9 @@ impl Bench<'_> {
         blocks.iter().map(|block| mean(self.residual(simulated, block))).collect()
     }
 
-    /// Fits amplitudes and shapes on `blocks`, from where `start` stands. Terms that `without` names by their place among the
-    /// structure's stay at 0. `None` where the model at the start cannot be simulated.
+    /// Fits amplitudes and shapes on `blocks`, from where `start` stands. Terms that `without`
+    /// names by their place among the structure's stay at 0. `None` where the model at the start
+    /// cannot be simulated.
     pub fn fit(
         &self,
         structure: &Structure<'_>,
@@ -111,7 +116,8 @@ enum Place<'s> {
     Shape(usize, &'s Shape),
 }
 
-/// Output error as a function of how far each number has moved from the start, in units of its own size.
+/// Output error as a function of how far each number has moved from the start, in units of its own
+/// size.
 struct Problem<'a> {
     bench: &'a Bench<'a>,
     structure: &'a Structure<'a>,
@@ -155,8 +161,18 @@ impl<'a> Problem<'a> {
         // The smoothing speed stays where the force balance found it: output hardly feels it.
         let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
-        let mut problem =
-            Self { bench, structure, blocks, start, shapes, bounds, amplitudes, free_shapes, moved, here: None };
+        let mut problem = Self {
+            bench,
+            structure,
+            blocks,
+            start,
+            shapes,
+            bounds,
+            amplitudes,
+            free_shapes,
+            moved,
+            here: None,
+        };
         problem.here = problem.residuals_at(&problem.moved);
         problem
     }
@@ -166,7 +182,8 @@ impl<'a> Problem<'a> {
         let mut coefficients = self.start.fit.coefficients.clone();
         let mut shapes = self.start.shapes.clone();
         for ((i, size), moved) in self.amplitudes.iter().zip(moved.iter()) {
-            coefficients[*i] = (coefficients[*i] + size * moved).clamp(self.bounds[*i].0, self.bounds[*i].1);
+            coefficients[*i] =
+                (coefficients[*i] + size * moved).clamp(self.bounds[*i].0, self.bounds[*i].1);
         }
         for (i, moved) in self.free_shapes.iter().zip(moved.iter().skip(self.amplitudes.len())) {
             let shape = &self.shapes[*i];
@@ -205,7 +222,8 @@ impl<'a> Problem<'a> {
         let mut dry = of(Column::Sign);
         for (effect, place) in self.structure.effects.iter().zip(machine.places(self.structure)) {
             let terms = machine.terms_of(*effect).len();
-            let (amplitudes, shapes) = (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
+            let (amplitudes, shapes) =
+                (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
             at += terms;
             if effect.uses_sign() {
                 dry += amplitudes.iter().map(|a| a.abs()).sum::<f64>();
@@ -236,7 +254,11 @@ impl<'a> Problem<'a> {
                 smoothing: uses_sign.then_some(shapes[0].max(dry * step / mass)),
                 forces: forces
                     .iter()
-                    .map(|f| Force { law: f.law, amplitudes: f.amplitudes.clone(), shapes: f.shapes.clone() })
+                    .map(|f| Force {
+                        law: f.law,
+                        amplitudes: f.amplitudes.clone(),
+                        shapes: f.shapes.clone(),
+                    })
                     .collect(),
             };
             oscillator.run(input.as_ref().unwrap_or(&record.input), record.start, record.largest)
@@ -249,7 +271,8 @@ impl<'a> Problem<'a> {
 
     fn errors(&self, outputs: &[Vec<f64>]) -> DVector<f64> {
         let error = |block: &Block| {
-            let (measured, model) = (&self.bench.records[block.record].output, &outputs[block.record]);
+            let (measured, model) =
+                (&self.bench.records[block.record].output, &outputs[block.record]);
             block.rows.clone().map(|row| measured[row] - model[row]).collect::<Vec<f64>>()
         };
         DVector::from_vec(self.blocks.iter().flat_map(error).collect())
@@ -275,7 +298,9 @@ impl<'a> Problem<'a> {
         let (coefficients, shapes) = self.values(&self.moved);
         let inward = match self.place(k) {
             Place::Amplitude(i, size, bound) => coefficients[i] + step * size > bound.1,
-            Place::Shape(i, shape) => shape.share(shapes[i]) + step / (shape.points - 1) as f64 > 1.0,
+            Place::Shape(i, shape) => {
+                shape.share(shapes[i]) + step / (shape.points - 1) as f64 > 1.0
+            }
         };
         if inward { -step } else { step }
     }
@@ -291,7 +316,8 @@ impl<'a> Problem<'a> {
         };
         let n = self.moved.len();
         let edge = |k: usize| matches!(self.place(k), Place::Amplitude(i, ..) if at_edge(i));
-        let columns: Vec<Vec<f64>> = (0..n).map(|k| jacobian.column(k).iter().map(|j| -j).collect()).collect();
+        let columns: Vec<Vec<f64>> =
+            (0..n).map(|k| jacobian.column(k).iter().map(|j| -j).collect()).collect();
         let mut gram = Gram::empty(n);
         gram.add(&columns, errors.as_slice(), 0..errors.len());
         let local = Fit {
@@ -300,7 +326,8 @@ impl<'a> Problem<'a> {
             at_bound: (0..n).map(|k| edge(k) || columns[k].iter().all(|c| *c == 0.0)).collect(),
             squares: errors.norm_squared(),
         };
-        let std = standard_deviations(&gram, &local, &self.scores(&columns, &errors, &coefficients));
+        let std =
+            standard_deviations(&gram, &local, &self.scores(&columns, &errors, &coefficients));
         let mut all = vec![0.0; self.bounds.len()];
         for (k, (i, size)) in self.amplitudes.iter().enumerate() {
             all[*i] = std[k] * size;
@@ -314,7 +341,12 @@ impl<'a> Problem<'a> {
     }
 
     /// `Jᵀe` by clusters that outlast the machine's memory.
-    fn scores(&self, columns: &[Vec<f64>], errors: &DVector<f64>, coefficients: &DVector<f64>) -> Vec<DVector<f64>> {
+    fn scores(
+        &self,
+        columns: &[Vec<f64>],
+        errors: &DVector<f64>,
+        coefficients: &DVector<f64>,
+    ) -> Vec<DVector<f64>> {
         let of = |column| {
             let at = self.bench.machine.parameters.iter().position(|p| p.column == column);
             at.map_or(0.0, |i| coefficients[i])

@@ -1,8 +1,10 @@
-//! `m ÿ + d ẏ + k y + offset + effects = input`, integrated by the classical Runge-Kutta method of fourth order.
+//! `m ÿ + d ẏ + k y + offset + effects = input`, integrated by the classical Runge-Kutta method of
+//! fourth order.
 //!
-//! The input is band-limited and given at twice the integration's rate, so that each step has its own value at
-//! begin, middle and end. At `ω h = 0.3` a step turns the phase wrongly by 2e-5 rad (`(ω h)⁵/120`), which a lightly damped
-//! machine sees as a natural frequency wrong by 7e-5; the fitted mass takes up twice that.
+//! The input is band-limited and given at twice the integration's rate, so that each step has its
+//! own value at begin, middle and end. At `ω h = 0.3` a step turns the phase wrongly by 2e-5 rad
+//! (`(ω h)⁵/120`), which a lightly damped machine sees as a natural frequency wrong by 7e-5; the
+//! fitted mass takes up twice that.
 
 use crate::effects::{Instant, InverseEffect, Law};
 
@@ -56,7 +58,8 @@ pub struct Input {
     pub start: f64,
 }
 
-/// Steps a sampling period for a machine of that natural frequency (rad/s), sampled every `sampling` seconds.
+/// Steps a sampling period for a machine of that natural frequency (rad/s), sampled every
+/// `sampling` seconds.
 pub fn steps(natural: f64, sampling: f64) -> usize {
     ((natural * sampling / ANGLE_PER_STEP).ceil() as usize).clamp(1, 64)
 }
@@ -72,8 +75,16 @@ impl Oscillator<'_> {
     /// `terms` is scratch, so that it need not be cleared a million times.
     fn rate(&self, time: f64, input: f64, state: &State, terms: &mut [f64; TERMS]) -> State {
         let (position, velocity) = (state[0], state[1]);
-        let now = Instant { time, position, velocity, sign: self.smoothing.map_or(0.0, |s| (velocity / s).tanh()) };
-        let mut force = self.damping * velocity + self.stiffness * position + self.coulomb * now.sign + self.offset;
+        let now = Instant {
+            time,
+            position,
+            velocity,
+            sign: self.smoothing.map_or(0.0, |s| (velocity / s).tanh()),
+        };
+        let mut force = self.damping * velocity
+            + self.stiffness * position
+            + self.coulomb * now.sign
+            + self.offset;
         let mut rate = [0.0; STATES + 2];
         let mut next = 2;
         for effect in &self.forces {
@@ -88,9 +99,15 @@ impl Oscillator<'_> {
         rate
     }
 
-    /// The output at the record's samples, from position and velocity at the first. `None` where it goes beyond
-    /// `largest` in magnitude, or where the effects have more states than there is room for.
-    pub fn run(&self, input: &Input, (position, velocity): (f64, f64), largest: f64) -> Option<Vec<f64>> {
+    /// The output at the record's samples, from position and velocity at the first. `None` where it
+    /// goes beyond `largest` in magnitude, or where the effects have more states than there is room
+    /// for.
+    pub fn run(
+        &self,
+        input: &Input,
+        (position, velocity): (f64, f64),
+        largest: f64,
+    ) -> Option<Vec<f64>> {
         let count = self.states();
         if count > STATES {
             return None;
@@ -116,8 +133,10 @@ impl Oscillator<'_> {
                 let time = input.start + at as f64 * h;
                 let [begin, middle, end] = [0, 1, 2].map(|i| input.values[2 * at + i]);
                 let k1 = self.rate(time, begin, &state, &mut terms);
-                let k2 = self.rate(time + 0.5 * h, middle, &along(&state, &k1, 0.5 * h), &mut terms);
-                let k3 = self.rate(time + 0.5 * h, middle, &along(&state, &k2, 0.5 * h), &mut terms);
+                let k2 =
+                    self.rate(time + 0.5 * h, middle, &along(&state, &k1, 0.5 * h), &mut terms);
+                let k3 =
+                    self.rate(time + 0.5 * h, middle, &along(&state, &k2, 0.5 * h), &mut terms);
                 let k4 = self.rate(time + h, end, &along(&state, &k3, h), &mut terms);
                 for i in 0..used {
                     state[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
@@ -143,17 +162,35 @@ mod tests {
 
     fn plain(damping: f64) -> Oscillator<'static> {
         let forces = Vec::new();
-        Oscillator { mass: 0.5, damping, stiffness: 200.0, coulomb: 0.0, offset: 0.0, smoothing: None, forces }
+        Oscillator {
+            mass: 0.5,
+            damping,
+            stiffness: 200.0,
+            coulomb: 0.0,
+            offset: 0.0,
+            smoothing: None,
+            forces,
+        }
     }
 
     /// Worst error of a free oscillation against its closed form.
     fn error(steps: usize) -> f64 {
         let sampling = 0.01;
-        let input = Input { values: vec![0.0; 2 * 100 * steps + 1], steps, step: sampling / steps as f64, start: 0.0 };
+        let input = Input {
+            values: vec![0.0; 2 * 100 * steps + 1],
+            steps,
+            step: sampling / steps as f64,
+            start: 0.0,
+        };
         let out = plain(1.0).run(&input, (0.02, 0.0), 1.0).unwrap();
         let (decay, natural) = (1.0, (200.0f64 / 0.5 - 1.0).sqrt());
-        let exact = |t: f64| 0.02 * (-decay * t).exp() * ((natural * t).cos() + decay / natural * (natural * t).sin());
-        out.iter().enumerate().fold(0.0, |worst: f64, (i, y)| worst.max((y - exact(0.01 * i as f64)).abs()))
+        let exact = |t: f64| {
+            0.02 * (-decay * t).exp()
+                * ((natural * t).cos() + decay / natural * (natural * t).sin())
+        };
+        out.iter()
+            .enumerate()
+            .fold(0.0, |worst: f64, (i, y)| worst.max((y - exact(0.01 * i as f64)).abs()))
     }
 
     #[test]

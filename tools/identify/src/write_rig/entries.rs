@@ -1,16 +1,22 @@
 //! The effects that were found, in the words of rig files, which are the plant's.
 //!
-//! Transmissions are searched by simulating the plant: ids, names and units are its own. A drive, an oscillator and an element are fitted by
-//! columns of the force that the motion asks for, whose amplitudes and shapes have other names. What the plant's effect of the same id does
-//! alike is written in its words. The rest is left out and said:
+//! Transmissions are searched by simulating the plant: ids, names and units are its own. A drive,
+//! an oscillator and an element are fitted by columns of the force that the motion asks for, whose
+//! amplitudes and shapes have other names. What the plant's effect of the same id does alike is
+//! written in its words. The rest is left out and said:
 //!
-//! - `asymmetric_friction`: the plant's viscous difference comes with a dry one, which the fit cannot tell from the offset;
-//! - `load_dependent_friction`: the fit's coefficient is of the force without this friction, the plant's of all that passes;
-//! - `position_dependent_friction`, `presliding_hysteresis`, `thermal_drift`: the plant's are shares of whatever friction the side has;
-//! - `backlash`, `nonlinear_stiffness`: the plant's gap is about zero and takes all of the force, its bent spring is told by a force of its own;
+//! - `asymmetric_friction`: the plant's viscous difference comes with a dry one, which the fit
+//!   cannot tell from the offset;
+//! - `load_dependent_friction`: the fit's coefficient is of the force without this friction, the
+//!   plant's of all that passes;
+//! - `position_dependent_friction`, `presliding_hysteresis`, `thermal_drift`: the plant's are
+//!   shares of whatever friction the side has;
+//! - `backlash`, `nonlinear_stiffness`: the plant's gap is about zero and takes all of the force,
+//!   its bent spring is told by a force of its own;
 //! - `transport_delay` outside of the drive: the plant's line carries waves;
 //! - `sensor_drift`, `mains_hum`: the plant's are in the channel of a transmission's torque cell;
-//! - whatever the plant has in another unit, as all forces of an oscillator, which are volts, or does not stand for, as an excess below 0.
+//! - whatever the plant has in another unit, as all forces of an oscillator, which are volts, or
+//!   does not stand for, as an excess below 0.
 
 use std::f64::consts::TAU;
 
@@ -25,13 +31,15 @@ use crate::outcome::{EffectParameter, FittedParameter, FoundEffect, Outcome};
 pub(super) struct Entries<'o> {
     /// Those that it has, in its words.
     pub(super) effects: Vec<FoundEffect>,
-    /// Parameters that stay as declared, because what was fitted beyond them stands beside them as an effect.
+    /// Parameters that stay as declared, because what was fitted beyond them stands beside them as
+    /// an effect.
     pub(super) beside: Vec<&'o str>,
     /// Those that it has not, and why.
     pub(super) left_out: Vec<String>,
 }
 
-/// Effects of these ids have the same law in the plant, with as many parameters: the fit's name and the plant's.
+/// Effects of these ids have the same law in the plant, with as many parameters: the fit's name and
+/// the plant's.
 const RENAMED: &[(&str, &[(&str, &str)])] = &[
     ("coulomb_friction", &[("coulomb", "level")]),
     ("stribeck_friction", &[("stribeck", "level"), ("stribeck_speed", "speed")]),
@@ -65,7 +73,9 @@ pub(super) fn entries<'o>(outcome: &'o Outcome, declared: &Declared) -> Entries<
                     Some(name) => format!("{name} has all of the fitted value instead"),
                     None => "the parameters are as fitted beside it".to_owned(),
                 };
-                entries.left_out.push(format!("{} at the {}: {why}; {instead}", effect.id, effect.site));
+                entries
+                    .left_out
+                    .push(format!("{} at the {}: {why}; {instead}", effect.id, effect.site));
             }
         }
     }
@@ -81,29 +91,37 @@ struct Fit<'o> {
 }
 
 impl<'o> Fit<'o> {
-    /// The declared parameter that the effect exceeds: one column is fitted for both, and the effect is what its amplitude has beyond the
-    /// declared value.
+    /// The declared parameter that the effect exceeds: one column is fitted for both, and the
+    /// effect is what its amplitude has beyond the declared value.
     fn exceeded(&self, effect: &FoundEffect) -> Option<&'o FittedParameter> {
         find(&effect.id)?.inverse()?.lifts()?;
         self.declared_in(&effect.parameters.first()?.unit)
     }
 
-    /// The declared parameter in a unit: mass, damping and stiffness have one each, in units of their own.
+    /// The declared parameter in a unit: mass, damping and stiffness have one each, in units of
+    /// their own.
     fn declared_in(&self, unit: &str) -> Option<&'o FittedParameter> {
-        self.parameters.iter().find(|parameter| parameter.declared.is_some() && parameter.unit == unit)
+        self.parameters
+            .iter()
+            .find(|parameter| parameter.declared.is_some() && parameter.unit == unit)
     }
 
     /// The effect by the plant's names, or why it cannot be so.
     fn in_words_of_the_plant(&self, effect: &FoundEffect) -> Result<FoundEffect, String> {
         let parameters = self.parameters_of_the_plant(effect).ok_or_else(|| {
-            let own: Vec<String> = effect.parameters.iter().map(|own| format!("`{}`", own.name)).collect();
+            let own: Vec<String> =
+                effect.parameters.iter().map(|own| format!("`{}`", own.name)).collect();
             format!("rig files have nothing that means the same as its {}", own.join(", "))
         })?;
-        let mut of_plant = parse(&format!("{}@{}", effect.id, effect.site)).map_err(|error| error.to_string())?;
+        let mut of_plant =
+            parse(&format!("{}@{}", effect.id, effect.site)).map_err(|error| error.to_string())?;
         for EffectParameter { name, value, unit, .. } in &parameters {
-            let wanted = of_plant.infos().iter().find(|info| info.name == name).map_or("", |info| info.unit);
+            let wanted =
+                of_plant.infos().iter().find(|info| info.name == name).map_or("", |info| info.unit);
             if !is_same_unit(wanted, unit) {
-                return Err(format!("rig files have its `{name}` in {wanted}, and it was found in {unit}"));
+                return Err(format!(
+                    "rig files have its `{name}` in {wanted}, and it was found in {unit}"
+                ));
             }
             of_plant.set(name, *value).map_err(|error| error.to_string())?;
         }
@@ -113,11 +131,15 @@ impl<'o> Fit<'o> {
     /// Its parameters by the plant's names; `None` where they mean something else there.
     fn parameters_of_the_plant(&self, effect: &FoundEffect) -> Option<Vec<EffectParameter>> {
         let own = |name: &str| effect.parameters.iter().find(|own| own.name == name);
-        // `sign` is -1 where the plant's wave drives: the fit's is what the motion asks for to overcome it.
+        // `sign` is -1 where the plant's wave drives: the fit's is what the motion asks for to
+        // overcome it.
         let wave = |size: &str, sign: f64| {
             let (sine, cosine) = (own("sine")?, own("cosine")?);
             let (along, across) = (sign * sine.value, sign * cosine.value);
-            Some(vec![named(size, along.hypot(across), &sine.unit), named("phase", across.atan2(along), "rad")])
+            Some(vec![
+                named(size, along.hypot(across), &sine.unit),
+                named("phase", across.atan2(along), "rad"),
+            ])
         };
         match effect.id.as_str() {
             "transport_delay" if effect.site != Site::Drive.name() => None,
@@ -139,11 +161,16 @@ impl<'o> Fit<'o> {
             "line_compliance" => {
                 // Springs in series: 1/k = (1 + r)/k_declared.
                 let stiffness = self.exceeded(effect)?;
-                Some(vec![named("compliance_ratio", stiffness.declared? / stiffness.fitted - 1.0, "1")])
+                Some(vec![named(
+                    "compliance_ratio",
+                    stiffness.declared? / stiffness.fitted - 1.0,
+                    "1",
+                )])
             }
             "viscoelastic_line" => {
                 let (branch, relaxation) = (own("branch_stiffness")?, own("relaxation")?);
-                // The plant's branch is told by the spring beside it as it is, more compliance included.
+                // The plant's branch is told by the spring beside it as it is, more compliance
+                // included.
                 let stiffness = self.declared_in(&branch.unit)?.fitted;
                 let ratio = named("stiffness_ratio", branch.value / stiffness, "1");
                 Some(vec![ratio, named("relaxation_s", relaxation.value, &relaxation.unit)])
@@ -164,9 +191,11 @@ fn named(name: &str, value: f64, unit: &str) -> EffectParameter {
     EffectParameter { name: name.to_owned(), value, std: None, unit: unit.to_owned() }
 }
 
-/// Whether a unit of the plant's, which writes that of a rotary machine first and that of a linear one behind it in brackets, is the fit's.
+/// Whether a unit of the plant's, which writes that of a rotary machine first and that of a linear
+/// one behind it in brackets, is the fit's.
 fn is_same_unit(of_plant: &str, of_fit: &str) -> bool {
-    const SPELLED: [(&str, &str); 4] = [("(m/s)⁻²", "s²/m²"), ("(rad/s)⁻²", "s²/rad²"), ("·", " "), ("²", "^2")];
+    const SPELLED: [(&str, &str); 4] =
+        [("(m/s)⁻²", "s²/m²"), ("(rad/s)⁻²", "s²/rad²"), ("·", " "), ("²", "^2")];
     let spelled = SPELLED.iter().fold(of_fit.to_owned(), |unit, (from, to)| unit.replace(from, to));
     // A rotary drive reads N·m where an amplifier's unit is "V (N)".
     let is = |unit: &str| unit == spelled || (unit == "N" && spelled == "N m");
@@ -204,10 +233,20 @@ mod tests {
     /// A listed effect as a fit tells it, all values 1.
     fn found(effect: &dyn Effect, site: &str, axis: &Axis) -> FoundEffect {
         let inverse = effect.inverse().unwrap();
-        let terms = inverse.terms(axis).into_iter().filter(|term| !term.is_given()).map(|term| (term.name, term.unit));
+        let terms = inverse
+            .terms(axis)
+            .into_iter()
+            .filter(|term| !term.is_given())
+            .map(|term| (term.name, term.unit));
         let shapes = inverse.shapes(axis).into_iter().map(|shape| (shape.name, shape.unit));
         let parameters = terms.chain(shapes).map(|(name, unit)| named(&name, 1.0, &unit)).collect();
-        FoundEffect { id: effect.id().into(), site: site.into(), parameters, t: 9.0, gain_percent: 40.0 }
+        FoundEffect {
+            id: effect.id().into(),
+            site: site.into(),
+            parameters,
+            t: 9.0,
+            gain_percent: 40.0,
+        }
     }
 
     /// Ids of the listed effects that can be written, of all that such a machine can have.
@@ -224,7 +263,9 @@ mod tests {
             trades_with: None,
         };
         let fit = Fit { parameters: &[stiffness], turn: axis.turn };
-        let can_be = ALL.iter().filter(|effect| effect.inverse().is_some_and(|inverse| inverse.applies(axis)));
+        let can_be = ALL
+            .iter()
+            .filter(|effect| effect.inverse().is_some_and(|inverse| inverse.applies(axis)));
         let is_written = |effect: &&&'static dyn Effect| {
             let site = sites.iter().find(|site| effect.sites().contains(site)).unwrap();
             fit.in_words_of_the_plant(&found(**effect, site, axis)).is_ok()
@@ -234,8 +275,13 @@ mod tests {
 
     #[test]
     fn what_the_plant_does_alike_is_written_in_its_words() {
-        let of_friction =
-            ["coulomb_friction", "stribeck_friction", "viscous_friction", "extra_inertia", "quadratic_drag"];
+        let of_friction = [
+            "coulomb_friction",
+            "stribeck_friction",
+            "viscous_friction",
+            "extra_inertia",
+            "quadratic_drag",
+        ];
         let of_drive = [
             "torque_ripple",
             "amplifier_deadzone",
@@ -248,13 +294,19 @@ mod tests {
         assert_eq!(linear, [&of_friction[..], &of_drive].concat());
         let rotary = written(&axis(Units::ROTARY, false, true), DRIVE);
         assert_eq!(rotary, [&of_friction[..], &["gravity_imbalance"], &of_drive].concat());
-        let of_line = ["viscoelastic_line", "line_compliance", "line_damping", "periodic_disturbance"];
+        let of_line =
+            ["viscoelastic_line", "line_compliance", "line_damping", "periodic_disturbance"];
         let element = written(&axis(Units::LINEAR, true, false), ELEMENT);
         assert_eq!(element, [&of_friction[..], &of_line].concat());
         // Of volts the plant has an amplifier's alone.
         let oscillator = written(&axis(Units::VOLTS, true, true), OSCILLATOR);
-        let expected =
-            ["viscoelastic_line", "line_compliance", "amplifier_deadzone", "amplifier_saturation", "amplifier_lag"];
+        let expected = [
+            "viscoelastic_line",
+            "line_compliance",
+            "amplifier_deadzone",
+            "amplifier_saturation",
+            "amplifier_lag",
+        ];
         assert_eq!(oscillator, expected);
     }
 
@@ -270,7 +322,9 @@ mod tests {
         ] {
             assert!(is_same_unit(of_plant, of_fit), "{of_plant} {of_fit}");
         }
-        for (of_plant, of_fit) in [("N m (N)", "V"), ("kg m^2 (kg)", "s²"), ("N s/m", "N·m·s/rad"), ("", "N")] {
+        for (of_plant, of_fit) in
+            [("N m (N)", "V"), ("kg m^2 (kg)", "s²"), ("N s/m", "N·m·s/rad"), ("", "N")]
+        {
             assert!(!is_same_unit(of_plant, of_fit), "{of_plant} {of_fit}");
         }
     }

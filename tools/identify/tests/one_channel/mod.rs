@@ -26,7 +26,12 @@ pub(crate) fn series<const N: usize>(file: &str, columns: [(&str, Vec<f64>); N])
     Series { file: file.to_owned(), columns, role: None, notes: Vec::new() }
 }
 
-pub(crate) fn parameter(name: &str, value: f64, tolerance: f64, absolute: Option<f64>) -> rig::Parameter {
+pub(crate) fn parameter(
+    name: &str,
+    value: f64,
+    tolerance: f64,
+    absolute: Option<f64>,
+) -> rig::Parameter {
     let source = rig::ParameterSource::Assumed;
     rig::Parameter { name: name.into(), value, tolerance, tolerance_absolute: absolute, source }
 }
@@ -41,7 +46,15 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
         "rig.toml",
         model,
         records,
-        Options { jobs: 2, seed: 1, gear: 1.0, slave_count_rad: None, stage: None, propose: false, calibrate: 0 },
+        Options {
+            jobs: 2,
+            seed: 1,
+            gear: 1.0,
+            slave_count_rad: None,
+            stage: None,
+            propose: false,
+            calibrate: 0,
+        },
     )?;
     // Every outcome must make a page.
     page.render().unwrap();
@@ -75,9 +88,13 @@ pub(crate) fn only(outcome: &Outcome, id: &str, (channel, most): (&str, f64)) {
 
 /// A record measured by others, from beside the project; `None`, said loudly, where it is absent.
 pub(crate) fn measured(name: &str) -> Option<Series> {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
     if !path.exists() {
-        eprintln!("SKIPPED: {} is not there; the measured record took no part in this test", path.display());
+        eprintln!(
+            "SKIPPED: {} is not there; the measured record took no part in this test",
+            path.display()
+        );
         return None;
     }
     let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
@@ -88,6 +105,7 @@ pub(crate) fn measured(name: &str) -> Option<Series> {
 
 /// The model of a shipped rig file.
 pub(crate) fn shipped(name: &str) -> rig::Model {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs").join(name);
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch/rigs").join(name);
     rig::RigFile::load(path).unwrap().model
 }

@@ -16,15 +16,17 @@ pub(crate) const COUNT_RAD: f64 = TAU / 4000.0;
 
 /// The rig as declared.
 pub(crate) fn rig() -> RigFile {
-    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml")).unwrap()
+    RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml"))
+        .unwrap()
 }
 
 /// From the beginning of a record to that of the next (s).
 pub(crate) const RECORD_S: f64 = 10.0;
 
-/// The rig in closed loop along some sines, its torque constant and friction off the declared ones; a hand pushes where `hand` says, and
-/// something at the motor, slowly and at random, with so many volts. The cell shows the hand's torque and what `cell` says, by the time since the
-/// record began.
+/// The rig in closed loop along some sines, its torque constant and friction off the declared ones;
+/// a hand pushes where `hand` says, and something at the motor, slowly and at random, with so many
+/// volts. The cell shows the hand's torque and what `cell` says, by the time since the record
+/// began.
 pub(crate) fn record(
     turn: usize,
     effects: Vec<Box<dyn Effect>>,
@@ -46,7 +48,8 @@ pub(crate) fn record(
     let phase = 0.7 + 1.9 * (turn % 3) as f64;
     let mut noise = 17 + turn as u64;
     let mut random = || {
-        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        noise =
+            noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
     let mut push = 0.0;
@@ -60,8 +63,9 @@ pub(crate) fn record(
                 + 0.25 * (TAU * 1.7 * t + 2.0 * phase).sin()
                 + 0.06 * (TAU * 5.3 * t).sin());
         let motion = plant.motion();
-        let volts =
-            (7.0 * (reference - motion.master_position_rad) - 0.4 * motion.master_velocity_rad_s).clamp(-8.0, 8.0);
+        let volts = (7.0 * (reference - motion.master_position_rad)
+            - 0.4 * motion.master_velocity_rad_s)
+            .clamp(-8.0, 8.0);
         let torque = if hand { 2.0 * rise * (TAU * 0.9 * t + phase).sin() } else { 0.0 };
         let counts = |position: f64| (position / COUNT_RAD).round() * COUNT_RAD;
         let values = [
@@ -77,6 +81,7 @@ pub(crate) fn record(
     }
     let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
     let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
-    let series = Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
+    let series =
+        Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
     Record::new(&series, 1.0, &mut Vec::new()).unwrap()
 }

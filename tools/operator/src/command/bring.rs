@@ -20,7 +20,10 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
     let mut out = std::io::stdout();
     if arguments.foreground {
         let report = crate::up_in_foreground(&options, |rig, backend| {
-            eprintln!("rig {rig_name} ({}, card {backend}) comes up in this terminal; Ctrl-C brings it down", rig.name);
+            eprintln!(
+                "rig {rig_name} ({}, card {backend}) comes up in this terminal; Ctrl-C brings it down",
+                rig.name
+            );
         })?;
         print_report(&mut out, &report)?;
         return Ok(DONE);
@@ -36,7 +39,9 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
 
 fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Error> {
     let card = match (&arguments.replay, arguments.simulate) {
-        (Some(record), _) => Some(CardChoice::Replay { record: record.clone(), looped: arguments.looped }),
+        (Some(record), _) => {
+            Some(CardChoice::Replay { record: record.clone(), looped: arguments.looped })
+        }
         (None, true) => Some(CardChoice::Simulated { effects: arguments.effects.clone() }),
         (None, false) => None,
     };
@@ -56,8 +61,13 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
 
 fn json_of(up: &Up) -> serde_json::Value {
     let pid = |unit: &launch::UnitStatus| unit.process.map(|process| process.pid);
-    let processes: Vec<_> =
-        up.running.status.units.iter().map(|unit| json!({ "name": unit.name, "pid": pid(unit) })).collect();
+    let processes: Vec<_> = up
+        .running
+        .status
+        .units
+        .iter()
+        .map(|unit| json!({ "name": unit.name, "pid": pid(unit) }))
+        .collect();
     json!({
         "rig_name": up.running.status.rig_name,
         "rig": up.rig.name,
@@ -71,9 +81,18 @@ fn json_of(up: &Up) -> serde_json::Value {
     })
 }
 
-fn print_up(out: &mut dyn Write, up: &Up, rig_name: &RigName, record: Option<&PathBuf>) -> anyhow::Result<()> {
+fn print_up(
+    out: &mut dyn Write,
+    up: &Up,
+    rig_name: &RigName,
+    record: Option<&PathBuf>,
+) -> anyhow::Result<()> {
     let names: Vec<_> = up.running.status.units.iter().map(|unit| unit.name.as_str()).collect();
-    writeln!(out, "rig {rig_name} is up: {}, card {}, profile {}", up.rig.name, up.backend, up.profile)?;
+    writeln!(
+        out,
+        "rig {rig_name} is up: {}, card {}, profile {}",
+        up.rig.name, up.backend, up.profile
+    )?;
     writeln!(out, "  processes  {}", names.join(", "))?;
     writeln!(out, "  logs       {}", up.running.run_dir.display())?;
     if let Some(record) = record {
@@ -85,7 +104,10 @@ fn print_up(out: &mut dyn Write, up: &Up, rig_name: &RigName, record: Option<&Pa
     };
     match up.backend {
         ipc_types::Backend::Replay => writeln!(out, "  next       farreach{option} status")?,
-        _ => writeln!(out, "  next       farreach{option} reset, arm, run PROTOCOL.toml; down ends it all")?,
+        _ => writeln!(
+            out,
+            "  next       farreach{option} reset, arm, run PROTOCOL.toml; down ends it all"
+        )?,
     }
     if up.profile == Profile::BestEffort {
         let why = match runtime::realtime::best_effort_wanted() {
@@ -123,7 +145,9 @@ fn print_down(out: &mut dyn Write, down: &Down, rig_name: &RigName) -> anyhow::R
             if down.disarmed == Some(true) {
                 writeln!(out, "the watchdog disarmed")?;
             } else {
-                eprintln!("the watchdog could not be asked to disarm; stopping it takes the motor's power away");
+                eprintln!(
+                    "the watchdog could not be asked to disarm; stopping it takes the motor's power away"
+                );
             }
             print_report(out, report)?;
         }

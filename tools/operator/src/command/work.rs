@@ -15,7 +15,9 @@ use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOu
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
-        Error::Domain(DomainError::NoKeeper(_)) if launch::status(&rig_name.run_directory()).is_err() => {
+        Error::Domain(DomainError::NoKeeper(_))
+            if launch::status(&rig_name.run_directory()).is_err() =>
+        {
             Error::NotUp(rig_name.to_string())
         }
         other => other,
@@ -48,11 +50,14 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     // A wrong file is told without a rig.
     rig::load_protocol(&options.protocol, &options.overrides)?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+    for signal in
+        [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP]
+    {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let link = link(rig_name)?;
-    let unrecorded = link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
+    let unrecorded =
+        link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
     let bar = Bar::new();
     let mut told = false;
     let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| {
@@ -88,7 +93,11 @@ pub(super) fn start_recording(
     }
     let mut out = std::io::stdout();
     if as_json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&json!({ "recording": answer.recording }))?)?;
+        writeln!(
+            out,
+            "{}",
+            serde_json::to_string_pretty(&json!({ "recording": answer.recording }))?
+        )?;
     } else {
         writeln!(out, "recording {}", answer.recording.unwrap_or_default())?;
     }
@@ -117,8 +126,12 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
 
 fn json_of(outcome: &RunOutcome) -> serde_json::Value {
     match outcome {
-        RunOutcome::Completed { elapsed_s } => json!({ "outcome": "completed", "elapsed_s": elapsed_s }),
-        RunOutcome::Stopped { elapsed_s } => json!({ "outcome": "stopped", "elapsed_s": elapsed_s }),
+        RunOutcome::Completed { elapsed_s } => {
+            json!({ "outcome": "completed", "elapsed_s": elapsed_s })
+        }
+        RunOutcome::Stopped { elapsed_s } => {
+            json!({ "outcome": "stopped", "elapsed_s": elapsed_s })
+        }
         RunOutcome::Tripped { state, cause, faults } => {
             json!({ "outcome": "tripped", "state": state, "cause": cause, "faults": faults })
         }
@@ -141,7 +154,8 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
         }
         RunOutcome::Tripped { state, cause, faults } => {
             let standing: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
-            let standing = if standing.is_empty() { "nothing".to_owned() } else { standing.join(", ") };
+            let standing =
+                if standing.is_empty() { "nothing".to_owned() } else { standing.join(", ") };
             eprintln!(
                 "farreach: the protocol was stopped: the watchdog is {state}, cause {cause}, standing: {standing}"
             );
@@ -172,7 +186,11 @@ impl Bar {
         let away = if progress.away { " (the experiment process is away)" } else { "" };
         bar.set_message(format!(
             "{:.1} of {:.1} s, segment {} of {} {}{away}",
-            progress.elapsed_s, progress.duration_s, progress.segment, progress.segments, progress.label
+            progress.elapsed_s,
+            progress.duration_s,
+            progress.segment,
+            progress.segments,
+            progress.label
         ));
     }
 

@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    COMMAND, EnableToken, Heartbeat, LOSS, LoopTiming, LossCounters, Message, MotorCommand, Process, Profile, SAMPLE,
-    Sample, TOKEN, heartbeat_topic, timing_topic,
+    COMMAND, EnableToken, Heartbeat, LOSS, LoopTiming, LossCounters, Message, MotorCommand,
+    Process, Profile, SAMPLE, Sample, TOKEN, heartbeat_topic, timing_topic,
 };
 use runtime::{Domain, PortError, clock::now_ns};
 
@@ -123,7 +123,9 @@ impl Observer {
             samples: Follower::new(link.subscriber(SAMPLE)?),
             commands: Follower::new(link.subscriber(COMMAND)?),
             tokens: Follower::new(link.subscriber(TOKEN)?),
-            timings: timings.map(|topic| Ok(Follower::new(link.subscriber(topic)?))).collect::<Result<_, Error>>()?,
+            timings: timings
+                .map(|topic| Ok(Follower::new(link.subscriber(topic)?)))
+                .collect::<Result<_, Error>>()?,
             heartbeats: heartbeats
                 .map(|topic| Ok(Follower::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
@@ -158,8 +160,15 @@ impl Observer {
             profile: domain.profile(),
             sample: self.samples.newest,
             token: self.tokens.newest,
-            rates: fast.iter().filter_map(|(process, span)| Some((*process, span.rate_hz()?))).collect(),
-            last_words: fast.iter().filter(|(_, span)| span.last.1 > 0).map(|(p, span)| (*p, span.last.1)).collect(),
+            rates: fast
+                .iter()
+                .filter_map(|(process, span)| Some((*process, span.rate_hz()?)))
+                .collect(),
+            last_words: fast
+                .iter()
+                .filter(|(_, span)| span.last.1 > 0)
+                .map(|(p, span)| (*p, span.last.1))
+                .collect(),
             timings: self.timings.iter().filter_map(|follower| follower.newest).collect(),
             heartbeats: self.heartbeats.iter().filter_map(|follower| follower.newest).collect(),
             losses: self.loss.clone(),

@@ -32,20 +32,30 @@ fn write(out: &mut String, status: &RigStatus, now: SystemTime) -> std::fmt::Res
         let since = age(launcher.since_unix_ms, now);
         match launcher.alive {
             true => write!(out, ", launcher {} for {since}", launcher.pid)?,
-            false => write!(out, ", launcher {} is DEAD: what dies is not started again", launcher.pid)?,
+            false => {
+                write!(out, ", launcher {} is DEAD: what dies is not started again", launcher.pid)?
+            }
         }
     }
     writeln!(out)?;
     if let Some(profile) = status.profile {
         let backend = status.backend.map_or("no card heard", |backend| backend.text());
-        writeln!(out, "profile   {profile}, card {backend}, session {}", status.session.as_deref().unwrap_or("?"))?;
+        writeln!(
+            out,
+            "profile   {profile}, card {backend}, session {}",
+            status.session.as_deref().unwrap_or("?")
+        )?;
     }
     if let Some(unread) = &status.unread {
         writeln!(out, "topics    cannot be read: {unread}")?;
     }
     match &status.watchdog {
         Some(watchdog) => {
-            write!(out, "watchdog  {}, epoch {}, cause {}", watchdog.state, watchdog.epoch, watchdog.cause)?;
+            write!(
+                out,
+                "watchdog  {}, epoch {}, cause {}",
+                watchdog.state, watchdog.epoch, watchdog.cause
+            )?;
             let faults: Vec<_> = watchdog.faults.iter().map(|fault| fault.text()).collect();
             match faults.is_empty() {
                 true => writeln!(out, ", no fault stands")?,
@@ -62,13 +72,21 @@ fn write(out: &mut String, status: &RigStatus, now: SystemTime) -> std::fmt::Res
         }
         writeln!(out, ", motor power {}", if gate.motor_power { "ON" } else { "off" })?;
         if gate.scans_missed > 0 {
-            writeln!(out, "card      {} scans MISSED since acquisition started", gate.scans_missed)?;
+            writeln!(
+                out,
+                "card      {} scans MISSED since acquisition started",
+                gate.scans_missed
+            )?;
         }
     }
     if let Some(recording) = &status.recording {
         match &recording.file {
             Some(file) => {
-                writeln!(out, "recording {file}, {} messages, {} lost", recording.written, recording.lost)?;
+                writeln!(
+                    out,
+                    "recording {file}, {} messages, {} lost",
+                    recording.written, recording.lost
+                )?;
             }
             None => writeln!(out, "recording off")?,
         }
@@ -106,7 +124,8 @@ fn write(out: &mut String, status: &RigStatus, now: SystemTime) -> std::fmt::Res
 
 fn row(out: &mut String, process: &ProcessStatus, now: SystemTime) -> std::fmt::Result {
     let absent = || "-".to_owned();
-    let number = |value: Option<f64>, digits| value.map_or_else(absent, |value| format!("{value:.digits$}"));
+    let number =
+        |value: Option<f64>, digits| value.map_or_else(absent, |value| format!("{value:.digits$}"));
     writeln!(
         out,
         "{:<12}{:<13}{:>8}{:>10}{:>9}{:>10}{:>9}{:>13}{:>12}",
@@ -166,7 +185,10 @@ mod tests {
     fn ages_read_well() {
         let now = UNIX_EPOCH + Duration::from_secs(1_000_000);
         let of = |seconds: u64| age((1_000_000 - seconds) * 1000, now);
-        assert_eq!([of(0), of(59), of(61), of(7260), of(90_000)], ["0 s", "59 s", "1 min 1 s", "2 h 1 min", "1 d 1 h"]);
+        assert_eq!(
+            [of(0), of(59), of(61), of(7260), of(90_000)],
+            ["0 s", "59 s", "1 min 1 s", "2 h 1 min", "1 d 1 h"]
+        );
         assert_eq!(age(u64::MAX / 2_000_000, now), "0 s");
     }
 }
