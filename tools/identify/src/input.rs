@@ -1,7 +1,7 @@
 //! Measured columns and the checks that every model wants of them.
 
+use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
-use crate::inverse::split::Role;
 
 /// One record, as columns.
 #[derive(Clone, Debug, Default)]

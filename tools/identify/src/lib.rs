@@ -14,16 +14,16 @@
 
 mod args;
 pub mod effects;
+pub mod equation_error;
 pub mod error;
 pub mod filter;
-pub mod forward;
 pub mod input;
-pub mod inverse;
 pub mod models;
 mod naming;
 pub mod outcome;
 pub mod output_error;
 pub mod page;
+pub mod prediction_error;
 pub mod regression;
 mod run;
 pub mod spectral;

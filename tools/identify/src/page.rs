@@ -192,8 +192,8 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         .paragraph(&format!(
             "Each candidate is fitted on the fitting rows and judged on the selecting ones. It is added when the residual falls by \
              {:.0} % or more, when the mean fall is {:.1} of its standard errors above zero, and when more blocks get better than worse.",
-            100.0 * crate::inverse::search::LEAST_GAIN,
-            crate::inverse::search::LEAST_T
+            100.0 * crate::equation_error::search::LEAST_GAIN,
+            crate::equation_error::search::LEAST_T
         ))
         .table(ranking(outcome), "The best candidates of each round; all of them stand in the result at the end. Generic ones are functions of one variable and have no name.")
         .heading("Parameters")

@@ -9,9 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rig::RigFile;
 
 use crate::Args;
+use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::inverse::split::Role;
 use crate::outcome::{Outcome, Sight};
 use crate::page::{short, what_is_left};
 use crate::study::{How, Studied, read_mapped, study};

@@ -8,7 +8,7 @@ use rig::{AxisUnit, RigFile};
 
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::models::{ALL, Options, Stage};
+use crate::models::{ALL, Options, RigCapability};
 use crate::outcome::Outcome;
 
 /// What an identification says.
@@ -65,8 +65,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         })?;
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
-    let stage = Stage::of(rig);
-    if how.calibrate > 0 && stage.is_none() {
+    let capability = RigCapability::of(rig);
+    if how.calibrate > 0 && capability.is_none() {
         let (kind, unit) = (rig.model.kind.name().to_owned(), axis.unit.symbol());
         return Err(IdentifyError::NotSimulated { file, kind, unit });
     }
@@ -75,7 +75,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         seed: how.seed,
         gear,
         slave_count_rad,
-        stage,
+        capability,
         propose: how.propose,
         calibrate: how.calibrate,
     };

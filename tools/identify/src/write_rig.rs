@@ -16,8 +16,8 @@ mod entries;
 use rig::RigFile;
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use crate::forward::machine::{SMOOTHING, SMOOTHING_SHAPE};
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
+use crate::prediction_error::transmission_model::{SMOOTHING, SMOOTHING_SHAPE};
 use entries::{Entries, entries};
 
 /// What the fit has of its own and the model takes: declared nowhere, and without them the plant

@@ -2,9 +2,9 @@
 //! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use identify::equation_error::split::Role;
 use identify::error::IdentifyError;
 use identify::input::Series;
-use identify::inverse::split::Role;
 use identify::models::{ALL, Options};
 use identify::outcome::{Outcome, Verdict};
 
@@ -113,7 +113,7 @@ fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyErr
             seed: 1,
             gear: 1.0,
             slave_count_rad: None,
-            stage: None,
+            capability: None,
             propose: false,
             calibrate: 0,
         },

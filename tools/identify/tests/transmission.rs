@@ -2,19 +2,21 @@
 //! search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use identify::forward::catalogue::{Candidate, candidates};
-use identify::forward::chance::{Drive, chance, redrawn};
-use identify::forward::finer::holds;
-use identify::forward::fit::View;
-use identify::forward::judge::{above_floor, errors, judge};
-use identify::forward::knob::knobs_of;
-use identify::forward::machine::Machine;
-use identify::forward::record::{Record, rms, share_out};
-use identify::forward::refit::fit_base;
-use identify::forward::round::Tried;
-use identify::forward::screen::scale;
-use identify::forward::search::{Found, search};
-use identify::inverse::split::Role;
+use identify::equation_error::split::Role;
+use identify::prediction_error::candidates::{Candidate, candidates};
+use identify::prediction_error::fit::Dataset;
+use identify::prediction_error::free_parameter::free_parameters_of;
+use identify::prediction_error::parametric_bootstrap::{
+    ServoGains, parametric_bootstrap, simulated_null,
+};
+use identify::prediction_error::record::{Record, rms, share_out};
+use identify::prediction_error::refit::fit_base;
+use identify::prediction_error::screening::record_features;
+use identify::prediction_error::search::{SearchResult, search};
+use identify::prediction_error::selection_round::FittedCandidate;
+use identify::prediction_error::step_refinement::holds_with_finer_steps;
+use identify::prediction_error::transmission_model::TransmissionModel;
+use identify::prediction_error::validation::{above_floor, errors, validate};
 use plant::effects::{Site, parse};
 use two_sides::{COUNT_RAD, rig};
 
@@ -25,48 +27,48 @@ fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record 
     two_sides::record(turn, effects, hand, push_v, &|_| 0.0)
 }
 
-fn found(effect: Option<&str>, push_v: f64) -> (Machine, Found) {
+fn found(effect: Option<&str>, push_v: f64) -> (TransmissionModel, SearchResult) {
     let mut records: Vec<Record> =
         (0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect();
     share_out(&mut records, false);
-    let mut machine =
-        Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-    let found = search(&mut machine).unwrap();
-    (machine, found)
+    let mut model =
+        TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let found = search(&mut model).unwrap();
+    (model, found)
 }
 
-fn slave_error(machine: &Machine, found: &Found) -> [f64; 2] {
-    let report = machine.of_role(Role::Report);
+fn slave_error(model: &TransmissionModel, found: &SearchResult) -> [f64; 2] {
+    let report = model.of_role(Role::Report);
     [&found.base.setting, &found.last().setting]
-        .map(|setting| errors(machine, &report, setting).unwrap()[1].1)
+        .map(|setting| errors(model, &report, setting).unwrap()[1].1)
 }
 
 #[test]
 fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
-    let (machine, found) = found(Some("backlash@slave=0.06"), 0.0);
+    let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
     let names: Vec<_> =
         found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
     assert_eq!(names, [("backlash", "slave")]);
     let gap = found.last().setting.placed[0].value("gap").unwrap();
     assert!((gap - 0.06).abs() < 0.006, "{gap} rad");
-    let [before, after] = slave_error(&machine, &found);
+    let [before, after] = slave_error(&model, &found);
     println!("backlash of {gap:.4} rad, slave error {before:.2e} -> {after:.2e} rad");
     assert!(after < 0.3 * before, "{before} -> {after} rad");
 }
 
 #[test]
 fn where_nothing_is_missing_nothing_gets_a_name() {
-    let (machine, found) = found(None, 0.0);
+    let (model, found) = found(None, 0.0);
     assert!(
-        found.steps.is_empty() && found.nameless.is_none(),
+        found.steps.is_empty() && found.unlisted_function.is_none(),
         "{:?}",
         found.steps.iter().map(|step| &step.added).collect::<Vec<_>>()
     );
-    let [error, _] = slave_error(&machine, &found);
+    let [error, _] = slave_error(&model, &found);
     // What is left is what a count is: COUNT_RAD/√12 is 0.45 mrad a row, and less where rows are
     // averaged.
     assert!(error < 1e-3, "{error} rad");
-    let torque = machine
+    let torque = model
         .base
         .iter()
         .position(|parameter| parameter.name == "motor_torque_per_volt_nm")
@@ -89,14 +91,15 @@ fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
         let mut records: Vec<Record> =
             (0..5).map(|turn| record(turn, effect, turn == 4, 0.0)).collect();
         share_out(&mut records, false);
-        let machine =
-            Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-        let (fit, select) = (View::of(&machine, Role::Fit), View::of(&machine, Role::Select));
-        let (base, knobs) = fit_base(&fit).unwrap();
-        let listed = candidates(&scale(&fit, &base));
+        let model =
+            TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD))
+                .unwrap();
+        let (fit, select) = (Dataset::of(&model, Role::Fit), Dataset::of(&model, Role::Select));
+        let (base, parameters) = fit_base(&fit).unwrap();
+        let listed = candidates(&record_features(&fit, &base));
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();
-        let own = [knobs.clone(), knobs_of(of, 0)].concat();
+        let own = [parameters.clone(), free_parameters_of(of, 0)].concat();
         let fits = of
             .starts
             .iter()
@@ -104,23 +107,27 @@ fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
         let fitted = fits.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap();
         let [before, after] =
             [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());
-        let mut judged = judge((of.id, of.site), &before, &after);
-        println!("{effect:?}: gain {:.2}", judged.gain);
+        let mut validation = validate((of.id, of.site), &before, &after);
+        println!("{effect:?}: gain {:.2}", validation.gain);
         // Where there is none, steps of 2 ms are supposed to have shown one.
-        judged.gain = judged.gain.max(0.5);
-        let added = Tried { candidate: 0, knobs: own, fitted, judged };
-        assert_eq!(holds((&fit, &select), &base, &knobs, &added), is_there, "{effect:?}");
+        validation.gain = validation.gain.max(0.5);
+        let added = FittedCandidate { candidate: 0, parameters: own, fitted, validation };
+        assert_eq!(
+            holds_with_finer_steps((&fit, &select), &base, &parameters, &added),
+            is_there,
+            "{effect:?}"
+        );
     }
 }
 
-const DRIVE: Drive = Drive { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };
+const DRIVE: ServoGains = ServoGains { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };
 
 #[test]
 fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ_by() {
-    let (machine, found) = found(Some("backlash@slave=0.06"), 0.05);
-    let (redrawn, setting) = redrawn(&machine, &found, DRIVE, 1).unwrap();
+    let (model, found) = found(Some("backlash@slave=0.06"), 0.05);
+    let (simulated_null, setting) = simulated_null(&model, &found, DRIVE, 1).unwrap();
     assert!(setting.placed.is_empty(), "{:?}", setting.placed);
-    for (old, new) in machine.records.iter().zip(&redrawn.records) {
+    for (old, new) in model.records.iter().zip(&simulated_null.records) {
         let off = rms(old.master.iter().zip(&new.master).map(|(old, new)| old - new));
         assert!(
             off > 0.0 && off < 0.2 * rms(old.master.iter().copied()),
@@ -129,9 +136,9 @@ fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ
         );
         assert_eq!((old.idle, old.role, old.volts.len()), (new.idle, new.role, new.volts.len()));
     }
-    let all: Vec<usize> = (0..machine.records.len()).collect();
-    let measured = errors(&machine, &all, &found.last().setting).unwrap();
-    let simulated = errors(&redrawn, &all, &setting).unwrap();
+    let all: Vec<usize> = (0..model.records.len()).collect();
+    let measured = errors(&model, &all, &found.last().setting).unwrap();
+    let simulated = errors(&simulated_null, &all, &setting).unwrap();
     for ((channel, _, floor), (_, left, _)) in measured.iter().zip(&simulated).take(2) {
         let ratio = left / floor.unwrap();
         println!("{channel:?}: {left:.2e} rad, {ratio:.2} of what repeats differ by");
@@ -141,40 +148,40 @@ fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ
 
 #[test]
 fn machines_that_lack_nothing_give_nothing() {
-    let (machine, found) = found(Some("backlash@slave=0.06"), 0.0);
-    let chance = chance(&machine, &found, DRIVE, 2, 1).unwrap();
+    let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
+    let chance = parametric_bootstrap(&model, &found, DRIVE, 2, 1).unwrap();
     let gain = found.steps[0].added.gain;
-    assert_eq!((chance.machines(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
+    assert_eq!((chance.replicates(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
     assert!((chance.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
 }
 
 #[test]
 fn an_effect_that_is_taken_back_leaves_the_declared_model() {
-    let (machine, mut found) = found(Some("backlash@slave=0.06"), 0.0);
-    found.without_last(&machine).unwrap();
+    let (model, mut found) = found(Some("backlash@slave=0.06"), 0.0);
+    found.without_last(&model).unwrap();
     assert!(
         found.steps.is_empty()
-            && found.effect_knobs.is_empty()
+            && found.effect_parameters.is_empty()
             && found.last().setting.placed.is_empty()
     );
-    assert!(found.without_last(&machine).is_some(), "nothing to take back is no failure");
+    assert!(found.without_last(&model).is_some(), "nothing to take back is no failure");
     // What it explained is missing again, and that must be said.
-    found.judge_anew(&machine);
-    assert!(found.inadequate || found.nameless.is_some(), "{:?}", found.generic);
+    found.reassess(&model);
+    assert!(found.inadequate || found.unlisted_function.is_some(), "{:?}", found.generic);
 }
 
 #[test]
 fn records_that_report_do_not_tell_whether_the_floor_is_reached() {
     let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
     share_out(&mut records, false);
-    let mut machine =
-        Machine::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-    let (select, setting) = (machine.of_role(Role::Select), machine.start());
-    let above = |machine: &Machine| above_floor(machine, &select, &setting);
-    assert!(above(&machine).is_some(), "the fourth record repeats the first");
-    machine.records[0].role = Role::Report;
-    machine.records[3].role = Role::Report;
-    assert_eq!(above(&machine), None, "only reporting records are repeated");
+    let mut model =
+        TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    let (select, setting) = (model.of_role(Role::Select), model.start());
+    let above = |model: &TransmissionModel| above_floor(model, &select, &setting);
+    assert!(above(&model).is_some(), "the fourth record repeats the first");
+    model.records[0].role = Role::Report;
+    model.records[3].role = Role::Report;
+    assert_eq!(above(&model), None, "only reporting records are repeated");
 }
 
 #[test]

@@ -27,7 +27,7 @@ mod viscoelastic_line;
 mod viscous_friction;
 mod waves;
 
-use crate::inverse::signals::Signals;
+use crate::equation_error::signals::Signals;
 use crate::regression::Bound;
 
 /// Every effect that identify knows by name of drives, elements and oscillators; of transmissions

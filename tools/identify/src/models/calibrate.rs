@@ -1,29 +1,32 @@
 //! An effect that was found, held against chance.
 
 use super::transmission_study::Study;
-use crate::forward::chance::{Chance, Drive, chance};
 use crate::outcome::{Calibration, Named};
+use crate::prediction_error::parametric_bootstrap::{
+    BootstrapResult, ServoGains, parametric_bootstrap,
+};
 
 /// Probability beyond which chance may have given what was found.
 const BY_CHANCE: f64 = 0.05;
 
 /// Searches so many machines that lack the last effect found, and takes that effect back where they
 /// give as much too often. What cannot be simulated is noted.
-pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: u64) {
-    let chance = chance(&study.machine, &study.found, drive, machines, seed).unwrap_or_default();
-    let lost = machines - chance.machines();
+pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, seed: u64) {
+    let bootstrap =
+        parametric_bootstrap(&study.model, &study.found, servo, machines, seed).unwrap_or_default();
+    let lost = machines - bootstrap.replicates();
     if lost > 0 {
         study.notes.push(format!(
             "{lost} of {machines} machines for --calibrate could not be simulated along these records, and count for nothing"
         ));
     }
-    if chance.machines() == 0 {
+    if bootstrap.replicates() == 0 {
         return;
     }
     let mut calibration = Calibration {
-        machines: chance.machines(),
-        alarms: chance.alarms,
-        gains_percent: chance.gains.iter().map(|gain| -100.0 * (-gain).exp_m1()).collect(),
+        machines: bootstrap.replicates(),
+        alarms: bootstrap.alarms,
+        gains_percent: bootstrap.gains.iter().map(|gain| -100.0 * (-gain).exp_m1()).collect(),
         of: None,
         as_much: None,
         probability: None,
@@ -33,11 +36,11 @@ pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: 
         let gain = step.added.gain;
         calibration.of =
             Some(Named { id: step.added.id.to_owned(), site: step.added.site.name().to_owned() });
-        calibration.as_much = Some(chance.as_much(gain));
-        calibration.probability = Some(chance.probability(gain));
-        calibration.withdrawn = too_often(&chance, gain);
+        calibration.as_much = Some(bootstrap.as_much(gain));
+        calibration.probability = Some(bootstrap.probability(gain));
+        calibration.withdrawn = too_often(&bootstrap, gain);
     }
-    if calibration.withdrawn && study.found.without_last(&study.machine).is_none() {
+    if calibration.withdrawn && study.found.without_last(&study.model).is_none() {
         calibration.withdrawn = false;
         study.notes.push(
             "chance gives as much, but the model without the effect cannot be simulated: it stays"
@@ -45,15 +48,15 @@ pub(super) fn calibrate(study: &mut Study, drive: Drive, machines: usize, seed: 
         );
     }
     if calibration.withdrawn {
-        study.found.judge_anew(&study.machine);
+        study.found.reassess(&study.model);
     }
     study.calibration = Some(calibration);
 }
 
 /// Few machines cannot show a small probability: an effect goes only where one of them gave as
 /// much.
-fn too_often(chance: &Chance, gain: f64) -> bool {
-    chance.as_much(gain) > 0 && chance.probability(gain) > BY_CHANCE
+fn too_often(bootstrap: &BootstrapResult, gain: f64) -> bool {
+    bootstrap.as_much(gain) > 0 && bootstrap.probability(gain) > BY_CHANCE
 }
 
 /// What it says, as a sentence.
@@ -61,7 +64,7 @@ pub(super) fn sentence(calibration: &Calibration) -> String {
     let Calibration { machines, alarms, .. } = calibration;
     match (&calibration.of, calibration.as_much, calibration.probability) {
         (Some(of), Some(as_much), Some(probability)) => {
-            let words = super::transmission_words::words(&of.id);
+            let words = super::effect_descriptions::words(&of.id);
             let taken = if calibration.withdrawn {
                 "; that is too often, and it is taken back"
             } else {
@@ -84,7 +87,7 @@ mod tests {
 
     #[test]
     fn an_effect_goes_where_machines_gave_as_much_and_not_for_want_of_machines() {
-        let of = |gains: Vec<f64>| Chance { alarms: 0, gains };
+        let of = |gains: Vec<f64>| BootstrapResult { alarms: 0, gains };
         // 1 of 39 and the one at hand are 0.05.
         assert!(!too_often(&of([vec![0.0; 38], vec![0.5]].concat()), 0.4));
         assert!(too_often(&of([vec![0.0; 18], vec![0.5]].concat()), 0.4));

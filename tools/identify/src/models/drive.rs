@@ -15,13 +15,13 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::inverse_study::{Declaration, axis, check_channels, check_scale, study};
+use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
 use crate::effects::Units;
+use crate::equation_error::model::{Column, Parameter, RegressionModel};
+use crate::equation_error::signals::{CutOff, ForceBalance};
 use crate::error::Result;
 use crate::input::Series;
-use crate::inverse::model::{Column, Machine, Parameter};
-use crate::inverse::signals::{Balance, CutOff};
 use crate::outcome::Outcome;
 
 /// The model kind `drive`.
@@ -57,16 +57,16 @@ impl Model for Drive {
             declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let mut axis = axis(&balances, units, false, true);
         axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
-        let machine = Machine { balances, parameters, axis, sites: SITES };
+        let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice =
             "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
         check_scale(
-            &machine,
+            &regression,
             channel,
             (Column::Acceleration, "force and acceleration give a mass"),
             advice,
         )?;
-        study(machine, records, options, (channel, notes))
+        study(regression, records, options, (channel, notes))
     }
 }
 
@@ -97,7 +97,7 @@ fn prepare(
     series: &Series,
     declared: &Declared,
     notes: &mut Vec<String>,
-) -> Result<(Balance, &'static str)> {
+) -> Result<(ForceBalance, &'static str)> {
     let time = series.time()?;
     let (position_name, position) = series.any(&["position_m", "position_rad"])?;
     let scaled: Vec<f64>;
@@ -116,6 +116,6 @@ fn prepare(
         }
     };
     check_channels(series, &[(position_name, "the position"), (force_source, "the force")], notes)?;
-    let balance = Balance::new(&series.file, time, position, force, CUT_OFF);
+    let balance = ForceBalance::new(&series.file, time, position, force, CUT_OFF);
     Ok((balance.ok_or_else(|| series.short(time.len()))?, channel))
 }

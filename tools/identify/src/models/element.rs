@@ -15,13 +15,13 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::inverse_study::{Declaration, axis, check_channels, check_scale, study};
+use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
 use crate::effects::Units;
+use crate::equation_error::model::{Column, Parameter, RegressionModel};
+use crate::equation_error::signals::{CutOff, ForceBalance};
 use crate::error::Result;
 use crate::input::Series;
-use crate::inverse::model::{Column, Machine, Parameter};
-use crate::inverse::signals::{Balance, CutOff};
 use crate::outcome::Outcome;
 
 /// The model kind `element`.
@@ -56,7 +56,7 @@ impl Model for Element {
                 &[(position_name, "the position"), (force_name, "the force")],
                 &mut notes,
             )?;
-            let balance = Balance::new(&series.file, time, position, force, CUT_OFF);
+            let balance = ForceBalance::new(&series.file, time, position, force, CUT_OFF);
             balances.push(balance.ok_or_else(|| series.short(time.len()))?);
             channel = force_name;
         }
@@ -64,16 +64,16 @@ impl Model for Element {
         let parameters =
             declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let axis = axis(&balances, units, true, false);
-        let machine = Machine { balances, parameters, axis, sites: SITES };
+        let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice =
             "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
         check_scale(
-            &machine,
+            &regression,
             channel,
             (Column::Position, "force and position give a stiffness"),
             advice,
         )?;
-        study(machine, records, options, (channel, notes))
+        study(regression, records, options, (channel, notes))
     }
 }
 

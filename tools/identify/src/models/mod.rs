@@ -1,28 +1,28 @@
 //! One file per kind of model, and one line in [`ALL`].
 
 mod calibrate;
+mod candidate_movements;
 mod drive;
+mod effect_descriptions;
 mod element;
-mod inverse_found;
-mod inverse_left;
-mod inverse_outcome;
-mod inverse_parameters;
-mod inverse_study;
+mod equation_error_outcome;
+mod equation_error_parameters;
+mod equation_error_result;
+mod equation_error_study;
+mod experiment_design;
+mod minor_effects;
 mod next_experiment;
 mod oscillator;
 mod oscillator_outcome;
 mod oscillator_search;
-mod propose;
-mod stretches;
+mod segmentation;
 mod transmission;
-mod transmission_maps;
 mod transmission_outcome;
 mod transmission_page;
+mod transmission_residual_plots;
 mod transmission_study;
-mod transmission_words;
-mod trials;
 
-pub use trials::Stage;
+pub use candidate_movements::RigCapability;
 
 use crate::error::Result;
 use crate::input::Series;
@@ -51,7 +51,7 @@ pub struct Options {
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
     /// What the rig can play, where it can be simulated.
-    pub stage: Option<Stage>,
+    pub capability: Option<RigCapability>,
     /// Whether the next experiment is to be found by simulation.
     pub propose: bool,
     /// Simulated machines that are searched to tell what is found from chance.

@@ -1,26 +1,26 @@
 //! What to measure next, from what is open.
 
-use crate::inverse::search::Sited;
-use crate::inverse::spline::Variable;
+use crate::equation_error::search::SitedEffect;
+use crate::equation_error::spline::Variable;
 use crate::outcome::NextExperiment;
 
 /// What is open after a search.
-pub(super) struct Open {
+pub(super) struct OpenQuestion {
     /// An effect that was added and one that the records cannot tell from it.
-    pub(super) contested: Option<(Sited, Sited)>,
+    pub(super) contested: Option<(SitedEffect, SitedEffect)>,
     /// What a residual without a name depends on.
     pub(super) unlisted: Option<Variable>,
     /// A declared parameter of which the records say no more than its declaration.
     pub(super) unsure: Option<String>,
     /// The last effect that was added.
-    pub(super) last: Option<Sited>,
+    pub(super) last: Option<SitedEffect>,
     /// Number of records.
     pub(super) records: usize,
     /// Whether a spring holds the position.
     pub(super) spring: bool,
 }
 
-impl Open {
+impl OpenQuestion {
     /// The experiment that would settle it.
     pub(super) fn next_experiment(&self) -> NextExperiment {
         let make =

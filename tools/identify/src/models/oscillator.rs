@@ -1,6 +1,6 @@
 //! Mass, damper and spring, input in and output out: `m ÿ + d ẏ + k y + offset = input`.
 //!
-//! Candidates are screened by the balance of the input ([`crate::inverse`]): motion and input are
+//! Candidates are screened by the balance of the input ([`crate::equation_error`]): motion and input are
 //! followed four times finer than sampled, with spectral derivatives ([`crate::spectral`]), since
 //! both are band-limited. The best few are then simulated from the input alone
 //! ([`crate::output_error`]), fitted by what the output lacks, and judged by that on rows that took
@@ -15,13 +15,15 @@
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-use super::inverse_study::{Declaration, axis, blocks, check_channels, check_scale, singular};
+use super::equation_error_study::{
+    Declaration, axis, blocks, check_channels, check_scale, singular,
+};
 use super::{Model, Options, oscillator_outcome, oscillator_search};
 use crate::effects::Units;
+use crate::equation_error::model::{Column, RegressionModel};
+use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
-use crate::inverse::model::{Column, Machine};
-use crate::inverse::signals::Balance;
 use crate::outcome::Outcome;
 use crate::output_error::fit::Record;
 
@@ -68,25 +70,25 @@ impl Model for Oscillator {
             records.push(record);
         }
         let axis = axis(&balances, Units::VOLTS, true, true);
-        let machine = Machine { balances, parameters, axis, sites: SITES };
+        let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which of the two is which";
         check_scale(
-            &machine,
+            &regression,
             "output",
             (Column::Acceleration, "input and acceleration give a mass"),
             advice,
         )?;
         check_scale(
-            &machine,
+            &regression,
             "output",
             (Column::Position, "input and output give a stiffness"),
             advice,
         )?;
-        let blocks = blocks(&machine, series, options.seed)?;
-        let found = oscillator_search::search(&machine, &records, &blocks, options.jobs)
-            .ok_or_else(|| singular(&machine, series))?;
+        let blocks = blocks(&regression, series, options.seed)?;
+        let found = oscillator_search::search(&regression, &records, &blocks, options.jobs)
+            .ok_or_else(|| singular(&regression, series))?;
         let study = oscillator_outcome::Study {
-            machine: &machine,
+            regression: &regression,
             records: &records,
             blocks: &blocks,
             found,
@@ -97,13 +99,18 @@ impl Model for Oscillator {
 }
 
 /// Checks one record and prepares it for the screening and for the simulation.
-fn prepare(series: &Series, natural: f64, notes: &mut Vec<String>) -> Result<(Balance, Record)> {
+fn prepare(
+    series: &Series,
+    natural: f64,
+    notes: &mut Vec<String>,
+) -> Result<(ForceBalance, Record)> {
     let time = series.time()?;
     let (_, input) = series.any(&["input"])?;
     let (_, output) = series.any(&["output"])?;
     check_channels(series, &[("input", "the input"), ("output", "the output")], notes)?;
     let short = || series.short(time.len());
-    let balance = Balance::band_limited(&series.file, time, output, input).ok_or_else(short)?;
+    let balance =
+        ForceBalance::band_limited(&series.file, time, output, input).ok_or_else(short)?;
     let signals = &balance.signals;
     let sampling = 1.0 / step_of(time).ok_or_else(short)?;
     if natural > std::f64::consts::PI * sampling {

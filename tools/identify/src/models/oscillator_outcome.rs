@@ -4,30 +4,30 @@ use std::collections::BTreeMap;
 
 use report::Page;
 
-use super::inverse_left::{shift_note, shows};
-use super::inverse_outcome::{named, roles};
-use super::inverse_parameters::{effect_parameters, parameters};
-use super::next_experiment::Open;
-use super::oscillator_search::Found;
-use crate::inverse::model::{Fitted, Machine, Structure};
-use crate::inverse::search::{Candidate, Sited, of};
-use crate::inverse::split::{Block, Role};
+use super::equation_error_outcome::{named, roles};
+use super::equation_error_parameters::{effect_parameters, parameters};
+use super::minor_effects::{shift_note, shows};
+use super::next_experiment::OpenQuestion;
+use super::oscillator_search::SearchResult;
+use crate::equation_error::model::{Fitted, RegressionModel, Structure};
+use crate::equation_error::search::{SitedEffect, Validation, of};
+use crate::equation_error::split::{Block, Role};
 use crate::outcome::{
     CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict,
 };
-use crate::output_error::fit::{Bench, Record, Simulated};
+use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::page;
 
 /// Records of an oscillator, and what they turned out to say.
 pub(super) struct Study<'a> {
     /// Declared model and records as they were screened.
-    pub(super) machine: &'a Machine,
+    pub(super) regression: &'a RegressionModel,
     /// Records as they were simulated.
     pub(super) records: &'a [Record],
     /// Rows by role.
     pub(super) blocks: &'a [Block],
     /// What the search found.
-    pub(super) found: Found,
+    pub(super) found: SearchResult,
     /// What a reader should know of the data.
     pub(super) notes: Vec<String>,
 }
@@ -40,16 +40,16 @@ impl Study<'_> {
         (outcome, page)
     }
 
-    fn bench(&self) -> Bench<'_> {
-        Bench { machine: self.machine, records: self.records }
+    fn simulation(&self) -> OutputErrorModel<'_> {
+        OutputErrorModel { regression: self.regression, records: self.records }
     }
 
     fn outcome(&self) -> Outcome {
         let found = &self.found;
         let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
-        let rivals: &[Sited] = contested.map_or(&[], |s| &s.rivals);
+        let rivals: &[SitedEffect] = contested.map_or(&[], |s| &s.rivals);
         let remains =
-            found.unlisted.is_some() || found.last_proved.iter().any(|p| p.verdict.accepted);
+            found.unlisted.is_some() || found.last_simulated.iter().any(|p| p.validation.accepted);
         let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
         let report = of(self.blocks, Role::Report);
         let (before, output) = self.error(&found.base, &report);
@@ -59,12 +59,12 @@ impl Study<'_> {
             before,
             after,
             floor: None,
-            unit: self.machine.axis.units.position.to_owned(),
+            unit: self.regression.axis.units.position.to_owned(),
             before_percent: 100.0 * before / output,
             after_percent: 100.0 * after / output,
         };
-        let declared = parameters(self.machine, &found.structure(), &found.last().fitted);
-        let open = Open {
+        let declared = parameters(self.regression, &found.structure(), &found.last().fitted);
+        let open = OpenQuestion {
             contested: contested.and_then(|s| Some((s.added.sited, *s.rivals.first()?))),
             unlisted: found.unlisted.as_ref().map(|u| u.variable),
             unsure: declared
@@ -81,7 +81,7 @@ impl Study<'_> {
             ambiguous_with: rivals.iter().map(named).collect(),
             remains,
             unlisted: found.unlisted.as_ref().map(|u| UnlistedTable {
-                site: self.machine.sites.first().copied().unwrap_or_default().into(),
+                site: self.regression.sites.first().copied().unwrap_or_default().into(),
                 depends_on: u.variable.name().into(),
                 table: u.table.clone(),
                 ..UnlistedTable::default()
@@ -90,7 +90,7 @@ impl Study<'_> {
             left: self.left(),
             error: BTreeMap::from([("output".to_owned(), channel)]),
             parameters: declared,
-            records: roles(self.machine, self.blocks),
+            records: roles(self.regression, self.blocks),
             next_experiment: open.next_experiment(),
             steps: self.steps(),
             candidates: self.candidates(),
@@ -100,20 +100,26 @@ impl Study<'_> {
     }
 
     fn notes(&self) -> Vec<String> {
-        let shift = |proved: &super::oscillator_search::Proved| {
-            let (structure, fitted) = (&proved.structure, &proved.simulated.fitted);
-            let shift =
-                self.machine.hidden_shift(structure, fitted).filter(|_| shows(&proved.verdict))?;
-            Some(shift_note(self.machine, &proved.verdict, shift))
+        let shift = |ranked: &super::oscillator_search::SimulatedCandidate| {
+            let (structure, fitted) = (&ranked.structure, &ranked.simulated.fitted);
+            let shift = self
+                .regression
+                .hidden_shift(structure, fitted)
+                .filter(|_| shows(&ranked.validation))?;
+            Some(shift_note(self.regression, &ranked.validation, shift))
         };
-        self.notes.iter().cloned().chain(self.found.last_proved.iter().filter_map(shift)).collect()
+        self.notes
+            .iter()
+            .cloned()
+            .chain(self.found.last_simulated.iter().filter_map(shift))
+            .collect()
     }
 
     /// Root mean square of the output error over some blocks, and of the output over the same rows.
     fn error(&self, simulated: &Simulated, blocks: &[Block]) -> (f64, f64) {
         let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
         for block in blocks {
-            e += self.bench().residual(simulated, block).iter().map(|e| e * e).sum::<f64>();
+            e += self.simulation().residual(simulated, block).iter().map(|e| e * e).sum::<f64>();
             y += self.records[block.record].output[block.rows.clone()]
                 .iter()
                 .map(|y| y * y)
@@ -125,19 +131,19 @@ impl Study<'_> {
 
     fn effects(&self) -> Vec<FoundEffect> {
         let structure = self.found.structure();
-        let effect = |(at, step): (usize, &super::oscillator_search::Step)| {
+        let effect = |(at, step): (usize, &super::oscillator_search::SelectionStep)| {
             let sited = step.added.sited;
             FoundEffect {
                 id: sited.effect.id().into(),
                 site: sited.site.into(),
                 parameters: effect_parameters(
-                    self.machine,
+                    self.regression,
                     &structure,
                     at,
                     &self.found.last().fitted,
                 ),
-                t: step.added.verdict.t,
-                gain_percent: step.added.verdict.gain_percent,
+                t: step.added.validation.t,
+                gain_percent: step.added.validation.gain_percent,
             }
         };
         self.found.steps.iter().enumerate().map(effect).collect()
@@ -152,12 +158,14 @@ impl Study<'_> {
         for step in &found.steps {
             let (structure, simulated) = (&step.added.structure, &step.added.simulated);
             let id = step.added.sited.effect.id();
-            let terms = self.machine.terms_of(step.added.sited.inverse);
+            let terms = self.regression.terms_of(step.added.sited.inverse);
             if terms.len() == 2 {
-                let all = self.machine.terms(structure).len();
+                let all = self.regression.terms(structure).len();
                 let second = [all - 1];
                 let fit = of(self.blocks, Role::Fit);
-                if let Some(first) = self.bench().fit(structure, &fit, &simulated.fitted, &second) {
+                if let Some(first) =
+                    self.simulation().fit(structure, &fit, &simulated.fitted, &second)
+                {
                     let name = format!("{id}, {} alone", terms[0].name);
                     out.push(self.step(name, structure, &first, &simulated.fitted, &second));
                 }
@@ -175,7 +183,7 @@ impl Study<'_> {
         start: &Fitted,
         without: &[usize],
     ) -> StepError {
-        let machine = self.machine;
+        let regression = self.regression;
         let percent = |simulated: &Simulated, blocks: &[Block]| {
             let (e, y) = self.error(simulated, blocks);
             100.0 * e / y
@@ -184,9 +192,9 @@ impl Study<'_> {
         let rows = self.records.iter().map(|r| r.output.len()).enumerate();
         let all: Vec<Block> =
             rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect();
-        let whole = self.bench().fit(structure, &all, start, without);
-        let terms = machine.terms(structure).into_iter().map(|t| t.name);
-        let names = machine.parameters.iter().map(|p| p.name.clone()).chain(terms);
+        let whole = self.simulation().fit(structure, &all, start, without);
+        let terms = regression.terms(structure).into_iter().map(|t| t.name);
+        let names = regression.parameters.iter().map(|p| p.name.clone()).chain(terms);
         StepError {
             model,
             fit_percent: by_role(Role::Fit),
@@ -203,16 +211,17 @@ impl Study<'_> {
     }
 
     fn candidates(&self) -> Vec<CandidateGain> {
-        let row = |round: usize, generic: bool, (c, simulated): &(Candidate, bool)| CandidateGain {
-            round,
-            id: if *simulated { c.id.to_owned() } else { format!("{} (screened)", c.id) },
-            generic,
-            gain_percent: c.gain_percent,
-            t: c.t,
-            blocks_better: c.better,
-            blocks_worse: c.worse,
-            accepted: c.accepted,
-        };
+        let row =
+            |round: usize, generic: bool, (c, simulated): &(Validation, bool)| CandidateGain {
+                round,
+                id: if *simulated { c.id.to_owned() } else { format!("{} (screened)", c.id) },
+                generic,
+                gain_percent: c.gain_percent,
+                t: c.t,
+                blocks_better: c.better,
+                blocks_worse: c.worse,
+                accepted: c.accepted,
+            };
         let found = &self.found;
         let last = found.steps.len() + 1;
         let mut out = Vec::new();
@@ -221,7 +230,10 @@ impl Study<'_> {
         }
         out.extend(found.last_ranking.iter().map(|c| row(last, false, c)));
         out.extend(
-            found.generic.iter().map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))),
+            found
+                .nonparametric
+                .iter()
+                .map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))),
         );
         out
     }
@@ -232,26 +244,26 @@ impl Study<'_> {
         let select = of(self.blocks, Role::Select);
         let now = &self.found.last().outputs;
         let mut left: Vec<Left> = Vec::new();
-        for proved in self.found.last_proved.iter().filter(|p| shows(&p.verdict)) {
+        for ranked in self.found.last_simulated.iter().filter(|p| shows(&p.validation)) {
             let (mut sum, mut rows) = (0.0, 0usize);
             for block in &select {
-                let (with, without) = (&proved.simulated.outputs[block.record], &now[block.record]);
+                let (with, without) = (&ranked.simulated.outputs[block.record], &now[block.record]);
                 sum += block.rows.clone().map(|r| (with[r] - without[r]).powi(2)).sum::<f64>();
                 rows += block.rows.len();
             }
-            let at = proved.structure.effects.len() - 1;
+            let at = ranked.structure.effects.len() - 1;
             left.push(Left {
-                id: proved.verdict.id.into(),
-                site: Some(proved.sited.site.into()),
+                id: ranked.validation.id.into(),
+                site: Some(ranked.sited.site.into()),
                 size: (sum / rows.max(1) as f64).sqrt(),
-                unit: self.machine.axis.units.position.into(),
-                gain_percent: proved.verdict.gain_percent,
-                t: proved.verdict.t,
+                unit: self.regression.axis.units.position.into(),
+                gain_percent: ranked.validation.gain_percent,
+                t: ranked.validation.t,
                 parameters: effect_parameters(
-                    self.machine,
-                    &proved.structure,
+                    self.regression,
+                    &ranked.structure,
                     at,
-                    &proved.simulated.fitted,
+                    &ranked.simulated.fitted,
                 ),
             });
         }
@@ -259,8 +271,8 @@ impl Study<'_> {
     }
 
     fn view(&self) -> page::View {
-        let records =
-            self.machine.balances.iter().zip(self.records).enumerate().map(|(i, (b, record))| {
+        let records = self.regression.balances.iter().zip(self.records).enumerate().map(
+            |(i, (b, record))| {
                 let block = Block { record: i, rows: 0..b.rows(), role: Role::Fit };
                 page::RecordView {
                     name: b.name.clone(),
@@ -268,17 +280,18 @@ impl Study<'_> {
                     position: b.signals.rows(&b.signals.position),
                     velocity: b.signals.rows(&b.signals.velocity),
                     measured: record.output.clone(),
-                    before: self.bench().residual(&self.found.base, &block),
-                    after: self.bench().residual(self.found.last(), &block),
+                    before: self.simulation().residual(&self.found.base, &block),
+                    after: self.simulation().residual(self.found.last(), &block),
                 }
-            });
+            },
+        );
         page::View {
-            units: self.machine.axis.units,
+            units: self.regression.axis.units,
             channel: page::Channel::Output,
             spring: true,
             records: records.collect(),
             words: self.found.steps.iter().map(|s| s.added.sited.effect.words()).collect(),
-            cut_off: self.machine.axis.cut_off,
+            cut_off: self.regression.axis.cut_off,
         }
     }
 }

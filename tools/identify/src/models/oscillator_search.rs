@@ -1,15 +1,15 @@
 //! The search of an oscillator: screened by the balance of the input, decided by simulation.
 
 use crate::effects::InverseEffect;
-use crate::inverse::fit::Known;
-use crate::inverse::model::{Fitted, Machine, Structure};
-use crate::inverse::search::{
-    Candidate, LEAST_T, MOST_EFFECTS, Round, Sited, Standing, Tried, Unlisted, candidates, choose,
-    generic, judge, near, of,
+use crate::equation_error::fit::ShapeSearch;
+use crate::equation_error::model::{Fitted, RegressionModel, Structure};
+use crate::equation_error::search::{
+    FittedCandidate, LEAST_T, MOST_EFFECTS, RankedCandidate, SelectionRound, SitedEffect, Unlisted,
+    Validation, candidates, choose, equally_good, nonparametric, of, validate,
 };
-use crate::inverse::spline::{Spline, Variable};
-use crate::inverse::split::{Block, Role};
-use crate::output_error::fit::{Bench, Record, Simulated};
+use crate::equation_error::spline::{Spline, Variable};
+use crate::equation_error::split::{Block, Role};
+use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::output_error::simulation::can_simulate;
 
 /// So many of the screened candidates are simulated.
@@ -17,11 +17,11 @@ const SIMULATED: usize = 4;
 
 /// A candidate that was simulated.
 #[derive(Clone)]
-pub(super) struct Proved {
+pub(super) struct SimulatedCandidate {
     /// The effect.
-    pub(super) sited: Sited,
+    pub(super) sited: SitedEffect,
     /// How its simulation did on the selecting rows.
-    pub(super) verdict: Candidate,
+    pub(super) validation: Validation,
     /// The model with it.
     pub(super) structure: Structure<'static>,
     /// Its simulation.
@@ -31,39 +31,39 @@ pub(super) struct Proved {
     screened: Fitted,
 }
 
-impl Proved {
-    fn standing(&self) -> Standing<'_> {
-        Standing { sited: self.sited, verdict: &self.verdict, after: &self.after }
+impl SimulatedCandidate {
+    fn standing(&self) -> RankedCandidate<'_> {
+        RankedCandidate { sited: self.sited, validation: &self.validation, after: &self.after }
     }
 }
 
 /// One step: an effect that was added.
-pub(super) struct Step {
+pub(super) struct SelectionStep {
     /// Candidates as they did: simulated ones first, then those that were screened only.
-    pub(super) ranking: Vec<(Candidate, bool)>,
+    pub(super) ranking: Vec<(Validation, bool)>,
     /// What was added.
-    pub(super) added: Proved,
+    pub(super) added: SimulatedCandidate,
     /// What did as well.
-    pub(super) rivals: Vec<Sited>,
+    pub(super) rivals: Vec<SitedEffect>,
 }
 
 /// What the search found.
-pub(super) struct Found {
+pub(super) struct SearchResult {
     /// The declared model within its tolerances.
     pub(super) base: Simulated,
     /// Effects in the order in which they were added.
-    pub(super) steps: Vec<Step>,
+    pub(super) steps: Vec<SelectionStep>,
     /// Candidates of the last round, in which none passed.
-    pub(super) last_ranking: Vec<(Candidate, bool)>,
+    pub(super) last_ranking: Vec<(Validation, bool)>,
     /// Those of them that were simulated.
-    pub(super) last_proved: Vec<Proved>,
-    /// Generic functions: verdict, table, and whether it was simulated.
-    pub(super) generic: Vec<(Candidate, Unlisted, bool)>,
+    pub(super) last_simulated: Vec<SimulatedCandidate>,
+    /// NonparametricFit functions: verdict, table, and whether it was simulated.
+    pub(super) nonparametric: Vec<(Validation, Unlisted, bool)>,
     /// The best of them, where it passes.
     pub(super) unlisted: Option<Unlisted>,
 }
 
-impl Found {
+impl SearchResult {
     /// The last model.
     pub(super) fn last(&self) -> &Simulated {
         self.steps.last().map_or(&self.base, |s| &s.added.simulated)
@@ -75,7 +75,7 @@ impl Found {
 }
 
 struct Search<'a> {
-    bench: Bench<'a>,
+    simulation: OutputErrorModel<'a>,
     fit: Vec<Block>,
     select: Vec<Block>,
     jobs: usize,
@@ -83,67 +83,83 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Simulates the best screened candidates; best first.
-    fn prove(&self, tried: &[Tried], now: &Simulated) -> Vec<Proved> {
-        let before = self.bench.mean_squares(now, &self.select);
-        let promising: Vec<&Tried> = tried
+    fn simulate_best(&self, tried: &[FittedCandidate], now: &Simulated) -> Vec<SimulatedCandidate> {
+        let before = self.simulation.mean_squares(now, &self.select);
+        let promising: Vec<&FittedCandidate> = tried
             .iter()
-            .filter(|t| t.verdict.t >= LEAST_T && t.verdict.gain_percent > 0.0)
+            .filter(|t| t.validation.t >= LEAST_T && t.validation.gain_percent > 0.0)
             .take(SIMULATED)
             .collect();
-        let prove = |tried: &Tried| {
+        let simulate_best = |tried: &FittedCandidate| {
             let start = from_here(&tried.fitted, now);
-            let simulated = self.bench.fit(&tried.structure, &self.fit, &start, &[])?;
-            let after = self.bench.mean_squares(&simulated, &self.select);
-            let mut verdict = judge(tried.verdict.id, &before, &after);
-            verdict.accepted &=
-                self.bench.machine.hidden_shift(&tried.structure, &simulated.fitted).is_none();
+            let simulated = self.simulation.fit(&tried.structure, &self.fit, &start, &[])?;
+            let after = self.simulation.mean_squares(&simulated, &self.select);
+            let mut validation = validate(tried.validation.id, &before, &after);
+            validation.accepted &= self
+                .simulation
+                .regression
+                .hidden_shift(&tried.structure, &simulated.fitted)
+                .is_none();
             let (structure, screened) = (tried.structure.clone(), tried.fitted.clone());
-            Some(Proved { sited: tried.sited, verdict, structure, simulated, after, screened })
+            Some(SimulatedCandidate {
+                sited: tried.sited,
+                validation,
+                structure,
+                simulated,
+                after,
+                screened,
+            })
         };
         let jobs = self.jobs.max(1);
-        let mut proved: Vec<Proved> = std::thread::scope(|scope| {
+        let mut ranked: Vec<SimulatedCandidate> = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..jobs)
                 .map(|job| {
                     let own = promising.iter().skip(job).step_by(jobs);
-                    scope.spawn(move || own.filter_map(|t| prove(t)).collect::<Vec<_>>())
+                    scope.spawn(move || own.filter_map(|t| simulate_best(t)).collect::<Vec<_>>())
                 })
                 .collect();
             threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
         });
-        proved.sort_by(|a, b| b.verdict.gain_percent.total_cmp(&a.verdict.gain_percent));
-        proved
+        ranked.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
+        ranked
     }
 
     /// Those that did about as well as the winner and have nothing to add to it; at most two.
-    fn rivals(&self, winner: &Proved, near: Vec<Sited>) -> Vec<Sited> {
+    fn rivals(&self, winner: &SimulatedCandidate, near: Vec<SitedEffect>) -> Vec<SitedEffect> {
         if near.is_empty() {
             return near;
         }
-        let round = Round {
-            machine: self.bench.machine,
+        let round = SelectionRound {
+            regression: self.simulation.regression,
             structure: &winner.structure,
             now: &winner.screened,
             fit: &self.fit,
             select: &self.select,
-            how: Known::Unrefined,
+            how: ShapeSearch::GridOnly,
         };
-        let beside = self.prove(&round.try_all(&near, self.jobs), &winner.simulated);
-        let adds =
-            |c: &Sited| beside.iter().any(|b| b.verdict.id == c.effect.id() && b.verdict.accepted);
+        let beside = self.simulate_best(&round.try_all(&near, self.jobs), &winner.simulated);
+        let adds = |c: &SitedEffect| {
+            beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
+        };
         near.into_iter().filter(|c| !adds(c)).take(2).collect()
     }
 
-    /// Generic functions, screened, the promising ones simulated.
-    fn generic(&self, round: &Round<'_>, now: &Simulated) -> Vec<(Candidate, Unlisted, bool)> {
-        let mut all: Vec<_> = generic(round)
+    /// NonparametricFit functions, screened, the promising ones simulated.
+    fn nonparametric(
+        &self,
+        round: &SelectionRound<'_>,
+        now: &Simulated,
+    ) -> Vec<(Validation, Unlisted, bool)> {
+        let mut all: Vec<_> = nonparametric(round)
             .into_iter()
             .map(|g| {
-                let shows = g.verdict.t >= LEAST_T && g.verdict.gain_percent > 3.0;
-                let proved =
-                    shows.then(|| self.prove_generic(round, g.unlisted.variable, now)).flatten();
-                match proved {
-                    Some((verdict, unlisted)) => (verdict, unlisted, true),
-                    None => (Candidate { accepted: false, ..g.verdict }, g.unlisted, false),
+                let shows = g.validation.t >= LEAST_T && g.validation.gain_percent > 3.0;
+                let ranked = shows
+                    .then(|| self.simulate_nonparametric(round, g.unlisted.variable, now))
+                    .flatten();
+                match ranked {
+                    Some((validation, unlisted)) => (validation, unlisted, true),
+                    None => (Validation { accepted: false, ..g.validation }, g.unlisted, false),
                 }
             })
             .collect();
@@ -155,28 +171,31 @@ impl Search<'_> {
         all
     }
 
-    fn prove_generic(
+    fn simulate_nonparametric(
         &self,
-        round: &Round<'_>,
+        round: &SelectionRound<'_>,
         variable: Variable,
         now: &Simulated,
-    ) -> Option<(Candidate, Unlisted)> {
-        let before = &self.bench.mean_squares(now, &self.select);
-        let machine = self.bench.machine;
-        let spline = Spline::over(variable, machine.balances.iter().map(|b| &b.signals))?;
-        let generic: &dyn InverseEffect = &spline;
-        generic.law()?;
-        let effects = round.structure.effects.iter().copied().chain([generic]).collect();
+    ) -> Option<(Validation, Unlisted)> {
+        let before = &self.simulation.mean_squares(now, &self.select);
+        let regression = self.simulation.regression;
+        let spline = Spline::over(variable, regression.balances.iter().map(|b| &b.signals))?;
+        let nonparametric: &dyn InverseEffect = &spline;
+        nonparametric.law()?;
+        let effects = round.structure.effects.iter().copied().chain([nonparametric]).collect();
         let wider = Structure { effects, model: round.structure.model.clone() };
-        let start = machine.fit(&wider, &self.fit, &round.now.shapes, Known::Held)?;
-        let simulated = self.bench.fit(&wider, &self.fit, &from_here(&start, now), &[])?;
-        let verdict =
-            judge(variable.name(), before, &self.bench.mean_squares(&simulated, &self.select));
+        let start = regression.fit(&wider, &self.fit, &round.now.shapes, ShapeSearch::Fixed)?;
+        let simulated = self.simulation.fit(&wider, &self.fit, &from_here(&start, now), &[])?;
+        let validation = validate(
+            variable.name(),
+            before,
+            &self.simulation.mean_squares(&simulated, &self.select),
+        );
         let fitted = &simulated.fitted;
         let from = fitted.fit.coefficients.len() - spline.knots.len();
         let at =
             |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
-        Some((verdict, Unlisted { variable, table: (0..spline.knots.len()).map(at).collect() }))
+        Some((validation, Unlisted { variable, table: (0..spline.knots.len()).map(at).collect() }))
     }
 }
 
@@ -192,37 +211,37 @@ fn from_here(screened: &Fitted, now: &Simulated) -> Fitted {
 }
 
 /// Simulated candidates first, then those that were screened only, which cannot pass.
-fn ranking(proved: &[Proved], tried: &[Tried]) -> Vec<(Candidate, bool)> {
-    let simulated = |id: &str| proved.iter().any(|p| p.verdict.id == id);
-    let screened = tried.iter().filter(|t| !simulated(t.verdict.id)).map(|t| &t.verdict);
-    let screened = screened.map(|v| (Candidate { accepted: false, ..v.clone() }, false));
-    proved.iter().map(|p| (p.verdict.clone(), true)).chain(screened).collect()
+fn ranking(ranked: &[SimulatedCandidate], tried: &[FittedCandidate]) -> Vec<(Validation, bool)> {
+    let simulated = |id: &str| ranked.iter().any(|p| p.validation.id == id);
+    let screened = tried.iter().filter(|t| !simulated(t.validation.id)).map(|t| &t.validation);
+    let screened = screened.map(|v| (Validation { accepted: false, ..v.clone() }, false));
+    ranked.iter().map(|p| (p.validation.clone(), true)).chain(screened).collect()
 }
 
 /// Greedy search by simulated output. `None` where not even the declared model can be fitted.
 pub(super) fn search(
-    machine: &Machine,
+    regression: &RegressionModel,
     records: &[Record],
     blocks: &[Block],
     jobs: usize,
-) -> Option<Found> {
+) -> Option<SearchResult> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
-    let search = Search { bench: Bench { machine, records }, fit, select, jobs };
+    let search = Search { simulation: OutputErrorModel { regression, records }, fit, select, jobs };
     let mut structure = Structure::default();
-    let mut screened = machine.fit(&structure, &search.fit, &[], Known::Start)?;
-    let base = search.bench.fit(&structure, &search.fit, &screened, &[])?;
+    let mut screened = regression.fit(&structure, &search.fit, &[], ShapeSearch::Refine)?;
+    let base = search.simulation.fit(&structure, &search.fit, &screened, &[])?;
     let mut now = base.clone();
-    let mut steps: Vec<Step> = Vec::new();
-    let (last_ranking, last_proved) = loop {
-        let added: Vec<Sited> = steps.iter().map(|s| s.added.sited).collect();
-        let list: Vec<Sited> = candidates(machine, &added, &now.fitted)
+    let mut steps: Vec<SelectionStep> = Vec::new();
+    let (last_ranking, last_simulated) = loop {
+        let added: Vec<SitedEffect> = steps.iter().map(|s| s.added.sited).collect();
+        let list: Vec<SitedEffect> = candidates(regression, &added, &now.fitted)
             .into_iter()
-            .filter(|c| machine.frees(c.inverse) || can_simulate(c.inverse))
+            .filter(|c| regression.frees(c.inverse) || can_simulate(c.inverse))
             .collect();
         // What the screening leaves coarse the simulation refines.
-        let how = Known::Unrefined;
-        let round = Round {
-            machine,
+        let how = ShapeSearch::GridOnly;
+        let round = SelectionRound {
+            regression,
             structure: &structure,
             now: &screened,
             fit: &search.fit,
@@ -230,30 +249,31 @@ pub(super) fn search(
             how,
         };
         let tried = round.try_all(&list, jobs);
-        let proved = search.prove(&tried, &now);
-        let ranking = ranking(&proved, &tried);
-        let standings: Vec<Standing<'_>> = proved.iter().map(Proved::standing).collect();
+        let ranked = search.simulate_best(&tried, &now);
+        let ranking = ranking(&ranked, &tried);
+        let standings: Vec<RankedCandidate<'_>> =
+            ranked.iter().map(SimulatedCandidate::standing).collect();
         let room = steps.len() < MOST_EFFECTS;
-        let Some(best) = choose(machine, &added, &standings).filter(|_| room) else {
-            break (ranking, proved);
+        let Some(best) = choose(regression, &added, &standings).filter(|_| room) else {
+            break (ranking, ranked);
         };
-        let rivals = search.rivals(&proved[best], near(machine, &standings, best));
-        let added = proved[best].clone();
+        let rivals = search.rivals(&ranked[best], equally_good(regression, &standings, best));
+        let added = ranked[best].clone();
         structure = added.structure.clone();
         screened = added.screened.clone();
         now = added.simulated.clone();
-        steps.push(Step { ranking, added, rivals });
+        steps.push(SelectionStep { ranking, added, rivals });
     };
-    let how = Known::Held;
-    let round = Round {
-        machine,
+    let how = ShapeSearch::Fixed;
+    let round = SelectionRound {
+        regression,
         structure: &structure,
         now: &screened,
         fit: &search.fit,
         select: &search.select,
         how,
     };
-    let generic = search.generic(&round, &now);
-    let unlisted = generic.iter().find(|g| g.0.accepted).map(|g| g.1.clone());
-    Some(Found { base, steps, last_ranking, last_proved, generic, unlisted })
+    let nonparametric = search.nonparametric(&round, &now);
+    let unlisted = nonparametric.iter().find(|g| g.0.accepted).map(|g| g.1.clone());
+    Some(SearchResult { base, steps, last_ranking, last_simulated, nonparametric, unlisted })
 }

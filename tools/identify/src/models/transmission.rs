@@ -1,24 +1,24 @@
 //! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and
 //! slave out.
 //!
-//! The model is simulated forward and pulled along the records ([`crate::forward`]). Whole records
+//! The model is simulated forward and pulled along the records ([`crate::prediction_error`]). Whole records
 //! fit, select and report; where there are too few of them, stretches of them do
-//! ([`super::stretches`]).
+//! ([`super::segmentation`]).
 
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
 use super::calibrate::calibrate;
 use super::transmission_study::Study;
-use super::{Model, Options, stretches, transmission_outcome, transmission_page};
+use super::{Model, Options, segmentation, transmission_outcome, transmission_page};
+use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
-use crate::forward::machine::Machine;
-use crate::forward::record::{Record, share_out};
-use crate::forward::search::search;
 use crate::input::Series;
-use crate::inverse::split::Role;
 use crate::naming::recording_of;
 use crate::outcome::Outcome;
+use crate::prediction_error::record::{Record, share_out};
+use crate::prediction_error::search::search;
+use crate::prediction_error::transmission_model::TransmissionModel;
 
 /// The model kinds `hydrostatic` and `cable`.
 pub(super) struct Transmission(pub(super) ModelKind);
@@ -43,7 +43,7 @@ impl Model for Transmission {
         let mut notes: Vec<String> =
             records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
         notes.extend(not_used(records));
-        let cut = stretches::enough(records, &mut notes)?;
+        let cut = segmentation::segment(records, &mut notes)?;
         let records = cut.as_deref().unwrap_or(records);
         let mut laid_out = records
             .iter()
@@ -53,19 +53,20 @@ impl Model for Transmission {
             hold_throughout(&mut laid_out, cut);
         }
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
-        let mut machine = Machine::new(rig_file, declared, laid_out, options.slave_count_rad)?;
+        let mut model =
+            TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
-            if machine.of_role(role).is_empty() {
+            if model.of_role(role).is_empty() {
                 return Err(IdentifyError::Roles {
                     what: format!(
                         "expected at least three records of a transmission, found {}",
-                        machine.records.len()
+                        model.records.len()
                     ),
                     advice: "whole records fit, select and report: give more of them, with movements that differ",
                 });
             }
         }
-        if machine.records.iter().all(|record| record.idle) {
+        if model.records.iter().all(|record| record.idle) {
             notes.push(
                 "no record has a hand that drives the slave: the torque's scale, and with it every torque, rests on the motor's constant alone".to_owned(),
             );
@@ -74,14 +75,16 @@ impl Model for Transmission {
             .num_threads(options.jobs)
             .build()
             .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
-        let found = pool.install(|| search(&mut machine)).ok_or_else(|| lost(&machine))?;
-        let mut study = Study { machine, found, notes, calibration: None };
-        if let (1.., Some(stage)) = (options.calibrate, &options.stage) {
-            pool.install(|| calibrate(&mut study, stage.drive(), options.calibrate, options.seed));
+        let found = pool.install(|| search(&mut model)).ok_or_else(|| lost(&model))?;
+        let mut study = Study { model, found, notes, calibration: None };
+        if let (1.., Some(capability)) = (options.calibrate, &options.capability) {
+            pool.install(|| {
+                calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed)
+            });
         }
-        let stage = options.stage.filter(|_| options.propose);
-        pool.install(|| transmission_outcome::conclude(&study, stage.as_ref()))
-            .ok_or_else(|| lost(&study.machine))
+        let capability = options.capability.filter(|_| options.propose);
+        pool.install(|| transmission_outcome::conclude(&study, capability.as_ref()))
+            .ok_or_else(|| lost(&study.model))
     }
 }
 
@@ -118,8 +121,8 @@ fn not_used(records: &[Series]) -> Option<String> {
     })
 }
 
-fn lost(machine: &Machine) -> IdentifyError {
-    let files: Vec<&str> = machine.records.iter().map(|record| record.name.as_str()).collect();
+fn lost(model: &TransmissionModel) -> IdentifyError {
+    let files: Vec<&str> = model.records.iter().map(|record| record.name.as_str()).collect();
     IdentifyError::Lost { file: files.join(", ") }
 }
 

@@ -5,32 +5,35 @@ use std::collections::BTreeMap;
 use plant::effects::Site;
 use report::Page;
 
-use super::propose::propose;
+use super::candidate_movements::RigCapability;
+use super::effect_descriptions::{rival_words, words};
+use super::experiment_design::propose;
 use super::transmission_page;
 use super::transmission_study::Study;
-use super::transmission_words::{rival_words, words};
-use super::trials::Stage;
-use crate::forward::fit::View;
-use crate::forward::generic::NODES;
-use crate::forward::judge::{BLOCK, Judged, errors};
-use crate::forward::knob::{AT_EDGE, Knob};
-use crate::forward::machine::Channel;
-use crate::forward::record::rms;
-use crate::forward::search::Found;
-use crate::forward::sight::{Sight as Seen, sights};
-use crate::forward::unnamed::Nameless;
-use crate::inverse::split::Role;
+use crate::equation_error::split::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named,
     NextExperiment, Outcome, Roles, Sight, UNKNOWN, Unexplained, UnlistedTable, Verdict,
 };
+use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
+use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
+use crate::prediction_error::nonparametric::NODES;
+use crate::prediction_error::nonparametric_search::UnlistedFunction;
+use crate::prediction_error::record::rms;
+use crate::prediction_error::search::SearchResult;
+use crate::prediction_error::transmission_model::Channel;
+use crate::prediction_error::validation::{BLOCK, Validation, errors};
 
 /// The verdict, and the page that shows it; `None` where the last model cannot be simulated any
 /// more. With a `stage`, the next experiment is found by simulating what the rig can play.
-pub(super) fn conclude(study: &Study, stage: Option<&Stage>) -> Option<(Outcome, Page)> {
+pub(super) fn conclude(
+    study: &Study,
+    capability: Option<&RigCapability>,
+) -> Option<(Outcome, Page)> {
     let mut outcome = outcome(study)?;
-    if let Some(next) =
-        stage.and_then(|stage| propose(study, stage, outcome.verdict, &outcome.parameters))
+    if let Some(next) = capability
+        .and_then(|capability| propose(study, capability, outcome.verdict, &outcome.parameters))
     {
         outcome.next_experiment = next;
     }
@@ -46,15 +49,15 @@ fn outcome(study: &Study) -> Option<Outcome> {
         .rev()
         .find(|step| !step.rivals.is_empty())
         .map_or(&[][..], |step| &step.rivals);
-    let remains = found.nameless.is_some() || found.inadequate;
+    let remains = found.unlisted_function.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
-    let fit = View::of(&study.machine, Role::Fit);
-    let knobs = match found.unnamed() {
-        Some(nameless) => nameless.knobs.clone(),
-        None => found.knobs.iter().chain(&found.effect_knobs).cloned().collect(),
+    let fit = Dataset::of(&study.model, Role::Fit);
+    let estimated = match found.stand_alone_function() {
+        Some(unlisted_function) => unlisted_function.parameters.clone(),
+        None => found.parameters.iter().chain(&found.effect_parameters).cloned().collect(),
     };
-    let deviations = fit.deviations(found.last(), &knobs, BLOCK);
-    let known: Vec<(Knob, f64)> = knobs.into_iter().zip(deviations).collect();
+    let deviations = fit.deviations(found.last(), &estimated, BLOCK);
+    let known: Vec<(FreeParameter, f64)> = estimated.into_iter().zip(deviations).collect();
     Some(Outcome {
         verdict,
         effects: effects(study, &known),
@@ -78,15 +81,21 @@ fn outcome(study: &Study) -> Option<Outcome> {
 }
 
 /// What has no name; `known` are deviations of the model that all is said of.
-fn unlisted(found: &Found, fit: &View<'_>, known: &Vec<(Knob, f64)>) -> Option<UnlistedTable> {
-    let of_function = |nameless| table(nameless, fit, found.inadequate.then_some(known));
+fn unlisted(
+    found: &SearchResult,
+    fit: &Dataset<'_>,
+    known: &Vec<(FreeParameter, f64)>,
+) -> Option<UnlistedTable> {
+    let of_function =
+        |unlisted_function| table(unlisted_function, fit, found.inadequate.then_some(known));
     let alone = |site: Site| UnlistedTable {
         site: site.name().into(),
         depends_on: UNKNOWN.into(),
         ..UnlistedTable::default()
     };
-    let told = found.nameless.as_ref().map(of_function).or_else(|| found.acts_at().map(alone))?;
-    let places = found.origin.iter().flat_map(|origin| &origin.left);
+    let told =
+        found.unlisted_function.as_ref().map(of_function).or_else(|| found.acts_at().map(alone))?;
+    let places = found.localisation.iter().flat_map(|localisation| &localisation.left);
     let unexplained = places
         .map(|(place, share)| Unexplained { place: place.name().into(), share: *share })
         .collect();
@@ -95,32 +104,38 @@ fn unlisted(found: &Found, fit: &View<'_>, known: &Vec<(Knob, f64)>) -> Option<U
 
 /// The table of a function; `known` are deviations of its own model, where that is the one that all
 /// is said of.
-fn table(nameless: &Nameless, fit: &View<'_>, known: Option<&Vec<(Knob, f64)>>) -> UnlistedTable {
+fn table(
+    unlisted_function: &UnlistedFunction,
+    fit: &Dataset<'_>,
+    known: Option<&Vec<(FreeParameter, f64)>>,
+) -> UnlistedTable {
     let own = || {
-        let deviations = fit.deviations(&nameless.fitted, &nameless.knobs, BLOCK);
-        nameless.knobs.iter().cloned().zip(deviations).collect()
+        let deviations =
+            fit.deviations(&unlisted_function.fitted, &unlisted_function.parameters, BLOCK);
+        unlisted_function.parameters.iter().cloned().zip(deviations).collect()
     };
     let known = known.cloned().unwrap_or_else(own);
     let of = |node: usize| {
-        let is = |knob: &Knob| matches!(knob, Knob::Node { node: own, .. } if *own == node);
-        let deviation = known.iter().find(|(knob, _)| is(knob)).map(|(_, deviation)| *deviation);
+        let is = |parameter: &FreeParameter| matches!(parameter, FreeParameter::Node { node: own, .. } if *own == node);
+        let deviation =
+            known.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation);
         deviation.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
     };
-    let table = &nameless.table;
+    let table = &unlisted_function.table;
     UnlistedTable {
-        site: nameless.judged.site.name().into(),
+        site: unlisted_function.validation.site.name().into(),
         depends_on: table.variable.name().into(),
         table: (0..NODES).map(|node| [table.at(node), table.values[node], of(node)]).collect(),
         ..UnlistedTable::default()
     }
 }
 
-fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
+fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
     let last = study.found.last();
     let of = |at: usize, name: &str| {
-        let waves: Vec<&(Knob, f64)> = known
+        let waves: Vec<&(FreeParameter, f64)> = known
             .iter()
-            .filter(|(knob, _)| matches!(knob, Knob::Wave { placed, name: own, .. } if *placed == at && (*own == name || name == "phase")))
+            .filter(|(parameter, _)| matches!(parameter, FreeParameter::Phasor { placed, name: own, .. } if *placed == at && (*own == name || name == "phase")))
             .collect();
         if let [(cosine, of_cosine), (sine, of_sine)] = waves[..] {
             let (c, s) = (cosine.value(&last.setting), sine.value(&last.setting));
@@ -131,7 +146,7 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
         }
         known
             .iter()
-            .find(|(knob, _)| matches!(knob, Knob::Effect { placed, name: own, .. } if *placed == at && *own == name))
+            .find(|(parameter, _)| matches!(parameter, FreeParameter::Effect { placed, name: own, .. } if *placed == at && *own == name))
             .map(|(_, deviation)| *deviation)
     };
     study
@@ -168,14 +183,13 @@ fn effects(study: &Study, known: &[(Knob, f64)]) -> Vec<FoundEffect> {
 }
 
 fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
-    let report = study.machine.of_role(Role::Report);
-    let declared =
-        errors(&study.machine, &report, &study.machine.as_declared()).unwrap_or_default();
-    let before = errors(&study.machine, &report, &study.found.base.setting)?;
-    let after = errors(&study.machine, &report, &study.found.last().setting)?;
+    let report = study.model.of_role(Role::Report);
+    let declared = errors(&study.model, &report, &study.model.as_declared()).unwrap_or_default();
+    let before = errors(&study.model, &report, &study.found.base.setting)?;
+    let after = errors(&study.model, &report, &study.found.last().setting)?;
     let size = |channel: Channel| {
         let rows = report.iter().filter_map(|index| {
-            let record = &study.machine.records[*index];
+            let record = &study.model.records[*index];
             match channel {
                 Channel::Master => Some(record.averaged(&record.master)),
                 Channel::Slave => record.slave.as_ref().map(|slave| record.averaged(slave)),
@@ -208,34 +222,38 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     Some(channels.collect())
 }
 
-fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
-    let machine = &study.machine;
+fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
+    let model = &study.model;
     let last = study.found.last();
-    let effects: Vec<Knob> =
-        known.iter().map(|(knob, _)| knob).filter(|knob| !knob.is_base()).cloned().collect();
-    let seen = sights(&View::of(machine, Role::Fit), last, &effects);
-    machine
+    let effects: Vec<FreeParameter> = known
+        .iter()
+        .map(|(parameter, _)| parameter)
+        .filter(|parameter| !parameter.is_base())
+        .cloned()
+        .collect();
+    let seen = sensitivities(&Dataset::of(model, Role::Fit), last, &effects);
+    model
         .base
         .iter()
         .zip(&seen)
         .enumerate()
         .map(|(index, (parameter, seen))| {
-            let knob = Knob::Base(index);
+            let free = FreeParameter::Base(index);
             let deviation =
-                known.iter().find(|(own, _)| *own == knob).map(|(_, deviation)| *deviation);
-            let at_edge =
-                parameter.declared.is_some() && knob.place(machine, &last.setting).abs() > AT_EDGE;
+                known.iter().find(|(own, _)| *own == free).map(|(_, deviation)| *deviation);
+            let at_edge = parameter.declared.is_some()
+                && free.normalised(model, &last.setting).abs() > AT_BOUND;
             let identifiable = !at_edge
                 && deviation
                     .is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
             let (sight, trades_with) = match seen {
                 _ if at_edge => (Sight::AtBound, None),
                 _ if identifiable => (Sight::Seen, None),
-                Seen::Dead => (Sight::Dead, None),
-                Seen::Traded(like) => {
-                    (Sight::TradeOff, like.as_ref().and_then(|like| knob_name(study, like)))
+                Sensitivity::Absent => (Sight::Dead, None),
+                Sensitivity::Collinear(like) => {
+                    (Sight::TradeOff, like.as_ref().and_then(|like| parameter_name(study, like)))
                 }
-                Seen::Flat | Seen::Clear => (Sight::Flat, None),
+                Sensitivity::Weak | Sensitivity::Distinct => (Sight::Flat, None),
             };
             FittedParameter {
                 name: parameter.name.clone(),
@@ -253,50 +271,54 @@ fn parameters(study: &Study, known: &[(Knob, f64)]) -> Vec<FittedParameter> {
 }
 
 /// A knob by a name that a reader knows.
-fn knob_name(study: &Study, knob: &Knob) -> Option<String> {
+fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
     let of_effect = |placed: usize, name: &str| {
         let step = study.found.steps.get(placed)?;
         Some(format!("{name} of {}", step.added.id))
     };
-    match knob {
-        Knob::Base(index) => study.machine.base.get(*index).map(|parameter| parameter.name.clone()),
-        Knob::Effect { placed, name, .. } | Knob::Wave { placed, name, .. } => {
+    match parameter {
+        FreeParameter::Base(index) => {
+            study.model.base.get(*index).map(|parameter| parameter.name.clone())
+        }
+        FreeParameter::Effect { placed, name, .. } | FreeParameter::Phasor { placed, name, .. } => {
             of_effect(*placed, name)
         }
-        Knob::Node { .. } => Some("what has no name".to_owned()),
+        FreeParameter::Node { .. } => Some("what has no name".to_owned()),
     }
 }
 
 fn roles(study: &Study) -> Roles {
     let names = |role| {
         study
-            .machine
+            .model
             .of_role(role)
             .into_iter()
-            .map(|index| study.machine.records[index].name.clone())
+            .map(|index| study.model.records[index].name.clone())
             .collect()
     };
     Roles { fit: names(Role::Fit), select: names(Role::Select), report: names(Role::Report) }
 }
 
 fn candidates(study: &Study) -> Vec<CandidateGain> {
-    let row = |round: usize, generic: bool, judged: &Judged| CandidateGain {
+    let row = |round: usize, generic: bool, validation: &Validation| CandidateGain {
         round,
-        id: format!("{}@{}", judged.id, judged.site),
+        id: format!("{}@{}", validation.id, validation.site),
         generic,
-        gain_percent: judged.gain_percent(),
-        t: judged.t,
-        blocks_better: judged.better,
-        blocks_worse: judged.worse,
-        accepted: judged.accepted,
+        gain_percent: validation.gain_percent(),
+        t: validation.t,
+        blocks_better: validation.better,
+        blocks_worse: validation.worse,
+        accepted: validation.accepted,
     };
     let found = &study.found;
     let mut rows: Vec<CandidateGain> = (1..)
         .zip(&found.rounds)
-        .flat_map(|(round, ranking)| ranking.iter().map(move |judged| row(round, false, judged)))
+        .flat_map(|(round, ranking)| {
+            ranking.iter().map(move |validation| row(round, false, validation))
+        })
         .collect();
     let last = found.rounds.len().max(1);
-    rows.extend(found.generic.iter().map(|judged| row(last, true, judged)));
+    rows.extend(found.generic.iter().map(|validation| row(last, true, validation)));
     rows
 }
 
@@ -332,7 +354,7 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
             "Something is left that no listed effect explains.".to_owned(),
             "the same movement several times, and movements in which what it depends on varies by itself",
         ),
-        _ if study.machine.records.iter().all(|record| record.idle) => make(
+        _ if study.model.records.iter().all(|record| record.idle) => make(
             "Without a hand that drives the slave the scale of all torques rests on the motor's constant.".to_owned(),
             "two records in which a hand drives the slave with about 2 N·m, the torque cell recording",
         ),

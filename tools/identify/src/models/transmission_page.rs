@@ -5,16 +5,16 @@ use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
 
 use super::calibrate;
-use super::transmission_maps::maps;
+use super::effect_descriptions::{OTHER_ENCODER, words};
+use super::transmission_residual_plots::maps;
 use super::transmission_study::Study;
-use super::transmission_words::{OTHER_ENCODER, words};
-use crate::forward::fit::View;
-use crate::forward::judge::{LEAST_T, least_beside};
-use crate::forward::machine::{Channel, Residual};
-use crate::inverse::split::Role;
+use crate::equation_error::split::Role;
 use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
 use crate::page::{drawn, parameters, ranking, short};
+use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::transmission_model::{Channel, Residual};
+use crate::prediction_error::validation::{LEAST_T, least_beside};
 
 /// Where something acts whose way of acting is not known.
 fn place(site: &str) -> String {
@@ -106,14 +106,14 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
 
 /// The whole page; `None` where a model cannot be simulated.
 pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
-    let machine = &study.machine;
-    let report = machine.of_role(Role::Report);
-    let view = View { machine, records: report.clone() };
-    let before = view.residuals(&study.found.base.setting)?;
-    let after = view.residuals(&study.found.last().setting)?;
+    let model = &study.model;
+    let report = model.of_role(Role::Report);
+    let dataset = Dataset { model, records: report.clone() };
+    let before = dataset.residuals(&study.found.base.setting)?;
+    let after = dataset.residuals(&study.found.last().setting)?;
     let (tone, sentence, detail) = sentences(outcome);
     let with = !outcome.effects.is_empty();
-    let names = labels(machine.records.iter().map(|record| record.name.as_str()));
+    let names = labels(model.records.iter().map(|record| record.name.as_str()));
     let mut page = Page::new("What the model lacks")
         .subtitle(&format!("Declared transmission held against {}", held(&names)))
         .verdict(tone, &sentence, &detail)
@@ -239,7 +239,7 @@ fn record(
     (before, after): (&Residual, &Residual),
     with: bool,
 ) -> Page {
-    let record = &study.machine.records[index];
+    let record = &study.model.records[index];
     let time = record.residual_times();
     let mut position = Figure::new("Position", "time / s", "position / rad")
         .size(680, 260)
@@ -253,7 +253,7 @@ fn record(
         );
     }
     let mut page = page.figure(&position, &format!("{label}: measured movement."));
-    for (at, channel) in study.machine.channels(index).into_iter().enumerate() {
+    for (at, channel) in study.model.channels(index).into_iter().enumerate() {
         let figure = Figure::new(
             "Innovation",
             "time / s",

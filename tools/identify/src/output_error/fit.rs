@@ -5,9 +5,9 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::simulation::{Force, Input, Oscillator, steps};
 use crate::effects::Shape;
-use crate::inverse::model::{Column, Fitted, Machine, Structure};
-use crate::inverse::signals::FINER;
-use crate::inverse::split::Block;
+use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
+use crate::equation_error::signals::FINER;
+use crate::equation_error::split::Block;
 use crate::regression::{Bound, Fit, Gram, standard_deviations};
 use crate::spectral::Spectrum;
 
@@ -66,14 +66,14 @@ pub struct Simulated {
 }
 
 /// What the fits of all structures share.
-pub struct Bench<'a> {
+pub struct OutputErrorModel<'a> {
     /// Declared model and records, for their parameters, bounds and scales.
-    pub machine: &'a Machine,
+    pub regression: &'a RegressionModel,
     /// The records as they are simulated.
     pub records: &'a [Record],
 }
 
-impl Bench<'_> {
+impl OutputErrorModel<'_> {
     /// Output less simulation, over some rows.
     pub fn residual(&self, simulated: &Simulated, block: &Block) -> Vec<f64> {
         let (measured, model) =
@@ -119,7 +119,7 @@ enum Place<'s> {
 /// Output error as a function of how far each number has moved from the start, in units of its own
 /// size.
 struct Problem<'a> {
-    bench: &'a Bench<'a>,
+    simulation: &'a OutputErrorModel<'a>,
     structure: &'a Structure<'a>,
     blocks: &'a [Block],
     start: Fitted,
@@ -136,24 +136,24 @@ struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     fn new(
-        bench: &'a Bench<'a>,
+        simulation: &'a OutputErrorModel<'a>,
         structure: &'a Structure<'a>,
         blocks: &'a [Block],
         start: &Fitted,
         without: &[usize],
     ) -> Self {
-        let machine = bench.machine;
-        let (shapes, mut bounds) = (machine.shapes(structure), machine.bounds(structure));
+        let regression = simulation.regression;
+        let (shapes, mut bounds) = (regression.shapes(structure), regression.bounds(structure));
         let mut start = start.clone();
         for term in without {
-            let at = machine.parameters.len() + term;
+            let at = regression.parameters.len() + term;
             bounds[at] = (0.0, 0.0);
             start.fit.coefficients[at] = 0.0;
         }
         let amplitudes: Vec<(usize, f64)> = (0..bounds.len())
             .filter(|i| bounds[*i].0 < bounds[*i].1)
             .map(|i| {
-                let spread = machine.parameters.get(i).map_or(0.0, |p| 0.1 * p.spread);
+                let spread = regression.parameters.get(i).map_or(0.0, |p| 0.1 * p.spread);
                 let size = start.fit.coefficients[i].abs().max(start.std[i]).max(spread);
                 (i, if size > 0.0 && size.is_finite() { size } else { 1.0 })
             })
@@ -162,7 +162,7 @@ impl<'a> Problem<'a> {
         let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
         let mut problem = Self {
-            bench,
+            simulation,
             structure,
             blocks,
             start,
@@ -210,18 +210,19 @@ impl<'a> Problem<'a> {
     }
 
     fn simulate(&self, moved: &DVector<f64>) -> Option<Vec<Vec<f64>>> {
-        let machine = self.bench.machine;
+        let regression = self.simulation.regression;
         let (coefficients, shapes) = self.values(moved);
         let of = |column| {
-            let at = machine.parameters.iter().position(|p| p.column == column);
+            let at = regression.parameters.iter().position(|p| p.column == column);
             at.map_or(0.0, |i| coefficients[i])
         };
         let mut forces = Vec::new();
         let mut amplifiers = Vec::new();
-        let mut at = machine.parameters.len();
+        let mut at = regression.parameters.len();
         let mut dry = of(Column::Sign);
-        for (effect, place) in self.structure.effects.iter().zip(machine.places(self.structure)) {
-            let terms = machine.terms_of(*effect).len();
+        for (effect, place) in self.structure.effects.iter().zip(regression.places(self.structure))
+        {
+            let terms = regression.terms_of(*effect).len();
             let (amplitudes, shapes) =
                 (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
             at += terms;
@@ -243,7 +244,7 @@ impl<'a> Problem<'a> {
                 delivered = effect.deliver(command, 0.5 * step, amplitudes, shapes).or(delivered);
             }
             let input = delivered.map(|values| Input { values, ..record.input.clone() });
-            let uses_sign = machine.uses_sign(self.structure);
+            let uses_sign = regression.uses_sign(self.structure);
             let oscillator = Oscillator {
                 mass,
                 damping: of(Column::Velocity),
@@ -266,13 +267,13 @@ impl<'a> Problem<'a> {
         if mass <= 0.0 {
             return None;
         }
-        self.bench.records.iter().map(run).collect()
+        self.simulation.records.iter().map(run).collect()
     }
 
     fn errors(&self, outputs: &[Vec<f64>]) -> DVector<f64> {
         let error = |block: &Block| {
             let (measured, model) =
-                (&self.bench.records[block.record].output, &outputs[block.record]);
+                (&self.simulation.records[block.record].output, &outputs[block.record]);
             block.rows.clone().map(|row| measured[row] - model[row]).collect::<Vec<f64>>()
         };
         DVector::from_vec(self.blocks.iter().flat_map(error).collect())
@@ -348,11 +349,11 @@ impl<'a> Problem<'a> {
         coefficients: &DVector<f64>,
     ) -> Vec<DVector<f64>> {
         let of = |column| {
-            let at = self.bench.machine.parameters.iter().position(|p| p.column == column);
+            let at = self.simulation.regression.parameters.iter().position(|p| p.column == column);
             at.map_or(0.0, |i| coefficients[i])
         };
         let decay = 2.0 * of(Column::Acceleration) / of(Column::Velocity).max(f64::MIN_POSITIVE);
-        let input = &self.bench.records[0].input;
+        let input = &self.simulation.records[0].input;
         let rows = CLUSTER_DECAYS * decay / (input.step * input.steps as f64);
         let longest = (errors.len() / 20).max(1);
         let rows = (rows.ceil() as usize).clamp(1, longest);
@@ -380,7 +381,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn residuals(&self) -> Option<DVector<f64>> {
         let rows = self.blocks.iter().map(|b| b.rows.len()).sum();
         // Too far off to be simulated is a very bad fit, not the end of the search.
-        let far = self.bench.records.iter().map(|r| r.largest).fold(0.0, f64::max);
+        let far = self.simulation.records.iter().map(|r| r.largest).fold(0.0, f64::max);
         Some(self.here.clone().unwrap_or_else(|| DVector::from_element(rows, far)))
     }
     fn jacobian(&self) -> Option<DMatrix<f64>> {

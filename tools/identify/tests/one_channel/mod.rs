@@ -51,7 +51,7 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
             seed: 1,
             gear: 1.0,
             slave_count_rad: None,
-            stage: None,
+            capability: None,
             propose: false,
             calibrate: 0,
         },

@@ -3,8 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use identify::forward::record::Record;
 use identify::input::Series;
+use identify::prediction_error::record::Record;
 use plant::any;
 use plant::effects::Effect;
 use plant::transmission::{Input, Transmission as _};

@@ -1,0 +1,129 @@
+//! A first look at large grids of shapes: which points are worth a fit.
+//!
+//! The residual of the model without the new effect is held against the effect's columns row by
+//! row, without the low-pass and without fitting the rest again. Tones are found in the residual's
+//! spectrum. The best few points that are no neighbours go on to the exact fit.
+
+use super::model::{RegressionModel, Structure, residual};
+use super::split::Block;
+use crate::effects::{Shape, View};
+use crate::regression::{Gram, solve};
+use crate::spectral::periodogram;
+
+/// Columns of one record, row by row.
+type Columns = Vec<Vec<f64>>;
+
+/// Points that go on.
+const KEPT: usize = 6;
+/// Products of rows and points that a look may cost; beyond, rows are left out evenly.
+const LARGEST_COST: usize = 20_000_000;
+
+/// The best of the `points` for the one new effect after the settled ones; all of them where there
+/// are several new ones.
+pub(super) fn coarse_screen(
+    regression: &RegressionModel,
+    structure: &Structure<'_>,
+    blocks: &[Block],
+    settled: usize,
+    (columns, signs, points): (&[Columns], &[Vec<f64>], Vec<Vec<f64>>),
+) -> Option<Vec<Vec<f64>>> {
+    let [effect] = structure.effects[settled..] else { return Some(points) };
+    let before = Structure {
+        effects: structure.effects[..settled].to_vec(),
+        model: structure.model.clone(),
+    };
+    let fit = solve(&regression.gram(columns, blocks), &regression.bounds(&before))?;
+    let left: Vec<Vec<f64>> = blocks
+        .iter()
+        .map(|b| {
+            residual(&columns[b.record], &regression.balances[b.record].force, &fit.coefficients, b)
+        })
+        .collect();
+    if effect.is_tone() {
+        return Some(tones(regression, blocks, &left, &effect.shapes(&regression.axis)));
+    }
+    let bounds: Vec<_> = effect.terms(&regression.axis).iter().map(|t| t.bound).collect();
+    let thin: Vec<_> = regression.balances.iter().map(|b| b.signals.thin()).collect();
+    let thinner = |full: &[f64], record: usize| regression.balances[record].signals.rows(full);
+    let signs: Vec<Vec<f64>> = signs.iter().enumerate().map(|(i, s)| thinner(s, i)).collect();
+    let models: Vec<Vec<f64>> =
+        structure.model.iter().enumerate().map(|(i, m)| thinner(m, i)).collect();
+    let rows: usize = blocks.iter().map(|b| b.rows.len()).sum();
+    let every = (rows * points.len()).div_ceil(LARGEST_COST).max(1);
+    let explained = |shapes: &Vec<f64>| {
+        let mut gram = Gram::empty(bounds.len());
+        let columns: Vec<Vec<Vec<f64>>> = thin
+            .iter()
+            .enumerate()
+            .map(|(i, signals)| {
+                let model = models.get(i).map_or(&[][..], Vec::as_slice);
+                effect.columns(
+                    &View { signals, sign: &signs[i], model, axis: &regression.axis },
+                    shapes,
+                )
+            })
+            .collect();
+        for (block, left) in blocks.iter().zip(&left) {
+            let pick = |c: &Vec<f64>| {
+                c[block.rows.clone()].iter().step_by(every).copied().collect::<Vec<f64>>()
+            };
+            let own: Vec<Vec<f64>> = columns[block.record].iter().map(pick).collect();
+            let target = pick_every(left, every);
+            gram.add(&own, &target, 0..target.len());
+        }
+        solve(&gram, &bounds).map_or(0.0, |fit| gram.yy - fit.squares)
+    };
+    let scores: Vec<f64> = points.iter().map(explained).collect();
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|a, b| scores[*b].total_cmp(&scores[*a]));
+    let mut kept: Vec<usize> = Vec::new();
+    for i in order {
+        if kept.len() < KEPT && kept.iter().all(|k| k.abs_diff(i) > 2) {
+            kept.push(i);
+        }
+    }
+    Some(kept.into_iter().map(|i| points[i].clone()).collect())
+}
+
+fn pick_every(values: &[f64], every: usize) -> Vec<f64> {
+    values.iter().step_by(every).copied().collect()
+}
+
+/// The strongest lines in the residual's spectrum, over all records, within the range of the one
+/// shape.
+fn tones(
+    regression: &RegressionModel,
+    blocks: &[Block],
+    left: &[Vec<f64>],
+    shapes: &[Shape],
+) -> Vec<Vec<f64>> {
+    let Some(shape) = shapes.first() else { return Vec::new() };
+    let mut spectra: Vec<Vec<(f64, f64)>> = Vec::new();
+    for (record, balance) in regression.balances.iter().enumerate() {
+        let mut rows = vec![0.0; balance.rows()];
+        for (block, left) in blocks.iter().zip(left).filter(|(b, _)| b.record == record) {
+            rows[block.rows.clone()].copy_from_slice(left);
+        }
+        spectra.push(periodogram(&rows, 1.0 / balance.row_step()));
+    }
+    let Some(longest) = spectra.iter().max_by_key(|s| s.len()) else { return Vec::new() };
+    let power = |frequency: f64| -> f64 {
+        spectra
+            .iter()
+            .filter_map(|s| s.get((frequency / s.get(1)?.0).round() as usize).map(|bin| bin.1))
+            .sum()
+    };
+    // Back and forth through the shape's range: what it cannot take is no line.
+    let allowed = |f: &f64| (shape.at(shape.share(*f)) - f).abs() < 1e-6;
+    let mut lines: Vec<(f64, f64)> =
+        longest.iter().map(|bin| bin.0).filter(allowed).map(|f| (f, power(f))).collect();
+    lines.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let width = 1.5 / regression.axis.seconds;
+    let mut kept: Vec<f64> = Vec::new();
+    for (frequency, _) in lines {
+        if kept.len() < KEPT && kept.iter().all(|k| (k - frequency).abs() > width) {
+            kept.push(frequency);
+        }
+    }
+    kept.into_iter().map(|f| vec![f]).collect()
+}

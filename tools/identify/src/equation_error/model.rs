@@ -1,0 +1,328 @@
+//! A linear model with a few nonlinear shapes, and its columns.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+
+use super::signals::ForceBalance;
+use super::split::Block;
+use crate::effects::{Axis, Declared, InverseEffect, Shape, Term, View};
+use crate::regression::{Bound, Fit, Gram};
+
+/// A declared parameter as a column of the regression.
+#[derive(Clone, Debug)]
+pub struct Parameter {
+    /// Name, as in the rig file.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+    /// Declared value.
+    pub declared: f64,
+    /// Half the width of the range in which the value is believed to lie.
+    pub spread: f64,
+    /// What it multiplies.
+    pub column: Column,
+}
+
+/// What a declared parameter multiplies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// Acceleration: mass or inertia.
+    Acceleration,
+    /// Velocity: viscous friction.
+    Velocity,
+    /// Position: stiffness.
+    Position,
+    /// Smoothed sign of the velocity: Coulomb friction, where the rig file declares it.
+    Sign,
+    /// One: a constant force.
+    One,
+}
+
+impl Column {
+    /// The column whose parameter an effect would change.
+    pub const fn of(which: Declared) -> Self {
+        match which {
+            Declared::Mass => Self::Acceleration,
+            Declared::Viscous => Self::Velocity,
+            Declared::Stiffness => Self::Position,
+        }
+    }
+}
+
+/// The machine and its records, before any effect.
+pub struct RegressionModel {
+    /// Records, ready for regression.
+    pub balances: Vec<ForceBalance>,
+    /// Declared parameters.
+    pub parameters: Vec<Parameter>,
+    /// Units and scales of the axis.
+    pub axis: Axis,
+    /// Where effects are looked for; one that can sit at several takes the first.
+    pub sites: &'static [&'static str],
+}
+
+/// The declared model with the effects that were added to it.
+#[derive(Clone, Default)]
+pub struct Structure<'a> {
+    /// In the order in which they were added.
+    pub effects: Vec<&'a dyn InverseEffect>,
+    /// The force that a model asked for, per record at the full rate: what columns are made of that
+    /// come from it.
+    pub model: Arc<Vec<Vec<f64>>>,
+}
+
+/// A fitted structure.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// Amplitudes: declared parameters first, then the effects' terms.
+    pub fit: Fit,
+    /// Their standard deviations.
+    pub std: Vec<f64>,
+    /// Smoothing speed first, then the effects' shapes.
+    pub shapes: Vec<f64>,
+    /// Columns by record, at these shapes.
+    pub columns: Vec<Vec<Vec<f64>>>,
+}
+
+/// Sampling periods by which sampling, computing and holding may shift a force.
+const HELD: f64 = 1.5;
+
+impl RegressionModel {
+    /// Whether the declared model has that column.
+    pub fn declares(&self, column: Column) -> bool {
+        self.parameters.iter().any(|p| p.column == column)
+    }
+
+    /// Whether an effect frees a declared parameter instead of having a column of its own.
+    pub fn frees(&self, effect: &dyn InverseEffect) -> bool {
+        effect.lifts().is_some_and(|which| self.declares(Column::of(which)))
+    }
+
+    /// Whether anything in the structure depends on the smoothed sign.
+    pub fn uses_sign(&self, structure: &Structure<'_>) -> bool {
+        structure.effects.iter().any(|e| e.uses_sign()) || self.declares(Column::Sign)
+    }
+
+    /// The smoothing speed of the sign, then the shapes of the effects.
+    pub fn shapes(&self, structure: &Structure<'_>) -> Vec<Shape> {
+        let range = (1e-3 * self.axis.velocity_rms, 0.3 * self.axis.velocity_rms);
+        let points = if self.uses_sign(structure) { 7 } else { 1 };
+        let mut shapes =
+            vec![Shape::by_factors("smoothing_speed", self.axis.units.velocity, range, points)];
+        shapes.extend(structure.effects.iter().flat_map(|e| e.shapes(&self.axis)));
+        shapes
+    }
+
+    /// The terms of one effect that have a column.
+    pub fn terms_of(&self, effect: &dyn InverseEffect) -> Vec<Term> {
+        if self.frees(effect) { Vec::new() } else { effect.terms(&self.axis) }
+    }
+
+    /// The effects' terms in order.
+    pub fn terms(&self, structure: &Structure<'_>) -> Vec<Term> {
+        structure.effects.iter().flat_map(|e| self.terms_of(*e)).collect()
+    }
+
+    /// Bounds of all amplitudes: tolerances of declared parameters unless an effect lifts them,
+    /// physical limits of effects.
+    pub fn bounds(&self, structure: &Structure<'_>) -> Vec<Bound> {
+        let lifted =
+            |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
+        let declared = self.parameters.iter().map(|p| match p.column {
+            // Mass, damping and stiffness below 0 are no machine, whatever the tolerance.
+            Column::One => (p.declared - p.spread, p.declared + p.spread),
+            column if lifted(column) => (0.0, f64::INFINITY),
+            _ => ((p.declared - p.spread).max(0.0), p.declared + p.spread),
+        });
+        declared.chain(self.terms(structure).into_iter().map(|t| t.bound)).collect()
+    }
+
+    /// The smoothed sign along a record, where the structure wants one.
+    pub(super) fn sign(
+        &self,
+        structure: &Structure<'_>,
+        smoothing: f64,
+        balance: &ForceBalance,
+    ) -> Vec<f64> {
+        if self.uses_sign(structure) { balance.signals.sign(smoothing) } else { Vec::new() }
+    }
+
+    /// Rows of the declared parameters' columns.
+    pub(super) fn declared_columns(&self, sign: &[f64], balance: &ForceBalance) -> Vec<Vec<f64>> {
+        let signals = &balance.signals;
+        let rows = |p: &Parameter| match p.column {
+            Column::Acceleration => signals.rows(&signals.acceleration),
+            Column::Velocity => signals.rows(&signals.velocity),
+            Column::Position => signals.rows(&signals.position),
+            Column::Sign => signals.low_passed_rows(sign),
+            Column::One => vec![1.0; balance.rows()],
+        };
+        self.parameters.iter().map(rows).collect()
+    }
+
+    /// An effect's columns at the full rate, low-passed.
+    fn full_columns(
+        &self,
+        effect: &dyn InverseEffect,
+        view: &View<'_>,
+        shapes: &[f64],
+    ) -> Vec<Vec<f64>> {
+        if self.frees(effect) {
+            return Vec::new();
+        }
+        let columns = effect.columns(view, shapes);
+        match effect.linear() {
+            true => columns,
+            false => columns.iter().map(|c| view.signals.low_passed(c)).collect(),
+        }
+    }
+
+    /// Rows of an effect's columns in one record.
+    pub(super) fn effect_columns(
+        &self,
+        structure: &Structure<'_>,
+        effect: &dyn InverseEffect,
+        (record, sign, shapes): (usize, &[f64], &[f64]),
+    ) -> Vec<Vec<f64>> {
+        let signals = &self.balances[record].signals;
+        let model = structure.model.get(record).map_or(&[][..], Vec::as_slice);
+        let view = View { signals, sign, model, axis: &self.axis };
+        self.full_columns(effect, &view, shapes).iter().map(|c| signals.rows(c)).collect()
+    }
+
+    /// The shapes of each effect: their places in the list of all, the smoothing speed being the
+    /// first.
+    pub fn places(&self, structure: &Structure<'_>) -> Vec<std::ops::Range<usize>> {
+        let mut next = 1;
+        let place = |effect: &&dyn InverseEffect| {
+            let from = next;
+            next += effect.shapes(&self.axis).len();
+            from..next
+        };
+        structure.effects.iter().map(place).collect()
+    }
+
+    /// All columns of all records.
+    pub fn columns(&self, structure: &Structure<'_>, shapes: &[f64]) -> Vec<Vec<Vec<f64>>> {
+        let places = self.places(structure);
+        let of = |(record, balance): (usize, &ForceBalance)| {
+            let sign = self.sign(structure, shapes[0], balance);
+            let mut columns = self.declared_columns(&sign, balance);
+            for (effect, place) in structure.effects.iter().zip(&places) {
+                columns.extend(self.effect_columns(
+                    structure,
+                    *effect,
+                    (record, &sign, &shapes[place.clone()]),
+                ));
+            }
+            columns
+        };
+        self.balances.iter().enumerate().map(of).collect()
+    }
+
+    /// The force that a fitted model asks for, per record at the full rate, low-passed. Effects
+    /// that are made of this force themselves are left out.
+    pub fn force(&self, structure: &Structure<'_>, fitted: &Fitted) -> Vec<Vec<f64>> {
+        let places = self.places(structure);
+        let of = |balance: &ForceBalance| {
+            let signals = &balance.signals;
+            let mut force = vec![0.0; signals.time.len()];
+            let mut add = |amplitude: f64, column: &[f64]| {
+                force.iter_mut().zip(column).for_each(|(f, x)| *f += amplitude * x);
+            };
+            let sign = self.sign(structure, fitted.shapes[0], balance);
+            for (p, amplitude) in self.parameters.iter().zip(fitted.fit.coefficients.iter()) {
+                match p.column {
+                    Column::Acceleration => add(*amplitude, &signals.acceleration),
+                    Column::Velocity => add(*amplitude, &signals.velocity),
+                    Column::Position => add(*amplitude, &signals.position),
+                    Column::Sign => add(*amplitude, &signals.low_passed(&sign)),
+                    Column::One => add(*amplitude, &vec![1.0; signals.time.len()]),
+                }
+            }
+            let mut at = self.parameters.len();
+            for (effect, place) in structure.effects.iter().zip(&places) {
+                let terms = self.terms_of(*effect);
+                // A clipped command is no force that the motion asks for.
+                if !effect.uses_model() && !terms.iter().any(Term::is_given) {
+                    let view = View { signals, sign: &sign, model: &[], axis: &self.axis };
+                    let columns = self.full_columns(*effect, &view, &fitted.shapes[place.clone()]);
+                    for (i, column) in columns.iter().enumerate() {
+                        add(fitted.fit.coefficients[at + i], column);
+                    }
+                }
+                at += terms.len();
+            }
+            force
+        };
+        self.balances.iter().map(of).collect()
+    }
+
+    /// Sums of products over some rows.
+    pub(super) fn gram(&self, columns: &[Vec<Vec<f64>>], blocks: &[Block]) -> Gram {
+        let mut gram = Gram::empty(columns.first().map_or(0, Vec::len));
+        for block in blocks {
+            gram.add(
+                &columns[block.record],
+                &self.balances[block.record].force,
+                block.rows.clone(),
+            );
+        }
+        gram
+    }
+
+    /// Residual of a fitted structure over some rows.
+    pub fn residual(&self, fitted: &Fitted, block: &Block) -> Vec<f64> {
+        residual(
+            &fitted.columns[block.record],
+            &self.balances[block.record].force,
+            &fitted.fit.coefficients,
+            block,
+        )
+    }
+
+    /// The shift in time (s) of the effect that was added last, where it is one that sampling and
+    /// holding would make.
+    pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+        let effect = *structure.effects.last()?;
+        let amplitudes = fitted.fit.coefficients.as_slice();
+        let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];
+        let place = self.places(structure).pop()?;
+        let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+        effect.shift(own, &fitted.shapes[place]).filter(|shift| shift.abs() < HELD * sampling)
+    }
+
+    /// Root mean square over some rows of what the last `terms` columns of a fit put out.
+    pub fn size_of_last(&self, fitted: &Fitted, terms: usize, blocks: &[Block]) -> f64 {
+        let (mut sum, mut rows) = (0.0, 0usize);
+        for block in blocks {
+            let columns = &fitted.columns[block.record];
+            let from = columns.len() - terms;
+            for row in block.rows.clone() {
+                let put: f64 = (from..columns.len())
+                    .map(|c| fitted.fit.coefficients[c] * columns[c][row])
+                    .sum();
+                sum += put * put;
+            }
+            rows += block.rows.len();
+        }
+        (sum / rows.max(1) as f64).sqrt()
+    }
+}
+
+/// Force less the columns times their coefficients, over some rows.
+pub(super) fn residual(
+    columns: &[Vec<f64>],
+    force: &[f64],
+    coefficients: &DVector<f64>,
+    block: &Block,
+) -> Vec<f64> {
+    let mut e = force[block.rows.clone()].to_vec();
+    for (column, amplitude) in columns.iter().zip(coefficients.iter()) {
+        for (e, x) in e.iter_mut().zip(&column[block.rows.clone()]) {
+            *e -= amplitude * x;
+        }
+    }
+    e
+}

@@ -1,0 +1,466 @@
+//! Which effects the records demand, one after the other, judged on rows that took no part in the
+//! fit.
+
+use std::sync::Arc;
+
+use super::fit::ShapeSearch;
+use super::model::{Column, Fitted, RegressionModel, Structure};
+use super::spline::{Spline, Variable};
+use super::split::{Block, Role};
+use crate::effects::{ALL, Effect, InverseEffect};
+
+/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this
+/// share at least. On filtered rows at 200 Hz any test of significance alone would fire on clean
+/// data; size is what protects.
+pub const LEAST_GAIN: f64 = 0.10;
+
+/// And when the mean fall of the blocks' squared residual is this many of its standard errors above
+/// 0.
+pub const LEAST_T: f64 = 2.5;
+
+/// A rival is as good as the winner when its gain (in log error) is at least this share of the
+/// winner's.
+const RIVAL: f64 = 0.9;
+
+/// Most effects that are added: more than three are a fit, not an explanation.
+pub const MOST_EFFECTS: usize = 3;
+
+/// How a candidate did.
+#[derive(Clone, Debug)]
+pub struct Validation {
+    /// Id of the effect, or name of the spline's variable.
+    pub id: &'static str,
+    /// Fall of the root-mean-square residual on the selecting rows, in percent.
+    pub gain_percent: f64,
+    /// Block t of the fall.
+    pub t: f64,
+    /// Blocks on which the residual fell and rose by more than 1 %.
+    pub better: usize,
+    /// See `better`.
+    pub worse: usize,
+    /// Whether it passes.
+    pub accepted: bool,
+}
+
+/// An effect where it sits.
+#[derive(Clone, Copy)]
+pub struct SitedEffect {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Its share in the balance of forces.
+    pub inverse: &'static dyn InverseEffect,
+    /// Its site.
+    pub site: &'static str,
+}
+
+/// A candidate, fitted beside what is there and judged.
+#[derive(Clone)]
+pub struct FittedCandidate {
+    /// The effect.
+    pub sited: SitedEffect,
+    /// How it did.
+    pub validation: Validation,
+    /// The model with it.
+    pub structure: Structure<'static>,
+    /// Its fit.
+    pub fitted: Fitted,
+    /// Mean squared residual of each selecting block.
+    pub after: Vec<f64>,
+}
+
+impl FittedCandidate {
+    fn standing(&self) -> RankedCandidate<'_> {
+        RankedCandidate { sited: self.sited, validation: &self.validation, after: &self.after }
+    }
+}
+
+/// One step of the search: the candidates as they did, ranked, and the model after it.
+pub struct SelectionStep {
+    /// All candidates, best first.
+    pub ranking: Vec<Validation>,
+    /// The effect that was added.
+    pub added: SitedEffect,
+    /// Those that did as well and that the winner makes superfluous.
+    pub rivals: Vec<SitedEffect>,
+    /// The model with it.
+    pub structure: Structure<'static>,
+    /// Its fit.
+    pub fitted: Fitted,
+}
+
+/// What is left that no listed effect explains.
+#[derive(Clone, Debug)]
+pub struct Unlisted {
+    /// What it depends on.
+    pub variable: Variable,
+    /// Abscissa, force, standard deviation.
+    pub table: Vec<[f64; 3]>,
+}
+
+/// A generic function of one variable, beside the model.
+#[derive(Clone, Debug)]
+pub struct NonparametricFit {
+    /// How it did.
+    pub validation: Validation,
+    /// Its table.
+    pub unlisted: Unlisted,
+    /// Root mean square of what it puts out over the selecting rows.
+    pub size: f64,
+}
+
+/// What the search found.
+pub struct SearchResult {
+    /// The declared model, fitted within its tolerances.
+    pub base: Fitted,
+    /// Effects in the order in which they were added.
+    pub steps: Vec<SelectionStep>,
+    /// How the listed candidates did in the last round: none passed, or there was no room for one
+    /// more.
+    pub last_round: Vec<FittedCandidate>,
+    /// How generic functions of one variable did after that, best first.
+    pub nonparametric: Vec<NonparametricFit>,
+    /// The best of them, where it passes.
+    pub unlisted: Option<Unlisted>,
+}
+
+impl SearchResult {
+    /// The model with all effects that were added.
+    pub fn last(&self) -> &Fitted {
+        self.steps.last().map_or(&self.base, |s| &s.fitted)
+    }
+
+    /// Its structure.
+    pub fn structure(&self) -> Structure<'static> {
+        self.steps.last().map_or_else(Structure::default, |s| s.structure.clone())
+    }
+}
+
+/// Blocks of one role.
+pub fn of(blocks: &[Block], role: Role) -> Vec<Block> {
+    blocks.iter().filter(|b| b.role == role).cloned().collect()
+}
+
+/// Mean squared residual of each block.
+pub fn mean_squares(regression: &RegressionModel, fitted: &Fitted, blocks: &[Block]) -> Vec<f64> {
+    let square = |e: &f64| e * e;
+    blocks
+        .iter()
+        .map(|b| {
+            regression.residual(fitted, b).iter().map(square).sum::<f64>()
+                / b.rows.len().max(1) as f64
+        })
+        .collect()
+}
+
+/// Holds a candidate against what was there, from the mean squared residuals of the selecting
+/// blocks.
+pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
+    let n = before.len() as f64;
+    let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
+    let gain = 1.0 - (sum_after / sum_before.max(f64::MIN_POSITIVE)).sqrt();
+    let fall: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
+    let mean = fall.iter().sum::<f64>() / n;
+    let variance = fall.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let t = mean / (variance / n).sqrt().max(f64::MIN_POSITIVE);
+    let better = before.iter().zip(after).filter(|(b, a)| a.sqrt() < 0.99 * b.sqrt()).count();
+    let worse = before.iter().zip(after).filter(|(b, a)| a.sqrt() > 1.01 * b.sqrt()).count();
+    let accepted = gain >= LEAST_GAIN && t >= LEAST_T && better > worse;
+    Validation { id, gain_percent: 100.0 * gain, t, better, worse, accepted }
+}
+
+/// Whether the model has that effect already: added, or declared as a parameter.
+fn has(regression: &RegressionModel, added: &[SitedEffect], id: &str) -> bool {
+    id == "coulomb_friction" && regression.declares(Column::Sign)
+        || added.iter().any(|a| a.effect.id() == id)
+}
+
+/// Candidates that make sense beside the effects that are in the model already.
+pub fn candidates(
+    regression: &RegressionModel,
+    added: &[SitedEffect],
+    now: &Fitted,
+) -> Vec<SitedEffect> {
+    let at_edge = |column| {
+        regression
+            .parameters
+            .iter()
+            .zip(&now.fit.at_bound)
+            .any(|(p, edge)| p.column == column && *edge)
+    };
+    let rank = |site: &str| regression.sites.iter().position(|s| *s == site);
+    let sited = |effect: &'static dyn Effect| {
+        let inverse = effect.inverse()?;
+        let site = regression.sites.iter().find(|site| effect.sites().contains(site))?;
+        Some(SitedEffect { effect, inverse, site })
+    };
+    let mut list: Vec<SitedEffect> = ALL
+        .iter()
+        .filter_map(|e| sited(*e))
+        .filter(|c| !has(regression, added, c.effect.id()) && c.inverse.applies(&regression.axis))
+        .filter(|c| c.inverse.needs().iter().all(|need| has(regression, added, need)))
+        .filter(|c| {
+            !regression.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge)
+        })
+        .collect();
+    // Of two names for the same parameter the one at the nearer site is meant.
+    let lifted: Vec<_> = list.iter().map(|c| (c.inverse.lifts(), rank(c.site))).collect();
+    let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
+        lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
+    };
+    let mut keep = lifted.iter().map(|l| !taken(l));
+    list.retain(|_| keep.next().unwrap_or(true));
+    list
+}
+
+/// The model a round starts from.
+pub struct SelectionRound<'a> {
+    /// The machine.
+    pub regression: &'a RegressionModel,
+    /// What is in the model.
+    pub structure: &'a Structure<'static>,
+    /// Its fit.
+    pub now: &'a Fitted,
+    /// Rows that fit.
+    pub fit: &'a [Block],
+    /// Rows that select.
+    pub select: &'a [Block],
+    /// What to do with the shapes: [`ShapeSearch::Refine`], or [`ShapeSearch::GridOnly`].
+    pub how: ShapeSearch,
+}
+
+impl SelectionRound<'_> {
+    /// Fits one candidate on the fitting blocks and judges it on the selecting ones.
+    fn attempt(
+        &self,
+        sited: SitedEffect,
+        before: &[f64],
+        model: &Arc<Vec<Vec<f64>>>,
+    ) -> Option<FittedCandidate> {
+        let regression = self.regression;
+        let mut structure = self.structure.clone();
+        structure.effects.push(sited.inverse);
+        structure.model = Arc::clone(model);
+        let mut fitted = regression.fit(&structure, self.fit, &self.now.shapes, self.how)?;
+        if structure.effects.iter().any(|e| e.uses_model()) {
+            // The force that the model asks for was that of a model without the effect.
+            structure.model = Arc::new(regression.force(&structure, &fitted));
+            fitted = regression.fit(&structure, self.fit, &fitted.shapes, self.how)?;
+        }
+        let after = mean_squares(regression, &fitted, self.select);
+        let mut validation = validate(sited.effect.id(), before, &after);
+        validation.accepted &= regression.hidden_shift(&structure, &fitted).is_none();
+        Some(FittedCandidate { sited, validation, structure, fitted, after })
+    }
+
+    /// Tries every candidate, `jobs` at a time; best first.
+    pub fn try_all(&self, candidates: &[SitedEffect], jobs: usize) -> Vec<FittedCandidate> {
+        let before = mean_squares(self.regression, self.now, self.select);
+        let model = Arc::new(self.regression.force(self.structure, self.now));
+        let jobs = jobs.max(1);
+        let mut tried: Vec<FittedCandidate> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..jobs)
+                .map(|job| {
+                    let (before, model) = (&before, &model);
+                    let own = candidates.iter().skip(job).step_by(jobs);
+                    scope.spawn(move || {
+                        own.filter_map(|c| self.attempt(*c, before, model)).collect::<Vec<_>>()
+                    })
+                })
+                .collect();
+            threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
+        });
+        tried.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
+        tried
+    }
+}
+
+/// A candidate as the choice sees it.
+pub struct RankedCandidate<'a> {
+    /// The effect.
+    pub sited: SitedEffect,
+    /// How it did.
+    pub validation: &'a Validation,
+    /// Mean squared residual of each selecting block.
+    pub after: &'a [f64],
+}
+
+impl RankedCandidate<'_> {
+    /// Fall of the error in logarithms.
+    fn log_gain(&self) -> f64 {
+        -(1.0 - self.validation.gain_percent / 100.0).max(1e-12).ln()
+    }
+}
+
+/// Numbers that an effect brings along.
+fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
+    let terms = sited.inverse.terms(&regression.axis);
+    terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&regression.axis).len()
+}
+
+/// Of the candidates that pass, one of those that do about as well as the best: the one with the
+/// fewest numbers, and of these the best. One that it contains as a limit takes its place unless it
+/// is better by as much as an effect must be. `tried` is in the order of gains.
+pub fn choose(
+    regression: &RegressionModel,
+    added: &[SitedEffect],
+    tried: &[RankedCandidate<'_>],
+) -> Option<usize> {
+    let top = tried.iter().find(|t| t.validation.accepted)?.log_gain();
+    let is_near = |t: &RankedCandidate<'_>| t.validation.accepted && t.log_gain() >= RIVAL * top;
+    let best = (0..tried.len())
+        .filter(|i| is_near(&tried[*i]))
+        .min_by_key(|i| freedom(regression, &tried[*i].sited))?;
+    let simpler = tried[best].sited.inverse.refines().filter(|id| !has(regression, added, id));
+    let simpler = simpler
+        .and_then(|id| tried.iter().position(|t| t.validation.id == id && t.validation.accepted));
+    Some(
+        simpler
+            .filter(|s| !validate("", tried[*s].after, tried[best].after).accepted)
+            .unwrap_or(best),
+    )
+}
+
+/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of
+/// them.
+pub fn equally_good(
+    regression: &RegressionModel,
+    tried: &[RankedCandidate<'_>],
+    best: usize,
+) -> Vec<SitedEffect> {
+    let winner = &tried[best];
+    let nested = |a: &SitedEffect, b: &SitedEffect| a.inverse.refines() == Some(b.effect.id());
+    tried
+        .iter()
+        .enumerate()
+        .filter(|(i, t)| *i != best && t.validation.accepted)
+        .filter(|(_, t)| !nested(&t.sited, &winner.sited) && !nested(&winner.sited, &t.sited))
+        .filter(|(_, t)| t.log_gain() >= RIVAL * winner.log_gain())
+        .filter(|(_, t)| freedom(regression, &t.sited) <= freedom(regression, &winner.sited))
+        .map(|(_, t)| t.sited)
+        .collect()
+}
+
+/// Those that did about as well as the winner and have nothing to add to it; at most two.
+fn rivals(
+    round: &SelectionRound<'_>,
+    winner: &FittedCandidate,
+    near: Vec<SitedEffect>,
+    jobs: usize,
+) -> Vec<SitedEffect> {
+    let beside = SelectionRound { structure: &winner.structure, now: &winner.fitted, ..*round }
+        .try_all(&near, jobs);
+    let adds = |c: &SitedEffect| {
+        beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
+    };
+    near.into_iter().filter(|c| !adds(c)).take(2).collect()
+}
+
+/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes
+/// or [`MOST_EFFECTS`] are in. `None` where not even the declared model can be fitted.
+pub fn search(regression: &RegressionModel, blocks: &[Block], jobs: usize) -> Option<SearchResult> {
+    let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
+    let mut structure = Structure::default();
+    let base = regression.fit(&structure, &fit, &[], ShapeSearch::Refine)?;
+    let mut now = base.clone();
+    let mut steps: Vec<SelectionStep> = Vec::new();
+    let last_round = loop {
+        let added: Vec<SitedEffect> = steps.iter().map(|s| s.added).collect();
+        let how = ShapeSearch::Refine;
+        let round = SelectionRound {
+            regression,
+            structure: &structure,
+            now: &now,
+            fit: &fit,
+            select: &select,
+            how,
+        };
+        let tried = round.try_all(&candidates(regression, &added, &now), jobs);
+        let room = steps.len() < MOST_EFFECTS;
+        let standings: Vec<RankedCandidate<'_>> =
+            tried.iter().map(FittedCandidate::standing).collect();
+        let Some(best) = choose(regression, &added, &standings).filter(|_| room) else {
+            break tried;
+        };
+        let rivals = rivals(&round, &tried[best], equally_good(regression, &standings, best), jobs);
+        let ranking = tried.iter().map(|t| t.validation.clone()).collect();
+        let FittedCandidate { sited, structure: wider, fitted, .. } = tried[best].clone();
+        (structure, now) = (wider.clone(), fitted.clone());
+        steps.push(SelectionStep { ranking, added: sited, rivals, structure: wider, fitted });
+    };
+    let round = SelectionRound {
+        regression,
+        structure: &structure,
+        now: &now,
+        fit: &fit,
+        select: &select,
+        how: ShapeSearch::Fixed,
+    };
+    let nonparametric = nonparametric(&round);
+    let unlisted = nonparametric.iter().find(|g| g.validation.accepted).map(|g| g.unlisted.clone());
+    Some(SearchResult { base, steps, last_round, nonparametric, unlisted })
+}
+
+/// Holds generic functions of one variable against what is left; best first.
+pub fn nonparametric(round: &SelectionRound<'_>) -> Vec<NonparametricFit> {
+    let regression = round.regression;
+    let before = mean_squares(regression, round.now, round.select);
+    let mut tried: Vec<NonparametricFit> = Vec::new();
+    for variable in Variable::ALL {
+        let Some(spline) = Spline::over(variable, regression.balances.iter().map(|b| &b.signals))
+        else {
+            continue;
+        };
+        let effects = round
+            .structure
+            .effects
+            .iter()
+            .copied()
+            .chain([&spline as &dyn InverseEffect])
+            .collect();
+        let wider = Structure { effects, model: Arc::clone(&round.structure.model) };
+        // Shapes stay where they are: a spline must not pay for a worse smoothing.
+        let Some(fitted) = regression.fit(&wider, round.fit, &round.now.shapes, ShapeSearch::Fixed)
+        else {
+            continue;
+        };
+        let validation =
+            validate(variable.name(), &before, &mean_squares(regression, &fitted, round.select));
+        let knots = spline.knots.len();
+        let from = fitted.fit.coefficients.len() - knots;
+        let at =
+            |i: usize| [spline.knots[i], fitted.fit.coefficients[from + i], fitted.std[from + i]];
+        let unlisted = Unlisted { variable, table: (0..knots).map(at).collect() };
+        tried.push(NonparametricFit {
+            validation,
+            unlisted,
+            size: regression.size_of_last(&fitted, knots, round.select),
+        });
+    }
+    tried.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
+    tried
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_on_one_block_alone_is_not_accepted() {
+        let before = [1.0; 10];
+        let mut after = [1.0; 10];
+        after[3] = 0.0;
+        assert!(!validate("x", &before, &after).accepted, "5 % only");
+        let before = [1.0, 1.0, 1.0, 1.0, 9.0];
+        let after = [1.0, 1.0, 1.0, 1.0, 1.0];
+        let validation = validate("x", &before, &after);
+        assert!(validation.gain_percent > 30.0 && !validation.accepted, "{validation:?}");
+    }
+
+    #[test]
+    fn an_even_gain_is_accepted_and_a_loss_is_not() {
+        let before: Vec<f64> = (0..10).map(|i| 1.0 + 0.1 * f64::from(i % 3)).collect();
+        let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
+        assert!(validate("x", &before, &after).accepted);
+        assert!(!validate("x", &after, &before).accepted);
+    }
+}

@@ -1,0 +1,205 @@
+//! From measured position and force to the rows of a regression.
+
+use crate::filter::{ZeroPhase, derivatives};
+use crate::spectral::{LowPass, Spectrum};
+
+/// Rows per cut-off frequency that are kept after the low-pass: five, since nothing is left above
+/// the cut-off.
+const ROWS_PER_CUT_OFF: f64 = 5.0;
+
+/// How much finer than sampled a band-limited motion is followed: a cube of it stays below half the
+/// finer rate.
+pub const FINER: usize = 4;
+
+/// Of the output's energy this share lies below the band's edge.
+const BAND_ENERGY: f64 = 0.999;
+
+/// The low-pass that all signals of a record pass alike.
+#[derive(Clone, Copy, Debug)]
+enum Filter {
+    /// Butterworth, forward and backward.
+    ZeroPhase(ZeroPhase),
+    /// In frequency.
+    Spectral(LowPass),
+}
+
+/// Filtered motion of one record at its full rate.
+#[derive(Clone, Debug)]
+pub struct Signals {
+    /// Time (s).
+    pub time: Vec<f64>,
+    /// Position, low-passed (m or rad).
+    pub position: Vec<f64>,
+    /// Velocity: derivative of the low-passed position (m/s or rad/s).
+    pub velocity: Vec<f64>,
+    /// Acceleration: second derivative of the low-passed position.
+    pub acceleration: Vec<f64>,
+    /// Force as recorded (N or N·m).
+    pub force: Vec<f64>,
+    filter: Filter,
+    settling: usize,
+    stride: usize,
+}
+
+/// One record, ready for regression.
+#[derive(Clone, Debug)]
+pub struct ForceBalance {
+    /// Name of the record.
+    pub name: String,
+    /// Motion at the full rate.
+    pub signals: Signals,
+    /// Measured force, low-passed, one value per row (N or N·m).
+    pub force: Vec<f64>,
+    /// Cut-off of the low-pass (Hz).
+    pub cut_off: f64,
+    /// Time between two samples of the record (s).
+    pub sampling: f64,
+}
+
+/// The highest cut-off (Hz), and the largest as a share of the sampling frequency.
+#[derive(Clone, Copy, Debug)]
+pub struct CutOff {
+    /// Highest (Hz).
+    pub highest: f64,
+    /// Largest share of the sampling frequency.
+    pub share: f64,
+}
+
+impl ForceBalance {
+    /// Low-passes position and force alike (see [`crate::filter`]) and takes derivatives of the
+    /// position. `None` where the record is too short to leave a row.
+    pub fn new(
+        name: &str,
+        time: &[f64],
+        position: &[f64],
+        force: &[f64],
+        limit: CutOff,
+    ) -> Option<Self> {
+        let step = (time.last()? - time.first()?) / (time.len().checked_sub(1)? as f64);
+        let sampling = 1.0 / step;
+        let cut_off = limit.highest.min(limit.share * sampling);
+        let filter = ZeroPhase::new(cut_off, sampling)?;
+        let stride = ((sampling / (ROWS_PER_CUT_OFF * cut_off)).floor() as usize).max(1);
+        let position = filter.run(position);
+        let (velocity, acceleration) = derivatives(&position, step);
+        let signals = Signals {
+            time: time.to_vec(),
+            position,
+            velocity,
+            acceleration,
+            force: force.to_vec(),
+            settling: filter.settling(),
+            filter: Filter::ZeroPhase(filter),
+            stride,
+        };
+        let force = signals.low_passed_rows(force);
+        (!force.is_empty()).then(|| Self {
+            name: name.to_owned(),
+            signals,
+            force,
+            cut_off,
+            sampling: step,
+        })
+    }
+
+    /// The same for a band-limited pair: motion and force are followed [`FINER`] times finer than
+    /// sampled, with spectral derivatives (see [`crate::spectral`]), and rows are the sampling
+    /// instants. The band ends where 99.9 % of the motion's energy does, and a quarter above.
+    /// `None` where the record is too short to leave a row.
+    pub fn band_limited(name: &str, time: &[f64], position: &[f64], force: &[f64]) -> Option<Self> {
+        let first = *time.first()?;
+        let step = (time.last()? - first) / (time.len().checked_sub(1)? as f64);
+        let sampling = 1.0 / step;
+        let motion = Spectrum::of(position)?;
+        let cut_off = (1.25 * motion.energy_below(BAND_ENERGY, sampling))
+            .clamp(0.02 * sampling, 0.38 * sampling);
+        let low_pass = LowPass { cut_off, sampling: sampling * FINER as f64 };
+        let derivative = |order| motion.wave(FINER, order, sampling, |f| low_pass.weight(f));
+        let signals = Signals {
+            time: (0..(time.len() - 1) * FINER + 1)
+                .map(|i| first + i as f64 * step / FINER as f64)
+                .collect(),
+            position: derivative(0)?,
+            velocity: derivative(1)?,
+            acceleration: derivative(2)?,
+            force: Spectrum::of(force)?.wave(FINER, 0, sampling, |_| 1.0)?,
+            // Rows must be sampling instants.
+            settling: low_pass.settling().next_multiple_of(FINER),
+            filter: Filter::Spectral(low_pass),
+            stride: FINER,
+        };
+        let rows = signals.low_passed_rows(&signals.force);
+        (!rows.is_empty()).then(|| Self {
+            name: name.to_owned(),
+            signals,
+            force: rows,
+            cut_off,
+            sampling: step,
+        })
+    }
+
+    /// Rows of the regression.
+    pub fn rows(&self) -> usize {
+        self.force.len()
+    }
+
+    /// Seconds from one row to the next.
+    pub fn row_step(&self) -> f64 {
+        let s = &self.signals;
+        s.stride as f64 * (s.time[s.time.len() - 1] - s.time[0]) / (s.time.len() - 1) as f64
+    }
+}
+
+impl Signals {
+    /// Samples at the full rate before the first row.
+    pub fn before_rows(&self) -> usize {
+        self.settling
+    }
+
+    /// Rows of a full-rate signal that is linear in the filtered motion: edges cut, every
+    /// `stride`th sample.
+    pub fn rows(&self, full: &[f64]) -> Vec<f64> {
+        if full.len() <= 2 * self.settling {
+            return Vec::new();
+        }
+        full[self.settling..full.len() - self.settling]
+            .iter()
+            .step_by(self.stride)
+            .copied()
+            .collect()
+    }
+
+    /// The low-pass, at the full rate.
+    pub fn low_passed(&self, full: &[f64]) -> Vec<f64> {
+        match &self.filter {
+            Filter::ZeroPhase(filter) => filter.run(full),
+            Filter::Spectral(filter) => filter.run(full),
+        }
+    }
+
+    /// As [`Self::rows`], after the low-pass: for measured force and for nonlinear functions of the
+    /// motion.
+    pub fn low_passed_rows(&self, full: &[f64]) -> Vec<f64> {
+        self.rows(&self.low_passed(full))
+    }
+
+    /// The rows alone, as signals of their own rate: for a first look that need not be exact.
+    pub fn thin(&self) -> Self {
+        Self {
+            time: self.rows(&self.time),
+            position: self.rows(&self.position),
+            velocity: self.rows(&self.velocity),
+            acceleration: self.rows(&self.acceleration),
+            force: self.rows(&self.force),
+            filter: self.filter,
+            settling: 0,
+            stride: 1,
+        }
+    }
+
+    /// Sign of the velocity, smoothed: `tanh(v / smoothing)`. A hard sign would make noise at
+    /// standstill switch the whole friction; the width is fitted.
+    pub fn sign(&self, smoothing: f64) -> Vec<f64> {
+        self.velocity.iter().map(|v| (v / smoothing).tanh()).collect()
+    }
+}

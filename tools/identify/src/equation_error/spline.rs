@@ -1,0 +1,136 @@
+//! NonparametricFit functions of one variable: what a residual looks like that no listed effect explains.
+
+use crate::effects::{Axis, Instant, InverseEffect, Law, Term, View};
+use crate::equation_error::signals::Signals;
+
+/// What a residual may depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Variable {
+    /// Position.
+    Position,
+    /// Position, with the opposite sign in the other direction.
+    PositionByDirection,
+    /// Velocity.
+    Velocity,
+    /// Acceleration.
+    Acceleration,
+    /// Time in the run.
+    Time,
+}
+
+impl Variable {
+    /// Those that are tried.
+    pub const ALL: [Self; 5] =
+        [Self::Position, Self::PositionByDirection, Self::Velocity, Self::Acceleration, Self::Time];
+
+    /// Its name in results.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::PositionByDirection => "position_by_direction",
+            Self::Velocity => "velocity",
+            Self::Acceleration => "acceleration",
+            Self::Time => "time",
+        }
+    }
+
+    /// Its values along a record.
+    pub fn values(self, signals: &Signals) -> &[f64] {
+        match self {
+            Self::Position | Self::PositionByDirection => &signals.position,
+            Self::Velocity => &signals.velocity,
+            Self::Acceleration => &signals.acceleration,
+            Self::Time => &signals.time,
+        }
+    }
+
+    const fn knots(self) -> usize {
+        match self {
+            Self::Time => 10,
+            _ => 16,
+        }
+    }
+}
+
+/// A piecewise linear function of one variable, as hat functions over knots.
+#[derive(Clone, Debug)]
+pub struct Spline {
+    variable: Variable,
+    /// Abscissae of the knots, rising.
+    pub knots: Vec<f64>,
+}
+
+impl Spline {
+    /// Knots over the range that the records cover, halfway between even spacing (which leaves
+    /// knots without data that then swing freely) and equal numbers of rows (which leaves the ends
+    /// coarse). `None` where the variable does not vary.
+    pub fn over<'a>(
+        variable: Variable,
+        records: impl Iterator<Item = &'a Signals>,
+    ) -> Option<Self> {
+        let mut values: Vec<f64> =
+            records.flat_map(|s| variable.values(s).iter().copied()).collect();
+        values.sort_by(f64::total_cmp);
+        let (low, high) = (*values.first()?, *values.last()?);
+        let n = variable.knots();
+        let knot = |i: usize| {
+            let share = i as f64 / (n - 1) as f64;
+            0.5 * (low + (high - low) * share)
+                + 0.5 * values[(share * (values.len() - 1) as f64) as usize]
+        };
+        (high > low).then(|| Self { variable, knots: (0..n).map(knot).collect() })
+    }
+}
+
+impl Spline {
+    /// The knot to the left of a value, and how far towards the next one it lies; beyond the ends
+    /// it stays at them.
+    fn place(&self, value: f64) -> (usize, f64) {
+        let left = self.knots.partition_point(|k| *k <= value).clamp(1, self.knots.len() - 1) - 1;
+        let share = (value - self.knots[left]) / (self.knots[left + 1] - self.knots[left]);
+        (left, share.clamp(0.0, 1.0))
+    }
+}
+
+impl InverseEffect for Spline {
+    fn uses_sign(&self) -> bool {
+        self.variable == Variable::PositionByDirection
+    }
+
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        self.knots.iter().map(|k| Term::free(&format!("at {k}"), axis.units.force)).collect()
+    }
+
+    fn law(&self) -> Option<&dyn Law> {
+        // The acceleration is what a simulation asks for, not what it knows.
+        (self.variable != Variable::Acceleration).then_some(self)
+    }
+
+    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+        let values = self.variable.values(view.signals);
+        let mut columns = vec![vec![0.0; values.len()]; self.knots.len()];
+        for (row, value) in values.iter().enumerate() {
+            let (left, share) = self.place(*value);
+            let weight =
+                if self.variable == Variable::PositionByDirection { view.sign[row] } else { 1.0 };
+            columns[left][row] = weight * (1.0 - share);
+            columns[left + 1][row] = weight * share;
+        }
+        columns
+    }
+}
+
+impl Law for Spline {
+    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
+        let (value, weight) = match self.variable {
+            Variable::Position => (now.position, 1.0),
+            Variable::PositionByDirection => (now.position, now.sign),
+            Variable::Velocity => (now.velocity, 1.0),
+            Variable::Time => (now.time, 1.0),
+            Variable::Acceleration => (0.0, 0.0),
+        };
+        let (left, share) = self.place(value);
+        out[..self.knots.len()].fill(0.0);
+        (out[left], out[left + 1]) = (weight * (1.0 - share), weight * share);
+    }
+}

@@ -1,0 +1,110 @@
+//! Parameters of a model that is read inversely, and of its effects.
+
+use crate::effects::Declared;
+use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
+use crate::outcome::{EffectParameter, FittedParameter, Sight};
+
+/// Parameters of the effect at one place of a fitted structure.
+pub(super) fn effect_parameters(
+    regression: &RegressionModel,
+    structure: &Structure<'static>,
+    at: usize,
+    fitted: &Fitted,
+) -> Vec<EffectParameter> {
+    let Some(inverse) = structure.effects.get(at).copied() else { return Vec::new() };
+    let before =
+        structure.effects[..at].iter().map(|e| regression.terms_of(*e).len()).sum::<usize>();
+    let mut amplitude = regression.parameters.len() + before;
+    let mut parameters = Vec::new();
+    for term in inverse.terms(&regression.axis) {
+        let (value, std) = match inverse.lifts().filter(|_| regression.frees(inverse)) {
+            // Its amplitude is what the declared parameter has beyond its declared value.
+            Some(which) => lifted(regression, fitted, which),
+            None => {
+                amplitude += 1;
+                (fitted.fit.coefficients[amplitude - 1], fitted.std[amplitude - 1])
+            }
+        };
+        if !term.is_given() {
+            parameters.push(EffectParameter {
+                name: term.name,
+                value,
+                std: Some(std),
+                unit: term.unit,
+            });
+        }
+    }
+    let place = regression.places(structure)[at].clone();
+    for (shape, value) in inverse.shapes(&regression.axis).into_iter().zip(&fitted.shapes[place]) {
+        parameters.push(EffectParameter {
+            name: shape.name,
+            value: *value,
+            std: None,
+            unit: shape.unit,
+        });
+    }
+    parameters
+}
+
+/// What a declared parameter has beyond its declared value, and the standard deviation of that.
+fn lifted(regression: &RegressionModel, fitted: &Fitted, which: Declared) -> (f64, f64) {
+    let at = regression.parameters.iter().position(|p| p.column == Column::of(which));
+    at.map_or((0.0, 0.0), |i| {
+        (fitted.fit.coefficients[i] - regression.parameters[i].declared, fitted.std[i])
+    })
+}
+
+/// Declared parameters, as fitted.
+pub(super) fn parameters(
+    regression: &RegressionModel,
+    structure: &Structure<'_>,
+    last: &Fitted,
+) -> Vec<FittedParameter> {
+    let mut out: Vec<FittedParameter> = regression
+        .parameters
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            let at_tolerance = last.fit.at_bound[i];
+            // The records must say more than the declaration did.
+            let identifiable = !at_tolerance && last.std[i] < p.spread;
+            FittedParameter {
+                name: p.name.clone(),
+                declared: Some(p.declared),
+                fitted: last.fit.coefficients[i],
+                std: (!at_tolerance).then_some(last.std[i]),
+                unit: p.unit.to_owned(),
+                identifiable,
+                at_tolerance,
+                sight: sight(identifiable, at_tolerance),
+                trades_with: None,
+            }
+        })
+        .collect();
+    let shapes = regression.shapes(structure);
+    if let Some(smoothing) = shapes.first().filter(|s| s.points > 1) {
+        let fitted = last.shapes[0];
+        let identifiable = fitted > 1.05 * smoothing.low && fitted < 0.95 * smoothing.high;
+        out.push(FittedParameter {
+            name: smoothing.name.clone(),
+            declared: None,
+            fitted,
+            std: None,
+            unit: smoothing.unit.clone(),
+            identifiable,
+            at_tolerance: false,
+            sight: sight(identifiable, false),
+            trades_with: None,
+        });
+    }
+    out
+}
+
+/// A force is a sum of few terms here: what is not seen is flat.
+const fn sight(identifiable: bool, at_tolerance: bool) -> Sight {
+    match (at_tolerance, identifiable) {
+        (true, _) => Sight::AtBound,
+        (false, true) => Sight::Seen,
+        (false, false) => Sight::Flat,
+    }
+}

@@ -1,0 +1,311 @@
+//! What models that are read inversely share: checks of their columns, the split, the study as a
+//! whole.
+
+use report::Page;
+use rig::{Model as Declared, Parameter as DeclaredParameter};
+
+use super::Options;
+use super::equation_error_outcome::conclude;
+use super::equation_error_result::Study;
+use crate::effects::{Axis, Units};
+use crate::equation_error::model::{Column, Parameter, RegressionModel};
+use crate::equation_error::search::search;
+use crate::equation_error::signals::ForceBalance;
+use crate::equation_error::split::{self, Block, Role};
+use crate::error::{IdentifyError, Result};
+use crate::input::Series;
+use crate::outcome::Outcome;
+use crate::regression::{Gram, solve};
+
+/// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
+const BLOCK_S: f64 = 0.4;
+const BLOCK_PERIODS: f64 = 16.0;
+/// A record is cut into about this many blocks.
+const BLOCKS: f64 = 40.0;
+/// Fewest blocks: three that select and three that report.
+const FEWEST_BLOCKS: usize = 12;
+/// Fewest blocks that select.
+const FEWEST_SELECTING: usize = 3;
+/// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong
+/// guess.
+const UNIT_FACTOR: f64 = 30.0;
+
+/// Splits, searches and concludes.
+pub(super) fn study(
+    regression: RegressionModel,
+    records: &[Series],
+    options: Options,
+    (channel, notes): (&'static str, Vec<String>),
+) -> Result<(Outcome, Page)> {
+    let blocks = blocks(&regression, records, options.seed)?;
+    let found =
+        search(&regression, &blocks, options.jobs).ok_or_else(|| singular(&regression, records))?;
+    Ok(conclude(&Study { regression, blocks, found, channel, notes }))
+}
+
+/// The error for columns that cannot be told apart.
+pub(super) fn singular(regression: &RegressionModel, records: &[Series]) -> IdentifyError {
+    IdentifyError::Singular {
+        file: records.iter().map(|r| r.file.as_str()).collect::<Vec<_>>().join(", "),
+        columns: regression
+            .parameters
+            .iter()
+            .map(|p| p.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", "),
+    }
+}
+
+/// The declaration of a model, read parameter by parameter.
+pub(super) struct Declaration<'a> {
+    /// The rig file, for messages.
+    pub(super) file: &'a str,
+    /// Its model.
+    pub(super) model: &'a Declared,
+}
+
+impl Declaration<'_> {
+    /// The first of these that is declared, as a column.
+    pub(super) fn of(
+        &self,
+        names: &[&'static str],
+        unit: &'static str,
+        column: Column,
+    ) -> Option<Parameter> {
+        let declared = names.iter().find_map(|n| self.model.parameter(n))?;
+        let DeclaredParameter { name, value, .. } = declared;
+        Some(Parameter {
+            name: name.clone(),
+            unit,
+            declared: *value,
+            spread: declared.spread(),
+            column,
+        })
+    }
+
+    /// As [`Self::of`], where one of them must be declared.
+    pub(super) fn need(
+        &self,
+        names: &[&'static str],
+        unit: &'static str,
+        column: Column,
+    ) -> Result<Parameter> {
+        self.of(names, unit, column).ok_or_else(|| IdentifyError::Parameter {
+            file: self.file.to_owned(),
+            kind: self.model.kind.name(),
+            name: names[0],
+            found: self
+                .model
+                .parameters
+                .iter()
+                .map(|p| p.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+    }
+
+    /// As [`Self::need`], where the value must be more than 0.
+    pub(super) fn need_positive(
+        &self,
+        names: &[&'static str],
+        unit: &'static str,
+        column: Column,
+    ) -> Result<Parameter> {
+        let parameter = self.need(names, unit, column)?;
+        if parameter.declared <= 0.0 {
+            let (file, value) = (self.file.to_owned(), parameter.declared);
+            return Err(IdentifyError::Value {
+                file,
+                name: names[0],
+                value,
+                expected: "more than 0",
+            });
+        }
+        Ok(parameter)
+    }
+}
+
+/// Checks that channels are numbers and alive, and notes one that stands at its extreme.
+pub(super) fn check_channels(
+    series: &Series,
+    channels: &[(&str, &str)],
+    notes: &mut Vec<String>,
+) -> Result<()> {
+    for (name, what) in channels {
+        series.finite(name)?;
+        series.alive(name, what)?;
+        let railed = series.railed(name);
+        if railed > 0.001 {
+            notes.push(format!(
+                "{}: {name} stands at its extreme for {:.1} % of the rows; where that is the sensor's rail and not \
+                 the amplifier's, {what} is wrong there",
+                series.file,
+                100.0 * railed
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Scales of the records.
+pub(super) fn axis(balances: &[ForceBalance], units: Units, spring: bool, commanded: bool) -> Axis {
+    let all =
+        |f: fn(&ForceBalance) -> &[f64]| balances.iter().flat_map(move |b| f(b).iter().copied());
+    let rms = |f| {
+        let (sum, n) = all(f).fold((0.0, 0usize), |(sum, n), v| (sum + v * v, n + 1));
+        (sum / n.max(1) as f64).sqrt()
+    };
+    let peak = |f| all(f).fold(0.0f64, |top, v| top.max(v.abs()));
+    let velocity: fn(&ForceBalance) -> &[f64] = |b| &b.signals.velocity;
+    let force: fn(&ForceBalance) -> &[f64] = |b| &b.force;
+    let range = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
+    let seconds = |b: &ForceBalance| b.rows() as f64 * b.row_step();
+    Axis {
+        units,
+        rotary: units.position == "rad",
+        turn: (units.position == "rad").then_some(std::f64::consts::TAU),
+        spring,
+        commanded,
+        positions: all(|b| &b.signals.position).fold((f64::INFINITY, f64::NEG_INFINITY), range),
+        velocity_rms: rms(velocity),
+        velocity_peak: peak(velocity),
+        force_rms: rms(force),
+        force_peak: peak(force),
+        seconds: balances.iter().map(seconds).fold(0.0, f64::max),
+        cut_off: balances.iter().map(|b| b.cut_off).fold(0.0, f64::max),
+    }
+}
+
+/// Refuses data whose scale is off by orders of magnitude, or whose sign is: a free fit of one
+/// parameter tells.
+pub(super) fn check_scale(
+    regression: &RegressionModel,
+    channel: &str,
+    which: (Column, &str),
+    advice: &str,
+) -> Result<()> {
+    let (column, what) = which;
+    let Some(at) = regression.parameters.iter().position(|p| p.column == column) else {
+        return Ok(());
+    };
+    let parameter = &regression.parameters[at];
+    for balance in &regression.balances {
+        let s = &balance.signals;
+        let mut columns: Vec<Vec<f64>> = regression
+            .parameters
+            .iter()
+            .filter_map(|p| match p.column {
+                Column::Acceleration => Some(s.rows(&s.acceleration)),
+                Column::Velocity => Some(s.rows(&s.velocity)),
+                Column::Position => Some(s.rows(&s.position)),
+                Column::Sign | Column::One => None,
+            })
+            .collect();
+        columns.push(vec![1.0; balance.rows()]);
+        let free = |columns: &[Vec<f64>]| {
+            let mut gram = Gram::empty(columns.len());
+            gram.add(columns, &balance.force, 0..balance.rows());
+            solve(&gram, &vec![(f64::NEG_INFINITY, f64::INFINITY); columns.len()])
+        };
+        let Some(fit) = free(&columns) else { continue };
+        // Mass, damping and stiffness stand in the order of the declaration, before all others.
+        let found = fit.coefficients[at];
+        columns.remove(at);
+        let without = free(&columns).map_or(f64::INFINITY, |f| f.squares);
+        // Only where the column explains a good part of the force does its parameter say anything.
+        if fit.squares > 0.7 * without {
+            continue;
+        }
+        let ratio = found / parameter.declared;
+        let fault = |found: String, advice: &str| {
+            Err(IdentifyError::Channel {
+                file: balance.name.clone(),
+                column: channel.to_owned(),
+                found,
+                advice: advice.to_owned(),
+            })
+        };
+        let unit = parameter.unit;
+        if ratio < 0.0 {
+            let advice =
+                "both channels must be positive in the same direction: change the sign of one";
+            return fault(format!("{what} of {found:.4} {unit}"), advice);
+        }
+        if !(1.0 / UNIT_FACTOR..=UNIT_FACTOR).contains(&ratio) {
+            return fault(
+                format!("{what} of {found:.4} {unit}, declared {}", parameter.declared),
+                advice,
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Who does what: whole records where there are enough, else blocks of the record.
+pub(super) fn blocks(
+    regression: &RegressionModel,
+    records: &[Series],
+    seed: u64,
+) -> Result<Vec<Block>> {
+    let blocks = shared_out(regression, records, seed)?;
+    let selecting = || blocks.iter().filter(|block| block.role == Role::Select);
+    match selecting().next() {
+        // From one or two no error of a mean can be told, and anything would pass.
+        Some(first) if selecting().count() < FEWEST_SELECTING => {
+            let b = &regression.balances[first.record];
+            Err(IdentifyError::Short {
+                file: records[first.record].file.clone(),
+                found: format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
+                expected: format!(
+                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of {} Hz",
+                    b.cut_off
+                ),
+            })
+        }
+        _ => Ok(blocks),
+    }
+}
+
+fn shared_out(regression: &RegressionModel, records: &[Series], seed: u64) -> Result<Vec<Block>> {
+    let length = |b: &ForceBalance| {
+        let seconds = b.rows() as f64 * b.row_step();
+        let least = BLOCK_S.max(BLOCK_PERIODS / b.cut_off);
+        ((seconds / BLOCKS).max(least) / b.row_step()).ceil() as usize
+    };
+    let whole = |i: usize, role| {
+        let b = &regression.balances[i];
+        split::whole_record(i, b.rows(), length(b), role)
+    };
+    let cut = |i: usize| {
+        let b = &regression.balances[i];
+        let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
+        let blocks = split::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
+        if blocks.len() < FEWEST_BLOCKS {
+            Err(records[i].short(records[i].columns[0].1.len()))
+        } else {
+            Ok(blocks)
+        }
+    };
+    let n = regression.balances.len();
+    if records.iter().all(|r| r.role.is_some()) {
+        let roles = records.iter().enumerate().filter_map(|(i, r)| r.role.map(|role| (i, role)));
+        return Ok(roles.flat_map(|(i, role)| whole(i, role)).collect());
+    }
+    match split::roles(n) {
+        Some(roles) => {
+            Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect())
+        }
+        None if n == 2 => {
+            // The second reports as a whole; the first fits and selects.
+            let mut blocks = cut(0)?;
+            for block in &mut blocks {
+                if block.role == Role::Report {
+                    block.role = Role::Select;
+                }
+            }
+            blocks.extend(whole(1, Role::Report));
+            Ok(blocks)
+        }
+        None => cut(0),
+    }
+}

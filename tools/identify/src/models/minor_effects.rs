@@ -1,0 +1,67 @@
+//! What is left after the last effect and is too small for a name, with its size.
+
+use super::equation_error_parameters::effect_parameters;
+use super::equation_error_result::Study;
+use crate::equation_error::model::RegressionModel;
+use crate::equation_error::search::{Validation, of};
+use crate::equation_error::split::Role;
+use crate::outcome::Left;
+
+/// What makes the error smaller by less than this (%) is not worth a line.
+const LEAST_PERCENT: f64 = 1.0;
+
+/// What has a smaller block t is chance as likely as not.
+const LEAST_T: f64 = 1.0;
+
+/// Whether a candidate shows.
+pub(super) fn shows(c: &Validation) -> bool {
+    c.gain_percent >= LEAST_PERCENT && c.t >= LEAST_T && c.better > c.worse
+}
+
+/// A sentence on a shift in time that gets no name.
+pub(super) fn shift_note(regression: &RegressionModel, what: &Validation, shift: f64) -> String {
+    let sampling = regression.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+    format!(
+        "{}: {shift:.3e} s would make the error smaller by {:.1} %; that is within one and a half sampling periods of {sampling:.3e} s, \
+         which sampling and holding make, and gets no name",
+        what.id, what.gain_percent
+    )
+}
+
+/// Listed effects and generic functions that show on the selecting rows, largest gain first. They
+/// are tried one by one: two lines may be two views of the same thing.
+pub(super) fn left(study: &Study) -> Vec<Left> {
+    let (regression, found) = (&study.regression, &study.found);
+    let select = of(&study.blocks, Role::Select);
+    let unit = regression.axis.units.force;
+    let mut left: Vec<Left> = Vec::new();
+    for tried in found.last_round.iter().filter(|t| shows(&t.validation)) {
+        let at = tried.structure.effects.len() - 1;
+        left.push(Left {
+            id: tried.validation.id.into(),
+            site: Some(tried.sited.site.into()),
+            size: regression.size_of_last(
+                &tried.fitted,
+                regression.terms_of(tried.sited.inverse).len(),
+                &select,
+            ),
+            unit: unit.into(),
+            gain_percent: tried.validation.gain_percent,
+            t: tried.validation.t,
+            parameters: effect_parameters(regression, &tried.structure, at, &tried.fitted),
+        });
+    }
+    for generic in found.nonparametric.iter().filter(|g| shows(&g.validation)) {
+        left.push(Left {
+            id: generic.validation.id.into(),
+            site: None,
+            size: generic.size,
+            unit: unit.into(),
+            gain_percent: generic.validation.gain_percent,
+            t: generic.validation.t,
+            parameters: Vec::new(),
+        });
+    }
+    left.sort_by(|a, b| b.gain_percent.total_cmp(&a.gain_percent));
+    left
+}

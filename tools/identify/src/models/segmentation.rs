@@ -1,0 +1,289 @@
+//! One long recording of a transmission, cut into the records that a search needs: stretches of
+//! movement that fit, select and report.
+//!
+//! Where the machine hardly moves nothing is seen, and nothing is taken. What moves is cut into
+//! stretches of about [`LENGTH_S`], each at the end of a stroke on the same side: there the speed
+//! is lowest, which the model cannot know at the start of a stretch, and stretches of a periodic
+//! movement become repeats of one another, from which the floor is told. Roles go round among
+//! stretches of like quickness, so that slow and quick movement fit, select and report.
+
+use crate::equation_error::split::Role;
+use crate::error::{IdentifyError, Result};
+use crate::input::{Series, step_of};
+use crate::naming;
+
+/// Length that stretches are to have (s).
+pub(super) const LENGTH_S: f64 = 3.0;
+/// Shortest stretch (s).
+const SHORTEST_S: f64 = 2.2;
+/// How far from where it is due a cut may be moved to the end of a stroke (s).
+const REACH_S: f64 = 0.75;
+/// A window in which movement is asked for (s), and the least of it (rad).
+const WINDOW_S: f64 = 1.0;
+const LEAST_RAD: f64 = 0.05;
+/// Fewest stretches: one to fit, one to select, one to report.
+const FEWEST: usize = 3;
+/// Most stretches: a search takes as long as its records are, and what a longer recording repeats
+/// tells nothing new.
+const MOST: usize = 40;
+/// Who does what, in turn.
+const TURN: [Role; 4] = [Role::Fit, Role::Select, Role::Fit, Role::Report];
+
+/// Cuts records that are too few into stretches; records that are enough, or that the caller gave
+/// roles, stay as they are.
+///
+/// # Errors
+/// Where the records are too few and too short to be cut.
+pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Option<Vec<Series>>> {
+    if records.len() >= FEWEST || records.iter().any(|record| record.role.is_some()) {
+        return Ok(None);
+    }
+    let mut stretches = Vec::new();
+    for record in records {
+        let (time, (_, master)) = (record.time()?, record.any(&["master_rad"])?);
+        record.finite("master_rad")?;
+        let Some(step_s) = step_of(time) else { continue };
+        stretches
+            .extend(cuts(master, step_s).into_iter().map(|rows| segment_of(record, rows, step_s)));
+    }
+    if stretches.len() < FEWEST {
+        let (found, moved) = (records.len(), stretches.len());
+        return Err(IdentifyError::Roles {
+            what: format!(
+                "expected three records of a transmission, or one that moves for {:.0} s or more; found {found} with {moved} stretches of \
+                 movement of {LENGTH_S} s",
+                FEWEST as f64 * LENGTH_S
+            ),
+            advice: "whole records fit, select and report: give more of them, with movements that differ, or a longer one",
+        });
+    }
+    // Of stretches of like quickness, the next does the next thing.
+    let mut order: Vec<usize> = (0..stretches.len()).collect();
+    let quick: Vec<f64> = stretches.iter().map(quickness).collect();
+    order.sort_by(|a, b| bucket(quick[*a]).cmp(&bucket(quick[*b])).then(a.cmp(b)));
+    let found = stretches.len();
+    if found > MOST {
+        // Evenly over all quickness, and over time within it.
+        order = (0..MOST).map(|turn| order[turn * found / MOST]).collect();
+        notes.push(format!(
+            "{found} stretches of movement found, {MOST} of them taken, evenly over quick and slow ones and over time"
+        ));
+    }
+    for (turn, at) in order.into_iter().enumerate() {
+        stretches[at].role = Some(TURN[turn % TURN.len()]);
+    }
+    notes.push(format!(
+        "{} cut into {} stretches of movement of about {LENGTH_S} s, which fit, select and report in turn: what differs from day to day they \
+         cannot show",
+        records.iter().map(|record| record.file.as_str()).collect::<Vec<_>>().join(" and "),
+        stretches.iter().filter(|stretch| stretch.role.is_some()).count()
+    ));
+    stretches.retain(|stretch| stretch.role.is_some());
+    Ok(Some(stretches))
+}
+
+/// Rows of the stretches of one record.
+fn cuts(master: &[f64], step_s: f64) -> Vec<std::ops::Range<usize>> {
+    let rows = |seconds: f64| (seconds / step_s).round().max(1.0) as usize;
+    let mut found = Vec::new();
+    for run in moving(master, rows(WINDOW_S)) {
+        let mut from = stroke_end(master, run.start, &run, rows(REACH_S)).unwrap_or(run.start);
+        while from + rows(SHORTEST_S) < run.end {
+            let left = run.end - from;
+            let pieces = ((left as f64 * step_s / LENGTH_S).round() as usize).max(1);
+            // The last two share what is left.
+            let due = if pieces > 2 { from + rows(LENGTH_S) } else { from + left / pieces };
+            let to = stroke_end(master, due, &run, rows(REACH_S)).unwrap_or(due);
+            if to >= from + rows(SHORTEST_S) {
+                found.push(from..to);
+            }
+            from = to.max(from + 1);
+            if pieces == 1 {
+                break;
+            }
+        }
+    }
+    found
+}
+
+/// Runs of rows in which the machine moves: every window of them has some way in it.
+fn moving(master: &[f64], window: usize) -> Vec<std::ops::Range<usize>> {
+    let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+    let mut start = 0;
+    for piece in master.chunks(window) {
+        let (low, high) = piece
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let end = start + piece.len();
+        if high - low >= LEAST_RAD {
+            match runs.last_mut().filter(|run| run.end == start) {
+                Some(run) => run.end = end,
+                None => runs.push(start..end),
+            }
+        }
+        start = end;
+    }
+    runs
+}
+
+/// The row of the highest position within reach, where it is an end of a stroke and not the edge of
+/// what is looked at.
+fn stroke_end(
+    master: &[f64],
+    due: usize,
+    run: &std::ops::Range<usize>,
+    reach: usize,
+) -> Option<usize> {
+    let (low, high) = (due.saturating_sub(reach).max(run.start), (due + reach).min(run.end));
+    let at = (low..high).max_by(|a, b| master[*a].total_cmp(&master[*b]))?;
+    // An encoder stands still for some rows there: the middle of them.
+    let last = (at..high).take_while(|row| master[*row] >= master[at]).last()?;
+    let first = (low..=at).rev().take_while(|row| master[*row] >= master[at]).last()?;
+    let middle = usize::midpoint(first, last);
+    (low < first && last + 1 < high).then_some(middle)
+}
+
+/// Root mean square of the way in 20 ms, over that of the position about its mean: a frequency,
+/// about.
+fn quickness(stretch: &Series) -> f64 {
+    let (Some(master), Some(time)) = (stretch.column("master_rad"), stretch.column("t_s")) else {
+        return 0.0;
+    };
+    let width = step_of(time).map_or(1, |step| (0.02 / step).round().max(1.0) as usize);
+    let mean = master.iter().sum::<f64>() / master.len().max(1) as f64;
+    let way: f64 = master.windows(width + 1).map(|rows| (rows[width] - rows[0]).powi(2)).sum();
+    let size: f64 = master.iter().map(|position| (position - mean).powi(2)).sum();
+    (way / size.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+/// Quickness by steps of a quarter, so that repeats of a movement stay in the order of time.
+fn bucket(quickness: f64) -> i64 {
+    (quickness.max(1e-9).ln() / 0.25f64.ln_1p()).round() as i64
+}
+
+fn segment_of(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Series {
+    let columns = record.columns.iter().map(|(name, values)| {
+        let part = values.get(rows.clone()).unwrap_or_default();
+        (name.clone(), part.to_vec())
+    });
+    let (from, to) = (rows.start as f64 * step_s, rows.end as f64 * step_s);
+    Series {
+        file: naming::stretch(&record.file, from, to),
+        columns: columns.collect(),
+        ..Series::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP_S: f64 = 1e-3;
+
+    /// A second of rest, 22 s of a sine of 1 Hz, 8 s of a sum of quicker ones, a second of rest.
+    fn recording() -> Series {
+        let time: Vec<f64> = (0..32_000).map(|row| f64::from(row) * STEP_S).collect();
+        let tau = std::f64::consts::TAU;
+        let position = |t: f64| match t {
+            t if !(1.0..31.0).contains(&t) => 0.0,
+            t if t < 23.0 => 0.5 * (tau * (t - 1.0)).sin(),
+            t => 0.2 * (tau * 1.25 * (t - 23.0)).sin() + 0.1 * (tau * 4.25 * (t - 23.0)).sin(),
+        };
+        let count = |position: f64| (position / 1.57e-3).round() * 1.57e-3;
+        let master = time.iter().map(|t| count(position(*t))).collect();
+        let columns = vec![("t_s".to_owned(), time), ("master_rad".to_owned(), master)];
+        Series { file: "run.mcap".into(), columns, role: None, notes: Vec::new() }
+    }
+
+    #[test]
+    fn a_long_recording_becomes_stretches_that_share_all_movements_among_all_roles() {
+        let mut notes = Vec::new();
+        let stretches = segment(&[recording()], &mut notes).unwrap().unwrap();
+        assert_eq!(notes.len(), 1);
+        for stretch in &stretches {
+            let time = stretch.column("t_s").unwrap();
+            let (first, last) = (time[0], time[time.len() - 1]);
+            assert!(first >= 0.99 && last < 31.1, "{first} to {last}: rest is left out");
+            assert!((2.1..5.0).contains(&(last - first)), "{first} to {last}");
+            assert_eq!(stretch.column("master_rad").unwrap().len(), time.len());
+        }
+        for pair in stretches.windows(2) {
+            assert!(
+                pair[0].column("t_s").unwrap().last() < pair[1].column("t_s").unwrap().first(),
+                "none overlaps"
+            );
+        }
+        let of = |role| stretches.iter().filter(|stretch| stretch.role == Some(role)).count();
+        assert!(
+            of(Role::Fit) >= 3 && of(Role::Select) >= 2 && of(Role::Report) >= 1,
+            "{stretches:?}"
+        );
+        let quick: Vec<_> = stretches
+            .iter()
+            .filter(|s| s.column("t_s").unwrap()[0] > 22.5)
+            .map(|s| s.role)
+            .collect();
+        assert!(quick.contains(&Some(Role::Fit)) && quick.len() >= 2, "{quick:?}");
+    }
+
+    #[test]
+    fn a_periodic_movement_is_cut_at_the_same_place_of_its_period() {
+        let stretches = segment(&[recording()], &mut Vec::new()).unwrap().unwrap();
+        let whole: Vec<_> =
+            stretches.iter().filter(|s| s.column("t_s").unwrap()[0] < 18.0).collect();
+        assert!(whole.len() >= 4);
+        for stretch in whole {
+            let start = stretch.column("t_s").unwrap()[0];
+            let phase = (start - 1.25).rem_euclid(1.0);
+            assert!(phase.min(1.0 - phase) < 0.03, "{start} s is no upper end of a stroke");
+            assert!(stretch.column("master_rad").unwrap()[0] > 0.49);
+        }
+    }
+
+    #[test]
+    fn of_a_long_recording_some_stretches_are_taken_evenly() {
+        // Ten times the same, one after another.
+        let once = recording();
+        let mut long = once.clone();
+        for turn in 1..10 {
+            let later = f64::from(turn) * 32.0;
+            for ((name, column), (_, own)) in long.columns.iter_mut().zip(&once.columns) {
+                column.extend(
+                    own.iter().map(|value| if name == "t_s" { value + later } else { *value }),
+                );
+            }
+        }
+        let mut notes = Vec::new();
+        let stretches = segment(&[long], &mut notes).unwrap().unwrap();
+        assert_eq!(stretches.len(), MOST);
+        assert!(
+            notes[0].contains("40 of them taken") && notes[1].contains("into 40 stretches"),
+            "{notes:?}"
+        );
+        for role in [Role::Fit, Role::Select, Role::Report] {
+            let starts: Vec<f64> = stretches
+                .iter()
+                .filter(|stretch| stretch.role == Some(role))
+                .map(|stretch| stretch.column("t_s").unwrap()[0])
+                .collect();
+            assert!(starts.len() >= 9, "{role:?}: {}", starts.len());
+            let (first, last) = (
+                starts.iter().copied().fold(f64::INFINITY, f64::min),
+                starts.iter().copied().fold(0.0, f64::max),
+            );
+            assert!(first < 64.0 && last > 256.0, "{role:?}: {first} to {last} s");
+        }
+    }
+
+    #[test]
+    fn what_is_enough_or_has_roles_stays_and_what_is_too_short_is_refused() {
+        let three = vec![recording(), recording(), recording()];
+        assert!(segment(&three, &mut Vec::new()).unwrap().is_none());
+        let fixed = Series { role: Some(Role::Fit), ..recording() };
+        assert!(segment(&[fixed], &mut Vec::new()).unwrap().is_none());
+        let mut short = recording();
+        short.columns.iter_mut().for_each(|column| column.1.truncate(7_000));
+        let text = segment(&[short], &mut Vec::new()).unwrap_err().to_string();
+        assert!(text.contains("moves for 9 s or more; found 1 with"), "{text}");
+    }
+}

@@ -1,0 +1,206 @@
+//! Backward elimination and substitution of effects that were added too early.
+
+use plant::effects::Site;
+
+use super::fit::{Dataset, Fitted};
+use super::free_parameter::FreeParameter;
+use super::selection_round::FittedCandidate;
+use super::transmission_model::{Residual, Setting};
+use super::validation::{LEAST_FIRST, LEAST_GAIN, Validation, validate};
+
+/// Runners-up of the first round that are fitted alone.
+const RUNNERS_UP: usize = 6;
+/// A larger loss is not recovered by further fitting.
+const FAR_BEHIND: f64 = 0.5;
+/// A smaller loss counts as none.
+pub const AS_GOOD: f64 = 0.05;
+/// Runners-up that are tried in an effect's place.
+const SUBSTITUTES: usize = 3;
+/// Fit rounds of each.
+const SUBSTITUTION_ROUNDS: usize = 2;
+/// Least gain of the best of them.
+const LEAST_SUBSTITUTION: f64 = 0.1;
+/// Block t beyond which two effects are distinguished.
+const DISTINCT_T: f64 = 4.0;
+
+/// Returns an effect that later ones made redundant: its index, the model fitted without it, and
+/// that fit's parameters. The newest effect is exempt.
+pub fn redundant_effect(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    now: &Fitted,
+    parameters: &[FreeParameter],
+) -> Option<(usize, Fitted, Vec<FreeParameter>)> {
+    let with = select.residuals(&now.setting)?;
+    (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
+        let mut setting = now.setting.clone();
+        let placed = setting.placed.remove(at);
+        let left: Vec<FreeParameter> =
+            parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
+        let fitted = fit.fit(&setting, &left, 2)?;
+        let without = select.residuals(&fitted.setting)?;
+        let validation = validate((placed.id, placed.site), &without, &with);
+        (validation.gain < LEAST_GAIN).then_some((at, fitted, left))
+    })
+}
+
+/// A candidate that did well in its round, but did not win.
+#[derive(Clone, Debug)]
+pub struct RunnerUp {
+    setting: Setting,
+    parameters: Vec<FreeParameter>,
+}
+
+impl RunnerUp {
+    /// Whether a parameter belongs to the effect that it would add.
+    fn own(&self, parameter: &FreeParameter) -> bool {
+        parameter.is_of(self.setting.placed.len().saturating_sub(1))
+    }
+
+    /// Returns `None` if its gain was too small.
+    pub fn of(tried: &FittedCandidate) -> Option<Self> {
+        let parameters =
+            tried.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
+        (tried.validation.gain >= LEAST_FIRST)
+            .then(|| Self { setting: tried.fitted.setting.clone(), parameters })
+    }
+}
+
+/// A model with one effect substituted.
+pub struct Substitution {
+    /// Its validation against the model before.
+    pub beside: Validation,
+    /// The model.
+    pub fitted: Fitted,
+    /// What its fit moved.
+    pub parameters: Vec<FreeParameter>,
+}
+
+/// Substitutes the effect at `at` by the best runner-up, since early effects were selected while
+/// later ones were missing. `None` if none does clearly better.
+pub fn substitute(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    now: &Fitted,
+    parameters: &[FreeParameter],
+    at: usize,
+    runners_up: &[RunnerUp],
+) -> Option<Substitution> {
+    let with = select.residuals(&now.setting)?;
+    let one = |other: &RunnerUp| -> Option<Substitution> {
+        let placed = other.setting.placed.last()?;
+        let mut setting = now.setting.clone();
+        *setting.placed.get_mut(at)? = placed.clone();
+        let kept = parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
+        let free: Vec<FreeParameter> = kept
+            .chain(
+                other
+                    .parameters
+                    .iter()
+                    .filter(|parameter| other.own(parameter))
+                    .map(|parameter| parameter.moved_to(at)),
+            )
+            .collect();
+        let fitted = fit.fit(&setting, &free, SUBSTITUTION_ROUNDS)?;
+        let beside = validate((placed.id, placed.site), &with, &select.residuals(&fitted.setting)?);
+        Some(Substitution { beside, fitted, parameters: free })
+    };
+    let there = |other: &&RunnerUp| {
+        let own = other.setting.placed.last();
+        own.is_some_and(|own| {
+            now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (own.id, own.site))
+        })
+    };
+    let tried = runners_up.iter().filter(there).take(SUBSTITUTES).filter_map(one);
+    tried
+        .max_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain))
+        .filter(|best| best.beside.gain >= LEAST_SUBSTITUTION)
+}
+
+/// A model with one runner-up as its only effect.
+pub struct SingleEffectModel {
+    /// Validation of the current effects against it, on the selecting records.
+    pub beside: Validation,
+    /// The model.
+    pub fitted: Fitted,
+    /// What its fit moved.
+    pub parameters: Vec<FreeParameter>,
+    /// Its residuals on the selecting records.
+    pub selected: Vec<Residual>,
+}
+
+/// Fits each runner-up of the first round as the only effect, starting from the current declared
+/// parameters as well. Best first; those far behind are left out.
+pub fn single_effect_models(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    now: &Fitted,
+    parameters: &[FreeParameter],
+    runners_up: &[RunnerUp],
+) -> Option<Vec<SingleEffectModel>> {
+    let with = select.residuals(&now.setting)?;
+    let one = |other: &RunnerUp| -> Option<SingleEffectModel> {
+        let placed = other.setting.placed.first()?;
+        let mut free: Vec<FreeParameter> =
+            parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
+        free.extend(other.parameters.iter().cloned());
+        let there = Setting { placed: vec![placed.clone()], ..now.setting.clone() };
+        let starts = [there, other.setting.clone()].map(|start| fit.evaluate(start));
+        let first =
+            starts.into_iter().flatten().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+        let beside = |fitted: &Fitted| {
+            let selected = select.residuals(&fitted.setting)?;
+            Some((validate((placed.id, placed.site), &selected, &with), selected))
+        };
+        let near = fit.fit(&first.setting, &free, 1)?;
+        if beside(&near)?.0.gain > FAR_BEHIND {
+            return None;
+        }
+        let fitted = fit.fit(&near.setting, &free, 2)?;
+        let (beside, selected) = beside(&fitted)?;
+        Some(SingleEffectModel { beside, fitted, parameters: free, selected })
+    };
+    let mut found: Vec<SingleEffectModel> =
+        runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
+    found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
+    Some(found)
+}
+
+/// Number of parameters that belong to effects.
+pub fn effect_count(parameters: &[FreeParameter]) -> usize {
+    parameters.iter().filter(|parameter| !parameter.is_base()).count()
+}
+
+/// Whether two effects are equivalent on every record: delayed motor voltage and delayed sensors
+/// differ only in the choice of the time origin, apart from numerics.
+fn are_equivalent(one: (&str, Site), other: (&str, Site)) -> bool {
+    let late = |(id, site): (&str, Site)| {
+        id == "transport_delay" && matches!(site, Site::Drive | Site::Sensor)
+    };
+    late(one) && late(other)
+}
+
+/// Returns the site at which an effect would be equivalent.
+pub fn equivalent_site((id, site): (&str, Site)) -> Option<Site> {
+    [Site::Drive, Site::Sensor]
+        .into_iter()
+        .find(|other| *other != site && are_equivalent((id, site), (id, *other)))
+}
+
+/// Returns at most two of some models that the selecting records cannot distinguish from the effect
+/// `meant`, which has `count` parameters and the residuals `selected`. Models with more parameters
+/// are no rivals.
+pub fn rivals<'a>(
+    meant: (&str, Site),
+    selected: &[Residual],
+    count: usize,
+    models: impl Iterator<Item = &'a SingleEffectModel>,
+) -> Vec<(&'static str, Site)> {
+    models
+        .filter(|model| effect_count(&model.parameters) <= count)
+        .filter(|model| {
+            let beside = validate((model.beside.id, model.beside.site), &model.selected, selected);
+            let same = are_equivalent(meant, (model.beside.id, model.beside.site));
+            beside.gain < AS_GOOD && beside.t.abs() < DISTINCT_T || same && beside.gain < LEAST_GAIN
+        })
+        .map(|model| (model.beside.id, model.beside.site))
+        .take(2)
+        .collect()
+}

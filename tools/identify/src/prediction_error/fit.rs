@@ -1,0 +1,477 @@
+//! Maximum-likelihood fit by Levenberg-Marquardt, with one noise variance per record and channel.
+//!
+//! The criterion is the concentrated negative log-likelihood of independent residuals of unknown
+//! variance, `Σ ½ M ln(mean e²)` over records and channels. Weights are the inverse rms of the last
+//! residuals, held during a Levenberg-Marquardt round. Bounds are enforced by a change of variable
+//! ([`super::free_parameter`]); one prior row per declared parameter keeps unidentifiable ones near
+//! their declared values.
+
+use std::cell::RefCell;
+use std::f64::consts::FRAC_PI_2;
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::free_parameter::FreeParameter;
+use super::transmission_model::{Residual, Setting, TransmissionModel};
+use crate::equation_error::split::Role;
+
+/// A root-mean-square sensitivity of the weighted residual below this counts as zero.
+const INSENSITIVE: f64 = 1e-6;
+/// Weight of the prior at the edge of the tolerance (standard deviations). Neighbouring residual
+/// rows are correlated: some tens of them carry as much information as one independent row.
+const PRIOR_WEIGHT: f64 = 5.0;
+
+/// Broyden updates after which the Jacobian is computed afresh.
+const MOST_UPDATES: usize = 8;
+/// Decrease of the criterion per row below which the Jacobian is computed afresh.
+const LEAST_DECREASE: f64 = 1e-3;
+
+/// Number of starting points that are continued after a brief fit.
+const LEADING: usize = 3;
+
+/// A model and the records on which it is evaluated.
+#[derive(Clone, Debug)]
+pub struct Dataset<'a> {
+    /// Model and records.
+    pub model: &'a TransmissionModel,
+    /// Indices of the records.
+    pub records: Vec<usize>,
+}
+
+/// A setting with its residuals.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// The setting.
+    pub setting: Setting,
+    /// Residuals of the dataset's records, in its order.
+    pub residuals: Vec<Residual>,
+    /// Negative log-likelihood with the prior, up to a constant.
+    pub objective: f64,
+}
+
+impl Fitted {
+    /// Number of residual rows over all channels.
+    pub fn rows(&self) -> usize {
+        self.residuals.iter().flat_map(|residual| &residual.channels).map(Vec::len).sum()
+    }
+}
+
+impl<'a> Dataset<'a> {
+    /// The records of one role.
+    pub fn of(model: &'a TransmissionModel, role: Role) -> Self {
+        Self { model, records: model.of_role(role) }
+    }
+
+    /// All records.
+    pub fn whole(model: &'a TransmissionModel) -> Self {
+        Self { model, records: (0..model.records.len()).collect() }
+    }
+}
+
+impl Dataset<'_> {
+    /// Leaves out some records.
+    #[must_use]
+    pub fn without(mut self, records: &[usize]) -> Self {
+        self.records.retain(|record| !records.contains(record));
+        self
+    }
+
+    /// Returns the residuals of all records; `None` if one cannot be simulated.
+    pub fn residuals(&self, setting: &Setting) -> Option<Vec<Residual>> {
+        self.records.par_iter().map(|record| self.model.residual(setting, *record)).collect()
+    }
+
+    /// Moves parameters at their bounds to the largest normalised value that a fit reaches, so that
+    /// the first step does not jump.
+    pub fn inside(&self, mut setting: Setting, parameters: &[FreeParameter]) -> Setting {
+        for parameter in parameters {
+            let open = parameter.unbounded(self.model, &setting);
+            parameter.set_unbounded(self.model, &mut setting, open);
+        }
+        setting
+    }
+
+    /// Evaluates a setting without fitting.
+    pub fn evaluate(&self, setting: Setting) -> Option<Fitted> {
+        let residuals = self.residuals(&setting)?;
+        let objective = objective(&residuals) + self.prior(&setting);
+        Some(Fitted { setting, residuals, objective })
+    }
+
+    fn prior(&self, setting: &Setting) -> f64 {
+        (0..self.model.base.len()).map(|index| 0.5 * self.off(setting, index).powi(2)).sum()
+    }
+
+    /// Prior row: weighted deviation of a declared parameter from its declared value, relative to
+    /// its tolerance.
+    fn off(&self, setting: &Setting, index: usize) -> f64 {
+        let parameter = &self.model.base[index];
+        parameter.declared.map_or(0.0, |declared| {
+            PRIOR_WEIGHT * 2.0 * (setting.base[index] - declared) / (parameter.high - parameter.low)
+        })
+    }
+
+    /// Derivative of the prior row with respect to the unbounded variable; 0 for others.
+    fn off_slope(&self, parameter: &FreeParameter, setting: &Setting) -> f64 {
+        match parameter {
+            // Derivative of `sin(u)`; the declared value is at, or near, the middle of the range.
+            FreeParameter::Base(index) if self.model.base[*index].declared.is_some() => {
+                PRIOR_WEIGHT * parameter.unbounded(self.model, setting).cos()
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Returns the weight of every record and channel: the inverse rms of its residual.
+    pub fn weights(residuals: &[Residual]) -> Vec<Vec<f64>> {
+        let weight =
+            |channel: &Vec<f64>| 1.0 / super::record::rms(channel.iter().copied()).max(1e-9);
+        residuals.iter().map(|residual| residual.channels.iter().map(weight).collect()).collect()
+    }
+
+    /// Stacks weighted residuals into one column.
+    pub fn stack(residuals: &[Residual], weights: &[Vec<f64>]) -> DVector<f64> {
+        let rows = residuals.iter().zip(weights).flat_map(|(residual, weights)| {
+            residual
+                .channels
+                .iter()
+                .zip(weights)
+                .flat_map(|(channel, weight)| channel.iter().map(move |row| weight * row))
+        });
+        DVector::from_vec(rows.collect())
+    }
+
+    /// Returns the Jacobian of the weighted residual by finite differences; a column is 0 where the
+    /// perturbed model diverges, so that the parameter stays.
+    pub fn jacobian(
+        &self,
+        fitted: &Fitted,
+        parameters: &[FreeParameter],
+        weights: &[Vec<f64>],
+    ) -> DMatrix<f64> {
+        let here = Self::stack(&fitted.residuals, weights);
+        let moved: Vec<(Setting, f64)> = parameters
+            .iter()
+            .map(|parameter| {
+                let mut setting = fitted.setting.clone();
+                let (from, to) = (
+                    parameter.unbounded(self.model, &setting),
+                    parameter.perturbed(self.model, &setting),
+                );
+                parameter.set_unbounded(self.model, &mut setting, to);
+                (setting, to - from)
+            })
+            .collect();
+        let jobs: Vec<(usize, usize)> = (0..parameters.len())
+            .flat_map(|parameter| self.records.iter().map(move |record| (parameter, *record)))
+            .collect();
+        let mut residuals = jobs
+            .par_iter()
+            .map(|(parameter, record)| self.model.residual(&moved[*parameter].0, *record))
+            .collect::<Vec<Option<Residual>>>()
+            .into_iter();
+        let mut jacobian = DMatrix::zeros(here.len(), parameters.len());
+        for (parameter, (_, aside)) in moved.iter().enumerate() {
+            let of_parameter: Vec<Option<Residual>> =
+                residuals.by_ref().take(self.records.len()).collect();
+            if let Some(of_parameter) = of_parameter.into_iter().collect::<Option<Vec<Residual>>>()
+            {
+                jacobian.set_column(
+                    parameter,
+                    &((Self::stack(&of_parameter, weights) - &here) / *aside),
+                );
+            }
+        }
+        jacobian
+    }
+
+    /// Takes one damped Gauss-Newton step with a given Jacobian and its weights, halting at the
+    /// first step length that lowers the criterion; `None` if none does.
+    pub fn step(
+        &self,
+        from: &Fitted,
+        parameters: &[FreeParameter],
+        jacobian: &DMatrix<f64>,
+        weights: &[Vec<f64>],
+    ) -> Option<Fitted> {
+        let rows = Self::stack(&from.residuals, weights);
+        let (mut normal, mut gradient) =
+            (jacobian.transpose() * jacobian, jacobian.transpose() * rows);
+        for (at, parameter) in parameters.iter().enumerate() {
+            let FreeParameter::Base(index) = parameter else { continue };
+            let slope = self.off_slope(parameter, &from.setting);
+            normal[(at, at)] += slope * slope;
+            gradient[at] += slope * self.off(&from.setting, *index);
+        }
+        let damped =
+            &normal + DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-3 * entry + 1e-9));
+        let whole = -damped.cholesky()?.solve(&gradient);
+        [1.0, 0.4, 0.1].iter().find_map(|part| {
+            let mut setting = from.setting.clone();
+            for (parameter, change) in parameters.iter().zip(whole.iter()) {
+                let open = parameter.unbounded(self.model, &setting);
+                // At most up to the bound.
+                let open = (open + (part * change).clamp(-0.7, 0.7)).clamp(-FRAC_PI_2, FRAC_PI_2);
+                parameter.set_unbounded(self.model, &mut setting, open);
+            }
+            self.evaluate(setting).filter(|fitted| fitted.objective < from.objective)
+        })
+    }
+
+    /// Fits from a starting point in up to `rounds` rounds, each with weights from its start.
+    /// `None` if the starting point cannot be simulated.
+    pub fn fit(
+        &self,
+        start: &Setting,
+        parameters: &[FreeParameter],
+        rounds: usize,
+    ) -> Option<Fitted> {
+        let mut best = self.evaluate(self.inside(start.clone(), parameters))?;
+        for _ in 0..rounds {
+            let before = best.objective;
+            let problem = Problem {
+                dataset: self,
+                parameters,
+                weights: Self::weights(&best.residuals),
+                open: DVector::from_iterator(
+                    parameters.len(),
+                    parameters
+                        .iter()
+                        .map(|parameter| parameter.unbounded(self.model, &best.setting)),
+                ),
+                now: Some(best.clone()),
+                before: None,
+                template: best.setting.clone(),
+                known: RefCell::new(None),
+            };
+            let (mut problem, _) = LevenbergMarquardt::new()
+                .with_ftol(1e-4)
+                .with_xtol(1e-9)
+                .with_stepbound(3.0)
+                .minimize(problem);
+            // The solver may end on a rejected step.
+            let kept = problem.before.take().and_then(|(_, fitted)| fitted);
+            let now = [problem.now.take(), kept]
+                .into_iter()
+                .flatten()
+                .min_by(|a, b| a.objective.total_cmp(&b.objective));
+            match now {
+                Some(now) if now.objective < best.objective => best = now,
+                _ => break,
+            }
+            // Converged: the criterion fell by less than 2e-4 per row.
+            if before - best.objective < 2e-4 * best.rows() as f64 {
+                break;
+            }
+        }
+        Some(best)
+    }
+
+    /// Returns the best of several starting points after a brief fit, best first. The criterion at
+    /// a starting point predicts little; that after a round or two predicts most.
+    pub fn leading(
+        &self,
+        starts: &[Setting],
+        parameters: &[FreeParameter],
+        rounds: usize,
+    ) -> Vec<Fitted> {
+        let mut begun: Vec<Fitted> =
+            starts.par_iter().filter_map(|start| self.fit(start, parameters, rounds)).collect();
+        begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+        begun.truncate(LEADING);
+        begun
+    }
+}
+
+/// `Σ ½ M ln(mean e²)`.
+pub fn objective(residuals: &[Residual]) -> f64 {
+    let one = |channel: &Vec<f64>| {
+        channel.len() as f64 * super::record::rms(channel.iter().copied()).max(1e-9).ln()
+    };
+    residuals.iter().flat_map(|residual| &residual.channels).map(one).sum()
+}
+
+/// One round of a fit with constant weights.
+struct Problem<'a, 'b> {
+    dataset: &'a Dataset<'b>,
+    parameters: &'a [FreeParameter],
+    weights: Vec<Vec<f64>>,
+    open: DVector<f64>,
+    now: Option<Fitted>,
+    /// The point before the last step, restored if the step is rejected.
+    before: Option<(DVector<f64>, Option<Fitted>)>,
+    template: Setting,
+    /// The current Jacobian.
+    known: RefCell<Option<BroydenJacobian>>,
+}
+
+/// A Jacobian with Broyden's rank-one updates: an update costs one simulation per record, a new
+/// Jacobian one per record and parameter.
+struct BroydenJacobian {
+    /// Point at which it holds.
+    open: DVector<f64>,
+    /// Residual rows there.
+    rows: DVector<f64>,
+    /// Criterion there.
+    objective: f64,
+    jacobian: DMatrix<f64>,
+    /// Updates since it was computed.
+    steps: usize,
+}
+
+impl BroydenJacobian {
+    /// Updates the Jacobian; `false` where it should be computed afresh, after too many updates or
+    /// too small a decrease.
+    fn update(&mut self, open: &DVector<f64>, rows: DVector<f64>, objective: f64) -> bool {
+        let step = open - &self.open;
+        let length = step.norm_squared();
+        let gained = (self.objective - objective) / rows.len() as f64;
+        if self.steps >= MOST_UPDATES || gained < LEAST_DECREASE || length <= f64::MIN_POSITIVE {
+            return false;
+        }
+        let beyond = &rows - &self.rows - &self.jacobian * &step;
+        self.jacobian.ger(1.0 / length, &beyond, &step, 1.0);
+        (self.open, self.rows, self.objective) = (open.clone(), rows, objective);
+        self.steps += 1;
+        true
+    }
+}
+
+impl Problem<'_, '_> {
+    fn rows(&self) -> usize {
+        let model = self.dataset.model;
+        let of =
+            |record: &usize| model.channels(*record).len() * model.records[*record].residual_rows();
+        self.dataset.records.iter().map(of).sum::<usize>() + self.declared().count()
+    }
+
+    fn declared(&self) -> impl Iterator<Item = usize> {
+        self.parameters.iter().filter_map(|parameter| match parameter {
+            FreeParameter::Base(index) => Some(*index),
+            _ => None,
+        })
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, open: &DVector<f64>) {
+        if *open == self.open {
+            return;
+        }
+        let left = (std::mem::replace(&mut self.open, open.clone()), self.now.take());
+        match self.before.replace(left) {
+            Some((known, fitted)) if known == *open => {
+                self.now = fitted;
+                return;
+            }
+            _ => {}
+        }
+        let mut setting = self.template.clone();
+        for (parameter, open) in self.parameters.iter().zip(open.iter()) {
+            parameter.set_unbounded(self.dataset.model, &mut setting, *open);
+        }
+        self.now = self.dataset.evaluate(setting);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.open.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        // A step that cannot be simulated is rejected, not an error.
+        let Some(now) = self.now.as_ref() else {
+            return Some(DVector::from_element(self.rows(), 1e6));
+        };
+        let rows = Dataset::stack(&now.residuals, &self.weights);
+        let off: Vec<f64> =
+            self.declared().map(|index| self.dataset.off(&now.setting, index)).collect();
+        let data = rows.len();
+        let mut all = rows.resize_vertically(data + off.len(), 0.0);
+        for (row, off) in off.into_iter().enumerate() {
+            all[data + row] = off;
+        }
+        Some(all)
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let now = self.now.as_ref()?;
+        let rows = self.residuals()?;
+        let mut known = self.known.borrow_mut();
+        if let Some(known) = known.as_mut() {
+            return known.update(&self.open, rows, now.objective).then(|| known.jacobian.clone());
+        }
+        let jacobian = self.dataset.jacobian(now, self.parameters, &self.weights);
+        let data = jacobian.nrows();
+        let mut all = jacobian.resize_vertically(data + self.declared().count(), 0.0);
+        let of_declared =
+            self.parameters.iter().enumerate().filter(|(_, parameter)| parameter.is_base());
+        for (row, (column, parameter)) in of_declared.enumerate() {
+            all[(data + row, column)] = self.dataset.off_slope(parameter, &now.setting);
+        }
+        *known = Some(BroydenJacobian {
+            open: self.open.clone(),
+            rows,
+            objective: now.objective,
+            jacobian: all.clone(),
+            steps: 0,
+        });
+        Some(all)
+    }
+}
+
+impl Dataset<'_> {
+    /// Returns the standard deviation of each parameter's value from the sandwich covariance with
+    /// scores summed over blocks of correlated rows; infinite where the parameter is not
+    /// identifiable.
+    pub fn deviations(
+        &self,
+        fitted: &Fitted,
+        parameters: &[FreeParameter],
+        block: usize,
+    ) -> Vec<f64> {
+        let weights = Self::weights(&fitted.residuals);
+        let jacobian = self.jacobian(fitted, parameters, &weights);
+        let rows = Self::stack(&fitted.residuals, &weights);
+        let normal = jacobian.transpose() * &jacobian;
+        let unseen = INSENSITIVE * INSENSITIVE * jacobian.nrows() as f64;
+        let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
+        let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
+        let Some(factors) = (normal + ridge).cholesky() else {
+            return vec![f64::INFINITY; parameters.len()];
+        };
+        let inverse = factors.inverse();
+        let mut spread = DMatrix::zeros(parameters.len(), parameters.len());
+        let mut from = 0;
+        for channel in fitted.residuals.iter().flat_map(|residual| &residual.channels) {
+            for at in (0..channel.len()).step_by(block.max(1)) {
+                let count = block.min(channel.len() - at);
+                let part =
+                    jacobian.rows(from + at, count).transpose() * rows.rows(from + at, count);
+                spread += &part * part.transpose();
+            }
+            from += channel.len();
+        }
+        let covariance = &inverse * spread * &inverse;
+        let by_value = |(index, parameter): (usize, &FreeParameter)| {
+            // From the unbounded variable to the value.
+            let mut moved = fitted.setting.clone();
+            let (open, aside) =
+                (parameter.unbounded(self.model, &moved), parameter.perturbed(self.model, &moved));
+            let before = parameter.value(&moved);
+            parameter.set_unbounded(self.model, &mut moved, aside);
+            let slope = (parameter.value(&moved) - before) / (aside - open);
+            // A parameter to which few blocks are sensitive has no spread among them; the
+            // independent-rows variance is then the lower bound.
+            let variance = covariance[(index, index)].max(inverse[(index, index)]);
+            if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY }
+        };
+        parameters.iter().enumerate().map(by_value).collect()
+    }
+}

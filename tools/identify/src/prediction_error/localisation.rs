@@ -1,0 +1,476 @@
+//! Localisation: where an unmodelled torque enters the machine, whatever it depends on.
+//!
+//! A torque at one place moves master and slave with a frequency response of its own, which is
+//! measured on the model by adding a known torque there ([`super::probe_torque`]); friction and
+//! observer then respond as along the records. If the unmodelled torque acts at that place alone,
+//! the cross-spectrum of the residuals has the same direction. The share of its power outside that
+//! direction, which no torque at the place can explain, is computed for
+//!
+//! - a torque on the master (motor and amplifier act there as well and cannot be distinguished);
+//! - a torque on the slave;
+//! - a force on the moving mass in the lines;
+//! - an error of the torque sensor: a torque on the slave, but only while a hand is at the handle.
+//!
+//! If none of them explains most of it, the effect acts between master and slave, as compliance,
+//! leakage and backlash of the line do.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use nalgebra::{Complex, Matrix2, Vector2};
+use plant::effects::{Effect, Site};
+use rayon::prelude::*;
+
+use super::fit::Dataset;
+use super::nonparametric::Variable;
+use super::probe_torque::{ProbeTorque, random_signs};
+use super::record::{repeats, rms};
+use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
+use super::validation::repeat_differences;
+use crate::spectral::transform;
+
+/// Rows of a spectral segment (about one second); segments overlap by half.
+const SEGMENT: usize = 256;
+/// Shortest record that takes part (rows).
+const FEWEST_ROWS: usize = 2 * SEGMENT;
+/// Rows for which the probe torque is held: its spectrum has its first zero at a third of the row
+/// rate, above the highest bin.
+const HELD: usize = 3;
+/// Number of bins used: beyond a quarter of the row rate the machine hardly responds.
+const HIGHEST: usize = SEGMENT / 4;
+/// First probe torque relative to the motor's rms torque.
+const FIRST_TRY: f64 = 0.01;
+/// Least factor by which the probe is rescaled to the size of the residual.
+const LEAST_FACTOR: f64 = 1e-3;
+/// Largest such factor.
+const MOST_FACTOR: f64 = 1e3;
+/// Noise floor as a share of the residual's power, which regularises noise-free records.
+const LEAST_NOISE: f64 = 1e-4;
+/// A place is accepted if it leaves less than this share unexplained. Over effects of many kinds,
+/// torques at master and slave left 0.01 to 0.23 at their own place and 0.3 or more at others;
+/// effects between the two left 0.3 or more everywhere.
+const CLEAR: f64 = 0.3;
+/// A sensor error is preferred to a torque on the slave if it leaves at most this much more: it is
+/// the more restrictive hypothesis.
+const AS_LITTLE: f64 = 0.05;
+
+/// A place at which a torque can enter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Location {
+    /// The master, with the motor.
+    Master,
+    /// The slave.
+    Slave,
+    /// The moving mass in the lines.
+    Line,
+    /// The torque sensor.
+    Cell,
+}
+
+impl Location {
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Master => "master",
+            Self::Slave => "slave",
+            Self::Line => "line",
+            Self::Cell => "torque cell",
+        }
+    }
+}
+
+/// Unexplained share of the residual power, place by place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Localisation {
+    /// Share that no torque at the place explains, 0 to 1. The torque sensor needs records with and
+    /// without a hand, and is omitted otherwise.
+    pub left: Vec<(Location, f64)>,
+}
+
+impl Localisation {
+    fn of(&self, place: Location) -> Option<f64> {
+        self.left.iter().find(|(own, _)| *own == place).map(|(_, left)| *left)
+    }
+
+    /// Returns the site at which it acts (master for master or drive).
+    pub fn site(&self) -> Site {
+        let best = [
+            (Site::Master, Location::Master),
+            (Site::Slave, Location::Slave),
+            (Site::Line, Location::Line),
+        ]
+        .into_iter()
+        .filter_map(|(site, place)| Some((site, self.of(place)?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1));
+        let cell = self.of(Location::Cell).unwrap_or(1.0);
+        match best {
+            Some((site, left)) if left.min(cell) >= CLEAR || site == Site::Line => Site::Line,
+            Some((_, left)) if cell <= left + AS_LITTLE => Site::Sensor,
+            Some((site, _)) => site,
+            None => Site::Line,
+        }
+    }
+
+    /// Whether an effect at a site is compatible with this localisation. What acts between the
+    /// sides is compatible with all.
+    pub fn may_be_at(&self, site: Site) -> bool {
+        match (self.site(), site) {
+            (Site::Line, _) | (_, Site::Line) => true,
+            (Site::Master, _) => matches!(site, Site::Master | Site::Drive),
+            (Site::Slave, Site::Sensor) => self.of(Location::Cell).is_none(),
+            (own, _) => own == site,
+        }
+    }
+
+    /// Whether a nonparametric function at a site and of a variable is compatible.
+    pub fn allows(&self, (site, variable): (Site, Variable)) -> bool {
+        // A function of the line's force acts on both of its ends.
+        let between = site == Site::Line || variable == Variable::Force;
+        if self.site() == Site::Line { between } else { !between && self.may_be_at(site) }
+    }
+}
+
+/// Cross-spectral matrices of master and slave, averaged over segments, and their number.
+struct Spectra {
+    mean: Vec<Matrix2<Complex<f64>>>,
+    segments: f64,
+}
+
+/// Spectra of the segments of a signal under a Hann window.
+fn segment_spectra(rows: &[f64]) -> Vec<Vec<Complex<f64>>> {
+    let window: Vec<f64> = (0..SEGMENT)
+        .map(|row| 0.5 - 0.5 * (2.0 * PI * (row as f64 + 0.5) / SEGMENT as f64).cos())
+        .collect();
+    let begins = (0..rows.len()).step_by(SEGMENT / 2);
+    let whole = begins.filter_map(|from| rows.get(from..from + SEGMENT));
+    whole
+        .filter_map(|rows| {
+            transform(rows.iter().zip(&window).map(|(row, weight)| row * weight).collect())
+        })
+        .collect()
+}
+
+/// Averaged cross-spectral matrices of pairs of signals (Welch's method).
+fn spectra<'a>(pairs: impl Iterator<Item = (&'a [f64], &'a [f64])>) -> Spectra {
+    let mut mean = vec![Matrix2::zeros(); HIGHEST];
+    let mut count = 0.0;
+    for (master, slave) in pairs {
+        for (master, slave) in segment_spectra(master).iter().zip(segment_spectra(slave)) {
+            for (bin, sum) in mean.iter_mut().enumerate() {
+                let both = Vector2::new(master[bin], slave[bin]);
+                *sum += both * both.adjoint();
+            }
+            count += 1.0;
+        }
+    }
+    let share = Complex::from(1.0 / f64::max(count, 1.0));
+    Spectra { mean: mean.into_iter().map(|sum| sum * share).collect(), segments: count }
+}
+
+/// Estimates the frequency responses of master and slave to a known signal, by bins.
+fn responses<'a>(
+    known: impl Iterator<Item = (&'a [f64], [Vec<f64>; 2])>,
+) -> Vec<Vector2<Complex<f64>>> {
+    let mut sums = vec![(Vector2::zeros(), 0.0); HIGHEST];
+    for (cause, [master, slave]) in known {
+        for ((cause, master), slave) in
+            segment_spectra(cause).iter().zip(segment_spectra(&master)).zip(segment_spectra(&slave))
+        {
+            for (bin, (sum, power)) in sums.iter_mut().enumerate() {
+                *sum += Vector2::new(master[bin], slave[bin]) * cause[bin].conj();
+                *power += cause[bin].norm_sqr();
+            }
+        }
+    }
+    let mean = |(sum, power): (Vector2<Complex<f64>>, f64)| {
+        sum / Complex::from(power.max(f64::MIN_POSITIVE))
+    };
+    sums.into_iter().map(mean).collect()
+}
+
+/// Residuals of the records and the probe torque that is added.
+struct ProbeExperiment<'a> {
+    model: &'a TransmissionModel,
+    setting: &'a Setting,
+    records: Vec<usize>,
+    /// Residuals of those records.
+    here: Vec<Residual>,
+    /// Time from row to row (s).
+    pace_s: f64,
+    random_signs: Arc<[f64]>,
+}
+
+impl ProbeExperiment<'_> {
+    /// Returns the residuals with the probe torque at a site.
+    fn with(&self, site: Site, size: f64) -> Option<Vec<Residual>> {
+        let values: Arc<[f64]> = self.random_signs.iter().map(|sign| size * sign).collect();
+        let one = |record: &usize| {
+            let start_s = self.model.records[*record].start_s;
+            let probe_torque =
+                ProbeTorque::new(site, start_s, HELD as f64 * self.pace_s, Arc::clone(&values));
+            self.model.residual_beside(
+                self.setting,
+                *record,
+                vec![Box::new(probe_torque) as Box<dyn Effect>],
+            )
+        };
+        self.records.par_iter().map(one).collect()
+    }
+
+    /// Returns the change of the residuals of master and slave by the probe, for every record.
+    fn changes(&self, site: Site, size: f64) -> Option<Vec<[Vec<f64>; 2]>> {
+        let of = |with: &Residual, here: &Residual, channel: usize| -> Vec<f64> {
+            with.channels[channel]
+                .iter()
+                .zip(&here.channels[channel])
+                .map(|(with, here)| with - here)
+                .collect()
+        };
+        let with = self.with(site, size)?;
+        Some(
+            with.iter()
+                .zip(&self.here)
+                .map(|(with, here)| [of(with, here, 0), of(with, here, 1)])
+                .collect(),
+        )
+    }
+
+    /// As [`Self::changes`], with the probe scaled to the size of the residual.
+    fn scaled_response(&self, site: Site) -> Option<Vec<[Vec<f64>; 2]>> {
+        let declared = &self.model.declared;
+        let volts = self.records.iter().flat_map(|record| &self.model.records[*record].volts);
+        let torque_nm =
+            FIRST_TRY * declared.motor_torque_per_volt_nm() * rms(volts.copied()).max(FIRST_TRY);
+        let size = if site == Site::Line {
+            torque_nm / declared.master_displacement_m_per_rad()
+        } else {
+            torque_nm
+        };
+        let shown = rms(self.changes(site, size)?.iter().flatten().flatten().copied());
+        let left = rms(self
+            .here
+            .iter()
+            .flat_map(|residual| residual.channels.iter().take(2))
+            .flatten()
+            .copied());
+        self.changes(
+            site,
+            size * (left / shown.max(f64::MIN_POSITIVE)).clamp(LEAST_FACTOR, MOST_FACTOR),
+        )
+    }
+
+    /// The probe's sign, by residual row.
+    fn cause(&self, record: usize) -> Vec<f64> {
+        let record = &self.model.records[record];
+        let settled = record.settling_rows();
+        (0..record.residual_rows()).map(|row| self.random_signs[(row + settled) / HELD]).collect()
+    }
+}
+
+/// Localises the unmodelled torque from the fitting and selecting records. `None` without a slave
+/// encoder, without repeated records (which give the noise spectrum), with too short records, or if
+/// only noise is left.
+pub fn localise(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    setting: &Setting,
+) -> Option<Localisation> {
+    let model = fit.model;
+    let pace =
+        |record: usize| model.records[record].step_s * model.records[record].decimation() as f64;
+    let pace_s = pace(*fit.records.first()?);
+    let takes_part = |record: &usize| {
+        let own = &model.records[*record];
+        own.slave.is_some()
+            && own.residual_rows() >= FEWEST_ROWS
+            && (pace(*record) - pace_s).abs() < 1e-6 * pace_s
+    };
+    let records: Vec<usize> =
+        fit.records.iter().chain(&select.records).copied().filter(takes_part).collect();
+    let all = Dataset::whole(model).residuals(setting)?;
+    let here: Vec<Residual> = records.iter().map(|record| all[*record].clone()).collect();
+    let pairs: Vec<(usize, usize)> = repeats(&model.records)
+        .into_iter()
+        .filter(|(a, b)| takes_part(a) && takes_part(b))
+        .collect();
+    let [masters, slaves] = [Channel::Master, Channel::Slave]
+        .map(|channel| repeat_differences(model, &pairs, &all, channel));
+    let noise = spectra(masters.iter().map(Vec::as_slice).zip(slaves.iter().map(Vec::as_slice)));
+    if noise.segments < 2.0 {
+        return None;
+    }
+    let longest = records.iter().map(|record| model.records[*record].volts.len()).max()?;
+    let listener = ProbeExperiment {
+        model,
+        setting,
+        records,
+        here,
+        pace_s,
+        random_signs: random_signs(longest + HELD),
+    };
+    listener.localise(&noise)
+}
+
+/// Power left by a torque at each place and total power, both relative to noise and summed over
+/// segments.
+#[derive(Default)]
+struct Sums {
+    missing: f64,
+    left: [f64; 4],
+}
+
+impl ProbeExperiment<'_> {
+    fn localise(&self, noise: &Spectra) -> Option<Localisation> {
+        let sites = [Site::Master, Site::Slave, Site::Line];
+        let changes =
+            sites.into_iter().map(|site| self.scaled_response(site)).collect::<Option<Vec<_>>>()?;
+        let causes: Vec<Vec<f64>> = self.records.iter().map(|record| self.cause(*record)).collect();
+        let (mut sums, mut kinds) = (Sums::default(), 0);
+        for idle in [true, false] {
+            let of: Vec<usize> = (0..self.records.len())
+                .filter(|at| self.model.records[self.records[*at]].idle == idle)
+                .collect();
+            if of.is_empty() {
+                continue;
+            }
+            kinds += 1;
+            let left = spectra(of.iter().map(|at| {
+                let channels = &self.here[*at].channels;
+                (channels[0].as_slice(), channels[1].as_slice())
+            }));
+            let known = |changes: &Vec<[Vec<f64>; 2]>| {
+                responses(of.iter().map(|at| (causes[*at].as_slice(), changes[*at].clone())))
+            };
+            sums.add(&left, noise, &changes.iter().map(known).collect::<Vec<_>>(), idle);
+        }
+        if sums.missing <= 0.0 {
+            return None;
+        }
+        let places = [Location::Master, Location::Slave, Location::Line, Location::Cell];
+        let left =
+            places.into_iter().zip(sums.left.map(|left| (left / sums.missing).clamp(0.0, 1.0)));
+        Some(Localisation {
+            left: left.filter(|(place, _)| *place != Location::Cell || kinds == 2).collect(),
+        })
+    }
+}
+
+impl Sums {
+    /// Adds the records of one kind. Spectra are whitened by the noise spectrum, so that noise has
+    /// unit power per channel.
+    fn add(
+        &mut self,
+        left: &Spectra,
+        noise: &Spectra,
+        responses: &[Vec<Vector2<Complex<f64>>>],
+        idle: bool,
+    ) {
+        // Without bin 0, which a sensor offset affects.
+        for bin in 1..HIGHEST {
+            let of_left =
+                Matrix2::from_diagonal(&left.mean[bin].diagonal()) * Complex::from(LEAST_NOISE);
+            let Some(factor) = (noise.mean[bin] + of_left).cholesky() else { continue };
+            let Some(whiten) = factor.l().try_inverse() else { continue };
+            let power = whiten * left.mean[bin] * whiten.adjoint();
+            let all = power.trace().re;
+            self.missing += left.segments * (all - 2.0).max(0.0);
+            let beyond = |responses: &Vec<Vector2<Complex<f64>>>| {
+                let way = whiten * responses[bin];
+                let explained =
+                    (way.adjoint() * power * way)[0].re / way.norm_squared().max(f64::MIN_POSITIVE);
+                left.segments * (all - explained - 1.0).max(0.0)
+            };
+            let of_sides: Vec<f64> = responses.iter().map(beyond).collect();
+            let of_cell = if idle { left.segments * (all - 2.0).max(0.0) } else { of_sides[1] };
+            for (sum, left) in self.left.iter_mut().zip(of_sides.into_iter().chain([of_cell])) {
+                *sum += left;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shares(master: f64, slave: f64, line: f64, cell: Option<f64>) -> Localisation {
+        let sides = [(Location::Master, master), (Location::Slave, slave), (Location::Line, line)];
+        Localisation {
+            left: sides.into_iter().chain(cell.map(|left| (Location::Cell, left))).collect(),
+        }
+    }
+
+    #[test]
+    fn the_place_with_the_least_unexplained_power_or_the_line() {
+        assert_eq!(shares(0.03, 0.9, 0.4, Some(0.95)).site(), Site::Master);
+        assert_eq!(shares(0.8, 0.05, 0.6, Some(0.9)).site(), Site::Slave);
+        assert_eq!(shares(0.8, 0.05, 0.6, None).site(), Site::Slave);
+        assert_eq!(shares(0.4, 0.5, 0.12, Some(0.9)).site(), Site::Line);
+        assert_eq!(shares(0.4, 0.5, 0.45, Some(0.9)).site(), Site::Line);
+        // The cell has less to explain with than the slave, and nearly always explains a little
+        // less.
+        assert_eq!(shares(0.8, 0.05, 0.6, Some(0.08)).site(), Site::Sensor);
+        assert_eq!(shares(0.8, 0.19, 0.6, Some(0.13)).site(), Site::Sensor);
+    }
+
+    #[test]
+    fn functions_are_asked_where_it_acts() {
+        let master = shares(0.03, 0.9, 0.4, Some(0.95));
+        assert!(
+            master.allows((Site::Drive, Variable::Voltage))
+                && master.allows((Site::Master, Variable::Velocity))
+        );
+        assert!(
+            !master.allows((Site::Master, Variable::Force))
+                && !master.allows((Site::Slave, Variable::Velocity))
+        );
+        let between = shares(0.4, 0.5, 0.45, Some(0.9));
+        assert!(
+            between.allows((Site::Line, Variable::Deflection))
+                && between.allows((Site::Slave, Variable::Force))
+        );
+        assert!(!between.allows((Site::Slave, Variable::Position)));
+        let cell = shares(0.8, 0.05, 0.6, Some(0.05));
+        assert!(
+            cell.allows((Site::Sensor, Variable::Torque))
+                && !cell.allows((Site::Slave, Variable::Torque))
+        );
+    }
+
+    #[test]
+    fn answers_are_those_of_the_cause() {
+        let cause: Vec<f64> = random_signs(4000).iter().copied().collect();
+        // The slave answers half as much, and two rows later.
+        let later: Vec<f64> =
+            (0..4000_usize).map(|row| 0.5 * cause[row.saturating_sub(2)]).collect();
+        let responses = responses([(&cause[..], [cause.clone(), later])].into_iter());
+        for (bin, answer) in responses.iter().enumerate().skip(1).take(40) {
+            let turn = Complex::from_polar(0.5, -2.0 * PI * bin as f64 * 2.0 / SEGMENT as f64);
+            assert!((answer[0] - Complex::from(1.0)).norm() < 1e-9);
+            assert!((answer[1] - turn).norm() < 0.1, "{bin}: {} {turn}", answer[1]);
+        }
+    }
+
+    #[test]
+    fn what_is_in_a_known_proportion_is_explained_and_no_more() {
+        let course = |seed: usize| -> Vec<f64> { random_signs(20_000)[seed..seed + 8000].to_vec() };
+        let scaled =
+            |course: &[f64], size: f64| course.iter().map(|row| size * row).collect::<Vec<f64>>();
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect::<Vec<f64>>();
+        let (noise_m, noise_s, torque) = (course(0), course(8001), course(11_500));
+        let noise = spectra([(&noise_m[..], &noise_s[..])].into_iter());
+        // Missing is three on the master and one on the slave; the noise is another stretch of the
+        // same kind.
+        let (master, slave) =
+            (sum(&course(3000), &scaled(&torque, 3.0)), sum(&course(5003), &torque));
+        let left = spectra([(&master[..], &slave[..])].into_iter());
+        let way = |master: f64, slave: f64| {
+            vec![Vector2::new(Complex::from(master), Complex::from(slave)); HIGHEST]
+        };
+        let mut sums = Sums::default();
+        sums.add(&left, &noise, &[way(3.0, 1.0), way(1.0, -3.0), way(1.0, 0.0)], true);
+        let share = sums.left.map(|left| left / sums.missing);
+        assert!(share[0] < 0.1, "{share:?}");
+        assert!(share[1] > 0.8 && share[3] == 1.0, "{share:?}");
+        assert!((share[2] - 0.1).abs() < 0.1, "{share:?}");
+    }
+}

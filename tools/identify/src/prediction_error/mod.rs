@@ -1,0 +1,54 @@
+//! Transmissions: volts and hand torque in, positions of master and slave out, identified by the
+//! prediction-error method.
+//!
+//! The model is simulated along each record with an observer that corrects master and slave toward
+//! the measured positions; the residual is the observer's innovation (one-step prediction error).
+//! An open-loop simulation would bury effects under noise and the drift of stick-slip. With an
+//! observer bandwidth `ω`, a torque `Δτ` that the model lacks at a side of inertia `I` appears as
+//! an innovation of about `Δτ/(I ω²)`: a low bandwidth gives contrast, a high one keeps the model
+//! on the record. Where friction falls with speed, too low a bandwidth leaves the model two
+//! solutions from the same state, and no gradient leads from one to the other.
+//!
+//! - [`record`]: measured records, checked and resampled;
+//! - [`transmission_model`]: the declared model with its tolerances, and its innovations along a
+//!   record for given parameters and effects;
+//! - [`free_parameter`]: the parameters that a fit varies, each within its bounds;
+//! - [`fit`]: Levenberg-Marquardt with one noise variance per record and channel;
+//! - [`candidates`]: the listed effects, their free parameters and starting points;
+//! - [`screening`]: score test of the candidates against the residual, with the sensitivities to
+//!   the declared parameters projected out;
+//! - [`nonparametric`]: piecewise-linear torques of one variable, which reveal an unlisted effect;
+//! - [`nonparametric_search`]: where such functions are tried, and how each validates;
+//! - [`validation`]: errors on records that took no part in the fit, relative to the repeatability;
+//! - [`identifiability`]: what the records tell about each declared parameter;
+//! - [`localisation`]: where an unmodelled torque enters, from the responses to a [`probe_torque`]
+//!   at each place;
+//! - [`step_refinement`]: whether an effect survives finer steps of the simulation;
+//! - [`rectified_torque`]: the sign of a torque whose sensor shows magnitudes only;
+//! - [`sensor`]: correction of the torque sensor's errors and of late readings;
+//! - [`refit`]: fits of the whole model, declared and extended;
+//! - [`backward_elimination`]: effects that later ones, or a single other one, made redundant;
+//! - [`selection_round`]: one round of the forward selection;
+//! - [`search`]: the stepwise selection, round by round, to a verdict;
+//! - [`parametric_bootstrap`]: how often simulated records without the effect give as large a gain.
+
+pub mod backward_elimination;
+pub mod candidates;
+pub mod fit;
+pub mod free_parameter;
+pub mod identifiability;
+pub mod localisation;
+pub mod nonparametric;
+pub mod nonparametric_search;
+pub mod parametric_bootstrap;
+pub mod probe_torque;
+pub mod record;
+pub mod rectified_torque;
+pub mod refit;
+pub mod screening;
+pub mod search;
+pub mod selection_round;
+pub mod sensor;
+pub mod step_refinement;
+pub mod transmission_model;
+pub mod validation;

@@ -1,0 +1,90 @@
+//! A known torque at a known place, to which the residuals' response is measured.
+
+use std::sync::Arc;
+
+use plant::ParameterSet;
+use plant::effects::{Effect, Link, Moment, SideLoad, Site};
+
+/// Multiplier of the linear congruential generator (Knuth's MMIX) whose highest bit is the sign.
+const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
+/// Its increment.
+const INCREMENT: u64 = 1_442_695_040_888_963_407;
+
+/// A pseudo-random binary torque on a side (N·m), or force on the moving mass in the lines (N).
+#[derive(Clone, Debug)]
+pub struct ProbeTorque {
+    /// On the master, the slave, or the line.
+    site: Site,
+    /// Start (s).
+    start_s: f64,
+    /// Hold time of each value (s).
+    hold_s: f64,
+    values: Arc<[f64]>,
+}
+
+/// Returns a reproducible pseudo-random binary sequence.
+pub fn random_signs(count: usize) -> Arc<[f64]> {
+    let mut state = 0u64;
+    (0..count)
+        .map(|_| {
+            state = state.wrapping_mul(MULTIPLIER).wrapping_add(INCREMENT);
+            if state >> 63 == 1 { 1.0 } else { -1.0 }
+        })
+        .collect()
+}
+
+impl ProbeTorque {
+    /// At a site, from `start_s` on, each value held for `hold_s`.
+    pub const fn new(site: Site, start_s: f64, hold_s: f64, values: Arc<[f64]>) -> Self {
+        Self { site, start_s, hold_s, values }
+    }
+
+    fn value(&self, moment: &Moment) -> f64 {
+        let at = ((moment.time_s - self.start_s) / self.hold_s).max(0.0) as usize;
+        self.values.get(at).copied().unwrap_or(0.0)
+    }
+}
+
+impl Effect for ProbeTorque {
+    fn id(&self) -> &'static str {
+        "probe_torque"
+    }
+
+    fn site(&self) -> Site {
+        self.site
+    }
+
+    fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
+        load.load.force += self.value(moment);
+    }
+
+    fn link(&mut self, link: &mut Link, moment: &Moment) {
+        if self.site == Site::Line {
+            link.fluid_force_n += self.value(moment);
+        }
+    }
+}
+
+/// It has no parameters.
+impl ParameterSet for ProbeTorque {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_held_and_end() {
+        let probe_torque = ProbeTorque::new(Site::Slave, 10.0, 0.1, Arc::from([1.0, -2.0]));
+        let at = |time_s: f64| probe_torque.value(&Moment { time_s, ..Moment::default() });
+        assert_eq!([9.0, 10.05, 10.15, 10.25].map(at), [1.0, 1.0, -2.0, 0.0]);
+    }
+
+    #[test]
+    fn signs_change_at_random_and_are_the_same_each_time() {
+        let random_signs = random_signs(4000);
+        let sum: f64 = random_signs.iter().sum();
+        let turns = random_signs.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(sum.abs() < 200.0 && (1800..2200).contains(&turns), "{sum}, {turns}");
+        assert_eq!(random_signs[..100], super::random_signs(100)[..]);
+    }
+}

@@ -1,0 +1,118 @@
+//! Fits of the whole model: as declared, and again after an effect was added.
+
+use nalgebra::DMatrix;
+
+use super::candidates::Candidate;
+use super::fit::{Dataset, Fitted};
+use super::free_parameter::FreeParameter;
+use super::selection_round::FittedCandidate;
+use super::transmission_model::{SMOOTHING, SMOOTHING_STARTS, Setting};
+use super::validation::above_floor;
+
+/// Most refits of a model with an effect while it stays above the noise floor.
+const REFITS: usize = 3;
+/// Decrease of the criterion per row for which another refit is worthwhile.
+const LEAST_REFIT: f64 = 0.01;
+/// A declared parameter whose variation over half its tolerance changes the weighted residual by
+/// less than this share of its rms is not estimated.
+pub(super) const SENSITIVE: f64 = 0.002;
+/// Most declared parameters in a fit.
+const MOST_PARAMETERS: usize = 30;
+
+/// Selects the declared parameters to be estimated by a pivoted orthogonalisation of the Jacobian,
+/// the most sensitive first.
+fn estimable(dataset: &Dataset<'_>, fitted: &Fitted) -> Vec<FreeParameter> {
+    let all: Vec<FreeParameter> = (0..dataset.model.base.len()).map(FreeParameter::Base).collect();
+    let weights = Dataset::weights(&fitted.residuals);
+    let mut jacobian: DMatrix<f64> = dataset.jacobian(fitted, &all, &weights);
+    let least = SENSITIVE * (jacobian.nrows() as f64).sqrt();
+    let mut chosen = Vec::new();
+    while chosen.len() < MOST_PARAMETERS {
+        let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
+        let Some((index, norm)) =
+            norms.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
+        else {
+            break;
+        };
+        if norm < least || norm.is_nan() {
+            break;
+        }
+        let direction = jacobian.column(index) / norm;
+        let along = jacobian.transpose() * &direction;
+        jacobian -= direction * along.transpose();
+        jacobian.column_mut(index).fill(0.0);
+        chosen.push(all[index].clone());
+    }
+    chosen
+}
+
+/// Fits the declared model within its tolerances; returns the fit and the parameters estimated.
+pub fn fit_base(fit: &Dataset<'_>) -> Option<(Fitted, Vec<FreeParameter>)> {
+    let model = fit.model;
+    let smoothing = model.base.iter().position(|parameter| parameter.name == SMOOTHING);
+    let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
+        let mut start = model.start();
+        if let Some(index) = smoothing {
+            start.base[index] = *speed;
+        }
+        let fitted = fit.evaluate(start)?;
+        let parameters = estimable(fit, &fitted);
+        fit.fit(&fitted.setting, &parameters, 3)
+    });
+    let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+    // A smaller residual reveals more parameters.
+    let parameters = estimable(fit, &best);
+    let fitted = fit.fit(&best.setting, &parameters, 6)?;
+    Some((fitted, parameters))
+}
+
+/// Refits the whole model after an effect was added; returns the fit and the parameters estimated.
+pub fn refit(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    winner: &FittedCandidate,
+    of: &Candidate,
+) -> (Fitted, Vec<FreeParameter>) {
+    let model = fit.model;
+    let own: Vec<FreeParameter> =
+        winner.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
+    let shown = |fitted: &Fitted| [estimable(fit, fitted), own.clone()].concat();
+    let mut parameters = shown(&winner.fitted);
+    let mut now =
+        fit.fit(&winner.fitted.setting, &parameters, 6).unwrap_or_else(|| winner.fitted.clone());
+    for pass in 0..REFITS {
+        if above_floor(model, &select.records, &now.setting)
+            .is_some_and(|above| above.well_at_floor())
+        {
+            break;
+        }
+        // A smaller residual reveals more parameters.
+        parameters = shown(&now);
+        // A local minimum looks like a missing effect; the declared values may lead out of it.
+        let fresh = Setting { base: model.start().base, ..now.setting.clone() };
+        let before = now.objective;
+        let mut starts = vec![now.setting.clone(), fresh.clone()];
+        if (of.sizes > 1 || of.multi_start.is_some()) && pass == 0 {
+            // Correlated parameters have several local minima.
+            let others = [&fresh, &now.setting].into_iter().flat_map(|from| {
+                of.starts.iter().filter_map(|start| {
+                    let mut setting = from.clone();
+                    setting.placed.last_mut()?.values.clone_from(&start.placed.values);
+                    Some(setting)
+                })
+            });
+            let others: Vec<Setting> = others.collect();
+            starts.extend(
+                fit.leading(&others, &parameters, 1).into_iter().map(|begun| begun.setting),
+            );
+        }
+        let again = starts.iter().map(|start| fit.fit(start, &parameters, 4));
+        let Some(best) = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective)) else {
+            break;
+        };
+        now = best;
+        if before - now.objective < LEAST_REFIT * now.rows() as f64 {
+            break;
+        }
+    }
+    (now, parameters)
+}

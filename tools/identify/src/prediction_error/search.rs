@@ -1,0 +1,488 @@
+//! Stepwise selection of effects: forward rounds that fit, screen, refit and validate candidates,
+//! with backward elimination and substitution after each.
+
+use plant::effects::Site;
+
+use super::backward_elimination::{
+    AS_GOOD, RunnerUp, effect_count, equivalent_site, redundant_effect, rivals,
+    single_effect_models, substitute,
+};
+use super::candidates::{Candidate, candidates};
+use super::fit::{Dataset, Fitted};
+use super::free_parameter::FreeParameter;
+use super::localisation::Localisation;
+use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
+use super::rectified_torque::{rectified_records, restore_signs};
+use super::refit::{fit_base, refit};
+use super::screening::record_features;
+use super::selection_round::{FittedCandidate, SelectionRound, winner};
+use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
+use super::transmission_model::TransmissionModel;
+use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, has_two_ways, validate};
+use crate::equation_error::split::Role;
+
+/// Gain over the effect added by which another takes its place.
+const BETTER: f64 = 0.03;
+/// Most effects added.
+const MOST_EFFECTS: usize = 3;
+/// Most rounds, including those whose effect was removed again.
+const MOST_ROUNDS: usize = 5;
+/// Least share of the best gain for another candidate of the first round to be tried in place of
+/// the effects added.
+const A_RIVAL: f64 = 0.25;
+/// Share of a model's gain that the same model with an equivalent effect must reach.
+const AS_MUCH: f64 = 0.75;
+/// Fit rounds with an equivalent effect.
+const AS_A_TWIN: usize = 3;
+/// Fit rounds with the other encoder.
+const AS_ANOTHER_ENCODER: usize = 4;
+/// Parameter of `encoder_eccentricity` that tells which encoder.
+pub const WHICH_ENCODER: &str = "on_master";
+/// Fit rounds after an effect was withdrawn.
+const AFTER_TAKING_BACK: usize = 4;
+
+/// An effect that was added.
+#[derive(Clone, Debug)]
+pub struct SelectionStep {
+    /// The effect, with its validation.
+    pub added: Validation,
+    /// Effects that the records cannot distinguish from it.
+    pub rivals: Vec<(&'static str, Site)>,
+    /// The model with it.
+    pub fitted: Fitted,
+}
+
+/// Result of the stepwise selection.
+#[derive(Clone, Debug)]
+pub struct SearchResult {
+    /// The declared model, fitted within its tolerances.
+    pub base: Fitted,
+    /// Parameters estimated in that fit.
+    pub base_parameters: Vec<FreeParameter>,
+    /// Declared parameters estimated in the last fit.
+    pub parameters: Vec<FreeParameter>,
+    /// Effects in the order in which they were added.
+    pub steps: Vec<SelectionStep>,
+    /// Candidates fitted in each round, best first.
+    pub rounds: Vec<Vec<Validation>>,
+    /// Effects that were added and removed again.
+    pub given_up: Vec<(&'static str, Site)>,
+    /// Nonparametric functions tried after that.
+    pub generic: Vec<Validation>,
+    /// The best of them, if it passes.
+    pub unlisted_function: Option<UnlistedFunction>,
+    /// Where the unmodelled torque enters; only if no listed effect is adequate.
+    pub localisation: Option<Localisation>,
+    /// Free parameters of the effects added.
+    pub effect_parameters: Vec<FreeParameter>,
+    /// Whether the error stays so far above the noise floor that no listed effect is adequate.
+    pub inadequate: bool,
+}
+
+impl SearchResult {
+    /// Returns the final model: with all effects, or with a nonparametric function if no listed
+    /// effect is adequate.
+    pub fn last(&self) -> &Fitted {
+        let nonparametric =
+            self.stand_alone_function().map(|unlisted_function| &unlisted_function.fitted);
+        self.steps.last().map(|step| &step.fitted).or(nonparametric).unwrap_or(&self.base)
+    }
+
+    /// Returns the nonparametric function if no listed effect is adequate.
+    pub fn stand_alone_function(&self) -> Option<&UnlistedFunction> {
+        self.unlisted_function.as_ref().filter(|_| self.inadequate)
+    }
+
+    /// Returns where an unlisted effect acts if no function of one variable explains it.
+    pub fn acts_at(&self) -> Option<Site> {
+        let localisation = self
+            .localisation
+            .as_ref()
+            .filter(|_| self.inadequate && self.unlisted_function.is_none())?;
+        // Motor torque acts on the master too; only the variable distinguishes the two.
+        let best = self.generic.first().filter(|best| best.gain > 0.0);
+        match localisation.site() {
+            Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
+            own => Some(own),
+        }
+    }
+
+    /// Withdraws the last effect and refits the rest; nonparametric results go with it. `None` if
+    /// that cannot be simulated.
+    pub fn without_last(&mut self, model: &TransmissionModel) -> Option<()> {
+        let Some(step) = self.steps.pop() else { return Some(()) };
+        let at = step.fitted.setting.placed.len().saturating_sub(1);
+        self.effect_parameters =
+            self.effect_parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
+        self.set_nonparametric(NonparametricResult::default());
+        if self.steps.is_empty() {
+            self.parameters.clone_from(&self.base_parameters);
+        }
+        if let Some(last) = self.steps.last_mut() {
+            let mut setting = step.fitted.setting;
+            setting.placed.truncate(at);
+            let parameters: Vec<FreeParameter> =
+                self.parameters.iter().chain(&self.effect_parameters).cloned().collect();
+            last.fitted =
+                Dataset::of(model, Role::Fit).fit(&setting, &parameters, AFTER_TAKING_BACK)?;
+        }
+        Some(())
+    }
+}
+
+impl SearchResult {
+    fn set_nonparametric(
+        &mut self,
+        NonparametricResult { tried, best, localisation }: NonparametricResult,
+    ) {
+        (self.generic, self.unlisted_function, self.localisation) = (tried, best, localisation);
+    }
+
+    /// Reassesses adequacy and nonparametric functions after an effect was withdrawn.
+    pub fn reassess(&mut self, model: &TransmissionModel) {
+        let (fit, select) = (Dataset::of(model, Role::Fit), Dataset::of(model, Role::Select));
+        let above = above_floor(model, &select.records, &self.last().setting);
+        if above.is_none_or(|above| above.at_floor()) {
+            return;
+        }
+        self.inadequate = above.is_some_and(|above| above.inadequate());
+        let parameters: Vec<FreeParameter> =
+            self.parameters.iter().chain(&self.effect_parameters).cloned().collect();
+        let (now, parameters) = match self.inadequate {
+            true => (self.base.clone(), self.base_parameters.clone()),
+            false => (self.last().clone(), parameters),
+        };
+        self.set_nonparametric(search_nonparametric(
+            (&fit, &select),
+            (&now, &parameters),
+            self.inadequate,
+        ));
+        if self.inadequate {
+            self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
+            self.parameters.clone_from(&self.base_parameters);
+            self.effect_parameters.clear();
+        }
+    }
+}
+
+/// Runs the whole selection. Recovered signs of a rectified torque are stored in the records.
+/// `None` if not even the declared model can be simulated along the records.
+pub fn search(model: &mut TransmissionModel) -> Option<SearchResult> {
+    let hands = rectified_records(model);
+    if !hands.is_empty() {
+        let idle = Dataset::of(model, Role::Fit).without(&hands);
+        if !idle.records.is_empty() {
+            let (base, _) = fit_base(&idle)?;
+            restore_signs(model, hands, &base.setting)?;
+        }
+    }
+    let mut search = Search::begin(model)?;
+    // If a later model diverges, the result so far stands.
+    while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add() {
+        search.drop_redundant();
+        search.substitute();
+        if search.compare_with_runners_up().is_none() {
+            break;
+        }
+    }
+    Some(search.conclude())
+}
+
+/// State of the selection.
+struct Search<'a> {
+    fit: Dataset<'a>,
+    select: Dataset<'a>,
+    base: Fitted,
+    base_parameters: Vec<FreeParameter>,
+    /// The current model and its estimated parameters.
+    now: Fitted,
+    parameters: Vec<FreeParameter>,
+    steps: Vec<SelectionStep>,
+    rounds: Vec<Vec<Validation>>,
+    given_up: Vec<(&'static str, Site)>,
+    /// Runners-up of the first round.
+    runners_up: Vec<RunnerUp>,
+    /// Runners-up of the last round.
+    latest: Vec<RunnerUp>,
+}
+
+impl<'a> Search<'a> {
+    fn begin(model: &'a TransmissionModel) -> Option<Self> {
+        let (fit, select) = (Dataset::of(model, Role::Fit), Dataset::of(model, Role::Select));
+        let (base, base_parameters) = fit_base(&fit)?;
+        let (now, parameters) = (base.clone(), base_parameters.clone());
+        let (steps, rounds, given_up) = (Vec::new(), Vec::new(), Vec::new());
+        let (runners_up, latest) = (Vec::new(), Vec::new());
+        Some(Self {
+            fit,
+            select,
+            base,
+            base_parameters,
+            now,
+            parameters,
+            steps,
+            rounds,
+            given_up,
+            runners_up,
+            latest,
+        })
+    }
+}
+
+impl Search<'_> {
+    const fn views(&self) -> (&Dataset<'_>, &Dataset<'_>) {
+        (&self.fit, &self.select)
+    }
+
+    /// Adds the best candidate that passes and refits; returns whether there was one.
+    fn add(&mut self) -> bool {
+        let (fit, select, now) = (&self.fit, &self.select, &self.now);
+        let Some(before) = select.residuals(&now.setting) else { return false };
+        let listed: Vec<Candidate> = candidates(&record_features(fit, now))
+            .into_iter()
+            .filter(|candidate| {
+                now.setting
+                    .placed
+                    .iter()
+                    .all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
+            })
+            .collect();
+        let round = SelectionRound {
+            fit,
+            select,
+            now,
+            parameters: &self.parameters,
+            before: &before,
+            candidates: &listed,
+        };
+        let mut tried = round.run();
+        let held = |tried: &FittedCandidate| {
+            now.setting.placed.is_empty()
+                || !may_be_step_artefact(tried.validation.id)
+                || holds_with_finer_steps(self.views(), now, &self.parameters, tried)
+        };
+        while let Some(at) =
+            winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate)
+        {
+            if let Some(step) = tried.iter_mut().find(|tried| tried.candidate == at) {
+                step.validation.accepted = false;
+            }
+        }
+        self.rounds.push(tried.iter().map(|tried| tried.validation.clone()).collect());
+        let Some(winner) = winner(&tried) else { return false };
+        self.steps.push(SelectionStep {
+            added: winner.validation.clone(),
+            rivals: Vec::new(),
+            fitted: winner.fitted.clone(),
+        });
+        let is_rival = |other: &&FittedCandidate| {
+            other.candidate != winner.candidate
+                && other.validation.gain >= A_RIVAL * winner.validation.gain
+        };
+        self.latest = tried.iter().filter(is_rival).filter_map(RunnerUp::of).collect();
+        if self.rounds.len() == 1 {
+            self.runners_up.clone_from(&self.latest);
+        }
+        (self.now, self.parameters) = refit((fit, select), winner, &listed[winner.candidate]);
+        true
+    }
+
+    /// Removes effects that the newest one made redundant.
+    fn drop_redundant(&mut self) {
+        while let Some((at, fitted, left)) =
+            redundant_effect(self.views(), &self.now, &self.parameters)
+        {
+            let step = self.steps.remove(at);
+            self.given_up.push((step.added.id, step.added.site));
+            (self.now, self.parameters) = (fitted, left);
+        }
+    }
+
+    /// Substitutes effects by runners-up that do clearly better beside the rest, until the noise
+    /// floor is reached.
+    fn substitute(&mut self) {
+        let count = self.steps.len();
+        for at in (0..count).filter(|_| count > 1) {
+            if at_floor(self.fit.model, &self.select.records, &self.now.setting) {
+                return;
+            }
+            let runners_up = if at + 1 == count { &self.latest } else { &self.runners_up };
+            let Some(found) = substitute(self.views(), &self.now, &self.parameters, at, runners_up)
+            else {
+                continue;
+            };
+            let step = &mut self.steps[at];
+            self.given_up.push((step.added.id, step.added.site));
+            let gain = step.added.gain + found.beside.gain;
+            step.added =
+                Validation { id: found.beside.id, site: found.beside.site, gain, ..step.added };
+            step.rivals.clear();
+            (self.now, self.parameters) = (found.fitted, found.parameters);
+        }
+    }
+
+    /// Fits the first round's runners-up alone: one that does as well replaces all effects; those
+    /// that the records cannot distinguish from a single effect become its rivals.
+    fn compare_with_runners_up(&mut self) -> Option<()> {
+        let single_effect_models =
+            single_effect_models(self.views(), &self.now, &self.parameters, &self.runners_up)?;
+        let enough = if self.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
+        match &single_effect_models[..] {
+            // One effect does as well as several, or better than the first winner after its refit.
+            [best, rest @ ..] if best.beside.gain < enough => {
+                self.give_up_all();
+                (self.now, self.parameters) = (best.fitted.clone(), best.parameters.clone());
+                let added = self.beside_declared()?;
+                let rivals = rivals(
+                    (added.id, added.site),
+                    &best.selected,
+                    effect_count(&best.parameters),
+                    rest.iter(),
+                );
+                self.steps.push(SelectionStep { added, rivals, fitted: self.now.clone() });
+            }
+            all => {
+                if let [only] = &mut self.steps[..] {
+                    let meant = (only.added.id, only.added.site);
+                    let selected = self.select.residuals(&self.now.setting)?;
+                    only.rivals =
+                        rivals(meant, &selected, effect_count(&self.parameters), all.iter());
+                }
+            }
+        }
+        if self.steps.len() == 1 && self.rounds.len() > 1 {
+            // It may have been added beside another effect.
+            self.steps[0].added = self.beside_declared()?;
+        }
+        Some(())
+    }
+
+    /// Adds the equivalent effect at another site as a rival where it explains nearly as much: the
+    /// difference is numerical.
+    fn name_equivalents(&mut self) -> Option<()> {
+        let (without, with) =
+            (self.select.residuals(&self.base.setting)?, self.select.residuals(&self.now.setting)?);
+        for at in 0..self.steps.len() {
+            let id = self.steps[at].added.id;
+            let Some(site) = equivalent_site((id, self.steps[at].added.site)) else { continue };
+            let there =
+                self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
+            if there || !self.steps[at].rivals.is_empty() {
+                continue;
+            }
+            let mut setting = self.now.setting.clone();
+            setting.placed[at].site = site;
+            let Some(fitted) = self.fit.fit(&setting, &self.parameters, AS_A_TWIN) else {
+                continue;
+            };
+            let there = self.select.residuals(&fitted.setting)?;
+            let [meant, equivalent_site] =
+                [&with, &there].map(|after| validate((id, site), &without, after).gain);
+            if equivalent_site >= AS_MUCH * meant {
+                self.steps[at].rivals.push((id, site));
+            }
+        }
+        Some(())
+    }
+
+    /// Compares eccentricity of one encoder with that of the other, which small movements cannot
+    /// distinguish; the one that explains more is kept.
+    fn compare_encoders(&mut self) -> Option<()> {
+        let mut with = self.select.residuals(&self.now.setting)?;
+        for at in 0..self.steps.len() {
+            let (id, site) = (self.steps[at].added.id, self.steps[at].added.site);
+            let mut setting = self.now.setting.clone();
+            let Some(encoder) =
+                setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER)
+            else {
+                continue;
+            };
+            encoder.1 = 1.0 - encoder.1;
+            let Some(other) = self.fit.fit(&setting, &self.parameters, AS_ANOTHER_ENCODER) else {
+                continue;
+            };
+            let Some(there) = self.select.residuals(&other.setting) else { continue };
+            let mut beside = validate((id, site), &there, &with).gain;
+            if beside < -BETTER {
+                (self.now, with, beside) = (other, there, -beside);
+            }
+            if beside < AS_GOOD && self.steps[at].rivals.is_empty() {
+                self.steps[at].rivals.push((id, site));
+            }
+        }
+        Some(())
+    }
+
+    fn give_up_all(&mut self) {
+        self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
+    }
+
+    /// Validates a single-effect model against the declared one.
+    fn beside_declared(&self) -> Option<Validation> {
+        let only = self.now.setting.placed.first()?;
+        let [before, after] =
+            [&self.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
+        Some(validate((only.id, only.site), &before?, &after?))
+    }
+
+    /// Decides on adequacy and searches nonparametric functions.
+    fn conclude(mut self) -> SearchResult {
+        self.name_equivalents();
+        self.compare_encoders();
+        if let Some(step) = self.steps.last_mut() {
+            step.fitted = self.now.clone();
+        }
+        let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
+        let at_floor = above.is_some_and(|above| above.at_floor());
+        let mut inadequate = above.is_some_and(|above| above.inadequate());
+        let declared = (&self.base, &self.base_parameters[..]);
+        // Inadequate effects would distort a function beside them.
+        let mut nonparametric =
+            inadequate.then(|| search_nonparametric(self.views(), declared, true));
+        // A listed effect must not lose against a single nonparametric function.
+        if !inadequate && !at_floor && !self.steps.is_empty() {
+            let anonymous = search_nonparametric(self.views(), declared, false);
+            if let Some(best) = anonymous.best.as_ref().filter(|best| best.validation.accepted) {
+                let [named, unlisted_function] =
+                    [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
+                let names = self.steps.iter().map(|step| (step.added.id, step.added.site));
+                let by = names
+                    .into_iter()
+                    .find(|(id, _)| has_two_ways(id))
+                    .unwrap_or((best.validation.id, best.validation.site));
+                let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
+                    validate(by, &named, &unlisted_function).gain
+                });
+                if more.is_some_and(|more| more >= LEAST_GAIN) {
+                    (inadequate, nonparametric) = (true, Some(anonymous));
+                }
+            }
+        }
+        let NonparametricResult { tried: generic, best: unlisted_function, localisation } =
+            match nonparametric {
+                Some(nonparametric) => nonparametric,
+                None if at_floor => NonparametricResult::default(),
+                None => search_nonparametric(self.views(), (&self.now, &self.parameters), false),
+            };
+        if inadequate {
+            self.give_up_all();
+            self.parameters.clone_from(&self.base_parameters);
+        }
+        let (parameters, effect_parameters) =
+            self.parameters.into_iter().partition(FreeParameter::is_base);
+        let Self { base, base_parameters, steps, rounds, given_up, .. } = self;
+        SearchResult {
+            base,
+            base_parameters,
+            parameters,
+            steps,
+            rounds,
+            given_up,
+            generic,
+            unlisted_function,
+            localisation,
+            effect_parameters,
+            inadequate,
+        }
+    }
+}

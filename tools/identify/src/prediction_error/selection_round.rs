@@ -1,0 +1,318 @@
+//! One round of the forward selection: the best screened candidates are fitted beside the current
+//! model, first briefly, then to convergence while they are competitive.
+
+use plant::effects::Site;
+use rayon::prelude::*;
+
+use super::candidates::{Candidate, MultiStart, Scaling};
+use super::fit::{Dataset, Fitted};
+use super::free_parameter::{AT_BOUND, FreeParameter, free_parameters_of};
+use super::localisation::localise;
+use super::screening::{Projection, ScoredCandidate};
+use super::transmission_model::{Residual, Setting, TransmissionModel};
+use super::validation::{LEAST_FIRST, Validation, at_floor, validate_beside};
+
+/// Gains within this share of the best count as equal: the fewest parameters win.
+const AS_GOOD: f64 = 0.97;
+/// Candidates that are fitted after the screening.
+const REFITTED: usize = 12;
+/// Those of them that are fitted to convergence.
+const FINISHED: usize = 3;
+/// Candidates of the first round that are also fitted from the declared values.
+const AFRESH: usize = 3;
+/// Candidates fitted by their score at the declared values.
+const FROM_DECLARED: usize = 5;
+/// Fit rounds that compare several starting points.
+const TO_SHOW: usize = 4;
+/// Fit rounds from each starting point beside the declared values.
+const TO_BEGIN: usize = 2;
+/// A starting point is dropped if its brief fit is behind the best by this (log error).
+const OUT_OF_REACH: f64 = 0.3;
+/// A candidate with less than this share of the best gain is not refined.
+const WITHIN_REACH: f64 = 0.6;
+/// Smaller gains cannot pass after refinement.
+const HOPELESS: f64 = 0.5 * LEAST_FIRST;
+/// Gauss-Newton steps before a candidate is continued or dropped.
+const QUICK_STEPS: usize = 2;
+/// Fit rounds to convergence.
+const TO_THE_END: usize = 3;
+
+/// A fitted candidate.
+pub struct FittedCandidate {
+    /// Index of the candidate.
+    pub candidate: usize,
+    /// Estimated parameters, the candidate's own last.
+    pub parameters: Vec<FreeParameter>,
+    /// The model with it.
+    pub fitted: Fitted,
+    /// Its validation.
+    pub validation: Validation,
+}
+
+/// The state from which a round starts.
+pub struct SelectionRound<'a> {
+    /// Fitting records.
+    pub fit: &'a Dataset<'a>,
+    /// Selecting records.
+    pub select: &'a Dataset<'a>,
+    /// The current model.
+    pub now: &'a Fitted,
+    /// Its estimated parameters.
+    pub parameters: &'a [FreeParameter],
+    /// Its residuals on the selecting records.
+    pub before: &'a [Residual],
+    /// Candidates.
+    pub candidates: &'a [Candidate],
+}
+
+impl SelectionRound<'_> {
+    /// Returns all candidates that were fitted, best first.
+    pub fn run(&self) -> Vec<FittedCandidate> {
+        let projection = Projection::new(self.fit, self.now, self.parameters);
+        let scored = projection.rank(self.fit, self.now, self.candidates);
+        let mut tried: Vec<FittedCandidate> = scored
+            .iter()
+            .take(REFITTED)
+            .filter_map(|scored| self.quick(scored, &projection))
+            .collect();
+        // The best by fit and by validation continue.
+        let mut chosen = foremost(&tried);
+        for index in &chosen {
+            let start = tried[*index].fitted.setting.clone();
+            self.improve(&mut tried, *index, &start, 1);
+        }
+        let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
+        let Some(nearest) = nearest else { return tried };
+        if !at_floor(self.fit.model, &self.select.records, &nearest.fitted.setting) {
+            self.refit_from_declared(&mut tried, &chosen);
+            self.refit_from_all_starts(&mut tried);
+            chosen = foremost(&tried);
+        }
+        // Candidates far behind cannot win after refinement.
+        let most =
+            chosen.iter().map(|index| tried[*index].validation.gain).fold(HOPELESS, f64::max);
+        chosen.retain(|index| tried[*index].validation.gain >= WITHIN_REACH * most);
+        for index in chosen {
+            let start = tried[index].fitted.setting.clone();
+            self.improve(&mut tried, index, &start, TO_THE_END);
+        }
+        self.elsewhere(&mut tried);
+        tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));
+        tried
+    }
+
+    /// Free parameters with the candidate as the last effect of the setting.
+    fn free(&self, candidate: usize, setting: &Setting) -> Vec<FreeParameter> {
+        let own =
+            free_parameters_of(&self.candidates[candidate], setting.placed.len().saturating_sub(1));
+        self.parameters.iter().cloned().chain(own).collect()
+    }
+
+    fn validation(
+        &self,
+        candidate: usize,
+        parameters: Vec<FreeParameter>,
+        fitted: Fitted,
+    ) -> Option<FittedCandidate> {
+        let selected = self.select.residuals(&fitted.setting)?;
+        let of = &self.candidates[candidate];
+        let beside = self.now.setting.placed.len();
+        let mut validation = validate_beside(beside, (of.id, of.site), self.before, &selected);
+        if beside > 0 {
+            // A shape at its lower bound has degenerated into another law, which absorbs the
+            // residual of the effect beside it.
+            let own = free_parameters_of(of, fitted.setting.placed.len().saturating_sub(1));
+            let gone = |parameter: &FreeParameter| {
+                matches!(parameter, FreeParameter::Effect { scaling: Scaling::Logarithmic, .. })
+                    && parameter.normalised(self.fit.model, &fitted.setting) < -AT_BOUND
+            };
+            validation.accepted &= !own.iter().any(gone);
+        }
+        Some(FittedCandidate { candidate, parameters, fitted, validation })
+    }
+
+    fn fitted(&self, candidate: usize, start: &Setting, rounds: usize) -> Option<FittedCandidate> {
+        let free = self.free(candidate, start);
+        let fitted = self.fit.fit(start, &free, rounds)?;
+        self.validation(candidate, free, fitted)
+    }
+
+    /// Takes a step or two with the Jacobian of the current model.
+    fn quick(&self, scored: &ScoredCandidate, projection: &Projection) -> Option<FittedCandidate> {
+        let start = self.now.setting.with(&scored.placed);
+        let free = self.free(scored.candidate, &start);
+        let own = &free[self.parameters.len()..];
+        let mut fitted = self.fit.evaluate(self.fit.inside(start, &free))?;
+        for _ in 0..QUICK_STEPS {
+            let of_effect = self.fit.jacobian(&fitted, own, &projection.weights);
+            let mut jacobian = projection.jacobian.clone().resize_horizontally(free.len(), 0.0);
+            jacobian.columns_mut(self.parameters.len(), of_effect.ncols()).copy_from(&of_effect);
+            match self.fit.step(&fitted, &free, &jacobian, &projection.weights) {
+                Some(better) => fitted = better,
+                None => break,
+            }
+        }
+        self.validation(scored.candidate, free, fitted)
+    }
+
+    fn improve(
+        &self,
+        tried: &mut Vec<FittedCandidate>,
+        index: usize,
+        start: &Setting,
+        rounds: usize,
+    ) {
+        let found = self.fitted(tried[index].candidate, start, rounds);
+        better_of(tried, found);
+    }
+
+    /// Without the effect, declared parameters may have been biased until little of it shows;
+    /// candidates are therefore also screened and fitted from the declared values.
+    fn refit_from_declared(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize]) {
+        let model = self.fit.model;
+        if self.now.setting.placed.is_empty() {
+            for index in chosen.iter().take(AFRESH) {
+                let fresh =
+                    Setting { base: model.start().base, ..tried[*index].fitted.setting.clone() };
+                self.improve(tried, *index, &fresh, TO_THE_END);
+            }
+        }
+        // Beside an effect the declared values may diverge.
+        let start =
+            self.fit.evaluate(self.fit.inside(declared(model, &self.now.setting), self.parameters));
+        let Some(start) = start else { return };
+        let ranked = Projection::new(self.fit, &start, self.parameters).rank(
+            self.fit,
+            &start,
+            self.candidates,
+        );
+        for scored in ranked.iter().take(FROM_DECLARED) {
+            let with = start.setting.with(&scored.placed);
+            better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
+        }
+    }
+
+    /// Fits multi-start candidates from all their starting points, at the current parameters; where
+    /// the unmodelled torque was localised, only candidates at that site, and from the declared
+    /// values too.
+    fn refit_from_all_starts(&self, tried: &mut Vec<FittedCandidate>) {
+        let localisation = localise((self.fit, self.select), &self.now.setting)
+            .filter(|localisation| localisation.site() != Site::Line);
+        let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
+            of.starts.iter().map(|start| from.with(&start.placed)).collect()
+        };
+        let declared = declared(self.fit.model, &self.now.setting);
+        for (candidate, of) in self.candidates.iter().enumerate() {
+            let looked = match &localisation {
+                Some(localisation) => of.multi_start.is_some() && localisation.may_be_at(of.site),
+                None => of.multi_start == Some(MultiStart::Always),
+            };
+            if !looked {
+                continue;
+            }
+            let begun = |from: &Setting, rounds: usize| match started(from, of) {
+                starts if starts.is_empty() => Vec::new(),
+                starts => self.fit.leading(&starts, &self.free(candidate, &starts[0]), rounds),
+            };
+            let mut leading = begun(&self.now.setting, 1);
+            if localisation.is_some() {
+                leading.extend(begun(&declared, TO_BEGIN));
+            }
+            let nearest =
+                tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
+            let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
+            leading.retain(|begun| begun.objective <= reach);
+            let found: Vec<FittedCandidate> = leading
+                .par_iter()
+                .filter_map(|begun| self.fitted(candidate, &begun.setting, TO_SHOW))
+                .collect();
+            for found in found {
+                better_of(tried, Some(found));
+            }
+        }
+    }
+
+    /// Fits a candidate in place of the last effect of a setting, from all its starting points.
+    fn instead(&self, tried: &mut Vec<FittedCandidate>, setting: &Setting, which: (&str, Site)) {
+        let Some(candidate) = self.candidates.iter().position(|of| (of.id, of.site) == which)
+        else {
+            return;
+        };
+        for start in &self.candidates[candidate].starts {
+            let mut with = setting.clone();
+            if let Some(placed) = with.placed.last_mut() {
+                *placed = start.placed.clone();
+            }
+            better_of(tried, self.fitted(candidate, &with, TO_SHOW));
+        }
+    }
+
+    /// Fits the best effect at its other sites, and the simpler effect that it degenerates into at
+    /// its bound.
+    fn elsewhere(&self, tried: &mut Vec<FittedCandidate>) {
+        let best = tried.iter().max_by(|a, b| a.validation.gain.total_cmp(&b.validation.gain));
+        let Some(best) = best.filter(|best| best.validation.accepted) else { return };
+        let (id, from, setting) = (best.validation.id, best.candidate, best.fitted.setting.clone());
+        let own =
+            free_parameters_of(&self.candidates[from], setting.placed.len().saturating_sub(1));
+        let for_ever = |parameter: &FreeParameter| {
+            matches!(parameter, FreeParameter::Effect { name: "time_constant_s", .. })
+                && parameter.normalised(self.fit.model, &setting) > AT_BOUND
+        };
+        if id == "thermal_drift" && own.iter().any(for_ever) {
+            self.instead(tried, &setting, ("coulomb_friction", self.candidates[from].site));
+        }
+        for (candidate, of) in self.candidates.iter().enumerate() {
+            if of.id != id || candidate == from {
+                continue;
+            }
+            let mut moved = setting.clone();
+            if let Some(placed) = moved.placed.last_mut() {
+                placed.site = of.site;
+            }
+            better_of(tried, self.fitted(candidate, &moved, TO_THE_END));
+        }
+    }
+}
+
+/// The best by fit, then the best by validation.
+fn foremost(tried: &[FittedCandidate]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    order.sort_by(|a, b| tried[*a].fitted.objective.total_cmp(&tried[*b].fitted.objective));
+    let mut chosen: Vec<usize> = order.iter().copied().take(FINISHED).collect();
+    order.sort_by(|a, b| tried[*b].validation.gain.total_cmp(&tried[*a].validation.gain));
+    let holders: Vec<usize> =
+        order.into_iter().take(2).filter(|index| !chosen.contains(index)).collect();
+    chosen.extend(holders);
+    chosen
+}
+
+/// Inserts a candidate, or keeps the better fit if it is present already.
+fn better_of(tried: &mut Vec<FittedCandidate>, found: Option<FittedCandidate>) {
+    let Some(found) = found else { return };
+    match tried.iter_mut().find(|known| known.candidate == found.candidate) {
+        Some(known) if known.fitted.objective <= found.fitted.objective => {}
+        Some(known) => *known = found,
+        None => tried.push(found),
+    }
+}
+
+/// Returns a setting with declared parameters at their declared values; others stay as fitted.
+fn declared(model: &TransmissionModel, now: &Setting) -> Setting {
+    let base = model
+        .base
+        .iter()
+        .zip(&now.base)
+        .map(|(parameter, fitted)| parameter.declared.unwrap_or(*fitted));
+    Setting { base: base.collect(), ..now.clone() }
+}
+
+/// Returns the winner: of the candidates that passed with about the best gain, the one with the
+/// fewest parameters.
+pub fn winner(tried: &[FittedCandidate]) -> Option<&FittedCandidate> {
+    let passed = || tried.iter().filter(|tried| tried.validation.accepted);
+    let most = passed().map(|tried| tried.validation.gain).max_by(f64::total_cmp)?;
+    passed()
+        .filter(|tried| tried.validation.gain >= AS_GOOD * most)
+        .min_by_key(|tried| tried.parameters.len())
+}

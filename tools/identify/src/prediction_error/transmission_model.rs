@@ -1,0 +1,429 @@
+//! The declared transmission model with its tolerances, and its innovations along a record.
+
+use plant::ParameterSet;
+use plant::any;
+use plant::effects::{self, Effect, Site};
+use plant::transmission::{Correction, Input, Transmission as _};
+use rig::Model as Declared;
+
+use super::nonparametric::PiecewiseLinear;
+use super::record::Record;
+use super::sensor::{advanced, hand_torque};
+use crate::equation_error::split::Role;
+use crate::error::{IdentifyError, Result};
+
+/// Name of the parameter that smooths dry friction near zero speed; estimated, not declared.
+pub const SMOOTHING: &str = "friction_smoothing_rad_s";
+/// Name of the parameter for the shape of that smoothing.
+pub const SMOOTHING_SHAPE: &str = "friction_smoothing_shape";
+/// Name of the slave encoder's unknown zero, within one count.
+pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
+/// Bounds of the smoothing speed (rad/s).
+const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
+/// Starting points of the smoothing speed (rad/s).
+pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
+/// An observer error beyond this counts as divergence (rad).
+const DIVERGED_RAD: f64 = 1e3;
+/// Bandwidth of the observer (rad/s). A lower one would show slow effects with more contrast, but
+/// leaves a stick-slip model with two solutions from the same state, where fits stall.
+pub const OBSERVER_RAD_S: f64 = 150.0;
+/// Position gain of the observer as a factor on its bandwidth (twice the damping ratio).
+const OBSERVER_DAMPING: f64 = 1.4;
+
+/// A parameter of the declared model that a fit may vary.
+#[derive(Clone, Debug)]
+pub struct BaseParameter {
+    /// Name in the rig file.
+    pub name: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Declared value; `None` for parameters that are only estimated.
+    pub declared: Option<f64>,
+    /// Starting value.
+    pub start: f64,
+    /// Lower end of the tolerance.
+    pub low: f64,
+    /// Upper end of the tolerance.
+    pub high: f64,
+    /// Whether it is searched on a logarithmic scale.
+    pub logarithmic: bool,
+}
+
+/// A channel of the residual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Channel {
+    /// Master position (rad).
+    Master,
+    /// Slave position (rad).
+    Slave,
+    /// Torque channel while nobody is at the handle (N·m).
+    Torque,
+}
+
+impl Channel {
+    /// The column with which it is compared.
+    pub const fn column(self) -> &'static str {
+        match self {
+            Self::Master => "master_rad",
+            Self::Slave => "slave_rad",
+            Self::Torque => "slave_torque_nm",
+        }
+    }
+
+    /// Its unit.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Master | Self::Slave => "rad",
+            Self::Torque => "N·m",
+        }
+    }
+}
+
+/// A listed effect with the values of its parameters that differ from the defaults.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedEffect {
+    /// Its id.
+    pub id: &'static str,
+    /// Where.
+    pub site: Site,
+    /// Values by name, its size first.
+    pub values: Vec<(&'static str, f64)>,
+}
+
+/// Values for everything in the model.
+#[derive(Clone, Debug, Default)]
+pub struct Setting {
+    /// Values of [`TransmissionModel::base`], in its order.
+    pub base: Vec<f64>,
+    /// Effects.
+    pub placed: Vec<PlacedEffect>,
+    /// Nonparametric torques.
+    pub tables: Vec<PiecewiseLinear>,
+}
+
+/// The effects of a setting, instantiated and grouped by where they act.
+#[derive(Default)]
+pub struct EffectGroups {
+    /// In the plant, without the dead time of all sensors.
+    pub in_plant: Vec<Box<dyn Effect>>,
+    /// On the torque channel only.
+    pub on_torque: Vec<Box<dyn Effect>>,
+    /// Dead time of all sensors.
+    pub late: Vec<Box<dyn Effect>>,
+    /// Sum of those dead times (s).
+    pub late_s: f64,
+}
+
+impl Setting {
+    /// Adds an effect.
+    #[must_use]
+    pub fn with(&self, placed: &PlacedEffect) -> Self {
+        let mut with = self.clone();
+        with.placed.push(placed.clone());
+        with
+    }
+
+    /// Instantiates its effects; `None` if one has invalid parameters.
+    pub fn parts(&self) -> Option<EffectGroups> {
+        let mut parts = EffectGroups::default();
+        for placed in &self.placed {
+            let of = if placed.delays_all_sensors() {
+                parts.late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
+                &mut parts.late
+            } else if placed.acts_on_torque_alone() {
+                &mut parts.on_torque
+            } else {
+                &mut parts.in_plant
+            };
+            of.push(placed.effect()?);
+        }
+        Some(parts)
+    }
+}
+
+/// Averaged innovations of one record, by channel.
+#[derive(Clone, Debug, Default)]
+pub struct Residual {
+    /// Channels in the order of [`TransmissionModel::channels`].
+    pub channels: Vec<Vec<f64>>,
+}
+
+/// The declared model and the records with which it is compared.
+#[derive(Clone, Debug)]
+pub struct TransmissionModel {
+    /// Declared constants.
+    pub declared: any::Parameters,
+    /// Those that a fit may vary.
+    pub base: Vec<BaseParameter>,
+    /// The records.
+    pub records: Vec<Record>,
+    /// Least number of simulation steps per row of a record.
+    pub steps: u32,
+}
+
+impl TransmissionModel {
+    /// Builds the model of a rig file (`file`, for messages) with its records; `slave_count_rad` is
+    /// one count of the slave's encoder (rad).
+    ///
+    /// # Errors
+    /// If the declaration is not a transmission, or has invalid values.
+    pub fn new(
+        file: &str,
+        declared: &Declared,
+        records: Vec<Record>,
+        slave_count_rad: Option<f64>,
+    ) -> Result<Self> {
+        let constants =
+            declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
+        let mut base = Vec::new();
+        for parameter in &declared.parameters {
+            let Some(info) = constants.infos().iter().find(|info| info.name == parameter.name)
+            else {
+                continue;
+            };
+            let spread = parameter.spread();
+            let (low, high) = (
+                (parameter.value - spread).max(info.minimum),
+                (parameter.value + spread).min(info.maximum),
+            );
+            if spread <= 0.0
+                || low >= high
+                || [SMOOTHING, SMOOTHING_SHAPE].contains(&parameter.name.as_str())
+            {
+                continue;
+            }
+            base.push(BaseParameter {
+                name: parameter.name.clone(),
+                unit: info.unit,
+                declared: Some(parameter.value),
+                start: parameter.value.clamp(low, high),
+                low,
+                high,
+                logarithmic: false,
+            });
+        }
+        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING) {
+            let (low, high) = SMOOTHING_RANGE;
+            base.push(BaseParameter {
+                name: SMOOTHING.to_owned(),
+                unit: info.unit,
+                declared: None,
+                start: SMOOTHING_STARTS[0],
+                low,
+                high,
+                logarithmic: true,
+            });
+        }
+        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING_SHAPE) {
+            base.push(BaseParameter {
+                name: SMOOTHING_SHAPE.to_owned(),
+                unit: info.unit,
+                declared: None,
+                start: 0.0,
+                low: info.minimum,
+                high: info.maximum,
+                logarithmic: false,
+            });
+        }
+        if let Some(count) =
+            slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some()))
+        {
+            base.push(BaseParameter {
+                name: SLAVE_ZERO.to_owned(),
+                unit: "rad",
+                declared: None,
+                start: 0.0,
+                low: -count,
+                high: count,
+                logarithmic: false,
+            });
+        }
+        Ok(Self { declared: constants, base, records, steps: 1 })
+    }
+
+    /// Returns the starting point of fits.
+    pub fn start(&self) -> Setting {
+        Setting {
+            base: self.base.iter().map(|parameter| parameter.start).collect(),
+            ..Setting::default()
+        }
+    }
+
+    /// Returns the model as declared, without effects, with defaults for what is not declared.
+    pub fn as_declared(&self) -> Setting {
+        let of = |parameter: &BaseParameter| {
+            parameter.declared.or_else(|| self.declared.get(&parameter.name))
+        };
+        let base = self.base.iter().map(|parameter| of(parameter).unwrap_or(parameter.start));
+        Setting { base: base.collect(), ..Setting::default() }
+    }
+
+    /// Returns the indices of the records of one role.
+    pub fn of_role(&self, role: Role) -> Vec<usize> {
+        (0..self.records.len()).filter(|index| self.records[*index].role == role).collect()
+    }
+
+    /// Returns the channels of a record's residual.
+    pub fn channels(&self, record: usize) -> Vec<Channel> {
+        let record = &self.records[record];
+        let mut channels = vec![Channel::Master];
+        if record.slave.is_some() {
+            channels.push(Channel::Slave);
+        }
+        if record.idle && record.torque.is_some() {
+            channels.push(Channel::Torque);
+        }
+        channels
+    }
+
+    /// Returns one channel of a record's residual, if it has that channel.
+    pub fn channel_of<'a>(
+        &self,
+        record: usize,
+        residual: &'a Residual,
+        channel: Channel,
+    ) -> Option<&'a Vec<f64>> {
+        let at = self.channels(record).iter().position(|own| *own == channel)?;
+        residual.channels.get(at)
+    }
+
+    /// Slave position at encoder count 0 (rad).
+    pub fn slave_zero_rad(&self, setting: &Setting) -> f64 {
+        self.base
+            .iter()
+            .position(|parameter| parameter.name == SLAVE_ZERO)
+            .map_or(0.0, |index| setting.base[index])
+    }
+
+    /// Returns the plant's constants with the values of a setting.
+    pub fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
+        let mut constants = self.declared.clone();
+        for (parameter, value) in self
+            .base
+            .iter()
+            .zip(&setting.base)
+            .filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
+        {
+            constants.set(&parameter.name, *value).ok()?;
+        }
+        Some(constants)
+    }
+
+    /// Simulates the observer along a record and returns its averaged innovations; `None` if the
+    /// setting is invalid or the simulation diverges.
+    pub fn residual(&self, setting: &Setting, record: usize) -> Option<Residual> {
+        self.residual_beside(setting, record, Vec::new())
+    }
+
+    /// As [`Self::residual`], with further effects of the plant.
+    pub fn residual_beside(
+        &self,
+        setting: &Setting,
+        record: usize,
+        beside: Vec<Box<dyn Effect>>,
+    ) -> Option<Residual> {
+        let record = &self.records[record];
+        let EffectGroups { mut in_plant, mut on_torque, late_s, .. } = setting.parts()?;
+        let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
+        in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
+        in_plant.extend(beside);
+        let mut plant = self
+            .constants(setting)?
+            .plant(in_plant)
+            .ok()?
+            .with_longest_step(record.step_s / f64::from(self.steps));
+        // Late readings are advanced in time: an observer with delayed feedback would oscillate.
+        let late = late_s / record.step_s;
+        let known = record.volts.len().saturating_sub(late.ceil() as usize);
+        let master = advanced(&record.master, late);
+        let slave = record.slave.as_deref().map(|slave| advanced(slave, late));
+        let slave = slave.as_deref();
+        let zero = self.slave_zero_rad(setting);
+        plant.rest_at(master[0], slave.map(|slave| slave[0] - zero));
+        plant.set_time(record.start_s);
+
+        let (hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
+        let hand = advanced(&hand, late);
+        let dt = record.step_s;
+        let (on_position, on_speed) =
+            (OBSERVER_DAMPING * OBSERVER_RAD_S * dt, OBSERVER_RAD_S * OBSERVER_RAD_S * dt);
+        let (width, settling, rows) =
+            (record.decimation(), record.settling_rows(), record.residual_rows());
+        let mut master_rows = Vec::with_capacity(rows);
+        let mut slave_rows = Vec::with_capacity(if slave.is_some() { rows } else { 0 });
+        let (mut sums, share) = ([0.0; 2], 1.0 / width as f64);
+        for block in 0..rows + settling {
+            for row in block * width..(block + 1) * width {
+                let reading = plant.reading();
+                let mut master_off = master[row] - reading.master_rad;
+                let mut slave_off =
+                    slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
+                // These readings would come after the record's end.
+                if row >= known {
+                    (master_off, slave_off) = (0.0, 0.0);
+                }
+                // NaN counts as divergence.
+                if !(master_off.abs() < DIVERGED_RAD && slave_off.abs() < DIVERGED_RAD) {
+                    return None;
+                }
+                sums[0] += master_off;
+                sums[1] += slave_off;
+                plant.correct(Correction {
+                    master_position_rad: on_position * master_off,
+                    master_velocity_rad_s: on_speed * master_off,
+                    slave_position_rad: on_position * slave_off,
+                    slave_velocity_rad_s: on_speed * slave_off,
+                });
+                plant.step(Input { motor_v: record.volts[row], hand_torque_nm: hand[row] }, dt);
+            }
+            if block >= settling {
+                master_rows.push(share * sums[0]);
+                if slave.is_some() {
+                    slave_rows.push(share * sums[1]);
+                }
+            }
+            sums = [0.0; 2];
+        }
+        let mut channels = vec![master_rows];
+        if slave.is_some() {
+            channels.push(slave_rows);
+        }
+        channels.extend(torque.map(|torque| record.averaged(&torque)));
+        Some(Residual { channels })
+    }
+}
+
+impl PlacedEffect {
+    /// Instantiates the effect.
+    pub fn effect(&self) -> Option<Box<dyn Effect>> {
+        let (_, size) = self.values.first()?;
+        let mut effect = effects::make(self.id, self.site, *size).ok()?;
+        for (name, value) in &self.values {
+            effect.set(name, *value).ok()?;
+        }
+        Some(effect)
+    }
+
+    /// Whether it acts on the torque channel only.
+    pub fn acts_on_torque_alone(&self) -> bool {
+        const ON_TORQUE: [&str; 6] = [
+            "sensor_offset",
+            "sensor_gain",
+            "sensor_drift",
+            "sensor_crosstalk",
+            "mains_hum",
+            "rectified_sensor",
+        ];
+        ON_TORQUE.contains(&self.id)
+    }
+
+    /// Whether it is a dead time of positions and torque alike.
+    pub fn delays_all_sensors(&self) -> bool {
+        self.id == "transport_delay" && self.site == Site::Sensor
+    }
+
+    /// Returns a value by name.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        self.values.iter().find(|(own, _)| *own == name).map(|(_, value)| *value)
+    }
+}
