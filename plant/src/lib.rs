@@ -21,6 +21,7 @@
 //! - [`axes`] is one to three of them at one handle;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency
 //!   response;
+//! - [`reflected`] has inertia, friction and stiffness of a transmission as its motor feels them;
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick, each law by name;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant
@@ -30,6 +31,7 @@
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
+mod absorb;
 pub mod any;
 pub mod axes;
 pub mod batch;
@@ -41,6 +43,7 @@ pub mod friction;
 pub mod hydrostatic;
 mod modes;
 mod parameter;
+pub mod reflected;
 pub mod response;
 pub mod sensors;
 mod shared;

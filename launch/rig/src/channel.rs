@@ -1,9 +1,8 @@
 //! Analog inputs.
 
-use crate::read::{Section, Source, bounds};
+use ipc_types::ANALOG;
 
-/// Most analog inputs that one card has (as in the messages).
-pub(crate) const ANALOG: usize = 16;
+use crate::read::{Section, Source, bounds};
 
 /// One analog input of the card.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! What is wrong with a file: where, what was expected, what was found, what to do.
+//! Errors in a file: where, what was expected, what was found, what to do.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -7,28 +7,31 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file could not be read at all.
-    #[error("{}: cannot be read: {source}; give the path of a file that exists and that you may read", path.display())]
+    #[error(
+        "{}: cannot be read: {source}; give the path of a file that exists and that you may read",
+        path.display()
+    )]
     Unreadable {
         /// Path as it was given.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A name that no file has that comes with farreach.
+    /// No shipped file has this name.
     #[error(
-        "no {kind} \"{found}\" comes with farreach; expected one of {}, or the path of a file (with its .toml)",
+        "no {kind} \"{found}\" comes with farreach; expected one of {}, \
+         or the path of a file (with its .toml)",
         known.join(", ")
     )]
     NotShipped {
         /// `rig` or `protocol`.
         kind: &'static str,
-        /// What was asked for.
+        /// Name that was asked for.
         found: String,
-        /// What there is.
+        /// Names of the shipped files.
         known: Vec<&'static str>,
     },
-    /// The file was read and says something that it must not; all problems that were found, in the
-    /// order of their lines.
+    /// The file was read, but is not valid: every problem found, in the order of lines.
     #[error("{}", Lines(problems))]
     Invalid {
         /// At least one.
@@ -37,6 +40,13 @@ pub enum FileError {
 }
 
 impl FileError {
+    /// A model that lacks what the caller needs: of another kind, or with a value out of range.
+    pub(crate) fn wrong_model(file: &str, key: &str, expected: String, found: String) -> Self {
+        let advice = "use a rig file with that model".to_owned();
+        let (file, key) = (file.to_owned(), key.to_owned());
+        Self::Invalid { problems: vec![Problem { file, line: 1, key, expected, found, advice }] }
+    }
+
     /// The problems; empty where the file could not be read.
     pub fn problems(&self) -> &[Problem] {
         match self {
@@ -66,14 +76,14 @@ impl fmt::Display for Lines<'_> {
     }
 }
 
-/// One thing that is wrong with a file.
+/// One problem in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
     /// Name of the file, as it was given.
     pub file: String,
     /// Line, from 1.
     pub line: usize,
-    /// Key with its path (`axes.0.limits.volts_max`); empty where the text is no TOML.
+    /// Key with its path (`axes.0.limits.volts_max`); empty where the text is not valid TOML.
     pub key: String,
     /// What was expected.
     pub expected: String,

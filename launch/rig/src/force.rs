@@ -1,7 +1,8 @@
 //! Gains of force control (§ 4.2), as the rig file gives them.
 
-use crate::axis::{Encoder, TorqueChannel};
+use crate::encoder::Encoder;
 use crate::read::{Section, bounds};
+use crate::torque_channel::TorqueChannel;
 
 /// Period to which the printed forgetting factor belongs (s): 500 Hz.
 const PRINTED_PERIOD_S: f64 = 2e-3;

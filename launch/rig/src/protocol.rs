@@ -16,6 +16,7 @@
 
 mod excitation;
 mod field;
+mod field_stability;
 mod learn;
 mod lengths;
 mod matrix;
@@ -42,12 +43,12 @@ pub use table::{POINTS, Table};
 pub use tabled::Tabled;
 pub use together::Companion;
 
-use crate::axis::{Axis, AxisUnit};
+use crate::axis::Axis;
+use crate::axis_unit::AxisUnit;
 use crate::error::ProtocolError;
 use crate::identity::identity;
 use crate::read::{Section, Source};
 use crate::rig_file::RigFile;
-use crate::stability;
 
 /// Most segments that a protocol plays, repeats counted.
 const SEGMENTS: usize = 10_000;
@@ -312,7 +313,7 @@ impl Segment {
         if let Movement::Free { field, .. } = &self.movement {
             return check_field(field, axis, key, show, source)
                 && check_matrix(field, rig, key, source)
-                && stability::check_field(field, self.axis, rig, key, source);
+                && field_stability::check_stability(field, self.axis, rig, key, source);
         }
         if let Movement::Learn(learn) = &self.movement
             && !learn.check(axis, &rig.rates, key, source)
@@ -322,7 +323,7 @@ impl Segment {
         let range = match &self.movement {
             Movement::Rhythm(rhythm) => {
                 if !check_field(&rhythm.field, axis, key, show, source)
-                    || !stability::check_field(&rhythm.field, self.axis, rig, key, source)
+                    || !field_stability::check_stability(&rhythm.field, self.axis, rig, key, source)
                 {
                     return false;
                 }

@@ -1,40 +1,41 @@
-//! A rig file as a whole.
+//! A rig file as a whole: its sections, and what other crates ask of it.
 
-use std::path::Path;
+use ipc_types::ANALOG;
+use plant::any::Parameters;
+use plant::effects::Effect;
+use plant::reflected::ReflectedDynamics;
 
-use crate::axis::{Axis, AxisUnit};
-use crate::channel::{ANALOG, Channel};
+use crate::axis::Axis;
+use crate::axis_unit::AxisUnit;
+use crate::channel::Channel;
+use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::RigError;
 use crate::identity::identity;
-use crate::model::Model;
+use crate::model::{Model, ModelKind};
 use crate::rates::{Phases, Rates};
-use crate::read::{Section, Source};
+use crate::read::Section;
 use crate::simulation::Simulation;
-use crate::stability;
 
-/// Most axes that one rig has (as in the messages).
-const AXES: usize = 3;
-
-/// A machine, as a laboratory declares it.
+/// A rig as a laboratory declares it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigFile {
     /// Name of the rig.
     pub name: String,
-    /// What it is, for people.
+    /// Description for people.
     pub description: String,
-    /// How often each process runs.
+    /// Rates of the periodic processes.
     pub rates: Rates,
-    /// When within its period each process runs.
+    /// Phase of each process within its period.
     pub phases: Phases,
-    /// One to three.
+    /// One to three axes.
     pub axes: Vec<Axis>,
     /// Up to sixteen analog inputs.
     pub channels: Vec<Channel>,
     /// The declared model.
     pub model: Model,
-    /// Which column of a measured record is what.
+    /// Column names of measured records.
     pub replay: Replay,
-    /// Defaults for the virtual card.
+    /// Settings of the simulated card.
     pub simulation: Simulation,
     text: String,
     file_name: String,
@@ -42,53 +43,20 @@ pub struct RigFile {
 }
 
 impl RigFile {
-    /// Reads and checks the file.
-    ///
-    /// # Errors
-    /// [`RigError::Unreadable`] where there is no such file or it is no UTF-8, else as
-    /// [`RigFile::parse`].
-    pub fn load(path: impl AsRef<Path>) -> Result<Self, RigError> {
-        let path = path.as_ref();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| RigError::Unreadable { path: path.to_owned(), source })?;
-        Self::parse(&text, &path.display().to_string())
-    }
-
-    /// Checks the text of a rig file; `file_name` appears in messages only.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] with every problem that was found. Checks that compare sections
-    /// (rates, phases, channels against axes) follow when each section by itself is in order.
-    pub fn parse(text: &str, file_name: &str) -> Result<Self, RigError> {
-        let source = Source::new(text, file_name);
-        let table = source.parse()?;
-        let rig = Self::read(source.root(table.get_ref()), text, file_name);
-        if source.is_clean() {
-            rig.check(&source);
-        }
-        if source.is_clean() {
-            stability::check_gains(&rig, &source);
-        }
-        source.finish()?;
-        Ok(rig)
-    }
-
-    fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
+    /// Reads every section; problems are collected in the section's source.
+    pub(crate) fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
         let rates = Rates::read(root.section("rates"));
         let axes: Vec<_> =
             root.sections("axes").into_iter().map(|section| Axis::read(section, &rates)).collect();
         let unit = axes.first().map_or(AxisUnit::Radian, |axis| axis.unit);
-        if axes.is_empty() || axes.len() > AXES {
-            root.problem("axes", format!("1 to {AXES} axes"), axes.len(), "write each as [[axes]]");
+        if axes.is_empty() || axes.len() > ipc_types::AXES {
+            let expected = format!("1 to {} axes", ipc_types::AXES);
+            root.problem("axes", expected, axes.len(), "write each as [[axes]]");
         }
         let channels: Vec<_> = root.sections("channels").into_iter().map(Channel::read).collect();
         if channels.len() > ANALOG {
-            root.problem(
-                "channels",
-                format!("at most {ANALOG} channels"),
-                channels.len(),
-                "take some out",
-            );
+            let expected = format!("at most {ANALOG} channels");
+            root.problem("channels", expected, channels.len(), "take some out");
         }
         let rig = Self {
             name: root.text("name"),
@@ -108,43 +76,7 @@ impl RigFile {
         rig
     }
 
-    fn check(&self, source: &Source<'_>) {
-        self.rates.check(source);
-        if source.is_clean() {
-            self.phases.check(&self.rates, source);
-        }
-        Channel::check_all(&self.channels, source);
-        self.model.check(&self.axes, source);
-        self.simulation.check(&self.channels, &self.rates, source);
-        for (at, axis) in self.axes.iter().enumerate() {
-            axis.check(at, &self.channels, &self.rates, source);
-            if let Some(key) = axis.control.options.needs_transmission()
-                && !self.model.kind.is_transmission()
-            {
-                let found = format!("the model \"{}\"", self.model.kind.name());
-                let advice = "take the key out, or declare the transmission in [model]";
-                source.problem(
-                    &format!("axes.{at}.{key}"),
-                    "the declared model of a transmission",
-                    found,
-                    advice,
-                );
-            }
-            if let Some(before) = self.axes[..at].iter().position(|other| other.name == axis.name) {
-                let expected = format!("a name of its own (axes.{before} has it already)");
-                let found = format!("the text \"{}\"", axis.name);
-                source.problem(
-                    &format!("axes.{at}.name"),
-                    expected,
-                    found,
-                    "names tell axes apart on screens",
-                );
-            }
-        }
-    }
-
-    /// The declared constants of the hydrostatic transmission; those that the file leaves out are
-    /// as printed.
+    /// Constants of the hydrostatic transmission; those not declared have their printed values.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -152,8 +84,7 @@ impl RigFile {
         self.model.hydrostatic(&self.file_name)
     }
 
-    /// The declared constants of the cable transmission; those that the file leaves out are as
-    /// printed.
+    /// Constants of the cable transmission; those not declared have their printed values.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -161,48 +92,28 @@ impl RigFile {
         self.model.cable(&self.file_name)
     }
 
-    /// The declared constants of the transmission, whichever kind it is; those that the file leaves
-    /// out are as printed.
+    /// Constants of the transmission, of either kind; those not declared have their printed values.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission
-    /// ([`crate::ModelKind::is_transmission`]).
-    pub fn transmission_parameters(&self) -> Result<plant::any::Parameters, RigError> {
+    /// [`RigError::Invalid`] where the model is no transmission ([`ModelKind::is_transmission`]).
+    pub fn transmission_parameters(&self) -> Result<Parameters, RigError> {
         self.model.transmission(&self.file_name)
     }
 
-    /// The axes that are wanted, one bit each.
-    pub fn axis_bits(&self, wanted: impl Fn(&Axis) -> bool) -> u8 {
-        self.axes
-            .iter()
-            .enumerate()
-            .filter(|(_, axis)| wanted(axis))
-            .fold(0, |bits, (index, _)| bits | 1 << index)
-    }
-
-    /// The analog channels that there are, one bit each.
-    pub fn channel_bits(&self) -> u16 {
-        self.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index)
-    }
-
-    /// The declared constants of one axis's transmission: those of [`Model::parameters`], but for
-    /// what `axes.model` says of it.
+    /// Constants of one axis's transmission: [`Model::parameters`], overridden by `axes.model`.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission
-    /// ([`crate::ModelKind::is_transmission`]).
-    pub fn axis_parameters(&self, axis: &Axis) -> Result<plant::any::Parameters, RigError> {
+    /// [`RigError::Invalid`] where the model is no transmission ([`ModelKind::is_transmission`]).
+    pub fn axis_parameters(&self, axis: &Axis) -> Result<Parameters, RigError> {
         self.model.of_axis(&axis.model, &self.file_name)
     }
 
-    /// The declared model of one axis: that of the file, but for what `axes.model` says of its
-    /// transmission.
+    /// Declared model of one axis: that of the file, overridden by `axes.model`.
     pub fn axis_model(&self, axis: &Axis) -> Model {
         self.model.with(&axis.model)
     }
 
-    /// The declared constants of the one-mass drive; those that the file leaves out are those of
-    /// EMPS.
+    /// Constants of the one-mass drive; those not declared are those of EMPS.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is of another kind.
@@ -212,16 +123,72 @@ impl RigFile {
 
     /// Force of a drive's motor per volt (N/V); `None` where the model is of another kind.
     pub fn force_per_volt(&self) -> Option<f64> {
-        let drive = self.model.kind == crate::ModelKind::Drive;
-        self.model.parameter("force_per_volt_n").filter(|_| drive).map(|parameter| parameter.value)
+        let parameter = self.model.parameter(crate::model::FORCE_PER_VOLT.name);
+        parameter.filter(|_| self.model.kind == ModelKind::Drive).map(|parameter| parameter.value)
     }
 
-    /// The text as it was read, for recordings.
+    /// The declared effects, for the plant of an axis.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where an effect cannot be made, which a checked file rules out.
+    pub fn model_effects(&self) -> Result<Vec<Box<dyn Effect>>, RigError> {
+        self.each_effect(ModelEffect::make)
+    }
+
+    /// Constants of one axis's transmission for control laws: [`RigFile::axis_parameters`] with the
+    /// declared effects absorbed ([`Parameters::absorb`]).
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] where the model is no transmission, or constants and effects together
+    /// are beyond its range.
+    pub fn control_parameters(&self, axis: &Axis) -> Result<Parameters, RigError> {
+        let mut constants = self.axis_parameters(axis)?;
+        self.each_effect(|effect| Ok(constants.absorb(&*effect.make()?)?))?;
+        Ok(constants)
+    }
+
+    fn each_effect<T>(
+        &self,
+        mut act: impl FnMut(&ModelEffect) -> Result<T, ModelEffectError>,
+    ) -> Result<Vec<T>, RigError> {
+        let act = |(at, effect)| {
+            act(effect).map_err(|error| {
+                let expected = "an effect within the model's range".to_owned();
+                let key = format!("model.effects.{at}");
+                RigError::wrong_model(&self.file_name, &key, expected, error.to_string())
+            })
+        };
+        self.model.effects.iter().enumerate().map(act).collect()
+    }
+
+    /// Dynamics of an axis reflected to its motor, for control laws; `None` where the model is no
+    /// transmission, or there is no such axis.
+    pub fn reflected_dynamics(&self, axis: usize) -> Option<ReflectedDynamics> {
+        let axis = self.axes.get(axis)?;
+        let (gear, speed_max) = (axis.master.turns_per_handle_turn, axis.limits.speed_max);
+        Some(ReflectedDynamics::new(&self.control_parameters(axis).ok()?, gear, speed_max))
+    }
+
+    /// Bit set of the axes that satisfy a condition.
+    pub fn axis_bits(&self, wanted: impl Fn(&Axis) -> bool) -> u8 {
+        self.axes
+            .iter()
+            .enumerate()
+            .filter(|(_, axis)| wanted(axis))
+            .fold(0, |bits, (index, _)| bits | 1 << index)
+    }
+
+    /// Bit set of the declared analog inputs.
+    pub fn channel_bits(&self) -> u16 {
+        self.channels.iter().fold(0, |bits, channel| bits | 1 << channel.index)
+    }
+
+    /// The text as read, for recordings.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The name under which it was read.
+    /// The name under which the file was read.
     pub fn file_name(&self) -> &str {
         &self.file_name
     }
@@ -232,18 +199,18 @@ impl RigFile {
     }
 }
 
-/// Which column of a measured record is what, for `--replay` and `identify`.
+/// Column names of a measured record, for `--replay` and `identify`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replay {
     /// Time (s).
     pub time: String,
     /// Position of the master (rad or m).
     pub position: String,
-    /// Motor volts (V).
+    /// Motor voltage (V).
     pub motor_v: String,
-    /// Position of the slave (rad or m); need not be in the record.
+    /// Position of the slave (rad or m); optional in the record.
     pub slave_position: String,
-    /// Torque of the hand at the slave (N·m or N); need not be in the record.
+    /// Torque of the hand at the slave (N·m or N); optional in the record.
     pub torque: String,
 }
 

@@ -2,7 +2,7 @@
 
 use plant::sensors::ScannerTrigger;
 
-use crate::axis::AxisUnit;
+use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
 use crate::rates::Rates;
 use crate::read::{Section, Source, bounds};

@@ -220,7 +220,7 @@ fn gains_are_held_against_the_axis_s_own_transmission() {
 #[test]
 fn what_the_model_says_of_an_axis_is_that_of_its_own_transmission() {
     let rig = rig(THREE);
-    let [first, second, third] = [0, 1, 2].map(|axis| rig.identified(axis).unwrap());
+    let [first, second, third] = [0, 1, 2].map(|axis| rig.reflected_dynamics(axis).unwrap());
     assert_eq!(first, second);
     // 8 m of hose instead of 10 m: stiffer and lighter.
     assert!(

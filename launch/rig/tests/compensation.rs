@@ -1,7 +1,8 @@
 //! Options of the position law, and what the declared model says in volts.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use rig::{CompensationKind, ControlOptions, FrictionCurve, RigFile};
+use plant::reflected::FrictionCurve;
+use rig::{CompensationKind, ControlOptions, RigFile};
 
 const RIG: &str = include_str!("../../rigs/hydrostatic.toml");
 const CABLE: &str = include_str!("../../rigs/cable.toml");
@@ -62,33 +63,33 @@ fn sections_are_read_with_the_defaults_that_the_shipped_file_shows() {
 #[test]
 fn the_hydrostatic_model_in_volts() {
     let rig = RigFile::parse(RIG, "hydrostatic.toml").unwrap();
-    let model = rig.identified(0).unwrap();
+    let model = rig.reflected_dynamics(0).unwrap();
     let parameters = rig.hydrostatic_parameters().unwrap();
     let volts = parameters.motor_torque_per_volt_nm;
     // At rest all friction is the breakaway torque, 2.74 N·m: 1.5 V, as § 4.1 measured.
     near(
-        model.near.level_v(0.0) + model.far.level_v(0.0),
+        model.master_friction.level_v(0.0) + model.slave_friction.level_v(0.0),
         parameters.static_friction_at_motor_nm() / volts,
         1e-12,
     );
-    near(model.near.level_v(0.0) + model.far.level_v(0.0), 1.52, 0.01);
+    near(model.master_friction.level_v(0.0) + model.slave_friction.level_v(0.0), 1.52, 0.01);
     near(model.inertia_v, 1.37e-2 / 1.8, 0.01);
     near(model.ratio, 1.78 * 0.031 / (1.9 * 0.034), 1e-12);
     // Two lines of 2338 N/m on 55.2 mm.
     near(model.line_v, 2.0 * 2338.0 * 0.05518 * 0.05518 / 1.8, 0.005);
     // It falls with speed at first: 1.267 N·m at 5.1 rad/s of the slave, and half a newton-metre of
     // oil.
-    assert!(model.far.level_v(3.0) < model.far.level_v(0.0));
-    assert!(rig.identified(1).is_none());
+    assert!(model.slave_friction.level_v(3.0) < model.slave_friction.level_v(0.0));
+    assert!(rig.reflected_dynamics(1).is_none());
 }
 
 #[test]
 fn the_cable_model_in_volts_of_handle_coordinates() {
     let rig = RigFile::parse(CABLE, "cable.toml").unwrap();
-    let model = rig.identified(0).unwrap();
+    let model = rig.reflected_dynamics(0).unwrap();
     let parameters = rig.cable_parameters().unwrap();
     let all = parameters.static_friction_at_motor_nm() / parameters.motor_torque_per_volt_nm;
-    near(model.near.level_v(0.0) + model.far.level_v(0.0), all, 1e-9);
+    near(model.master_friction.level_v(0.0) + model.slave_friction.level_v(0.0), all, 1e-9);
     // Six turns of the motor for one of the handle: the handle follows one to one.
     near(model.ratio, 1.0, 1e-12);
     near(model.inertia_v, 1.0e-2, 0.06);

@@ -48,8 +48,8 @@ fn effects_are_read_and_change_the_plant() {
 
 #[test]
 fn the_control_law_knows_what_effects_change_of_its_constants() {
-    let bare = with("").unwrap().identified(0).unwrap();
-    let identified = |effects: &str| with(effects).unwrap().identified(0).unwrap();
+    let bare = with("").unwrap().reflected_dynamics(0).unwrap();
+    let identified = |effects: &str| with(effects).unwrap().reflected_dynamics(0).unwrap();
     let softer = identified(&entry("line_compliance", "line", "compliance_ratio = 0.25"));
     assert!((softer.line_v / bare.line_v - 0.8).abs() < 1e-9);
     let per_volt = 1.8;
@@ -61,10 +61,17 @@ fn the_control_law_knows_what_effects_change_of_its_constants() {
     );
     let ratio = bare.ratio;
     for speed in [0.5, 3.0, 9.0] {
-        let (near, far) = (rubbing.near.level_v(speed), rubbing.far.level_v(speed));
-        assert!((near - bare.near.level_v(speed) - 0.2 / per_volt).abs() < 1e-6, "{speed}");
+        let (near, far) =
+            (rubbing.master_friction.level_v(speed), rubbing.slave_friction.level_v(speed));
+        assert!(
+            (near - bare.master_friction.level_v(speed) - 0.2 / per_volt).abs() < 1e-6,
+            "{speed}"
+        );
         let expected = ratio * ratio * 0.1 * speed / per_volt;
-        assert!((far - bare.far.level_v(speed) - expected).abs() < 0.02 * expected, "{speed}");
+        assert!(
+            (far - bare.slave_friction.level_v(speed) - expected).abs() < 0.02 * expected,
+            "{speed}"
+        );
     }
     // A delay changes no constant.
     assert_eq!(identified(&entry("transport_delay", "line", "delay_s = 5e-3")), bare);

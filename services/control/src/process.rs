@@ -73,7 +73,7 @@ pub fn law_config(rig: &RigFile) -> LawConfig {
             position_min: axis.limits.position_min,
             position_max: axis.limits.position_max,
             force: control.force,
-            options: LawOptions { control: control.options, model: rig.identified(index) },
+            options: LawOptions { control: control.options, model: rig.reflected_dynamics(index) },
         };
     }
     LawConfig { axes: rig.axes.len(), axis: laws, period_s: 1.0 / f64::from(rig.rates.control_hz) }

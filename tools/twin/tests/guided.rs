@@ -87,7 +87,7 @@ fn it_beats_the_laws_of_the_master_on_every_line() {
 #[test]
 fn it_beats_a_master_that_knows_the_ratio() {
     let rig = rig(HYDROSTATIC, None);
-    let stretch = 1.0 / rig.identified(0).unwrap().ratio;
+    let stretch = 1.0 / rig.reflected_dynamics(0).unwrap().ratio;
     let slave = with(&rig, CompensationKind::Identified, false, true);
     for hertz in [0.5, 1.0, 2.0] {
         let (ours, master) =

@@ -2,7 +2,7 @@
 
 use super::matrix::Matrix;
 use super::table::Table;
-use crate::axis::AxisUnit;
+use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
 /// What the hand feels of one axis while it moves freely; all zero: nothing but what the control

@@ -1,6 +1,6 @@
 //! Lengths, angles and speeds in a segment, by the unit in which their keys end.
 
-use crate::axis::AxisUnit;
+use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
 pub(super) const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");

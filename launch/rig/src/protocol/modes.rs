@@ -4,7 +4,8 @@ use super::field::Field;
 use super::lengths::{
     AMPLITUDE_DEG, AMPLITUDE_M, DURATION, FADE, Lengths, POSITION_DEG, POSITION_M,
 };
-use crate::axis::{Axis, AxisUnit};
+use crate::axis::Axis;
+use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, Source, bounds};
 
 /// Gently to the ends of the travel, to find them: to one end until the handle stalls, then to the

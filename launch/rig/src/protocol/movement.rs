@@ -10,7 +10,7 @@ use super::lengths::{
 };
 use super::modes::{Centre, Initialise, Rhythm};
 use super::tabled::Tabled;
-use crate::axis::AxisUnit;
+use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
 /// Peak speed of a minimum-jerk movement over distance and time: `15/8`, at half time.

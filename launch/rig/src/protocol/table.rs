@@ -1,6 +1,6 @@
 //! A torque over position or velocity, given by a few points.
 
-use crate::axis::AxisUnit;
+use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
 /// Evenly spaced points that a table is kept at.

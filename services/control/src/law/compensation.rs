@@ -8,7 +8,8 @@
 //! reference's way with the line's stiffness, and stays within the friction at that speed.
 
 use ipc_types::AXES;
-use rig::{CompensationKind, ControlOptions, IdentifiedAxis};
+use plant::reflected::ReflectedDynamics;
+use rig::{CompensationKind, ControlOptions};
 
 use super::blend::Motion;
 use super::bounds::{soft_sign, within};
@@ -23,7 +24,7 @@ pub struct LawOptions {
     /// Which compensation, observer and loop on the slave.
     pub control: ControlOptions,
     /// What the declared model says of the axis; without it, what would go by it is silent.
-    pub model: Option<IdentifiedAxis>,
+    pub model: Option<ReflectedDynamics>,
 }
 
 impl LawOptions {
@@ -49,7 +50,8 @@ impl AxisLaw {
         match (compensation.kind, &self.options.model) {
             (CompensationKind::Printed, _) => self.friction_peak_v,
             (CompensationKind::Identified, Some(model)) => {
-                let peak_v = compensation.share * (model.near.peak_v() + model.far.peak_v());
+                let peak_v = compensation.share
+                    * (model.master_friction.peak_v() + model.slave_friction.peak_v());
                 // A minimum would make a number of what is none.
                 if peak_v >= 0.0 { peak_v.min(self.output_limit_v) } else { 0.0 }
             }
@@ -90,7 +92,7 @@ impl AxisLaw {
                 self.friction_floor_v,
             ),
             (CompensationKind::Identified, Some(model)) => {
-                let near = model.near.level_v(reference.velocity);
+                let near = model.master_friction.level_v(reference.velocity);
                 let sign = soft_sign(reference.velocity, compensation.reversal_speed);
                 let peak = self.friction_peak();
                 let wanted = compensation.share * (near * sign + windup.follow(model, reference));
@@ -109,14 +111,14 @@ pub(super) struct Windup {
 }
 
 impl Windup {
-    fn follow(&mut self, model: &IdentifiedAxis, reference: &Motion) -> f64 {
+    fn follow(&mut self, model: &ReflectedDynamics, reference: &Motion) -> f64 {
         let moved = reference.position - self.position.unwrap_or(reference.position);
         self.position = Some(reference.position);
         let wound = self.volts + model.line_v * moved;
         if !wound.is_finite() {
             return f64::NAN;
         }
-        self.volts = within(wound, model.far.level_v(reference.velocity));
+        self.volts = within(wound, model.slave_friction.level_v(reference.velocity));
         self.volts
     }
 }
@@ -149,15 +151,15 @@ pub(super) fn written_v(sample: &ipc_types::Sample, axis: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use rig::FrictionCurve;
+    use plant::reflected::FrictionCurve;
 
     use super::*;
 
-    fn model() -> IdentifiedAxis {
-        IdentifiedAxis {
+    fn model() -> ReflectedDynamics {
+        ReflectedDynamics {
             inertia_v: 8e-3,
-            near: FrictionCurve::new(10.0, |_| 0.5),
-            far: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
+            master_friction: FrictionCurve::new(10.0, |_| 0.5),
+            slave_friction: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
             windup: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
             line_v: 8.0,
             ratio: 0.85,

@@ -22,7 +22,8 @@
 
 use std::f64::consts::TAU;
 
-use rig::{IdentifiedAxis, SlaveLoop};
+use plant::reflected::ReflectedDynamics;
+use rig::SlaveLoop;
 
 use super::blend::Motion;
 use super::bounds::{bounded, soft_sign, within};
@@ -75,7 +76,7 @@ impl SlaveOffset {
     pub(super) fn step(
         &mut self,
         settings: &SlaveLoop,
-        model: &IdentifiedAxis,
+        model: &ReflectedDynamics,
         seen: &Seen,
     ) -> Motion {
         let dt = seen.elapsed_s;

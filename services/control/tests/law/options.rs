@@ -2,10 +2,8 @@
 
 use control::law::{AxisLaw, Law, LawOptions};
 use ipc_types::Mode;
-use rig::{
-    Compensation, CompensationKind, ControlOptions, FrictionCurve, IdentifiedAxis, Observer,
-    SlaveLoop,
-};
+use plant::reflected::{FrictionCurve, ReflectedDynamics};
+use rig::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 
 use super::{Mass, SECOND, axis_law, config, sample, setpoint, sine};
 
@@ -13,11 +11,11 @@ use super::{Mass, SECOND, axis_law, config, sample, setpoint, sine};
 pub(super) const VARIANTS: usize = 6;
 
 /// 0.6 V of friction at the motor, 0.9 V that falls with speed beyond a soft line.
-fn model() -> IdentifiedAxis {
-    IdentifiedAxis {
+fn model() -> ReflectedDynamics {
+    ReflectedDynamics {
         inertia_v: 0.011,
-        near: FrictionCurve::new(25.0, |_| 0.6),
-        far: FrictionCurve::new(25.0, |speed| 0.9 - 0.02 * speed),
+        master_friction: FrictionCurve::new(25.0, |_| 0.6),
+        slave_friction: FrictionCurve::new(25.0, |speed| 0.9 - 0.02 * speed),
         windup: FrictionCurve::new(25.0, |speed| 0.9 - 0.02 * speed),
         line_v: 8.0,
         ratio: 0.854,
@@ -91,9 +89,9 @@ pub(super) fn with_settings(
             lead_s: fourth,
         }),
     };
-    let model = law.options.model.map(|model| IdentifiedAxis {
+    let model = law.options.model.map(|model| ReflectedDynamics {
         inertia_v: first,
-        near: FrictionCurve::new(second, |_| third),
+        master_friction: FrictionCurve::new(second, |_| third),
         line_v: fourth,
         ratio: fifth,
         ..model
@@ -132,8 +130,8 @@ fn each_option_takes_friction_away_that_the_feedback_leaves() {
     let mut identified = variant(1);
     if let Some(model) = &mut identified.options.model {
         // A mass without a line: all of its friction is the motor's.
-        model.near = FrictionCurve::new(25.0, |_| 1.5);
-        model.far = FrictionCurve::new(25.0, |_| 0.0);
+        model.master_friction = FrictionCurve::new(25.0, |_| 1.5);
+        model.slave_friction = FrictionCurve::new(25.0, |_| 0.0);
     }
     let observed = with(ControlOptions { observer: Some(observer()), ..none.options.control });
     let [alone, identified, observed] = [none, identified, observed].map(|law| rms(law, 1.5));

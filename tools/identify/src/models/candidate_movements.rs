@@ -3,8 +3,9 @@
 use std::f64::consts::TAU;
 
 use plant::any::Plant;
+use plant::reflected::ReflectedDynamics;
 use plant::transmission::{Input, Transmission as _};
-use rig::{AxisUnit, IdentifiedAxis, RigFile};
+use rig::{AxisUnit, RigFile};
 
 use crate::equation_error::split::Role;
 use crate::prediction_error::parametric_bootstrap::ServoGains;
@@ -43,7 +44,7 @@ pub struct RigCapability {
     reversal_speed: f64,
     /// Turns of the model's master per turn of the handle.
     gear: f64,
-    model: IdentifiedAxis,
+    model: ReflectedDynamics,
 }
 
 impl RigCapability {
@@ -62,7 +63,7 @@ impl RigCapability {
             gains: (axis.control.position_gain, axis.control.velocity_gain),
             reversal_speed: axis.control.options.compensation.reversal_speed,
             gear: axis.master.turns_per_handle_turn,
-            model: rig.identified(0)?,
+            model: rig.reflected_dynamics(0)?,
         })
     }
 
@@ -80,8 +81,8 @@ impl RigCapability {
     /// (rad/s), peak acceleration (rad/s²).
     fn bears(&self, amplitude: f64, speed: f64, acceleration: f64) -> bool {
         let volts = self.model.inertia_v * acceleration
-            + self.model.near.peak_v()
-            + self.model.far.peak_v();
+            + self.model.master_friction.peak_v()
+            + self.model.slave_friction.peak_v();
         amplitude <= ROOM * 0.5 * (self.range.1 - self.range.0)
             && speed <= ROOM * self.speed_max
             && volts <= ROOM * self.volts_max
@@ -104,7 +105,8 @@ impl RigCapability {
             let master = plant.reading().master_rad / self.gear;
             let speed = before.map_or(0.0, |before| (master - before) / self.control_s);
             before = Some(master);
-            let level = self.model.near.level_v(velocity) + self.model.far.level_v(velocity);
+            let level = self.model.master_friction.level_v(velocity)
+                + self.model.slave_friction.level_v(velocity);
             let volts = self.gains.0 * (self.middle() + position - master)
                 + self.gains.1 * (velocity - speed)
                 + self.model.inertia_v * acceleration

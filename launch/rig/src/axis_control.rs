@@ -1,0 +1,129 @@
+//! Gains and limits of an axis's control law.
+
+use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::compensation::ControlOptions;
+use crate::encoder::Encoder;
+use crate::force::ForceControl;
+use crate::limits::{Limits, VOLTS};
+use crate::rates::Rates;
+use crate::read::{Section, bounds};
+use crate::torque_channel::TorqueChannel;
+
+/// Gains and limits of the control law (§ 4.1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisControl {
+    /// Volts per position error: P of § 4.1 times the encoder's counts (V/rad or V/m).
+    pub position_gain: f64,
+    /// Volts per velocity error: D of § 4.1 times the encoder's counts (V·s/rad or V·s/m).
+    pub velocity_gain: f64,
+    /// Cut-off of the low pass of the velocity estimate (Hz).
+    pub velocity_filter_hz: f64,
+    /// The output stays within ± this, at most `limits.volts_max` (V).
+    pub output_limit_v: f64,
+    /// Feed-forward for guided movements.
+    pub feedforward: Feedforward,
+    /// Time in which the reference moves from the measured position to the setpoint (s).
+    pub ramp_s: f64,
+    /// Whether gains are accepted that the declared transmission would not keep stable.
+    pub accept_unstable: bool,
+    /// Force control; `None` where the hand's torque is not measured.
+    pub force: Option<ForceControl>,
+    /// Friction compensation, disturbance observer, slave loop.
+    pub options: ControlOptions,
+}
+
+/// Feed-forward of § 4.1, fig. 4.3A: a triangle against friction and an inertia term.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feedforward {
+    /// Friction compensation at the turning points of the movement (V).
+    pub friction_peak_v: f64,
+    /// Friction compensation at peak speed (V).
+    pub friction_floor_v: f64,
+    /// Volts per acceleration (V·s²/rad or V·s²/m).
+    pub inertia_v: f64,
+}
+
+impl AxisControl {
+    pub(crate) fn read(
+        section: Section<'_>,
+        keys: &AxisKeys,
+        (master, slave): (&Encoder, Option<&Encoder>),
+        torque: Option<&TorqueChannel>,
+        limits: &Limits,
+        rates: &Rates,
+    ) -> Self {
+        let travel = limits.position_max - limits.position_min;
+        let gain = |key, printed| {
+            let bounds = bounds(0.0, 1.0, "volts per count: § 4.1 has P = 4.5e-3 and D = 7e-4");
+            match keys.unit {
+                AxisUnit::Radian => {
+                    section.number_or(key, printed, bounds) * master.counts_per_unit
+                }
+                // The thesis's gains are per count of its rotary encoder: no default in metres.
+                AxisUnit::Metre => section.number(key, bounds) * master.counts_per_unit,
+            }
+        };
+        let nyquist = f64::from(rates.control_hz) / 2.0;
+        let filter =
+            bounds(1.0, nyquist, "at most half the control rate; above it nothing is filtered");
+        let control = Self {
+            position_gain: gain("p_v_per_count", 4.5e-3),
+            velocity_gain: gain("d_v_s_per_count", 7e-4),
+            velocity_filter_hz: section.number_or(
+                "velocity_filter_hz",
+                40.0_f64.min(nyquist),
+                filter,
+            ),
+            output_limit_v: section.number_or("output_limit_v", limits.volts_max, VOLTS),
+            feedforward: Feedforward::read(section.section("feedforward"), keys),
+            ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
+            accept_unstable: section.flag_or("accept_unstable", false),
+            force: torque.map(|torque| {
+                let force = section.section("force");
+                let control = ForceControl::read(
+                    &force,
+                    master,
+                    torque,
+                    travel,
+                    keys.unit.si_per_file_unit(),
+                );
+                force.finish();
+                control
+            }),
+            options: ControlOptions::read(&section, keys.unit, slave, travel),
+        };
+        if torque.is_none() {
+            let advice = "add the axis's torque channel, or take the section out";
+            section.misplaced("force", "no force control where no torque is measured", advice);
+        }
+        section.finish();
+        control
+    }
+}
+
+impl Feedforward {
+    fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+        let inertia = keys.key(&section, |names| names.inertia);
+        let (peak, floor) = match keys.unit {
+            AxisUnit::Radian => (1.5, 1.2),
+            AxisUnit::Metre => (0.0, 0.0),
+        };
+        let peak = section.number_or(
+            "friction_peak_v",
+            peak,
+            bounds(0.0, 5.0, "ch. 4 measured 1.5 ± 0.3 V"),
+        );
+        let floor = section.number_or(
+            "friction_floor_v",
+            f64::min(floor, peak),
+            bounds(0.0, peak, "at most friction_peak_v, as friction falls with speed (§ 4.1)"),
+        );
+        let inertia_v = section.number_or(
+            inertia,
+            0.0,
+            bounds(0.0, 10.0, "inertia divided by torque per volt"),
+        );
+        section.finish();
+        Self { friction_peak_v: peak, friction_floor_v: floor, inertia_v }
+    }
+}

@@ -1,0 +1,40 @@
+//! Checks of a rig file that need several of its sections.
+
+mod axis;
+mod gains;
+mod model;
+
+use crate::channel::Channel;
+use crate::read::Source;
+use crate::rig_file::RigFile;
+
+/// Checks a file whose sections are each valid by themselves; stability last, as it needs the rest.
+pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
+    rig.rates.check(source);
+    if source.is_clean() {
+        rig.phases.check(&rig.rates, source);
+    }
+    Channel::check_all(&rig.channels, source);
+    model::check(&rig.model, &rig.axes, source);
+    rig.simulation.check(&rig.channels, &rig.rates, source);
+    for (at, axis) in rig.axes.iter().enumerate() {
+        axis::check(axis, at, &rig.channels, &rig.rates, source);
+        if let Some(key) = axis.control.options.needs_transmission()
+            && !rig.model.kind.is_transmission()
+        {
+            let found = format!("the model \"{}\"", rig.model.kind.name());
+            let expected = "the declared model of a transmission";
+            let advice = "take the key out, or declare the transmission in [model]";
+            source.problem(&format!("axes.{at}.{key}"), expected, found, advice);
+        }
+        if let Some(before) = rig.axes[..at].iter().position(|other| other.name == axis.name) {
+            let expected = format!("a name of its own (axes.{before} has it already)");
+            let found = format!("the text \"{}\"", axis.name);
+            let advice = "names tell axes apart on screens";
+            source.problem(&format!("axes.{at}.name"), expected, found, advice);
+        }
+    }
+    if source.is_clean() {
+        gains::check(rig, source);
+    }
+}

@@ -1,0 +1,93 @@
+//! An axis against the channels, the rates and its own sections.
+
+use crate::axis::Axis;
+use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::channel::{Channel, ChannelKind};
+use crate::rates::Rates;
+use crate::read::Source;
+
+/// Narrowest plausible range of a rotary axis (degrees).
+const NARROWEST_DEG: f64 = 5.0;
+
+/// Checks the axis with index `at`.
+pub(super) fn check(
+    axis: &Axis,
+    at: usize,
+    channels: &[Channel],
+    rates: &Rates,
+    source: &Source<'_>,
+) {
+    let path = |key: &str| format!("axes.{at}.{key}");
+    check_range(axis, &path, source);
+    let limits = &axis.limits;
+    // The watchdog applies the same threshold to both encoders.
+    let slave_counts = axis.slave.as_ref().map_or(0.0, |slave| slave.counts_per_unit);
+    let finest = axis.master.counts_per_unit.max(slave_counts);
+    let per_scan = limits.speed_max * finest / f64::from(rates.acquisition_hz);
+    if (limits.encoder_jump_counts as f64) < 2.0 * per_scan {
+        let least = (2.0 * per_scan).ceil();
+        let expected =
+            format!("at least {least:.0}, twice what the speed limit allows in one scan");
+        let advice = "with a lower value a fast movement counts as a broken encoder";
+        let key = path("limits.encoder_jump_counts");
+        source.problem(&key, expected, limits.encoder_jump_counts, advice);
+    }
+    let output_limit_v = axis.control.output_limit_v;
+    if output_limit_v > limits.volts_max {
+        let expected = format!("at most limits.volts_max ({} V)", limits.volts_max);
+        let advice = "control must stay below the voltage at which the watchdog trips";
+        source.problem(&path("control.output_limit_v"), expected, output_limit_v, advice);
+    }
+    check_torque(axis, channels, &path, source);
+}
+
+/// The position limits: in order, and plausible in degrees.
+fn check_range(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>) {
+    let (limits, names) = (&axis.limits, AxisKeys::new(axis.unit).names);
+    let file = |si: f64| si / axis.unit.si_per_file_unit();
+    let key = path(&format!("limits.{}", names.position_max));
+    let (least, most) = (file(limits.position_min), file(limits.position_max));
+    if least >= most {
+        let expected = format!("more than {} ({})", names.position_min, least.round());
+        let found = format!("limits the wrong way round: {}", most.round());
+        source.problem(&key, expected, found, "swap the two");
+    } else if axis.unit == AxisUnit::Radian && most - least < NARROWEST_DEG {
+        let expected = format!("a range of at least {NARROWEST_DEG} degrees");
+        let found = format!("{:.2} degrees", most - least);
+        let advice = "limits this close look like radians; the values are in degrees";
+        source.problem(&key, expected, found, advice);
+    }
+}
+
+/// The torque channel: present, of the right kind, and not saturated below the torque limit.
+fn check_torque(
+    axis: &Axis,
+    channels: &[Channel],
+    path: &impl Fn(&str) -> String,
+    source: &Source<'_>,
+) {
+    let Some(torque) = &axis.torque else { return };
+    let key = path("torque.channel");
+    let Some((index, channel)) =
+        channels.iter().enumerate().find(|(_, channel)| channel.index == torque.channel)
+    else {
+        let present: Vec<_> = channels.iter().map(|channel| channel.index.to_string()).collect();
+        let expected = format!("the index of one of [[channels]] ({})", present.join(", "));
+        let found = format!("the missing channel {}", torque.channel);
+        let advice = format!("add [[channels]] with index = {}", torque.channel);
+        source.problem(&key, expected, found, advice);
+        return;
+    };
+    if channel.kind != ChannelKind::Torque {
+        let found = format!("channels.{index} (\"{}\") of another kind", channel.name);
+        let advice = "give the index of the torque sensor, or correct the channel's kind";
+        source.problem(&key, "a channel of kind \"torque\"", found, advice);
+    }
+    let full_scale = (channel.range_v - torque.offset_v.abs()) / torque.volts_per_unit.abs();
+    if let Some(most) = axis.limits.torque_max.filter(|most| *most > full_scale) {
+        let expected =
+            format!("at most {full_scale:.2}, where the channel's ±{} V end", channel.range_v);
+        let key = path(&format!("limits.{}", AxisKeys::new(axis.unit).names.torque));
+        source.problem(&key, expected, most, "the sensor saturates before the limit acts");
+    }
+}

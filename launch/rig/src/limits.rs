@@ -1,0 +1,71 @@
+//! Limits that the watchdog and the gate enforce.
+
+use crate::axis_unit::AxisKeys;
+use crate::read::{Bounds, Section, bounds};
+
+/// Limits of an axis, enforced by the watchdog and the gate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Lowest position of master and slave (rad or m).
+    pub position_min: f64,
+    /// Highest position of master and slave (rad or m).
+    pub position_max: f64,
+    /// Highest speed in either direction (rad/s or m/s).
+    pub speed_max: f64,
+    /// Largest magnitude of the motor voltage (V).
+    pub volts_max: f64,
+    /// Largest magnitude of the hand's torque (N·m or N); `None` without a torque channel.
+    pub torque_max: Option<f64>,
+    /// Largest plausible change of an encoder's count between two scans (counts).
+    pub encoder_jump_counts: i64,
+}
+
+const POSITION_DEG: Bounds =
+    bounds(-120.0, 120.0, "the thesis moves within ±120° (§ 4.2); the value is in degrees");
+const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
+const SPEED_DEG: Bounds = bounds(
+    30.0,
+    2262.0,
+    "3 Hz over ±120° (§ 4.2) peaks at 2262 °/s; the value is in °/s, \
+     and less than 30 looks like rad/s",
+);
+const SPEED_M: Bounds = bounds(1e-3, 10.0, "the value is in m/s");
+pub(crate) const VOLTS: Bounds = bounds(0.1, 10.0, "the card's output range is ±10 V");
+const TORQUE: Bounds =
+    bounds(0.1, 20.0, "the value is in N·m; a hand at the handle stays below 20 N·m");
+const FORCE: Bounds = bounds(0.1, 5000.0, "the value is in N");
+
+impl Limits {
+    pub(crate) fn read(section: Section<'_>, keys: &AxisKeys, torque: bool) -> Self {
+        let (position, speed) =
+            (keys.choose(POSITION_DEG, POSITION_M), keys.choose(SPEED_DEG, SPEED_M));
+        let scale = keys.unit.si_per_file_unit();
+        let (min, max) =
+            (keys.key(&section, |k| k.position_min), keys.key(&section, |k| k.position_max));
+        let torque_key = keys.key(&section, |k| k.torque);
+        let torque_bounds = keys.choose(TORQUE, FORCE);
+        if !torque && section.has(torque_key) {
+            let advice = "add the axis's torque channel, or take the limit out";
+            section.problem(torque_key, "no limit where nothing is measured", "a limit", advice);
+        }
+        let limits = Self {
+            position_min: section.number(min, position) * scale,
+            position_max: section.number(max, position) * scale,
+            speed_max: section.number(keys.key(&section, |k| k.speed), speed) * scale,
+            volts_max: section.number("volts_max", VOLTS),
+            torque_max: if torque {
+                Some(section.number(torque_key, torque_bounds))
+            } else {
+                section.number_or_none(torque_key, torque_bounds)
+            },
+            encoder_jump_counts: section.whole(
+                "encoder_jump_counts",
+                2,
+                1_000_000_000,
+                "several times what the speed limit allows in one scan",
+            ) as i64,
+        };
+        section.finish();
+        limits
+    }
+}

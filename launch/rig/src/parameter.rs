@@ -1,0 +1,82 @@
+//! Declared parameters: value, tolerance, source.
+
+use crate::read::{NumberOrSection, Section, bounds};
+
+/// A declared parameter of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name, as in the crate `plant`.
+    pub name: String,
+    /// Nominal value (SI).
+    pub value: f64,
+    /// Tolerance as a fraction of the value: 0.05 is ±5 %.
+    pub tolerance: f64,
+    /// Tolerance in the parameter's own unit (SI); replaces `tolerance` for values near 0.
+    pub tolerance_absolute: Option<f64>,
+    /// Where the value comes from.
+    pub source: ParameterSource,
+}
+
+/// Where a parameter's value comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterSource {
+    /// Printed in the thesis or on a data sheet.
+    Printed,
+    /// Assumed, as it is printed nowhere.
+    Assumed,
+    /// Traced from measured results.
+    Traced,
+}
+
+impl ParameterSource {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("printed", Self::Printed), ("assumed", Self::Assumed), ("traced", Self::Traced)];
+}
+
+/// Tolerance of a parameter that declares none (fraction of the value).
+const TOLERANCE: f64 = 0.25;
+
+impl Parameter {
+    /// Half-width of the interval in which the value is believed to lie (SI).
+    pub fn spread(&self) -> f64 {
+        self.tolerance_absolute.unwrap_or(self.tolerance * self.value.abs())
+    }
+
+    /// Reads every parameter of a table.
+    pub(crate) fn read_all(table: &Section<'_>) -> Vec<Self> {
+        table.keys().into_iter().map(|name| Self::read(table, name)).collect()
+    }
+
+    fn read(table: &Section<'_>, name: String) -> Self {
+        let value = bounds(f64::MIN, f64::MAX, "");
+        match table.number_or_section(&name, value) {
+            NumberOrSection::Number(value) => Self {
+                name,
+                value,
+                tolerance: TOLERANCE,
+                tolerance_absolute: None,
+                source: ParameterSource::Assumed,
+            },
+            NumberOrSection::Section(section) => {
+                let fraction =
+                    bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
+                let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
+                let parameter = Self {
+                    name,
+                    value: section.number("value", value),
+                    tolerance: section.number_or("tolerance", TOLERANCE, fraction),
+                    tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
+                    source: section
+                        .word_or_none("source", ParameterSource::WORDS)
+                        .unwrap_or(ParameterSource::Assumed),
+                };
+                if section.has("tolerance") && section.has("tolerance_absolute") {
+                    let advice = "keep the fraction, or the absolute one for a value near 0";
+                    section.problem("tolerance_absolute", "one tolerance", "two", advice);
+                }
+                section.finish();
+                parameter
+            }
+        }
+    }
+}

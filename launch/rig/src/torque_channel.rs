@@ -1,0 +1,56 @@
+//! The sensor of the torque that the hand applies.
+
+use ipc_types::ANALOG;
+
+use crate::axis_unit::AxisKeys;
+use crate::read::{Bounds, Section, bounds};
+
+/// The sensor of the torque (or force) that the hand applies at the slave; positive torque drives
+/// the slave in its positive direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueChannel {
+    /// Analog input: index into `Sample::analog_v`.
+    pub channel: usize,
+    /// Sensitivity, with its sign (V/(N·m) or V/N).
+    pub volts_per_unit: f64,
+    /// Reading without torque (V).
+    pub offset_v: f64,
+}
+
+impl TorqueChannel {
+    /// Torque for a reading (N·m or N).
+    pub fn torque(&self, volts: f64) -> f64 {
+        (volts - self.offset_v) / self.volts_per_unit
+    }
+
+    /// Reading at a torque (V).
+    pub fn volts(&self, torque: f64) -> f64 {
+        torque * self.volts_per_unit + self.offset_v
+    }
+}
+
+const SENSITIVITY: Bounds = bounds(-100.0, 100.0, "volts per N·m or N, with the sensor's sign");
+
+impl TorqueChannel {
+    pub(crate) fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+        let channel =
+            section.whole("channel", 0, ANALOG as u64 - 1, "an index of [[channels]]") as usize;
+        let key = keys.key(&section, |names| names.sensitivity);
+        let volts_per_unit = section.number(key, SENSITIVITY);
+        if volts_per_unit.abs() < 1e-6 {
+            section.problem(
+                key,
+                "a sensitivity",
+                volts_per_unit,
+                "a sensor without sensitivity measures nothing",
+            );
+        }
+        let offset_v = section.number_or(
+            "offset_v",
+            0.0,
+            bounds(-10.0, 10.0, "the reading without torque, in V"),
+        );
+        section.finish();
+        Self { channel, volts_per_unit, offset_v }
+    }
+}

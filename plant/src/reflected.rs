@@ -1,0 +1,149 @@
+//! Inertia, friction and line stiffness of a transmission, reflected to its motor and expressed in
+//! volts: what a feed-forward control law needs to know of the model.
+
+use crate::any::Parameters;
+use crate::friction::StribeckCurve;
+use crate::{cable, hydrostatic};
+
+/// Points of a [`FrictionCurve`].
+pub const CURVE_POINTS: usize = 65;
+
+/// Magnitude of friction over speed (V): linear between evenly spaced speeds, constant above the
+/// highest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionCurve {
+    /// Distance between two points (rad/s or m/s), positive.
+    pub step: f64,
+    /// Level at rest, then at each step (V); none is negative.
+    pub levels_v: [f64; CURVE_POINTS],
+}
+
+impl FrictionCurve {
+    /// Samples a function of the speed up to `speed_max` (rad/s or m/s, positive).
+    pub fn new(speed_max: f64, level_v: impl Fn(f64) -> f64) -> Self {
+        let step = speed_max / (CURVE_POINTS - 1) as f64;
+        Self { step, levels_v: std::array::from_fn(|point| level_v(step * point as f64).max(0.0)) }
+    }
+
+    /// Level at a speed of either sign (V); 0 V where the speed is not a number.
+    pub fn level_v(&self, speed: f64) -> f64 {
+        let place = speed.abs() / self.step;
+        if place.is_nan() {
+            return 0.0;
+        }
+        let place = place.min((CURVE_POINTS - 1) as f64);
+        let at = (place as usize).min(CURVE_POINTS - 2);
+        let part = place - at as f64;
+        self.levels_v[at] * (1.0 - part) + self.levels_v[at + 1] * part
+    }
+
+    /// Highest level (V).
+    pub fn peak_v(&self) -> f64 {
+        self.levels_v.iter().copied().fold(0.0, f64::max)
+    }
+}
+
+/// Dynamics of a transmission reflected to the motor: motor volts over movements of the handle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReflectedDynamics {
+    /// Inertia of all moving parts (V·s²/rad or V·s²/m).
+    pub inertia_v: f64,
+    /// Friction at the motor and the master, which acts on the motor directly (V).
+    pub master_friction: FrictionCurve,
+    /// Friction of line and slave, which acts on the motor through the line (V).
+    pub slave_friction: FrictionCurve,
+    /// The part of it that winds up the line, each source weighted by the share of the line that
+    /// it loads (V); divided by `line_v`, the lead of the master over the slave.
+    pub windup: FrictionCurve,
+    /// Stiffness of the line: volts per lead of the master over the slave (V/rad or V/m).
+    pub line_v: f64,
+    /// Movement of the handle per movement of the master with a rigid line, both in the handle's
+    /// coordinates (1).
+    pub ratio: f64,
+}
+
+impl ReflectedDynamics {
+    /// Of a transmission whose motor turns `gear` times per turn of the handle, for speeds up to
+    /// `speed_max` (rad/s or m/s).
+    ///
+    /// The friction of a hydrostatic transmission is that of § 3.2.1 with the loss in both hoses;
+    /// that of a cable is at pretension, the mean over both directions and all positions. `line_v`
+    /// is the stiffness of both lines at rest.
+    pub fn new(parameters: &Parameters, gear: f64, speed_max: f64) -> Self {
+        match parameters {
+            Parameters::Hydrostatic(model) => hydrostatic_dynamics(model, gear, speed_max),
+            Parameters::Cable(model) => cable_dynamics(model, gear, speed_max),
+        }
+    }
+}
+
+fn hydrostatic_dynamics(
+    model: &hydrostatic::Parameters,
+    gear: f64,
+    speed_max: f64,
+) -> ReflectedDynamics {
+    let per_volt = model.motor_torque_per_volt_nm;
+    let (piston, slave, pipe) =
+        (model.master_piston_friction(), model.slave_friction(), model.pipe());
+    let (displacement, ratio) = (model.master_displacement_m_per_rad(), model.transmission_ratio());
+    let master = |speed: f64| {
+        let motor = gear * speed;
+        (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + piston.level(motor)) / per_volt
+    };
+    // Fluid friction acts along the whole line; the model has it in the middle.
+    let slave = |speed: f64, fluid_share: f64| {
+        let motor = gear * speed;
+        let fluid = displacement * motor;
+        let loss = 2.0 * displacement * pipe.coefficient(fluid) * fluid;
+        (ratio * slave.level(ratio * motor) + fluid_share * loss) / per_volt
+    };
+    let inertia = model.master_inertia_kg_m2()
+        + ratio * ratio * model.slave_inertia_kg_m2()
+        + 2.0 * displacement * displacement * model.fluid_mass_kg();
+    ReflectedDynamics {
+        inertia_v: gear * inertia / per_volt,
+        master_friction: FrictionCurve::new(speed_max, master),
+        slave_friction: FrictionCurve::new(speed_max, |speed| slave(speed, 1.0)),
+        windup: FrictionCurve::new(speed_max, |speed| slave(speed, 0.5)),
+        line_v: gear * 2.0 * displacement * displacement * model.line_stiffness_n_per_m()
+            / per_volt,
+        ratio: gear * ratio,
+    }
+}
+
+fn cable_dynamics(model: &cable::Parameters, gear: f64, speed_max: f64) -> ReflectedDynamics {
+    let per_volt = model.motor_torque_per_volt_nm;
+    let (radius, ratio) = (model.master_pulley_radius_m, model.transmission_ratio());
+    let support = model.support_friction_n(model.cables * model.pretension_n);
+    let falling = StribeckCurve {
+        kinetic: model.kinetic_friction_ratio,
+        breakaway: 1.0,
+        speed: model.stribeck_speed_m_s,
+        exponent: 1.0,
+    };
+    let viscous = model.cables * model.support_viscous_n_s_per_m;
+    // Of each of the two lines, one support is at the master, one at the slave, and the model has
+    // the others in the middle.
+    let supports = |speed: f64| {
+        2.0 * radius * (support * falling.level(radius * speed) + viscous * radius * speed)
+    };
+    let master = |speed: f64| {
+        let motor = gear * speed;
+        (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + supports(motor)) / per_volt
+    };
+    let slave = |speed: f64, middle_share: f64| {
+        let along = 1.0 + middle_share * (model.supports() - 2.0);
+        (along * supports(gear * speed) + ratio * model.slave_bearing_nm) / per_volt
+    };
+    let inertia = model.total_master_inertia_kg_m2()
+        + ratio * ratio * model.total_slave_inertia_kg_m2()
+        + 2.0 * radius * radius * model.middle_mass_kg();
+    ReflectedDynamics {
+        inertia_v: gear * inertia / per_volt,
+        master_friction: FrictionCurve::new(speed_max, master),
+        slave_friction: FrictionCurve::new(speed_max, |speed| slave(speed, 1.0)),
+        windup: FrictionCurve::new(speed_max, |speed| slave(speed, 0.5)),
+        line_v: gear * 2.0 * radius * radius * model.line_stiffness_n_per_m() / per_volt,
+        ratio: gear * ratio,
+    }
+}
