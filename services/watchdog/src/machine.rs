@@ -56,6 +56,17 @@ pub struct StateChange {
     pub cause: TripCause,
 }
 
+impl StateChange {
+    /// Text of the event: the cause where power is latched off, otherwise the new state. An earlier
+    /// cause does not explain a `reset`.
+    pub const fn text(&self) -> &'static str {
+        match self.to {
+            WatchdogState::Faulted | WatchdogState::Tripped => self.cause.text(),
+            state => state.text(),
+        }
+    }
+}
+
 /// What one step yields.
 #[derive(Clone, Copy, Debug)]
 pub struct Outputs {
@@ -426,3 +437,22 @@ impl Machine {
 
 const _: () = assert!(CAUSES <= 64, "a fault set has one bit for each cause");
 const _: () = assert!(AXES <= 8, "presence bits are a byte");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_names_a_cause_only_where_power_is_latched_off() {
+        let change = |to| StateChange {
+            from: WatchdogState::Tripped,
+            to,
+            cause: TripCause::AcquisitionLost,
+        };
+        assert_eq!(change(WatchdogState::Tripped).text(), "acquisition lost");
+        assert_eq!(change(WatchdogState::Faulted).text(), "acquisition lost");
+        for state in [WatchdogState::Disarmed, WatchdogState::Armed, WatchdogState::Enabled] {
+            assert_eq!(change(state).text(), state.text());
+        }
+    }
+}

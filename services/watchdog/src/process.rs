@@ -154,7 +154,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
                     Process::Watchdog,
                     EventKind::StateChanged,
                     severity,
-                    change.cause.text(),
+                    change.text(),
                 )
             };
             events.send(told)?;
