@@ -325,7 +325,7 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     }
     // The command plane works, too.
     {
-        let domain = runtime::Domain::open(&name).unwrap();
+        let domain = runtime::Domain::observe(&name).unwrap();
         let node = domain.node("asker").unwrap();
         let logger: LoggerAnswer =
             runtime::call(&node, &LOGGER_COMMANDS, &LoggerRequest::Status, Duration::from_secs(5))

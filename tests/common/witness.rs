@@ -257,7 +257,7 @@ pub struct Witness {
 impl Witness {
     /// Joins, and begins to read and to lead.
     pub fn join(name: &RigName) -> Self {
-        let domain = Domain::open(name).unwrap();
+        let domain = Domain::observe(name).unwrap();
         let seen = Arc::new(Mutex::new(Seen::default()));
         let stop = Arc::new(AtomicBool::new(false));
         let leads = Arc::new(AtomicBool::new(true));

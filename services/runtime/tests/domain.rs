@@ -115,7 +115,11 @@ fn a_rig_from_cold_start_to_clean_end() {
     drop((samples, publisher, scans, tokens, late_scans, late_tokens));
     drop(service);
     keeper.clean();
+    // An observer (a probe that was left open) does not hold the session of a rig that goes down.
+    let observer = Domain::observe(&name).unwrap();
+    assert!(observer.is_current());
     assert!(keeper.end().unwrap(), "nothing else is alive");
+    assert!(!observer.is_current());
     assert_eq!(segments(&name), Vec::<String>::new());
     assert!(name.remove().unwrap());
     assert!(!name.directory().exists());

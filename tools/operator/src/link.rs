@@ -34,7 +34,7 @@ impl RigLink {
     /// # Errors
     /// When no keeper of that rig runs.
     pub fn open(name: &RigName) -> Result<Self, Error> {
-        let domain = Domain::open(name)?;
+        let domain = Domain::observe(name)?;
         let node = domain.node("operator")?;
         Ok(Self { node, domain })
     }

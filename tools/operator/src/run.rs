@@ -1,5 +1,5 @@
-//! Running a protocol: send it to the experiment process, see that the motor has leave, watch both
-//! to the end.
+//! Runs a protocol: sends it to the experiment process, enables the motor, and follows both until
+//! the protocol ends.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,33 +12,33 @@ use rig::protocol::Protocol;
 use runtime::RequestError;
 
 use crate::link::Subscriber;
-use crate::status::standing;
+use crate::status::{active_cause, active_faults, state_of};
 use crate::{Error, RigLink, rig_of, verb};
 
-/// How long the watchdog may be silent.
+/// Longest silence of the watchdog.
 const TOKEN_LIMIT: Duration = Duration::from_secs(1);
-/// How long the experiment process may be away: it is started again and goes on where it was.
-const AWAY_LIMIT: Duration = Duration::from_secs(10);
-/// How often it is asked how far it is.
-const EVERY: Duration = Duration::from_millis(100);
+/// Longest absence of the experiment process: the launcher restarts it and it resumes.
+const ABSENCE_LIMIT: Duration = Duration::from_secs(10);
+/// Polling period of the progress.
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// What to run.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Protocol: a path, or the name of a shipped one.
+    /// Protocol: a path, or the name of one that ships with farreach.
     pub protocol: PathBuf,
-    /// `KEY=VALUE`, applied before it is checked.
+    /// `KEY=VALUE`, applied before the protocol is checked.
     pub overrides: Vec<String>,
-    /// Whom it is run with; goes into the recording with the protocol's name.
+    /// Code of the subject; goes into the recording.
     pub subject: Option<String>,
 }
 
-/// How far it is.
+/// Progress of a protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Progress {
     /// Time played (s).
     pub elapsed_s: f64,
-    /// Whole duration (s).
+    /// Total duration (s).
     pub duration_s: f64,
     /// Segment, from 1.
     pub segment: u32,
@@ -46,41 +46,40 @@ pub struct Progress {
     pub segments: u32,
     /// Label of the segment; empty before the first answer.
     pub label: String,
-    /// The experiment process does not answer at present.
-    pub away: bool,
+    /// Whether the experiment process is not answering.
+    pub absent: bool,
 }
 
-/// How it ended.
+/// How a protocol ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RunOutcome {
-    /// To its end; the time that it took by the player's clock (s).
+    /// It ran to its end.
     Completed {
         /// Time played (s).
         elapsed_s: f64,
     },
-    /// The caller asked for it: the handle comes to rest, is held for a moment, and the volts go to
-    /// 0.
+    /// It was stopped early: the handle comes to rest, is held briefly, then the voltage goes to 0.
     Stopped {
         /// Time played (s).
         elapsed_s: f64,
     },
-    /// The watchdog took the power away; the protocol was stopped.
+    /// The watchdog removed power (a trip, an e-stop or a disarm), which ends the protocol.
     Tripped {
-        /// Its state.
+        /// State of the watchdog.
         state: WatchdogState,
-        /// The cause.
+        /// Why power is latched off; [`TripCause::None`] after a disarm.
         cause: TripCause,
-        /// Faults that stand.
+        /// Active faults.
         faults: Vec<TripCause>,
     },
 }
 
-/// Runs a protocol on a rig that is up, enabling the motor where a person armed it. `progress` is
-/// told ten times a second; `stop`, once set, ends it early.
+/// Runs a protocol on a rig that is up, and enables the motor if a person has armed it. Calls
+/// `progress` ten times per second; setting `stop` ends the protocol early.
 ///
 /// # Errors
-/// What is wrong with the protocol, or does not fit the rig; that the rig is not armed; that a
-/// process does not answer. After an error nothing plays on.
+/// If the protocol is invalid or does not fit the rig, the rig is not armed, or a process does not
+/// answer. No protocol runs after an error.
 pub fn run_protocol(
     link: &RigLink,
     options: &RunOptions,
@@ -100,7 +99,7 @@ pub fn run_protocol(
         WatchdogState::Armed => {
             verb(link, Verb::Enable)?;
         }
-        state => return Err(Error::NotArmed { state, cause: in_words(&token) }),
+        state => return Err(Error::NotArmed { state, cause: describe(&token) }),
     }
     let name = match &options.subject {
         Some(subject) => format!("{} (subject {subject})", protocol.name),
@@ -109,7 +108,7 @@ pub fn run_protocol(
     let begun = link
         .experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name })
         .inspect_err(|_| {
-            // It may have heard, and play.
+            // The request may have arrived although the answer did not.
             let _stopped = link.experiment(&ExperimentRequest::Stop);
         })?;
     if !begun.error.is_empty() {
@@ -117,8 +116,8 @@ pub fn run_protocol(
     }
     let outcome = follow(link, &protocol, &mut tokens, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
-        // Where it does not answer there is nothing to stop: control holds when the setpoint's
-        // lease lapses.
+        // A process that does not answer needs no stop: control holds once the setpoint's lease
+        // expires.
         let _stopped = link.experiment(&ExperimentRequest::Stop);
     }
     outcome
@@ -139,7 +138,7 @@ fn follow(
         segment: 1,
         segments: u32::try_from(labels.len()).unwrap_or(u32::MAX),
         label: String::new(),
-        away: false,
+        absent: false,
     };
     let mut answered = Instant::now();
     loop {
@@ -150,14 +149,14 @@ fn follow(
         if state_of(&token) != WatchdogState::Enabled {
             return Ok(RunOutcome::Tripped {
                 state: state_of(&token),
-                cause: TripCause::from_code(token.cause).unwrap_or(TripCause::None),
-                faults: standing(token.faults),
+                cause: active_cause(&token),
+                faults: active_faults(token.faults),
             });
         }
         match link.experiment(&ExperimentRequest::Status) {
             Ok(answer) => {
                 answered = Instant::now();
-                shown.away = false;
+                shown.absent = false;
                 shown.elapsed_s = answer.elapsed_s;
                 shown.segment = answer.segment + 1;
                 shown.label = labels
@@ -169,18 +168,18 @@ fn follow(
                 }
             }
             Err(Error::Request(RequestError::NobodyServes(..) | RequestError::TimedOut { .. }))
-                if answered.elapsed() < AWAY_LIMIT =>
+                if answered.elapsed() < ABSENCE_LIMIT =>
             {
-                shown.away = true;
+                shown.absent = true;
             }
             Err(error) => return Err(error),
         }
         progress(&shown);
-        std::thread::sleep(EVERY);
+        std::thread::sleep(POLL_PERIOD);
     }
 }
 
-/// Whether that answer is the last.
+/// The outcome in an answer; `None` while the protocol runs.
 fn ending(answer: &ExperimentAnswer) -> Result<Option<RunOutcome>, Error> {
     if !answer.error.is_empty() {
         return Err(Error::Experiment(answer.error.clone()));
@@ -192,21 +191,21 @@ fn ending(answer: &ExperimentAnswer) -> Result<Option<RunOutcome>, Error> {
     })
 }
 
-fn state_of(token: &EnableToken) -> WatchdogState {
-    WatchdogState::from_code(token.state).unwrap_or(WatchdogState::Faulted)
-}
-
-fn in_words(token: &EnableToken) -> String {
-    let cause = TripCause::from_code(token.cause).filter(|cause| *cause != TripCause::None);
-    let mut words: Vec<_> = cause.map(|cause| format!("cause: {cause}")).into_iter().collect();
-    let faults: Vec<_> = standing(token.faults).iter().map(|fault| fault.text()).collect();
-    if !faults.is_empty() {
-        words.push(format!("standing: {}", faults.join(", ")));
+/// Cause and active faults of a token; empty if there are none.
+fn describe(token: &EnableToken) -> String {
+    let mut parts = Vec::new();
+    let cause = active_cause(token);
+    if cause != TripCause::None {
+        parts.push(format!("cause: {cause}"));
     }
-    words.join("; ")
+    let faults: Vec<_> = active_faults(token.faults).iter().map(|fault| fault.text()).collect();
+    if !faults.is_empty() {
+        parts.push(format!("active faults: {}", faults.join(", ")));
+    }
+    parts.join("; ")
 }
 
-/// The watchdog's tokens bear its state, a thousand times a second.
+/// The watchdog's tokens, which carry its state 1000 times per second.
 struct Tokens {
     reader: Subscriber<EnableToken>,
 }
@@ -216,7 +215,7 @@ impl Tokens {
         Ok(Self { reader: link.subscriber(TOKEN)? })
     }
 
-    /// The newest token; waits for one.
+    /// Waits for a token and returns the newest.
     fn wait(&mut self) -> Result<EnableToken, Error> {
         let started = Instant::now();
         loop {
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_is_told_from_a_stop_and_from_a_failure() {
+    fn completion_stop_and_failure_are_distinguished() {
         assert_eq!(ending(&answer(true, false, "")).unwrap(), None);
         assert_eq!(
             ending(&answer(false, true, "")).unwrap(),
@@ -265,13 +264,16 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_told_in_words() {
-        let token = EnableToken {
+    fn a_cause_is_described_only_while_power_is_latched_off() {
+        let tripped = EnableToken {
+            state: WatchdogState::Tripped.code(),
             cause: TripCause::SpeedLimit.code(),
             faults: 1 << TripCause::ControlLost.code(),
             ..Default::default()
         };
-        assert_eq!(in_words(&token), "cause: speed limit; standing: control lost");
-        assert_eq!(in_words(&EnableToken::default()), "");
+        assert_eq!(describe(&tripped), "cause: speed limit; active faults: control lost");
+        let disarmed =
+            EnableToken { state: WatchdogState::Disarmed.code(), faults: 0, ..tripped };
+        assert_eq!(describe(&disarmed), "");
     }
 }

@@ -1,11 +1,13 @@
-//! What a rig is doing: the launcher's word on its processes, and what these say on their topics.
-//! Read only.
+//! State of a rig: the launcher's view of its processes, and what these publish. Read only.
 
 mod observe;
 mod table;
 
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
 use ipc_types::{
-    Backend, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause, WatchdogState,
+    Backend, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
+    WatchdogState,
 };
 use launch::{RigState, UnitState};
 use runtime::{DomainError, Losses, RigName};
@@ -15,16 +17,16 @@ use crate::{Error, RigLink};
 pub use observe::{Observation, Observer};
 pub use table::table;
 
-/// A rig, as `status --json` prints it. Keys stay; new ones may come.
-#[derive(Clone, Debug, Serialize)]
+/// A rig, as `status --json` prints it. Keys are stable; new ones may be added.
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct RigStatus {
-    /// Its name.
+    /// Name of the rig.
     pub rig_name: String,
-    /// Whether anything of it runs.
+    /// Whether any process of it runs.
     pub up: bool,
-    /// State of the whole; `null` where no launcher of ours looks after it.
+    /// State of the whole rig; `null` if farreach's launcher does not supervise it.
     pub state: Option<RigState>,
-    /// Why it is stopping or broken off.
+    /// Why the rig is stopping or its start was aborted.
     pub cause: Option<String>,
     /// The launcher.
     pub launcher: Option<LauncherStatus>,
@@ -32,57 +34,83 @@ pub struct RigStatus {
     pub unread: Option<String>,
     /// Session, as 16 hexadecimal digits.
     pub session: Option<String>,
-    /// Timing that the machine grants.
+    /// Timing profile of the rig.
     pub profile: Option<Profile>,
-    /// What stands behind acquisition.
+    /// The card that acquisition reads.
     pub backend: Option<Backend>,
-    /// Interlocks.
+    /// The interlocks.
     pub watchdog: Option<WatchdogStatus>,
-    /// The gate, and what the card counts.
+    /// The gate, and the card's counters.
     pub gate: Option<GateStatus>,
-    /// One for each process.
+    /// The processes.
     pub processes: Vec<ProcessStatus>,
     /// The logger.
     pub recording: Option<RecordingStatus>,
-    /// Topics of which messages were lost on the way to the disk since the logger started; empty is
-    /// good.
+    /// Topics with messages lost before they reached the disk, since the logger started.
     pub losses: Vec<TopicLoss>,
 }
 
 /// The launcher.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct LauncherStatus {
-    /// Its process.
+    /// Process id.
     pub pid: i32,
-    /// Whether it lives.
+    /// Whether it is alive.
     pub alive: bool,
     /// When it started (ms since 1970, UTC).
     pub since_unix_ms: u64,
 }
 
-/// Interlocks.
+/// The interlocks.
 #[derive(Clone, Debug, Serialize)]
 pub struct WatchdogStatus {
     /// State.
     pub state: WatchdogState,
-    /// Cause of the last fault or trip.
+    /// Why power is latched off: `none` unless the state is faulted or tripped.
     pub cause: TripCause,
-    /// Faults that stand now.
+    /// Active faults.
     pub faults: Vec<TripCause>,
     /// Enable epoch.
     pub epoch: u64,
     /// Whether the motor may be powered.
     pub enabled: bool,
+    /// The last fault or trip since the watchdog started; `null` if there was none.
+    pub last_trip: Option<LastTrip>,
 }
 
-/// The gate.
+/// A fault or trip that is over, or the present one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct LastTrip {
+    /// Its cause.
+    pub cause: TripCause,
+    /// When it happened (ms since 1970, UTC); `null` if its event was not received.
+    pub unix_ms: Option<u64>,
+}
+
+impl WatchdogStatus {
+    /// From a token, and the time of the last trip if its event was received.
+    fn new(token: &EnableToken, tripped_unix_ms: Option<u64>) -> Self {
+        let last = TripCause::from_code(token.cause).unwrap_or(TripCause::None);
+        let was_trip = !matches!(last, TripCause::None | TripCause::Started);
+        Self {
+            state: state_of(token),
+            cause: active_cause(token),
+            faults: active_faults(token.faults),
+            epoch: token.epoch,
+            enabled: token.enabled != 0,
+            last_trip: was_trip.then_some(LastTrip { cause: last, unix_ms: tripped_unix_ms }),
+        }
+    }
+}
+
+/// The gate in acquisition.
 #[derive(Clone, Debug, Serialize)]
 pub struct GateStatus {
     /// State.
     pub state: GateState,
-    /// Why it burnt the last epoch.
+    /// Why it closed and ended the last epoch.
     pub cause: GateCause,
-    /// The epoch that it last saw.
+    /// The last epoch that it saw.
     pub epoch: u64,
     /// Whether the card reports motor power.
     pub motor_power: bool,
@@ -92,42 +120,42 @@ pub struct GateStatus {
     pub cycles_missed: u64,
 }
 
-/// One process.
-#[derive(Clone, Debug, Serialize)]
+/// One process. Counters and percentiles are since its start.
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct ProcessStatus {
     /// Name.
     pub name: String,
-    /// State; `null` where no launcher of ours looks after it.
+    /// State; `null` if farreach's launcher does not supervise it.
     pub state: Option<UnitState>,
     /// Process id.
     pub pid: Option<i32>,
-    /// When it came into this state (ms since 1970, UTC).
+    /// When it entered this state (ms since 1970, UTC).
     pub since_unix_ms: Option<u64>,
     /// Starts after the first.
     pub restarts: u32,
-    /// How the process before this one ended.
+    /// How its predecessor ended.
     pub last_exit: Option<String>,
-    /// Messages that it published a second, measured (fast loops).
+    /// Messages published per second, measured (fast loops).
     pub rate_hz: Option<f64>,
-    /// Rate of its grid (Hz).
+    /// Rate of its loop (Hz).
     pub grid_hz: Option<f64>,
-    /// Cycles since its start.
+    /// Cycles.
     pub cycles: Option<u64>,
-    /// Periods skipped since its start because it woke late.
+    /// Periods skipped because it woke late.
     pub missed_periods: Option<u64>,
-    /// How late it woke since its start (µs).
+    /// Wake-up lateness (µs).
     pub wake_late_us: Option<Percentiles>,
-    /// How long a cycle took since its start (µs).
+    /// Execution time of a cycle (µs).
     pub execution_us: Option<Percentiles>,
-    /// Timing that it was granted.
+    /// Timing profile that it was granted.
     pub profile: Option<Profile>,
-    /// Age of its last sign of life (ms).
+    /// Age of its last message (ms).
     pub heartbeat_age_ms: Option<f64>,
-    /// Messages lost on the way to it (slow processes).
+    /// Messages lost before they reached it (slow processes).
     pub lost: Option<u64>,
-    /// Messages waiting in its own queue (slow processes).
+    /// Messages in its own queue (slow processes).
     pub queued: Option<u64>,
-    /// What it missed, refused or could not hand on since its start (periodic processes).
+    /// Messages that it missed, refused or could not deliver (periodic processes).
     pub losses: Option<Losses>,
     /// Its log file.
     pub log: Option<String>,
@@ -153,17 +181,17 @@ impl From<[u64; 4]> for Percentiles {
 /// The logger.
 #[derive(Clone, Debug, Serialize)]
 pub struct RecordingStatus {
-    /// The file; `null` where nothing is recorded.
+    /// The file; `null` if nothing is recorded.
     pub file: Option<String>,
     /// Messages written to it.
     pub written: u64,
-    /// Messages lost on the way.
+    /// Messages lost.
     pub lost: u64,
-    /// What went wrong; empty if nothing.
+    /// The logger's error; empty if there is none.
     pub error: String,
 }
 
-/// What was lost of one topic.
+/// Messages of one topic that are not on disk.
 #[derive(Clone, Debug, Serialize)]
 pub struct TopicLoss {
     /// The topic.
@@ -172,23 +200,23 @@ pub struct TopicLoss {
     pub gaps: u64,
     /// Messages dropped because the logger's queue was full.
     pub dropped: u64,
-    /// Messages that the disk refused.
+    /// Messages that could not be written.
     pub refused: u64,
 }
 
-/// Looks at a rig again and again.
+/// Observes a rig repeatedly.
 #[derive(Default)]
 pub struct Watcher {
     joined: Option<(RigLink, Observer)>,
 }
 
 impl Watcher {
-    /// Looks at a rig, joining it where that was not done yet or where it began a new session.
-    /// Takes 0.3 s to 1.2 s.
+    /// Returns the state of a rig, attaching to its current session if necessary. Takes 0.3 s to
+    /// 1.2 s.
     ///
     /// # Errors
-    /// When the launcher's files cannot be read. A rig that is down is no error.
-    pub fn look(&mut self, name: &RigName) -> Result<RigStatus, Error> {
+    /// If the launcher's files cannot be read. A rig that is down is not an error.
+    pub fn status(&mut self, name: &RigName) -> Result<RigStatus, Error> {
         let launched = match launch::status(&name.run_directory()) {
             Ok(status) => Some(status),
             Err(launch::Error::NotUp { .. }) => None,
@@ -210,7 +238,7 @@ impl Watcher {
     }
 
     fn observe(&mut self, name: &RigName) -> Result<(Observation, Option<RecordingStatus>), Error> {
-        if self.joined.as_ref().is_some_and(|(link, _)| !link.domain().keeper_lives()) {
+        if self.joined.as_ref().is_some_and(|(link, _)| !link.domain().is_current()) {
             self.joined = None;
         }
         if self.joined.is_none() {
@@ -222,7 +250,7 @@ impl Watcher {
             return Err(Error::NotUp(name.to_string()));
         };
         let observation = observer.observe(link.domain())?;
-        // A logger that does not answer shows in the row of its process.
+        // A logger that does not answer is visible in its process's row.
         let recording = link.logger(&LoggerRequest::Status).ok().map(|answer| RecordingStatus {
             file: answer.recording,
             written: answer.written,
@@ -233,12 +261,12 @@ impl Watcher {
     }
 }
 
-/// Looks at a rig once.
+/// Returns the state of a rig, once.
 ///
 /// # Errors
-/// As [`Watcher::look`].
+/// As [`Watcher::status`].
 pub fn status(name: &RigName) -> Result<RigStatus, Error> {
-    Watcher::default().look(name)
+    Watcher::default().status(name)
 }
 
 impl RigStatus {
@@ -254,7 +282,8 @@ impl RigStatus {
                     restarts: unit.restarts,
                     last_exit: unit.last_exit.clone(),
                     log: Some(unit.log.display().to_string()),
-                    ..ProcessStatus::named(&unit.name)
+                    name: unit.name.clone(),
+                    ..ProcessStatus::default()
                 })
                 .collect()
         });
@@ -268,15 +297,8 @@ impl RigStatus {
                 alive: status.launcher.is_alive(),
                 since_unix_ms: status.since_unix_ms,
             }),
-            unread: None,
-            session: None,
-            profile: None,
-            backend: None,
-            watchdog: None,
-            gate: None,
             processes,
-            recording: None,
-            losses: Vec::new(),
+            ..Self::default()
         }
     }
 
@@ -285,13 +307,12 @@ impl RigStatus {
         self.profile = Some(seen.profile);
         self.recording = recording;
         if let Some(token) = &seen.token {
-            self.watchdog = Some(WatchdogStatus {
-                state: WatchdogState::from_code(token.state).unwrap_or(WatchdogState::Faulted),
-                cause: TripCause::from_code(token.cause).unwrap_or(TripCause::None),
-                faults: standing(token.faults),
-                epoch: token.epoch,
-                enabled: token.enabled != 0,
+            let tripped = seen.tripped_ns.and_then(|time_ns| {
+                let age = Duration::from_nanos(seen.now_ns.saturating_sub(time_ns));
+                let since = (SystemTime::now() - age).duration_since(UNIX_EPOCH).ok()?;
+                u64::try_from(since.as_millis()).ok()
             });
+            self.watchdog = Some(WatchdogStatus::new(token, tripped));
         }
         if let Some(sample) = &seen.sample {
             self.backend = Backend::from_code(sample.backend);
@@ -310,8 +331,7 @@ impl RigStatus {
         for timing in &seen.timings {
             let Some(process) = ipc_types::Process::from_code(timing.source) else { continue };
             let row = self.row(process.text());
-            // The last word of a process that died meanwhile is not the word of the one that
-            // replaced it.
+            // The last message of a process that has died says nothing about its successor.
             if row.pid.is_some_and(|pid| i64::from(pid) != i64::from(timing.pid)) {
                 continue;
             }
@@ -334,7 +354,7 @@ impl RigStatus {
             row.lost = Some(beat.lost);
             row.queued = Some(beat.queued);
         }
-        for (process, time_ns) in &seen.last_words {
+        for (process, time_ns) in &seen.last_messages {
             let age = seen.age_ms(*time_ns);
             self.row(process.text()).heartbeat_age_ms = Some(age);
         }
@@ -354,12 +374,13 @@ impl RigStatus {
         }
     }
 
-    /// The row of a process; a new one where the launcher knows none (systemd has its own).
+    /// The row of a process; a new one if the launcher does not list it (under systemd).
     fn row(&mut self, name: &str) -> &mut ProcessStatus {
         let index = match self.processes.iter().position(|process| process.name == name) {
             Some(index) => index,
             None => {
-                self.processes.push(ProcessStatus::named(name));
+                self.processes
+                    .push(ProcessStatus { name: name.to_owned(), ..ProcessStatus::default() });
                 self.processes.len() - 1
             }
         };
@@ -367,33 +388,24 @@ impl RigStatus {
     }
 }
 
-impl ProcessStatus {
-    fn named(name: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            state: None,
-            pid: None,
-            since_unix_ms: None,
-            restarts: 0,
-            last_exit: None,
-            rate_hz: None,
-            grid_hz: None,
-            cycles: None,
-            missed_periods: None,
-            wake_late_us: None,
-            execution_us: None,
-            profile: None,
-            heartbeat_age_ms: None,
-            lost: None,
-            queued: None,
-            losses: None,
-            log: None,
+/// State of the watchdog in a token; an unknown code counts as faulted.
+pub(crate) fn state_of(token: &EnableToken) -> WatchdogState {
+    WatchdogState::from_code(token.state).unwrap_or(WatchdogState::Faulted)
+}
+
+/// Why power is latched off; [`TripCause::None`] unless the watchdog is faulted or tripped. A token
+/// keeps the cause of the last trip after `reset`, when it explains nothing any more.
+pub(crate) fn active_cause(token: &EnableToken) -> TripCause {
+    match state_of(token) {
+        WatchdogState::Faulted | WatchdogState::Tripped => {
+            TripCause::from_code(token.cause).unwrap_or(TripCause::None)
         }
+        _ => TripCause::None,
     }
 }
 
-/// The causes in a token's `faults`: one bit for each code.
-pub(crate) fn standing(faults: u64) -> Vec<TripCause> {
+/// The causes in a token's `faults`: one bit per code.
+pub(crate) fn active_faults(faults: u64) -> Vec<TripCause> {
     TripCause::ALL.iter().copied().filter(|cause| faults & (1 << cause.code()) != 0).collect()
 }
 
@@ -404,14 +416,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bits_of_a_token_are_causes() {
+    fn fault_bits_of_a_token_are_decoded() {
         let bits = 1 << TripCause::ControlLost.code() | 1 << TripCause::SpeedLimit.code();
-        assert_eq!(standing(bits), [TripCause::ControlLost, TripCause::SpeedLimit]);
-        assert!(standing(0).is_empty());
+        assert_eq!(active_faults(bits), [TripCause::ControlLost, TripCause::SpeedLimit]);
+        assert!(active_faults(0).is_empty());
     }
 
     #[test]
-    fn a_rig_that_never_was_is_down() {
+    fn the_cause_of_an_earlier_trip_is_not_the_present_one() {
+        let token = |state: WatchdogState| EnableToken {
+            state: state.code(),
+            cause: TripCause::AcquisitionLost.code(),
+            ..EnableToken::default()
+        };
+        for state in [WatchdogState::Disarmed, WatchdogState::Armed, WatchdogState::Enabled] {
+            let watchdog = WatchdogStatus::new(&token(state), Some(7));
+            assert_eq!(watchdog.cause, TripCause::None, "{state}");
+            let last = LastTrip { cause: TripCause::AcquisitionLost, unix_ms: Some(7) };
+            assert_eq!(watchdog.last_trip, Some(last), "{state}");
+        }
+        for state in [WatchdogState::Faulted, WatchdogState::Tripped] {
+            assert_eq!(
+                WatchdogStatus::new(&token(state), None).cause,
+                TripCause::AcquisitionLost
+            );
+        }
+        let started =
+            EnableToken { cause: TripCause::Started.code(), ..token(WatchdogState::Faulted) };
+        assert_eq!(WatchdogStatus::new(&started, None).last_trip, None);
+    }
+
+    #[test]
+    fn a_rig_that_was_never_up_is_down() {
         let name: RigName = format!("none-{}", std::process::id()).parse().unwrap();
         let status = status(&name).unwrap();
         assert!(!status.up && status.processes.is_empty() && status.unread.is_none());

@@ -78,7 +78,7 @@ pub struct Up {
 pub fn up(options: &UpOptions) -> Result<Up, Error> {
     let prepared = Prepared::new(options)?;
     let running = launch::start(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
-    let domain = Domain::open(&options.rig_name)?;
+    let domain = Domain::observe(&options.rig_name)?;
     Ok(Up {
         running,
         rig: prepared.rig,

@@ -4,14 +4,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow};
 use ipc_types::{TOPICS, Topic};
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns, sleep_until};
 use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-/// A keeper that is back by then was only restarted (ns).
+/// A keeper that is absent for longer was not merely restarted (ns).
 const KEEPER_GONE_NS: u64 = 3 * SECOND_NS;
+/// How often the probe checks that its rig is still up (ns).
+const CHECK_PERIOD_NS: u64 = 100 * MILLISECOND_NS;
 
 /// A topic by the name that a person gave.
 pub(crate) fn topic(name: &str) -> anyhow::Result<&'static Topic> {
@@ -50,7 +52,7 @@ pub(crate) struct Attached {
     stop: Arc<AtomicBool>,
     period_ns: u64,
     next_ns: u64,
-    look_ns: u64,
+    check_ns: u64,
     keeper_seen_ns: u64,
     domain: Domain,
 }
@@ -67,7 +69,7 @@ impl Attached {
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
-        let domain = Domain::open(rig)?;
+        let domain = Domain::observe(rig)?;
         let node = domain.node("probe")?;
         let mut feeds = Vec::with_capacity(topics.len());
         for &topic in topics {
@@ -81,7 +83,7 @@ impl Attached {
             stop,
             period_ns,
             next_ns: now,
-            look_ns: now,
+            check_ns: now,
             keeper_seen_ns: now,
             domain,
         })
@@ -92,25 +94,42 @@ impl Attached {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sleeps until the next look, at most until `until_ns`; returns the time. Fails when the rig
-    /// has ended: a probe that stayed would hold its shared memory.
+    /// Sleeps until the next poll, at most until `until_ns`; returns the time.
+    ///
+    /// # Errors
+    /// If the rig has gone down: nothing more will be published in its session.
     pub(crate) fn wait(&mut self, until_ns: u64) -> anyhow::Result<u64> {
         self.next_ns = (self.next_ns + self.period_ns).max(now_ns()).min(until_ns);
         sleep_until(self.next_ns);
         let now = now_ns();
-        if now >= self.look_ns {
-            self.look_ns = now + 500 * MILLISECOND_NS;
+        if now >= self.check_ns {
+            self.check_ns = now + CHECK_PERIOD_NS;
             if self.domain.keeper_lives() {
                 self.keeper_seen_ns = now;
-            } else if now - self.keeper_seen_ns > KEEPER_GONE_NS {
-                bail!("rig {} has ended", self.domain.name());
             }
+            if now - self.keeper_seen_ns > KEEPER_GONE_NS {
+                return Err(self.went_down());
+            }
+            self.check_session()?;
         }
         Ok(now)
     }
 
-    /// Hands out everything that waits: index of the feed, bytes, time of receiving (ns).
-    pub(crate) fn drain(&mut self, mut sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
+    fn check_session(&self) -> anyhow::Result<()> {
+        if self.domain.is_current() { Ok(()) } else { Err(self.went_down()) }
+    }
+
+    fn went_down(&self) -> anyhow::Error {
+        anyhow!("rig {} went down; the probe ends with it", self.domain.name())
+    }
+
+    /// Hands all waiting messages to `sink`: index of the feed, bytes, time of receiving (ns).
+    pub(crate) fn drain(&mut self, sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
+        // A session that has just ended breaks its ports: that it ended is the news.
+        self.take_all(sink).or_else(|error| self.check_session().and(Err(error)))
+    }
+
+    fn take_all(&mut self, mut sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
         for (index, feed) in self.feeds.iter_mut().enumerate() {
             for _ in 0..feed.topic.buffer {
                 let mut take = |bytes: &[u8]| sink(index, bytes, now_ns());

@@ -51,12 +51,26 @@ pub struct Domain {
     name: RigName,
     session: u64,
     profile: Profile,
-    _alive: LockFile,
+    _alive: Option<LockFile>,
 }
 
 impl Domain {
-    /// Joins the domain of a rig. Waits up to 5 s for a keeper that is just founding it.
+    /// Joins the domain of a rig as one of its processes, and keeps the domain alive: as long as
+    /// one of them lives, a new keeper rejoins the session. Waits up to 5 s for a keeper that is
+    /// just founding it.
     pub fn open(name: &RigName) -> Result<Self, DomainError> {
+        Self::join(name)
+    }
+
+    /// Joins the domain of a rig as an observer (a probe, a person's command), which does not keep
+    /// the domain alive: the rig can go down, and up again with a new session, while the observer
+    /// still runs. It must end, or join again, once [`Domain::is_current`] is false. Waits like
+    /// [`Domain::open`].
+    pub fn observe(name: &RigName) -> Result<Self, DomainError> {
+        Ok(Self { _alive: None, ..Self::join(name)? })
+    }
+
+    fn join(name: &RigName) -> Result<Self, DomainError> {
         let directory = name.directory();
         if !directory.join(KEEPER_LOCK).exists() {
             return Err(DomainError::NoKeeper(name.to_string()));
@@ -79,7 +93,7 @@ impl Domain {
                         name: name.clone(),
                         session: parse_session(&directory, &file)?,
                         profile: file.profile,
-                        _alive: alive,
+                        _alive: Some(alive),
                     });
                 }
             }
@@ -103,6 +117,15 @@ impl Domain {
     /// The profile that the keeper found the machine to grant.
     pub fn profile(&self) -> Profile {
         self.profile
+    }
+
+    /// Whether the session that was joined still runs: false once its keeper has ended it or a new
+    /// one has begun. Reads a file: not for a real-time loop.
+    pub fn is_current(&self) -> bool {
+        let directory = self.name.directory();
+        read_session(&directory)
+            .and_then(|file| parse_session(&directory, &file))
+            .is_ok_and(|session| session == self.session)
     }
 
     /// Whether the keeper lives, found out through its lock. Not for a real-time loop.

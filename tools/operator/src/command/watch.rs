@@ -10,14 +10,14 @@ use runtime::RigName;
 use crate::status::{RigStatus, Watcher, table};
 use crate::{DONE, FAILED};
 
-/// How often `--watch` shows it.
-const EVERY: Duration = Duration::from_secs(1);
+/// Period of `--watch`.
+const PERIOD: Duration = Duration::from_secs(1);
 
 pub(super) fn status(rig_name: &RigName, watch: bool, as_json: bool) -> anyhow::Result<i32> {
     let mut watcher = Watcher::default();
     let mut out = std::io::stdout();
     if !watch {
-        let status = watcher.look(rig_name)?;
+        let status = watcher.status(rig_name)?;
         write!(out, "{}", shown(&status, as_json, false)?)?;
         return Ok(if status.up { DONE } else { FAILED });
     }
@@ -28,16 +28,16 @@ pub(super) fn status(rig_name: &RigName, watch: bool, as_json: bool) -> anyhow::
     let redraw = out.is_terminal() && !as_json;
     loop {
         let begun = Instant::now();
-        let status = watcher.look(rig_name)?;
+        let status = watcher.status(rig_name)?;
         let text = shown(&status, as_json, true)?;
         if redraw {
-            // from the top left, each line's rest and what is below wiped: no flicker
+            // Redraws from the top left and erases what is left of the old text: no flicker.
             write!(out, "\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))?;
         } else {
             write!(out, "{text}")?;
         }
         out.flush()?;
-        while begun.elapsed() < EVERY && !stop.load(Ordering::Relaxed) {
+        while begun.elapsed() < PERIOD && !stop.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(20));
         }
         if stop.load(Ordering::Relaxed) {
@@ -50,6 +50,12 @@ fn shown(status: &RigStatus, as_json: bool, in_one_line: bool) -> anyhow::Result
     Ok(match (as_json, in_one_line) {
         (true, true) => format!("{}\n", serde_json::to_string(status)?),
         (true, false) => format!("{}\n", serde_json::to_string_pretty(status)?),
-        (false, _) => table(status, SystemTime::now()),
+        (false, _) => table(status, SystemTime::now(), width()),
     })
+}
+
+/// Columns of the terminal; unlimited in a pipe.
+fn width() -> usize {
+    let terminal = || terminal_size::terminal_size().map_or(80, |(width, _)| width.0.into());
+    if std::io::stdout().is_terminal() { terminal() } else { usize::MAX }
 }

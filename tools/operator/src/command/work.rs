@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{LoggerRequest, Verb};
+use ipc_types::{LoggerRequest, TripCause, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 
@@ -153,12 +153,15 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
             Ok(())
         }
         RunOutcome::Tripped { state, cause, faults } => {
-            let standing: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
-            let standing =
-                if standing.is_empty() { "nothing".to_owned() } else { standing.join(", ") };
-            eprintln!(
-                "farreach: the protocol was stopped: the watchdog is {state}, cause {cause}, standing: {standing}"
-            );
+            let mut text = format!("the protocol was stopped: the rig is {state}");
+            if *cause != TripCause::None {
+                text += &format!(", cause: {cause}");
+            }
+            let faults: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
+            if !faults.is_empty() {
+                text += &format!(", active faults: {}", faults.join(", "));
+            }
+            eprintln!("farreach: {text}");
             Ok(())
         }
     }
@@ -183,9 +186,9 @@ impl Bar {
         let Some(bar) = &self.0 else { return };
         let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
         bar.set_position((share * 1000.0) as u64);
-        let away = if progress.away { " (the experiment process is away)" } else { "" };
+        let absent = if progress.absent { " (the experiment process is restarting)" } else { "" };
         bar.set_message(format!(
-            "{:.1} of {:.1} s, segment {} of {} {}{away}",
+            "{:.1} of {:.1} s, segment {} of {} {}{absent}",
             progress.elapsed_s,
             progress.duration_s,
             progress.segment,

@@ -1,24 +1,25 @@
-//! Listening for a moment to what the processes say.
+//! Subscribes to the topics that show the state of a rig and collects their newest messages.
 
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    COMMAND, EnableToken, Heartbeat, LOSS, LoopTiming, LossCounters, Message, MotorCommand,
-    Process, Profile, SAMPLE, Sample, TOKEN, heartbeat_topic, timing_topic,
+    COMMAND, EnableToken, Event, EventKind, Heartbeat, LOSS, LoopTiming, LossCounters, Message,
+    MotorCommand, Process, Profile, SAMPLE, Sample, TOKEN, WatchdogState, event_topic,
+    heartbeat_topic, timing_topic,
 };
 use runtime::{Domain, PortError, clock::now_ns};
 
 use crate::link::Subscriber;
 use crate::{Error, RigLink};
 
-/// Least time of listening: rates are measured over it.
-const LEAST: Duration = Duration::from_millis(300);
-/// Most time: what is published once a second has come by then.
-const MOST: Duration = Duration::from_millis(1200);
-/// The fast topics' buffers hold more than comes in between.
-const EVERY: Duration = Duration::from_millis(20);
+/// Shortest observation: rates are measured over it.
+const SHORTEST: Duration = Duration::from_millis(300);
+/// Longest observation: every topic of 1 Hz has published by then.
+const LONGEST: Duration = Duration::from_millis(1200);
+/// Polling period; the subscribers' buffers hold more messages than arrive within it.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// One look.
+/// The newest messages of a rig.
 #[derive(Clone, Debug)]
 pub struct Observation {
     /// When it ended (ns, `CLOCK_MONOTONIC`).
@@ -31,10 +32,12 @@ pub struct Observation {
     pub sample: Option<Sample>,
     /// Newest token.
     pub token: Option<EnableToken>,
-    /// Messages a second, of the processes with a fast topic.
+    /// When the watchdog last tripped or faulted (ns, `CLOCK_MONOTONIC`).
+    pub tripped_ns: Option<u64>,
+    /// Messages per second, of the processes with a fast topic.
     pub rates: Vec<(Process, f64)>,
-    /// When each process with a fast topic published last.
-    pub last_words: Vec<(Process, u64)>,
+    /// When each process with a fast topic published last (ns, `CLOCK_MONOTONIC`).
+    pub last_messages: Vec<(Process, u64)>,
     /// Newest timing of each periodic process.
     pub timings: Vec<LoopTiming>,
     /// Newest heartbeat of each slow process.
@@ -44,7 +47,7 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Age of something that was published at that time (ms).
+    /// Age of a message that was published at `time_ns` (ms).
     pub fn age_ms(&self, time_ns: u64) -> f64 {
         self.now_ns.saturating_sub(time_ns) as f64 / 1e6
     }
@@ -66,7 +69,7 @@ impl Span {
         self.last = (sequence, time_ns);
     }
 
-    /// Messages a second (Hz); `None` where there were not two.
+    /// Messages per second (Hz); `None` unless there were two.
     fn rate_hz(&self) -> Option<f64> {
         let messages = self.last.0.saturating_sub(self.first.0);
         let time_ns = self.last.1.saturating_sub(self.first.1);
@@ -74,14 +77,14 @@ impl Span {
     }
 }
 
-/// Reads one topic for its newest message and its rate.
-struct Follower<T> {
+/// Newest message and rate of one topic.
+struct Latest<T> {
     reader: Subscriber<T>,
     newest: Option<T>,
     span: Span,
 }
 
-impl<T: Message> Follower<T> {
+impl<T: Message> Latest<T> {
     fn new(reader: Subscriber<T>) -> Self {
         Self { reader, newest: None, span: Span::default() }
     }
@@ -100,54 +103,60 @@ impl<T: Message> Follower<T> {
     }
 }
 
-/// Subscribed to what tells how a rig is.
+/// Subscriptions to all that [`Observation`] holds.
 pub struct Observer {
-    samples: Follower<Sample>,
-    commands: Follower<MotorCommand>,
-    tokens: Follower<EnableToken>,
-    timings: Vec<Follower<LoopTiming>>,
-    heartbeats: Vec<Follower<Heartbeat>>,
+    samples: Latest<Sample>,
+    commands: Latest<MotorCommand>,
+    tokens: Latest<EnableToken>,
+    timings: Vec<Latest<LoopTiming>>,
+    heartbeats: Vec<Latest<Heartbeat>>,
     losses: Subscriber<LossCounters>,
     loss: Vec<LossCounters>,
+    events: Option<Subscriber<Event>>,
+    tripped_ns: Option<u64>,
 }
 
 impl Observer {
     /// Subscribes.
     ///
     /// # Errors
-    /// When all places of subscribers are taken.
+    /// If a topic has no slot for another subscriber.
     pub fn new(link: &RigLink) -> Result<Self, Error> {
         let timings = Process::ALL.iter().filter_map(|process| timing_topic(*process));
         let heartbeats = Process::ALL.iter().filter_map(|process| heartbeat_topic(*process));
         Ok(Self {
-            samples: Follower::new(link.subscriber(SAMPLE)?),
-            commands: Follower::new(link.subscriber(COMMAND)?),
-            tokens: Follower::new(link.subscriber(TOKEN)?),
+            samples: Latest::new(link.subscriber(SAMPLE)?),
+            commands: Latest::new(link.subscriber(COMMAND)?),
+            tokens: Latest::new(link.subscriber(TOKEN)?),
             timings: timings
-                .map(|topic| Ok(Follower::new(link.subscriber(topic)?)))
+                .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
             heartbeats: heartbeats
-                .map(|topic| Ok(Follower::new(link.subscriber(topic)?)))
+                .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
             losses: link.subscriber(LOSS)?,
             loss: Vec::new(),
+            events: event_topic(Process::Watchdog)
+                .map(|topic| link.subscriber(topic))
+                .transpose()?,
+            tripped_ns: None,
         })
     }
 
-    /// Listens for 0.3 s, and up to 1.2 s for what is published once a second.
+    /// Collects for 0.3 s, and up to 1.2 s until every topic of 1 Hz has published.
     ///
     /// # Errors
-    /// When a port does not work any more.
+    /// If a subscription fails.
     pub fn observe(&mut self, domain: &Domain) -> Result<Observation, Error> {
         let started = Instant::now();
         self.begin();
         loop {
             self.read()?;
             let listened = started.elapsed();
-            if listened >= MOST || (listened >= LEAST && self.has_all()) {
+            if listened >= LONGEST || (listened >= SHORTEST && self.has_all()) {
                 break;
             }
-            std::thread::sleep(EVERY);
+            std::thread::sleep(POLL_PERIOD);
         }
         let fast = [
             (Process::Acquisition, self.samples.span),
@@ -160,17 +169,18 @@ impl Observer {
             profile: domain.profile(),
             sample: self.samples.newest,
             token: self.tokens.newest,
+            tripped_ns: self.tripped_ns,
             rates: fast
                 .iter()
                 .filter_map(|(process, span)| Some((*process, span.rate_hz()?)))
                 .collect(),
-            last_words: fast
+            last_messages: fast
                 .iter()
                 .filter(|(_, span)| span.last.1 > 0)
                 .map(|(p, span)| (*p, span.last.1))
                 .collect(),
-            timings: self.timings.iter().filter_map(|follower| follower.newest).collect(),
-            heartbeats: self.heartbeats.iter().filter_map(|follower| follower.newest).collect(),
+            timings: self.timings.iter().filter_map(|latest| latest.newest).collect(),
+            heartbeats: self.heartbeats.iter().filter_map(|latest| latest.newest).collect(),
             losses: self.loss.clone(),
         })
     }
@@ -185,12 +195,19 @@ impl Observer {
         self.samples.read()?;
         self.commands.read()?;
         self.tokens.read()?;
-        self.timings.iter_mut().try_for_each(Follower::read)?;
-        self.heartbeats.iter_mut().try_for_each(Follower::read)?;
+        self.timings.iter_mut().try_for_each(Latest::read)?;
+        self.heartbeats.iter_mut().try_for_each(Latest::read)?;
         while let Some(loss) = self.losses.take()? {
             match self.loss.iter_mut().find(|known| known.topic == loss.topic) {
                 Some(known) => *known = loss,
                 None => self.loss.push(loss),
+            }
+        }
+        while let Some(events) = &mut self.events
+            && let Some(event) = events.take()?
+        {
+            if is_trip(&event) {
+                self.tripped_ns = Some(event.time_ns);
             }
         }
         Ok(())
@@ -199,10 +216,16 @@ impl Observer {
     fn has_all(&self) -> bool {
         self.samples.newest.is_some()
             && self.tokens.newest.is_some()
-            && self.timings.iter().all(|follower| follower.newest.is_some())
-            && self.heartbeats.iter().all(|follower| follower.newest.is_some())
+            && self.timings.iter().all(|latest| latest.newest.is_some())
+            && self.heartbeats.iter().all(|latest| latest.newest.is_some())
             && !self.loss.is_empty()
     }
+}
+
+/// Whether the watchdog latched power off.
+fn is_trip(event: &Event) -> bool {
+    let to = [WatchdogState::Tripped, WatchdogState::Faulted].map(|state| f64::from(state.code()));
+    event.kind == EventKind::StateChanged.code() && to.contains(&event.b)
 }
 
 #[cfg(test)]

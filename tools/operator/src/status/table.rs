@@ -1,154 +1,181 @@
-//! The status for people.
+//! The status as text.
 
 use std::fmt::Write;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use ipc_types::GateCause;
+use ipc_types::{GateCause, TripCause};
 use launch::RigState;
 
-use super::{ProcessStatus, RigStatus};
+use super::{LastTrip, ProcessStatus, RigStatus, WatchdogStatus};
 
-/// The status as aligned text, at this time.
-pub fn table(status: &RigStatus, now: SystemTime) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _written = write(&mut text, status, now);
-    text
-}
-
-fn write(out: &mut String, status: &RigStatus, now: SystemTime) -> std::fmt::Result {
+/// Returns the status as aligned text of at most `width` columns. The table of processes is 79
+/// columns wide as long as no counter outgrows its column; longer sentences are wrapped.
+pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     if !status.up {
-        return writeln!(out, "rig {} is not up (farreach up)", status.rig_name);
+        return format!("rig {} is not up (farreach up)\n", status.rig_name);
     }
-    write!(out, "rig {}", status.rig_name)?;
-    match status.state {
-        Some(state) => write!(out, " is {}", rig_state(state))?,
-        None => write!(out, " is up, without a launcher of farreach's")?,
-    }
-    if let Some(cause) = &status.cause {
-        write!(out, " ({cause})")?;
-    }
-    if let Some(launcher) = &status.launcher {
-        let since = age(launcher.since_unix_ms, now);
-        match launcher.alive {
-            true => write!(out, ", launcher {} for {since}", launcher.pid)?,
-            false => {
-                write!(out, ", launcher {} is DEAD: what dies is not started again", launcher.pid)?
-            }
-        }
-    }
-    writeln!(out)?;
+    let mut lines = vec![headline(status, now)];
     if let Some(profile) = status.profile {
-        let backend = status.backend.map_or("no card heard", |backend| backend.text());
-        writeln!(
-            out,
-            "profile   {profile}, card {backend}, session {}",
-            status.session.as_deref().unwrap_or("?")
-        )?;
+        let backend = status.backend.map_or("unknown", |backend| backend.text());
+        let session = status.session.as_deref().unwrap_or("unknown");
+        lines.push(format!("profile   {profile}, card {backend}, session {session}"));
     }
     if let Some(unread) = &status.unread {
-        writeln!(out, "topics    cannot be read: {unread}")?;
+        lines.push(format!("topics    cannot be read: {unread}"));
     }
     match &status.watchdog {
-        Some(watchdog) => {
-            write!(
-                out,
-                "watchdog  {}, epoch {}, cause {}",
-                watchdog.state, watchdog.epoch, watchdog.cause
-            )?;
-            let faults: Vec<_> = watchdog.faults.iter().map(|fault| fault.text()).collect();
-            match faults.is_empty() {
-                true => writeln!(out, ", no fault stands")?,
-                false => writeln!(out, ", standing: {}", faults.join(", "))?,
-            }
-        }
-        None if status.unread.is_none() => writeln!(out, "watchdog  says NOTHING")?,
+        Some(watchdog) => lines.push(watchdog_line(watchdog, now)),
+        None if status.unread.is_none() => lines.push("watchdog  SILENT".to_owned()),
         None => {}
     }
     if let Some(gate) = &status.gate {
-        write!(out, "gate      {}, epoch {}", gate.state, gate.epoch)?;
-        if gate.cause != GateCause::None {
-            write!(out, ", last burnt by: {}", gate.cause)?;
-        }
-        writeln!(out, ", motor power {}", if gate.motor_power { "ON" } else { "off" })?;
+        let cause = match gate.cause {
+            GateCause::None => String::new(),
+            cause => format!(", last closed by: {cause}"),
+        };
+        let power = if gate.motor_power { "ON" } else { "off" };
+        lines.push(format!(
+            "gate      {}, epoch {}{cause}, motor power {power}",
+            gate.state, gate.epoch
+        ));
         if gate.scans_missed > 0 {
-            writeln!(
-                out,
+            lines.push(format!(
                 "card      {} scans MISSED since acquisition started",
                 gate.scans_missed
-            )?;
+            ));
         }
     }
     if let Some(recording) = &status.recording {
-        match &recording.file {
-            Some(file) => {
-                writeln!(
-                    out,
-                    "recording {file}, {} messages, {} lost",
-                    recording.written, recording.lost
-                )?;
-            }
-            None => writeln!(out, "recording off")?,
-        }
+        lines.push(match &recording.file {
+            Some(file) => format!(
+                "recording {file}, {} messages, {} lost",
+                recording.written, recording.lost
+            ),
+            None => "recording off".to_owned(),
+        });
         if !recording.error.is_empty() {
-            writeln!(out, "          FAILED: {}", recording.error)?;
+            lines.push(format!("          FAILED: {}", recording.error));
         }
     }
     for loss in &status.losses {
-        writeln!(
-            out,
-            "lost      {}: {} on the way, {} for a full queue, {} refused by the disk",
+        lines.push(format!(
+            "lost      {}: {} before the logger, {} in its full queue, {} on the disk",
             loss.topic, loss.gaps, loss.dropped, loss.refused
-        )?;
+        ));
     }
-    writeln!(
-        out,
-        "\n{:<12}{:<13}{:>8}{:>10}{:>9}{:>10}{:>9}{:>13}{:>12}",
-        "process", "state", "pid", "for", "restarts", "rate Hz", "late", "late p99 µs", "heard ms"
-    )?;
+    // The rows of the table are never wrapped.
+    let mut rows = String::new();
+    row(
+        &mut rows,
+        ["process", "state", "pid", "up for", "restarts", "rate Hz", "missed", "p99 µs", "age ms"],
+    );
     for process in &status.processes {
-        row(out, process, now)?;
+        let cells = cells(process, now);
+        row(&mut rows, cells.each_ref().map(String::as_str));
     }
+    let mut remarks = Vec::new();
     for process in &status.processes {
         if let (true, Some(exit)) = (process.restarts > 0, &process.last_exit) {
-            writeln!(out, "{}: the one before ended with {exit}", process.name)?;
+            remarks.push(format!("{}: its predecessor ended with {exit}", process.name));
         }
-    }
-    for process in &status.processes {
         if let Some(losses) = process.losses.filter(|losses| !losses.is_empty()) {
-            writeln!(out, "{}: since its start {losses}", process.name)?;
+            remarks.push(format!("{}: since its start {losses}", process.name));
         }
     }
-    Ok(())
+    remarks.push(
+        "missed: periods skipped; p99 µs: wake-up lateness; age: since the last message".to_owned(),
+    );
+    let options = textwrap::Options::new(width).subsequent_indent("          ").break_words(false);
+    let wrap = |lines: &[String]| {
+        lines.iter().map(|line| textwrap::fill(line, &options) + "\n").collect::<String>()
+    };
+    format!("{}\n{rows}{}", wrap(&lines), wrap(&remarks))
 }
 
-fn row(out: &mut String, process: &ProcessStatus, now: SystemTime) -> std::fmt::Result {
-    let absent = || "-".to_owned();
-    let number =
-        |value: Option<f64>, digits| value.map_or_else(absent, |value| format!("{value:.digits$}"));
-    writeln!(
-        out,
-        "{:<12}{:<13}{:>8}{:>10}{:>9}{:>10}{:>9}{:>13}{:>12}",
-        process.name,
-        process.state.map_or("", |state| unit_state(state)),
-        process.pid.map_or_else(absent, |pid| pid.to_string()),
-        process.since_unix_ms.map_or_else(absent, |since| age(since, now)),
-        process.restarts,
+fn headline(status: &RigStatus, now: SystemTime) -> String {
+    let mut line = format!("rig {}", status.rig_name);
+    line += &match status.state {
+        Some(state) => format!(" is {}", rig_state(state)),
+        None => " is up, without farreach's launcher".to_owned(),
+    };
+    if let Some(cause) = &status.cause {
+        line += &format!(" ({cause})");
+    }
+    if let Some(launcher) = &status.launcher {
+        let (pid, age) = (launcher.pid, age(launcher.since_unix_ms, now));
+        line += &match launcher.alive {
+            true => format!(", launcher {pid} for {age}"),
+            false => format!(", launcher {pid} is DEAD: a process that ends is not restarted"),
+        };
+    }
+    line
+}
+
+fn watchdog_line(watchdog: &WatchdogStatus, now: SystemTime) -> String {
+    let mut line = format!("watchdog  {}", watchdog.state);
+    if watchdog.cause != TripCause::None {
+        line += &format!(": {}", watchdog.cause);
+    }
+    line += &format!(", epoch {}", watchdog.epoch);
+    let faults: Vec<_> = watchdog.faults.iter().map(|fault| fault.text()).collect();
+    line += &match faults.is_empty() {
+        true => ", no active fault".to_owned(),
+        false => format!(", active faults: {}", faults.join(", ")),
+    };
+    if let Some(LastTrip { cause, unix_ms }) = watchdog.last_trip {
+        line += &format!(", last trip: {cause}");
+        if let Some(unix_ms) = unix_ms {
+            let at = UNIX_EPOCH + Duration::from_millis(unix_ms);
+            let at = humantime::format_rfc3339_seconds(at);
+            line += &format!(", at {at} ({} ago)", age(unix_ms, now));
+        }
+    }
+    line
+}
+
+/// Appends one row; a cell that outgrows its column shifts the rest and never touches its
+/// neighbour.
+fn row(out: &mut String, cells: [&str; 9]) {
+    const WIDTHS: [usize; 9] = [11, 12, 7, 8, 8, 7, 6, 6, 6];
+    for (index, (cell, width)) in cells.into_iter().zip(WIDTHS).enumerate() {
+        let separator = if index == 0 { "" } else { " " };
+        // Writing to a string does not fail.
+        let _ = match index {
+            0 | 1 => write!(out, "{separator}{cell:<width$}"),
+            _ => write!(out, "{separator}{cell:>width$}"),
+        };
+    }
+    out.push('\n');
+}
+
+fn cells(process: &ProcessStatus, now: SystemTime) -> [String; 9] {
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    let count =
+        |value: Option<u64>| value.map_or_else(|| "-".to_owned(), |value| value.to_string());
+    [
+        process.name.clone(),
+        process.state.map_or("", unit_state).to_owned(),
+        process.pid.map_or_else(|| "-".to_owned(), |pid| pid.to_string()),
+        process.since_unix_ms.map_or_else(|| "-".to_owned(), |since| age(since, now)),
+        process.restarts.to_string(),
         number(process.rate_hz.or(process.grid_hz), 1),
-        process.missed_periods.map_or_else(absent, |missed| missed.to_string()),
-        number(process.wake_late_us.map(|late| late.p99), 1),
-        number(process.heartbeat_age_ms, 1),
-    )
+        count(process.missed_periods),
+        number(process.wake_late_us.map(|late| late.p99), 0),
+        number(process.heartbeat_age_ms, 0),
+    ]
 }
 
+/// Time since then in its two largest units.
 fn age(since_unix_ms: u64, now: SystemTime) -> String {
     let since = UNIX_EPOCH + Duration::from_millis(since_unix_ms);
     let seconds = now.duration_since(since).unwrap_or_default().as_secs();
     match seconds {
         0..60 => format!("{seconds} s"),
-        60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
-        3600..86400 => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
-        _ => format!("{} d {} h", seconds / 86400, seconds % 86400 / 3600),
+        60..3600 => format!("{}m {:02}s", seconds / 60, seconds % 60),
+        3600..86400 => format!("{}h {:02}m", seconds / 3600, seconds % 3600 / 60),
+        _ => format!("{}d {:02}h", seconds / 86400, seconds % 86400 / 3600),
     }
 }
 
@@ -179,16 +206,82 @@ fn unit_state(state: launch::UnitState) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use ipc_types::WatchdogState;
+
     use super::*;
 
+    const NOW_MS: u64 = 1_000_000_000_000;
+
+    fn now() -> SystemTime {
+        UNIX_EPOCH + Duration::from_millis(NOW_MS)
+    }
+
     #[test]
-    fn ages_read_well() {
-        let now = UNIX_EPOCH + Duration::from_secs(1_000_000);
-        let of = |seconds: u64| age((1_000_000 - seconds) * 1000, now);
+    fn ages_are_short() {
+        let of = |seconds: u64| age(NOW_MS - seconds * 1000, now());
         assert_eq!(
             [of(0), of(59), of(61), of(7260), of(90_000)],
-            ["0 s", "59 s", "1 min 1 s", "2 h 1 min", "1 d 1 h"]
+            ["0 s", "59 s", "1m 01s", "2h 01m", "1d 01h"]
         );
-        assert_eq!(age(u64::MAX / 2_000_000, now), "0 s");
+        assert_eq!(age(u64::MAX / 2_000_000, now()), "0 s");
+    }
+
+    fn status() -> RigStatus {
+        let process = |name: &str, minutes: u64| ProcessStatus {
+            name: name.to_owned(),
+            state: Some(launch::UnitState::Unsupervised),
+            pid: Some(4_194_304),
+            since_unix_ms: Some(NOW_MS - minutes * 60_000 - 59_000),
+            restarts: 17,
+            rate_hz: Some(2000.0),
+            missed_periods: Some(123_456),
+            wake_late_us: Some([8_765_400; 4].into()),
+            heartbeat_age_ms: Some(1234.5),
+            ..ProcessStatus::default()
+        };
+        RigStatus {
+            rig_name: "bench".to_owned(),
+            up: true,
+            state: Some(RigState::Up),
+            watchdog: Some(WatchdogStatus {
+                state: WatchdogState::Armed,
+                cause: TripCause::None,
+                faults: vec![],
+                epoch: 3,
+                enabled: false,
+                last_trip: Some(LastTrip {
+                    cause: TripCause::AcquisitionLost,
+                    unix_ms: Some(NOW_MS - 61_000),
+                }),
+            }),
+            processes: vec![process("acquisition", 59), process("experiment", 12 * 60)],
+            ..RigStatus::default()
+        }
+    }
+
+    #[test]
+    fn columns_stay_apart_and_fit_80_columns_after_hours() {
+        let text = table(&status(), now(), 80);
+        assert_eq!(text.lines().find(|line| line.chars().count() > 80), None, "{text}");
+        let row = |name| text.lines().find(|line| line.starts_with(name)).unwrap();
+        let age = ["acquisition unsupervised 4194304", " 59m 59s", "17", "2000.0", "123456", "8765"];
+        for part in age {
+            assert!(row("acquisition").contains(part), "{part}: {text}");
+        }
+        let cells: Vec<_> = row("experiment").split_whitespace().collect();
+        assert_eq!(cells[2..5], ["4194304", "12h", "00m"], "{text}");
+        // Every column ends where its heading ends.
+        let ends = |line: &str| line.trim_end().chars().count();
+        assert_eq!(ends(row("process")), ends(row("acquisition")), "{text}");
+    }
+
+    #[test]
+    fn an_earlier_trip_is_shown_as_the_last_one_with_its_time() {
+        let text = table(&status(), now(), usize::MAX);
+        let expected = "watchdog  armed, epoch 3, no active fault, last trip: acquisition lost, at \
+                        2001-09-09T01:45:39Z (1m 01s ago)\n";
+        assert!(text.contains(expected), "{text}");
     }
 }
