@@ -6,7 +6,7 @@
 mod common;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
@@ -15,29 +15,9 @@ use recording::mcap_read::Recording;
 use recording::mcap_write::{Start, Writer};
 use serde_json::Value;
 
-use common::{TestRig, told, wait_for};
+use common::{TestRig, assert_refused, told, wait_for};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
-
-/// The failure is told in full, and nothing of the rig is there.
-fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str]) {
-    assert_eq!(output.status.code(), Some(code), "{}", told(output));
-    assert!(output.stdout.is_empty(), "diagnosis goes to stderr: {}", told(output));
-    assert_told(output, parts);
-    assert_eq!(rig.processes(), Vec::<i32>::new(), "processes are left: {}", told(output));
-    assert_eq!(rig.remains(), Vec::<PathBuf>::new(), "shared memory is left: {}", told(output));
-}
-
-/// Standard error holds all of that, and is an error that a person reads, not a crash.
-fn assert_told(output: &Output, parts: &[&str]) {
-    let text = String::from_utf8_lossy(&output.stderr);
-    for part in parts {
-        assert!(text.contains(part), "expected `{part}` in: {}", told(output));
-    }
-    for crash in ["panicked", "SIGBUS", "SIGSEGV", "SIGABRT", "core dumped"] {
-        assert!(!text.contains(crash), "`{crash}`: {}", told(output));
-    }
-}
 
 /// A wrong file is a failure, not wrong usage.
 const WRONG_FILE: i32 = 1;
@@ -336,95 +316,6 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
     let output = replay(&mended);
     assert!(output.status.success(), "what was mended is replayed: {}", told(&output));
     rig.down();
-}
-
-#[test]
-fn wrong_protocols_and_rigs_that_are_not_up_are_told_without_a_rig() {
-    let rig = TestRig::new("verbs");
-    let path = rig.path("p.toml");
-    std::fs::write(
-        &path,
-        "[protocol]\nname = \"test\"\n\n[[segments]]\nkind = \"hold\"\nduration = 1.0\n",
-    )
-    .unwrap();
-    let output = rig.farreach(["run"]).arg(&path).output().unwrap();
-    assert_refused(
-        &rig,
-        &output,
-        WRONG_FILE,
-        &["p.toml:6: segments.0.duration: ", "did you mean `duration_s`?"],
-    );
-    for verb in ["reset", "arm", "enable", "disarm", "estop"] {
-        assert_refused(&rig, &rig.run([verb]), 1, &["is not up", "farreach up"]);
-    }
-    let output = rig.run(["run", "guided-1hz"]);
-    assert_refused(&rig, &output, 1, &["is not up", "farreach up"]);
-    let output = rig.run(["status", "--json"]);
-    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
-    let status: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(status["up"], false);
-    // To bring down what is down is no failure.
-    rig.down();
-}
-
-#[test]
-fn a_service_without_a_keeper_says_who_is_missing() {
-    let rig = TestRig::new("lone");
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/hydrostatic.toml");
-    for service in ["simulator", "control", "watchdog", "logger", "experiment"] {
-        let output = rig.farreach(["service", service, "--rig"]).arg(&file).output().unwrap();
-        assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
-    }
-    let output = rig
-        .farreach(["service", "acquisition", "--card", "null", "--rig"])
-        .arg(&file)
-        .output()
-        .unwrap();
-    assert_refused(&rig, &output, 1, &["has no keeper", "farreach up"]);
-}
-
-#[test]
-fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
-    let rig = TestRig::new("twice");
-    rig.up_simulated();
-    let before = rig.launcher_status();
-    let changed = rig.path("changed.toml");
-    std::fs::write(&changed, RIG.replace("experiment_hz = 500", "experiment_hz = 250")).unwrap();
-    let settings: [&[&str]; 3] = [
-        &["up", "--simulate"],
-        &["up", "--simulate", "--rig", changed.to_str().unwrap()],
-        &["up", "--simulate", "--foreground"],
-    ];
-    for arguments in settings {
-        let output = rig.run(arguments);
-        assert_eq!(output.status.code(), Some(1), "{}", told(&output));
-        assert_told(&output, &["is already up", "launcher", "farreach down"]);
-    }
-    // Nor is a second keeper let in, or one process more that the launcher does not know.
-    let output = rig.run(["service", "keeper"]);
-    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
-    assert_told(&output, &["has a keeper already"]);
-    let after = rig.launcher_status();
-    assert_eq!(before.launcher, after.launcher);
-    let identities =
-        |status: &launch::Status| status.units.iter().map(|unit| unit.process).collect::<Vec<_>>();
-    assert_eq!(identities(&before), identities(&after), "the first launch runs on");
-    assert!(after.units.iter().all(|unit| unit.restarts == 0), "{after:?}");
-    rig.down();
-}
-
-#[test]
-fn a_recording_that_cannot_begin_takes_the_start_back() {
-    let rig = TestRig::new("norec");
-    let kept = rig.path("kept.mcap");
-    std::fs::write(&kept, "somebody's data").unwrap();
-    let output = rig.farreach(["up", "--simulate", "--record"]).arg(&kept).output().unwrap();
-    assert_refused(&rig, &output, 1, &["kept.mcap", "never overwritten"]);
-    assert_eq!(std::fs::read_to_string(&kept).unwrap(), "somebody's data");
-    let nowhere = rig.path("nowhere/run.mcap");
-    let output = rig.farreach(["up", "--simulate", "--record"]).arg(&nowhere).output().unwrap();
-    assert_refused(&rig, &output, 1, &["nowhere/run.mcap", "No such file"]);
-    assert!(!nowhere.parent().unwrap().exists());
 }
 
 /// How a command gets mounts of its own, tried out; `None`, loudly, where the machine allows none.

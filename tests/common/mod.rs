@@ -188,6 +188,26 @@ pub fn told(output: &Output) -> String {
     )
 }
 
+/// The command failed with that code and an error that holds all `parts`; nothing of the rig is left.
+pub fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str]) {
+    assert_eq!(output.status.code(), Some(code), "{}", told(output));
+    assert!(output.stdout.is_empty(), "diagnosis goes to stderr: {}", told(output));
+    assert_told(output, parts);
+    assert_eq!(rig.processes(), Vec::<i32>::new(), "processes are left: {}", told(output));
+    assert_eq!(rig.remains(), Vec::<PathBuf>::new(), "shared memory is left: {}", told(output));
+}
+
+/// Standard error holds all `parts` and is not a crash.
+pub fn assert_told(output: &Output, parts: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stderr);
+    for part in parts {
+        assert!(text.contains(part), "expected `{part}` in: {}", told(output));
+    }
+    for crash in ["panicked", "SIGBUS", "SIGSEGV", "SIGABRT", "core dumped"] {
+        assert!(!text.contains(crash), "`{crash}`: {}", told(output));
+    }
+}
+
 /// Everything of a rig in shared memory.
 pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
     let directory = name.directory();

@@ -150,12 +150,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
                 a: f64::from(change.from.code()),
                 b: f64::from(change.to.code()),
                 c: f64::from(change.cause.code()),
-                ..Event::new(
-                    Process::Watchdog,
-                    EventKind::StateChanged,
-                    severity,
-                    change.text(),
-                )
+                ..Event::new(Process::Watchdog, EventKind::StateChanged, severity, change.text())
             };
             events.send(told)?;
         }

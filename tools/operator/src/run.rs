@@ -272,8 +272,7 @@ mod tests {
             ..Default::default()
         };
         assert_eq!(describe(&tripped), "cause: speed limit; active faults: control lost");
-        let disarmed =
-            EnableToken { state: WatchdogState::Disarmed.code(), faults: 0, ..tripped };
+        let disarmed = EnableToken { state: WatchdogState::Disarmed.code(), faults: 0, ..tripped };
         assert_eq!(describe(&disarmed), "");
     }
 }

@@ -436,10 +436,7 @@ mod tests {
             assert_eq!(watchdog.last_trip, Some(last), "{state}");
         }
         for state in [WatchdogState::Faulted, WatchdogState::Tripped] {
-            assert_eq!(
-                WatchdogStatus::new(&token(state), None).cause,
-                TripCause::AcquisitionLost
-            );
+            assert_eq!(WatchdogStatus::new(&token(state), None).cause, TripCause::AcquisitionLost);
         }
         let started =
             EnableToken { cause: TripCause::Started.code(), ..token(WatchdogState::Faulted) };

@@ -47,10 +47,9 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     }
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
-            Some(file) => format!(
-                "recording {file}, {} messages, {} lost",
-                recording.written, recording.lost
-            ),
+            Some(file) => {
+                format!("recording {file}, {} messages, {} lost", recording.written, recording.lost)
+            }
             None => "recording off".to_owned(),
         });
         if !recording.error.is_empty() {
@@ -266,7 +265,8 @@ mod tests {
         let text = table(&status(), now(), 80);
         assert_eq!(text.lines().find(|line| line.chars().count() > 80), None, "{text}");
         let row = |name| text.lines().find(|line| line.starts_with(name)).unwrap();
-        let age = ["acquisition unsupervised 4194304", " 59m 59s", "17", "2000.0", "123456", "8765"];
+        let age =
+            ["acquisition unsupervised 4194304", " 59m 59s", "17", "2000.0", "123456", "8765"];
         for part in age {
             assert!(row("acquisition").contains(part), "{part}: {text}");
         }
