@@ -1,5 +1,5 @@
 //! What crosses a process boundary, and nothing else: fixed-layout messages, the codes that they
-//! carry, the table of topics, and the requests of the command plane.
+//! carry, the table of topics, the rule for loss, and the requests of the command plane.
 //!
 //! Every message is `#[repr(C)]`, flat and padded by hand, so that the bytes in shared memory are
 //! at the same time the body of a valid little-endian CDR message (behind a four-byte header). A
@@ -15,6 +15,7 @@
 mod codes;
 mod message;
 mod requests;
+mod sequence;
 mod topics;
 mod types;
 mod upkeep;
@@ -22,6 +23,7 @@ mod upkeep;
 pub use codes::*;
 pub use message::{CDR_HEADER, Field, Message, Primitive, Value};
 pub use requests::*;
+pub use sequence::{Arrival, SequenceTracker};
 pub use topics::*;
 pub use types::*;
 pub use upkeep::*;

@@ -56,6 +56,12 @@ pub enum LoggerRequest {
     Stop,
     /// What is being recorded?
     Status,
+    /// A protocol begins to be played: goes into the recording in progress, and into one that is
+    /// begun or continued before the protocol's last event.
+    Run {
+        /// Key and value pairs, see `recording::mcap_write::key`: protocol, its text, subject.
+        metadata: Vec<(String, String)>,
+    },
 }
 
 /// Answer of the logger.

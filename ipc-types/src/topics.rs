@@ -226,7 +226,7 @@ pub const WATCHDOG_COMMANDS: CommandService =
     CommandService { name: "command/watchdog", owner: Process::Watchdog, bytes: 1024 };
 /// Recording on and off.
 pub const LOGGER_COMMANDS: CommandService =
-    CommandService { name: "command/logger", owner: Process::Logger, bytes: 65_536 };
+    CommandService { name: "command/logger", owner: Process::Logger, bytes: 131_072 };
 /// Protocols.
 pub const EXPERIMENT_COMMANDS: CommandService =
     CommandService { name: "command/experiment", owner: Process::Experiment, bytes: 65_536 };

@@ -1,6 +1,7 @@
-//! The process: shared memory to the sink, counters and requests beside it.
+//! The process: messages from shared memory to the sink, requests, counters and events.
 
-mod desk;
+mod reports;
+mod requests;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,35 +15,32 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters,
-    Process, Severity, TOPICS, heartbeat_topic,
+    Message, Process, Severity, TOPICS, heartbeat_topic,
 };
-use recording::mcap_write::key;
+use recording::mcap_read::Recording;
+use recording::mcap_write::{Positions, key};
 use rig::RigFile;
 use runtime::clock::{ClockPair, MILLISECOND_NS, SECOND_NS, now_ns};
 use runtime::{Grid, PortError, Publisher, RawSubscriber, Service, ServiceError, open_raw};
 use thiserror::Error;
 
 use crate::sink::{Outcome, Sink, SinkError, StartRequest};
-use crate::state;
+use crate::state::{self, State};
 
-use desk::{Desk, Question};
+use requests::{PendingRequest, RequestReceiver};
 
-/// The shortest buffer of a topic at its fastest rate holds 100 ms and more; this leaves room for a
-/// late wake.
+/// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
+/// wake.
 const PERIOD_NS: u64 = 5 * MILLISECOND_NS;
-/// Away from the tick at which the fast loops run.
+/// Away from the phases of the fast loops.
 const PHASE_NS: u64 = 700_000;
 /// Period of the heartbeat.
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
-/// How long a recording asked for at the start may take to begin.
+/// How long a recording requested at the start may take to begin.
 const BEGIN_LIMIT: Duration = Duration::from_secs(5);
-/// Says for which session the recording asked for at the start has begun, so that a restart does
-/// not begin it again.
+/// File that names the session in which the recording requested at the start has begun, so that a
+/// restart does not begin it again.
 const BEGUN: &str = "recording.begun";
-/// Name of the domain, beside the name that the rig file gives.
-const RIG_NAME: &str = "rig_name";
-/// Session of the rig.
-const SESSION: &str = "session";
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -51,9 +49,9 @@ pub struct Options {
     pub rig_name: String,
     /// Its rig file.
     pub rig_file: PathBuf,
-    /// Absolute path of a recording that begins at once, once a session.
+    /// Absolute path of a recording that begins at the start, once a session.
     pub record: Option<PathBuf>,
-    /// What it shall say about itself, beside what the logger adds.
+    /// Metadata of the recording, beside those that the logger adds.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -71,28 +69,28 @@ pub enum LoggerError {
     Sink(#[from] SinkError),
     #[error("{0} has no topic for its heartbeat")]
     NoTopic(Process),
-    #[error("{}: cannot keep the logger's state: {source}", path.display())]
+    #[error("{}: cannot save the logger's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
-    /// The recording that was asked for at the start did not begin.
+    /// The recording requested at the start did not begin.
     #[error("recording to {} did not begin: {reason}", path.display())]
     NotBegun { path: PathBuf, reason: String },
-    /// The file could not be ended in good order.
+    /// The file could not be ended cleanly.
     #[error("{reason}")]
     BadEnd { reason: String },
-    #[error("the thread that answers requests ended")]
-    DeskClosed,
+    #[error("the thread that receives requests ended")]
+    RequestsClosed,
 }
 
 /// Runs the logger until a signal ends it.
 ///
 /// # Errors
-/// [`LoggerError`]; a disk that fills up within a recording is none.
+/// [`LoggerError`]; a disk that fills up during a recording is none.
 pub fn run(options: &Options) -> Result<(), LoggerError> {
     let rig = RigFile::load(&options.rig_file)?;
     Logger::new(Service::start(Process::Logger, &options.rig_name)?, &rig, options)?.run()
 }
 
-/// The logger, joined to a rig.
+/// The logger, connected to a rig.
 pub struct Logger {
     service: Service,
     topics: Vec<Box<dyn RawSubscriber>>,
@@ -102,14 +100,16 @@ pub struct Logger {
     /// taken from the service once it is ready
     events: Option<Publisher<Event>>,
     sink: Sink,
-    desk: Desk,
+    requests: RequestReceiver,
     metadata: BTreeMap<String, String>,
+    /// the protocol that is being played; empty where none is
+    run: BTreeMap<String, String>,
     /// realtime minus monotonic of the recording (ns)
     file_offset_ns: i64,
-    /// losses of each topic that were told as events
-    told: Vec<u64>,
-    starting: Option<SyncSender<LoggerAnswer>>,
-    ending: Option<SyncSender<LoggerAnswer>>,
+    /// losses of each topic already reported as events
+    reported_losses: Vec<u64>,
+    start_reply: Option<SyncSender<LoggerAnswer>>,
+    stop_reply: Option<SyncSender<LoggerAnswer>>,
 }
 
 impl std::fmt::Debug for Logger {
@@ -122,10 +122,11 @@ impl std::fmt::Debug for Logger {
 }
 
 impl Logger {
-    /// Subscribes to everything and begins, or goes on with, the recording that there shall be.
+    /// Subscribes to all topics and begins the recording requested, or continues the one that was in
+    /// progress when the logger died.
     ///
     /// # Errors
-    /// Those of the ports; [`LoggerError::NotBegun`] if the recording asked for cannot be begun.
+    /// Those of the ports; [`LoggerError::NotBegun`] if the recording requested cannot be begun.
     pub fn new(service: Service, rig: &RigFile, options: &Options) -> Result<Self, LoggerError> {
         let directory = service.domain().name().run_directory();
         fs::DirBuilder::new()
@@ -133,25 +134,25 @@ impl Logger {
             .mode(0o700)
             .create(&directory)
             .map_err(|source| LoggerError::StateDirectory { path: directory.clone(), source })?;
-        // First the subscriptions: what is published while the file is being made waits in their
-        // buffers.
+        // Reading the part before may take a while on hours of recording: before the subscriptions,
+        // so that their buffers do not overflow meanwhile.
+        let kept = kept_state(&directory, service.identity().session);
+        // Messages published while the file is being created wait in the buffers.
         let mut topics = Vec::with_capacity(TOPICS.len());
         for topic in TOPICS {
             topics.push(open_raw(service.node(), topic)?);
         }
         let heartbeat =
             heartbeat_topic(Process::Logger).ok_or(LoggerError::NoTopic(Process::Logger))?;
-        let session = service.identity().session;
         let mut metadata = options.metadata.clone();
+        metadata.extend(rig_metadata(rig));
         metadata.extend(
             [
-                (key::RIG, rig.name.clone()),
-                (key::RIG_FILE, rig.text().to_owned()),
                 (key::PROFILE, service.domain().profile().text().to_owned()),
                 (key::VERSION, env!("CARGO_PKG_VERSION").to_owned()),
                 (key::REVISION, revision()),
-                (RIG_NAME, service.domain().name().to_string()),
-                (SESSION, format!("{session:016x}")),
+                (key::RIG_NAME, service.domain().name().to_string()),
+                (key::SESSION, format!("{:016x}", service.identity().session)),
             ]
             .map(|(key, value)| (key.to_owned(), value)),
         );
@@ -160,33 +161,40 @@ impl Logger {
             losses: service.publisher(LOSS)?,
             clocks: service.publisher(CLOCK)?,
             events: None,
-            desk: Desk::open(service.domain().name())?,
+            requests: RequestReceiver::open(service.domain().name())?,
             sink: Sink::new(Some(directory.clone()))?,
             service,
             topics,
             metadata,
+            run: BTreeMap::new(),
             file_offset_ns: 0,
-            told: vec![0; TOPICS.len()],
-            starting: None,
-            ending: None,
+            reported_losses: vec![0; TOPICS.len()],
+            start_reply: None,
+            stop_reply: None,
         };
-        logger.begin(&directory, options.record.as_deref())?;
+        logger.begin(kept, &directory, options.record.as_deref())?;
         Ok(logger)
     }
 
-    /// Raise it to end [`Logger::run`]; signals do.
+    /// The flag that ends [`Logger::run`]; signals raise it.
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         self.service.stop_flag()
     }
 
-    /// Goes on with what was being recorded when the logger died, else begins what was asked for.
-    fn begin(&mut self, directory: &Path, record: Option<&Path>) -> Result<(), LoggerError> {
+    /// Continues the recording that was in progress when the logger died, else begins the one
+    /// requested.
+    fn begin(
+        &mut self,
+        kept: Result<Option<StartRequest>, String>,
+        directory: &Path,
+        record: Option<&Path>,
+    ) -> Result<(), LoggerError> {
         let session = self.service.identity().session;
         self.sink.tick(now_ns());
-        let kept = match state::load(directory, session) {
+        let kept = match kept {
             Ok(kept) => kept,
             Err(error) => {
-                self.tell(EventKind::DataLost, Severity::Error, [0.0; 3], &error.to_string())?;
+                self.event(EventKind::DataLost, Severity::Error, [0.0; 3], &error)?;
                 None
             }
         };
@@ -196,23 +204,23 @@ impl Logger {
             let path = directory.join(BEGUN);
             fs::write(&path, &mark).map_err(|source| LoggerError::StateDirectory { path, source })
         };
-        if let Some(kept) = kept {
-            // A logger that was killed between the beginning and its mark would ask for part 1 anew
-            // once this is ended.
-            if record == Some(kept.path.as_path()) {
+        if let Some(request) = kept {
+            // A logger that was killed between the start of the recording and its mark would begin
+            // part 1 again once this part is ended.
+            if record == Some(request.path.as_path()) {
                 set_mark()?;
             }
-            let request = StartRequest::going_on(kept);
+            self.run.clone_from(&request.run);
             let path = request.path.clone();
             if let Err(reason) = self.start_and_wait(request)? {
-                // A person can begin another one as long as the logger lives.
-                let text = format!("{} does not go on: {reason}", path.display());
-                self.tell(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
+                // No reason to end: a person can begin another recording.
+                let text = format!("{} does not continue: {reason}", path.display());
+                self.event(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
             }
         } else if let Some(path) = record
             && !begun
         {
-            let request = self.request(path.to_owned(), BTreeMap::new());
+            let request = self.start_request(path.to_owned(), BTreeMap::new());
             if let Err(reason) = self.start_and_wait(request)? {
                 return Err(LoggerError::NotBegun { path: path.to_owned(), reason });
             }
@@ -221,8 +229,12 @@ impl Logger {
         Ok(())
     }
 
-    fn request(&self, path: PathBuf, mut metadata: BTreeMap<String, String>) -> StartRequest {
-        // What the logger knows by itself is not overridden.
+    fn start_request(
+        &self,
+        path: PathBuf,
+        mut metadata: BTreeMap<String, String>,
+    ) -> StartRequest {
+        // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
         StartRequest {
             path,
@@ -230,6 +242,8 @@ impl Logger {
             metadata,
             realtime_offset_ns: ClockPair::measure().offset_ns(),
             session: self.service.identity().session,
+            run: self.run.clone(),
+            ..StartRequest::default()
         }
     }
 
@@ -237,19 +251,19 @@ impl Logger {
         let offset = request.realtime_offset_ns;
         self.sink.start(request)?;
         self.file_offset_ns = offset;
-        self.told.fill(0);
+        self.reported_losses.fill(0);
         Ok(())
     }
 
-    /// Begins a recording before the loop runs. The inner error says why it did not begin.
+    /// Begins a recording before the loop runs. The inner error is why it did not begin.
     fn start_and_wait(&mut self, request: StartRequest) -> Result<Result<(), String>, LoggerError> {
         match self.start(request) {
             Err(error @ SinkError::Thread { .. }) => return Err(error.into()),
             Err(error) => return Ok(Err(error.to_string())),
             Ok(()) => {}
         }
-        let asked = Instant::now();
-        while asked.elapsed() < BEGIN_LIMIT {
+        let requested = Instant::now();
+        while requested.elapsed() < BEGIN_LIMIT {
             match self.sink.wait(BEGIN_LIMIT) {
                 Some(Outcome::NotStarted { error, .. }) => return Ok(Err(error)),
                 Some(outcome) => {
@@ -265,10 +279,10 @@ impl Logger {
         Ok(Err(format!("the disk did not answer within {BEGIN_LIMIT:?}")))
     }
 
-    /// Records until a signal asks it to end, then ends the file in good order.
+    /// Records until a signal ends it, then ends the file cleanly.
     ///
     /// # Errors
-    /// Those of the ports; [`LoggerError::BadEnd`] where the file could not be ended in good order.
+    /// Those of the ports; [`LoggerError::BadEnd`] where the file could not be ended cleanly.
     pub fn run(mut self) -> Result<(), LoggerError> {
         let mut grid = Grid::new(PERIOD_NS, PHASE_NS);
         self.service.ready()?;
@@ -281,11 +295,10 @@ impl Logger {
             while let Some(outcome) = self.sink.poll() {
                 self.outcome(outcome)?;
             }
-            while let Some(question) = self.desk.next() {
-                self.answer(question)?;
+            while let Some(request) = self.requests.next() {
+                self.answer(request)?;
             }
-            // Slots of the clock, not times since the last one: a late wake does not lower the
-            // rate.
+            // By slots of the clock, so that a late wake does not lower the rate.
             let (beat, count) = (wake.woke_ns / HEARTBEAT_NS, wake.woke_ns / SECOND_NS);
             if beat != last_beat {
                 last_beat = beat;
@@ -293,10 +306,10 @@ impl Logger {
             }
             if count != last_count {
                 last_count = count;
-                self.tell_losses()?;
+                self.report_losses()?;
                 self.publish_counts()?;
-                if self.desk.is_closed() {
-                    return Err(LoggerError::DeskClosed);
+                if self.requests.is_closed() {
+                    return Err(LoggerError::RequestsClosed);
                 }
             }
             self.service.beat();
@@ -304,17 +317,18 @@ impl Logger {
         self.end()
     }
 
-    /// Takes out of shared memory what is there now. What is published while it does so is left for
-    /// the next time, so that it comes to an end; a buffer never holds more than its length.
+    /// Takes the messages that are in shared memory now; at most a buffer's length of each topic, so
+    /// that a fast sender cannot keep it busy for ever.
     fn drain(&mut self) -> Result<(), PortError> {
+        let mut ended = false;
         for (index, (subscriber, topic)) in self.topics.iter_mut().zip(TOPICS).enumerate() {
             let sink = &mut self.sink;
-            // A topic that is not recorded is counted by nobody else either: it is read and
-            // dropped.
             let mut push = |bytes: &[u8]| {
+                // Topics that are not recorded are read and dropped.
                 if topic.recorded {
                     sink.push(index, bytes);
                 }
+                ended |= topic.type_name == Event::TYPE_NAME && ends_run(bytes);
             };
             for _ in 0..topic.buffer {
                 if !subscriber.take(&mut push)? {
@@ -322,162 +336,55 @@ impl Logger {
                 }
             }
         }
+        if ended && !self.run.is_empty() {
+            self.run.clear();
+            // A writer thread that has ended is reported with the next request.
+            let _ = self.sink.note_run(BTreeMap::new());
+        }
         Ok(())
     }
 
-    fn answer(&mut self, question: Question) -> Result<(), LoggerError> {
-        let Question { request, reply } = question;
+    fn answer(&mut self, request: PendingRequest) -> Result<(), LoggerError> {
+        let PendingRequest { request, reply } = request;
         let result = match request {
             LoggerRequest::Status => {
                 let _ = reply.send(self.sink.status());
                 return Ok(());
             }
             LoggerRequest::Start { path, metadata } => {
-                let request = self.request(path.into(), metadata.into_iter().collect());
-                self.start(request).map(|()| self.starting = Some(reply.clone()))
+                let request = self.start_request(path.into(), metadata.into_iter().collect());
+                self.start(request).map(|()| self.start_reply = Some(reply.clone()))
             }
             LoggerRequest::Stop => {
-                // Everything published before the request was made is in the buffers by now.
+                // Everything published before the request is in the buffers by now.
                 self.drain()?;
-                self.sink.stop().map(|()| self.ending = Some(reply.clone()))
+                self.sink.stop().map(|()| self.stop_reply = Some(reply.clone()))
+            }
+            LoggerRequest::Run { metadata } => {
+                self.run = metadata.into_iter().collect();
+                self.run.insert(key::TIME_NS.to_owned(), now_ns().to_string());
+                let noted = self.sink.note_run(self.run.clone());
+                let _ = reply.send(self.sink.status());
+                noted
             }
         };
         match result {
             Ok(()) => Ok(()),
             Err(error @ SinkError::Thread { .. }) => Err(error.into()),
             Err(error) => {
-                // Whoever asked is gone if this fails.
+                // Fails only where the client is gone.
                 let _ = reply.send(LoggerAnswer { error: error.to_string(), ..self.sink.status() });
                 Ok(())
             }
         }
     }
 
-    /// Tells what the writing thread reported: as an event, and to whoever asked for it.
-    fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
-        let (kind, severity, values, text) = match &outcome {
-            Outcome::Started { path } => (
-                EventKind::RecordingStarted,
-                Severity::Info,
-                [0.0; 3],
-                ending_of(&path.to_string_lossy()).to_owned(),
-            ),
-            Outcome::Stopped(summary) => {
-                let lost = self.sink.status().lost;
-                let text = ending_of(&summary.path.to_string_lossy()).to_owned();
-                let values = [summary.written as f64, lost as f64, summary.bytes as f64];
-                (EventKind::RecordingStopped, Severity::Info, values, text)
-            }
-            Outcome::StoppedWithError { error, refused, .. } => {
-                let written = self.sink.status().written as f64;
-                (
-                    EventKind::RecordingStopped,
-                    Severity::Error,
-                    [written, *refused as f64, 0.0],
-                    error.clone(),
-                )
-            }
-            Outcome::Failed { error, .. } => (
-                EventKind::DataLost,
-                Severity::Error,
-                [self.sink.status().lost as f64, 0.0, 0.0],
-                error.clone(),
-            ),
-            Outcome::NotStarted { error, .. } => {
-                (EventKind::RecordingStopped, Severity::Error, [0.0; 3], error.clone())
-            }
-            Outcome::StateNotKept { error } => {
-                (EventKind::RecordingStarted, Severity::Warning, [0.0; 3], error.clone())
-            }
-        };
-        self.tell(kind, severity, values, &text)?;
-        let asker = match &outcome {
-            Outcome::Started { .. } | Outcome::NotStarted { .. } => self.starting.take(),
-            Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => self.ending.take(),
-            Outcome::Failed { .. } | Outcome::StateNotKept { .. } => None,
-        };
-        if let Some(asker) = asker {
-            let _ = asker.send(self.sink.status());
-        }
-        Ok(())
-    }
-
-    fn tell(
-        &mut self,
-        kind: EventKind,
-        severity: Severity,
-        [a, b, c]: [f64; 3],
-        text: &str,
-    ) -> Result<(), PortError> {
-        match &mut self.events {
-            Some(events) => events
-                .send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) })
-                .map(|_sequence| ()),
-            None => self.service.event(kind, severity, [a, b, c], text),
-        }
-    }
-
-    fn heartbeat(&mut self) -> Result<(), PortError> {
-        // Whoever joined since the last event gets the ones before only through this.
-        if let Some(events) = &self.events {
-            events.refresh();
-        }
-        let lost = (0..TOPICS.len())
-            .map(|topic| self.sink.counters(topic))
-            .map(|c| c.gaps + c.dropped + c.refused);
-        let message = Heartbeat {
-            lost: lost.sum::<u64>() + self.sink.unknown(),
-            queued: self.sink.queued() as u64,
-            pid: std::process::id(),
-            source: Process::Logger.code(),
-            state: u8::from(self.sink.recording()),
-            profile: self.service.domain().profile().code(),
-            ..Heartbeat::default()
-        };
-        self.heartbeats.send(message)?;
-        Ok(())
-    }
-
-    fn publish_counts(&mut self) -> Result<(), PortError> {
-        for topic in 0..TOPICS.len() {
-            self.losses.send(self.sink.counters(topic))?;
-        }
-        let pair = ClockPair::measure();
-        self.clocks.send(ClockSync {
-            monotonic_ns: pair.monotonic_ns,
-            realtime_ns: pair.realtime_ns,
-            file_offset_ns: if self.sink.recording() { self.file_offset_ns } else { 0 },
-            uncertainty_ns: pair.uncertainty_ns,
-            ..ClockSync::default()
-        })?;
-        Ok(())
-    }
-
-    /// An event for each topic that lost messages of the recording since the last look. What a
-    /// failed disk refuses is told once, when it fails, and counted from then on.
-    fn tell_losses(&mut self) -> Result<(), PortError> {
-        for (index, topic) in TOPICS.iter().enumerate() {
-            let counts = self.sink.losses(index);
-            let lost = counts.gaps + counts.dropped;
-            let told = std::mem::replace(&mut self.told[index], lost);
-            if self.sink.recording() && lost > told {
-                let text = format!(
-                    "{}: in all {} never reached the logger, {} found its queue full",
-                    topic.name, counts.gaps, counts.dropped
-                );
-                let values = [(lost - told) as f64, lost as f64, index as f64];
-                self.tell(EventKind::DataLost, Severity::Error, values, &text)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// The last of everything into the file, then its end. The state is kept: a logger that is
-    /// started again in this session goes on with the next part.
+    /// Writes the last messages and ends the file. The state is kept: a logger that is started again
+    /// in this session continues with the next part.
     fn end(mut self) -> Result<(), LoggerError> {
-        self.tell_losses()?;
+        self.report_losses()?;
         self.publish_counts()?;
-        self.tell(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+        self.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
         self.drain()?;
         self.sink.tick(now_ns());
         let outcomes = self.sink.end();
@@ -492,13 +399,46 @@ impl Logger {
     }
 }
 
-/// The end of a path that is too long for an event: its file name is what tells it from others.
-fn ending_of(path: &str) -> &str {
-    let mut start = path.len().saturating_sub(ipc_types::TEXT);
-    while !path.is_char_boundary(start) {
-        start += 1;
+/// The recording that was in progress when the logger died, if it belongs to this session.
+fn kept_state(directory: &Path, session: u64) -> Result<Option<StartRequest>, String> {
+    let Some(state) = state::load(directory, session).map_err(|error| error.to_string())? else {
+        return Ok(None);
+    };
+    let continues = end_positions(&state);
+    Ok(Some(StartRequest::next_part(state, continues)))
+}
+
+/// Where the newest part ends. Where it cannot be read (removed, an unreadable disk), the gap
+/// before the next part cannot be counted.
+fn end_positions(state: &State) -> Positions {
+    let path = state::part_path(&state.path, state.part);
+    Recording::open(&path).and_then(|part| part.end_positions()).unwrap_or_else(|error| {
+        eprintln!("farreach logger: losses over the restart cannot be counted: {error}");
+        Positions::new()
+    })
+}
+
+/// What the rig file says about the recorded signals, so that the recording needs no other file.
+fn rig_metadata(rig: &RigFile) -> BTreeMap<String, String> {
+    let mut metadata = BTreeMap::from([
+        (key::RIG.to_owned(), rig.name.clone()),
+        (key::RIG_FILE.to_owned(), rig.text().to_owned()),
+    ]);
+    for (index, axis) in rig.axes.iter().enumerate() {
+        metadata.insert(format!("axis.{index}.name"), axis.name.clone());
+        metadata.insert(format!("axis.{index}.unit"), axis.unit.symbol().to_owned());
     }
-    &path[start..]
+    for channel in &rig.channels {
+        metadata.insert(format!("analog.{}.name", channel.index), channel.name.clone());
+        metadata.insert(format!("analog.{}.unit", channel.index), channel.unit.clone());
+    }
+    metadata
+}
+
+/// Whether this event ends the protocol that is being played.
+fn ends_run(bytes: &[u8]) -> bool {
+    let kind = Event::from_bytes(bytes).and_then(|event| EventKind::from_code(event.kind));
+    matches!(kind, Some(EventKind::ProtocolDone | EventKind::ProtocolStopped))
 }
 
 /// Git revision of the build, as every recording carries it; `unknown` where the build had none.
@@ -508,17 +448,4 @@ pub fn revision() -> String {
         .or_else(|| option_env!("FARREACH_REVISION").map(str::to_owned))
         .filter(|revision| !revision.is_empty())
         .unwrap_or_else(|| "unknown".to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_long_path_keeps_its_file_name() {
-        let path = format!("/{}/ü/run.mcap", "ä".repeat(100));
-        let end = ending_of(&path);
-        assert!(end.len() <= ipc_types::TEXT && end.ends_with("ü/run.mcap"), "{end}");
-        assert_eq!(ending_of("/short.mcap"), "/short.mcap");
-    }
 }

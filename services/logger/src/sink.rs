@@ -1,8 +1,8 @@
-//! The logger's core: counts what comes, hands it to the thread that writes, answers for what was
-//! lost.
+//! The logger's core: counts every message, hands it to the writer thread, and accounts for what
+//! was lost.
 //!
 //! The process loop owns a [`Sink`]. It pushes every message that it takes out of shared memory,
-//! tells the time once a cycle, and picks up what the writing thread reports. None of these calls
+//! sets the time once a cycle, and collects what the writer thread reports. None of these calls
 //! waits for the disk.
 //!
 //! ```no_run
@@ -33,82 +33,12 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ipc_types::{LoggerAnswer, LossCounters, TOPICS};
-use recording::mcap_write::Summary;
-use recording::sequence::SequenceTracker;
+use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
+use recording::word;
 
-use crate::queue::{Queue, SLOTS, Slot};
-use crate::state::State;
-use crate::writer_thread::{Command, Opener, open_file, run};
-
-/// What to record.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct StartRequest {
-    /// Where to: that of part 1, also for later parts.
-    pub path: PathBuf,
-    /// 1, or higher when going on after a restart; the next free one is taken.
-    pub part: u32,
-    /// What the recording says about itself, see [`recording::mcap_write::key`].
-    pub metadata: BTreeMap<String, String>,
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` (ns).
-    pub realtime_offset_ns: i64,
-    /// Session of the rig.
-    pub session: u64,
-}
-
-impl StartRequest {
-    /// The next part of a recording that was cut off when the logger died.
-    pub fn going_on(state: State) -> Self {
-        Self {
-            path: state.path,
-            part: state.part + 1,
-            metadata: state.metadata,
-            realtime_offset_ns: state.realtime_offset_ns,
-            session: state.session,
-        }
-    }
-}
-
-/// What the writing thread reports.
-#[derive(Debug)]
-pub enum Outcome {
-    /// The file is there and takes data.
-    Started {
-        /// The file (its part number may be higher than asked for).
-        path: PathBuf,
-    },
-    /// The file could not be made; nothing is being recorded.
-    NotStarted {
-        /// What was asked for.
-        path: PathBuf,
-        /// Why.
-        error: String,
-    },
-    /// The disk failed within a recording. It stays open, refusing and counting, until it is
-    /// stopped.
-    Failed {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        error: String,
-    },
-    /// It was ended in good order; everything is on the disk.
-    Stopped(Summary),
-    /// It was stopped, but not in good order; what was flushed is on the disk.
-    StoppedWithError {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        error: String,
-        /// Messages that are not in the file.
-        refused: u64,
-    },
-    /// The recording goes on, but its state could not be kept.
-    StateNotKept {
-        /// Why.
-        error: String,
-    },
-}
+pub use crate::handover::{Outcome, StartRequest};
+use crate::handover::{Command, Queue, SLOTS, Shared, Slot};
+use crate::writer_thread::{Opener, open_file, run};
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -122,27 +52,18 @@ pub enum SinkError {
     /// There is none.
     #[error("nothing is being recorded")]
     NotRecording,
-    /// The path must be absolute: the logger's working directory is nobody's business.
+    /// A relative path would depend on the logger's working directory.
     #[error("{}: expected an absolute path", path.display())]
     RelativePath {
         /// The path.
         path: PathBuf,
     },
-    /// The thread cannot be started, or is gone.
-    #[error("the writing thread: {what}; restart the logger")]
+    /// The thread cannot be started, or ended.
+    #[error("the writer thread: {what}; restart the logger")]
     Thread {
         /// What is wrong.
         what: String,
     },
-}
-
-/// What the writing thread tells without being asked; plain counters, so that neither side waits
-/// for the other.
-#[derive(Debug)]
-pub(crate) struct Shared {
-    pub(crate) now_ns: AtomicU64,
-    pub(crate) written: Vec<AtomicU64>,
-    pub(crate) refused: Vec<AtomicU64>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -154,7 +75,7 @@ struct Count {
     gaps_before: u64,
 }
 
-/// See the module.
+/// Counts messages and hands them to the writer thread; see the module.
 #[derive(Debug)]
 pub struct Sink {
     queue: Arc<Queue>,
@@ -166,13 +87,16 @@ pub struct Sink {
     unknown: u64,
     generation: u32,
     recording: Option<PathBuf>,
+    /// when the recording and its present part began [ns, CLOCK_MONOTONIC]
+    began_ns: u64,
+    part_began_ns: u64,
     /// set between `stop` and its outcome
     stopping: bool,
     error: String,
 }
 
 impl Sink {
-    /// Starts the writing thread. `state_directory` is where the state is kept; `None` keeps none.
+    /// Starts the writer thread. `state_directory` is where the state is saved; `None` saves none.
     ///
     /// # Errors
     /// [`SinkError::Thread`].
@@ -180,7 +104,7 @@ impl Sink {
         Self::with(state_directory, SLOTS, Box::new(open_file))
     }
 
-    /// The same with a queue of `slots` and another way to open files.
+    /// As [`Self::new`], with a queue of `slots` messages and another way to open files.
     ///
     /// # Errors
     /// [`SinkError::Thread`].
@@ -224,20 +148,30 @@ impl Sink {
             unknown: 0,
             generation: 0,
             recording: None,
+            began_ns: 0,
+            part_began_ns: 0,
             stopping: false,
             error: String::new(),
         })
     }
 
-    /// Takes one message: counts it, and hands it on if a recording runs. Allocates nothing, waits
-    /// for nothing.
+    /// Counts one message, and queues it if a recording is running. Neither allocates nor waits.
+    ///
+    /// A topic's history repeats messages from before this part of the recording began: those that
+    /// the part before holds, and those from before the whole recording, are not written.
     pub fn push(&mut self, topic: usize, bytes: &[u8]) {
         let Some(count) = self.counts.get_mut(topic) else {
             self.unknown += 1;
             return;
         };
-        count.tracker.observe(word(bytes, 8), word(bytes, 16));
+        let arrival = count.tracker.observe(word(bytes, 8), word(bytes, 16));
         if self.recording.is_none() || self.stopping {
+            return;
+        }
+        let time_ns = word(bytes, 24);
+        if time_ns < self.part_began_ns
+            && (time_ns < self.began_ns || arrival == Arrival::Duplicate)
+        {
             return;
         }
         let slot =
@@ -247,28 +181,36 @@ impl Sink {
         }
     }
 
-    /// Tells the time [ns of `CLOCK_MONOTONIC`]; flush and sync follow it. Call it once a cycle.
+    /// Sets the time [ns of `CLOCK_MONOTONIC`], which flush and sync follow. Call it once a cycle.
     pub fn tick(&self, now_ns: u64) {
         self.shared.now_ns.store(now_ns, Ordering::Relaxed);
     }
 
     /// Begins a recording: everything pushed from now on belongs to it. Whether the file could be
-    /// made comes as an [`Outcome`].
+    /// created comes as an [`Outcome`].
     ///
     /// # Errors
     /// [`SinkError::Recording`], [`SinkError::RelativePath`], [`SinkError::Thread`].
-    pub fn start(&mut self, request: StartRequest) -> Result<(), SinkError> {
+    pub fn start(&mut self, mut request: StartRequest) -> Result<(), SinkError> {
         if let Some(path) = &self.recording {
             return Err(SinkError::Recording { path: path.clone() });
         }
         if !request.path.is_absolute() {
             return Err(SinkError::RelativePath { path: request.path });
         }
+        self.part_began_ns = self.shared.now_ns.load(Ordering::Relaxed);
+        if request.began_ns == 0 {
+            request.began_ns = self.part_began_ns;
+        }
+        self.began_ns = request.began_ns;
         self.generation = self.generation.wrapping_add(1);
-        for (index, count) in self.counts.iter_mut().enumerate() {
+        for (index, (count, topic)) in self.counts.iter_mut().zip(TOPICS).enumerate() {
             count.dropped = 0;
             count.received_before = count.tracker.received();
             count.gaps_before = count.tracker.gaps();
+            if let Some(position) = request.continues.get(topic.name) {
+                count.tracker.resume(position.incarnation, position.next);
+            }
             self.shared.written[index].store(0, Ordering::Relaxed);
             self.shared.refused[index].store(0, Ordering::Relaxed);
         }
@@ -277,6 +219,18 @@ impl Sink {
         self.send(Command::Start { generation: self.generation, request })?;
         self.recording = Some(path);
         Ok(())
+    }
+
+    /// Adds the protocol that begins to be played to the recording, if one is in progress; an empty
+    /// map says that none is played any more.
+    ///
+    /// # Errors
+    /// [`SinkError::Thread`].
+    pub fn note_run(&mut self, run: BTreeMap<String, String>) -> Result<(), SinkError> {
+        if self.recording.is_none() || self.stopping {
+            return Ok(());
+        }
+        self.send(Command::NoteRun { run })
     }
 
     /// Ends the recording: everything pushed before is still written. The summary comes as an
@@ -288,20 +242,19 @@ impl Sink {
         if self.recording.is_none() || self.stopping {
             return Err(SinkError::NotRecording);
         }
-        let losses = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic)).collect();
-        self.send(Command::Stop { losses })?;
+        self.send(Command::Stop { losses: self.all_losses() })?;
         self.stopping = true;
         Ok(())
     }
 
-    /// What the writing thread has to say, if anything.
+    /// The next report of the writer thread, if there is one.
     pub fn poll(&mut self) -> Option<Outcome> {
         let outcome = self.outcomes.try_recv().ok()?;
         self.note(&outcome);
         Some(outcome)
     }
 
-    /// The same, waiting for it at most that long. Not for the loop: for the end of the process.
+    /// As [`Self::poll`], waiting for at most `longest`: for before and after the loop.
     pub fn wait(&mut self, longest: Duration) -> Option<Outcome> {
         let outcome = self.outcomes.recv_timeout(longest).ok()?;
         self.note(&outcome);
@@ -330,19 +283,11 @@ impl Sink {
     /// the others of the present or last recording. Identity and time are stamped by the publisher.
     pub fn counters(&self, topic: usize) -> LossCounters {
         let tracker = self.counts.get(topic).map(|count| count.tracker).unwrap_or_default();
-        LossCounters {
-            received: tracker.received(),
-            gaps: tracker.gaps(),
-            ..self.losses_of_recording(topic)
-        }
+        LossCounters { received: tracker.received(), gaps: tracker.gaps(), ..self.losses(topic) }
     }
 
     /// The counters of a topic, all of them of the present or last recording.
     pub fn losses(&self, topic: usize) -> LossCounters {
-        self.losses_of_recording(topic)
-    }
-
-    fn losses_of_recording(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
         let load =
             |list: &[AtomicU64]| list.get(topic).map_or(0, |value| value.load(Ordering::Relaxed));
@@ -357,12 +302,16 @@ impl Sink {
         }
     }
 
-    /// What is being recorded, how much of it, what was lost: the answer to a status request.
+    fn all_losses(&self) -> Vec<LossCounters> {
+        (0..TOPICS.len()).map(|topic| self.losses(topic)).collect()
+    }
+
+    /// The answer to a status request: the file, the messages written and lost.
     pub fn status(&self) -> LoggerAnswer {
-        let all = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic));
-        let (written, lost) = all.fold((0, 0), |(written, lost), l| {
-            (written + l.written, lost + l.gaps + l.dropped + l.refused)
-        });
+        let (written, lost) =
+            self.all_losses().iter().fold((0, 0), |(written, lost), l| {
+                (written + l.written, lost + l.gaps + l.dropped + l.refused)
+            });
         LoggerAnswer {
             recording: self.recording.as_ref().map(|path| path.to_string_lossy().into_owned()),
             written,
@@ -371,19 +320,14 @@ impl Sink {
         }
     }
 
-    /// Ends a file that is open in good order but keeps its state, as dropping does, waits for the
-    /// disk, and returns what the writing thread had to say about it. Nothing can be recorded
-    /// afterwards.
+    /// Ends an open file cleanly but keeps its state, as dropping does, waits for the disk, and
+    /// returns the remaining reports of the writer thread. Nothing can be recorded afterwards.
     pub fn end(&mut self) -> Vec<Outcome> {
         self.quit();
-        let mut outcomes = Vec::new();
-        while let Some(outcome) = self.poll() {
-            outcomes.push(outcome);
-        }
-        outcomes
+        std::iter::from_fn(|| self.poll()).collect()
     }
 
-    /// Whether a recording runs or is being ended.
+    /// Whether a recording is running or being ended.
     pub fn recording(&self) -> bool {
         self.recording.is_some()
     }
@@ -397,9 +341,8 @@ impl Sink {
     }
 
     fn quit(&mut self) {
-        let losses = (0..TOPICS.len()).map(|topic| self.losses_of_recording(topic)).collect();
-        // A thread that is gone has nothing left to end.
-        let _ = self.send(Command::Quit { losses });
+        // A thread that has ended has nothing left to write.
+        let _ = self.send(Command::Quit { losses: self.all_losses() });
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -408,7 +351,7 @@ impl Sink {
     fn send(&self, command: Command) -> Result<(), SinkError> {
         self.commands
             .send(command)
-            .map_err(|_| SinkError::Thread { what: "it is gone".to_owned() })?;
+            .map_err(|_| SinkError::Thread { what: "it ended".to_owned() })?;
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }
@@ -417,17 +360,9 @@ impl Sink {
 }
 
 impl Drop for Sink {
-    /// Ends a file that is open in good order but keeps its state: a logger that is restarted goes
-    /// on with the next part.
+    /// Ends an open file cleanly but keeps its state: a logger that is restarted continues with the
+    /// next part.
     fn drop(&mut self) {
         self.quit();
     }
-}
-
-fn word(bytes: &[u8], at: usize) -> u64 {
-    let mut raw = [0u8; 8];
-    if let Some(slice) = bytes.get(at..at + 8) {
-        raw.copy_from_slice(slice);
-    }
-    u64::from_le_bytes(raw)
 }

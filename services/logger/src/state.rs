@@ -1,5 +1,5 @@
-//! What is being recorded, on disk, so that a logger that was killed goes on after its restart, in
-//! the next part.
+//! The state file: what is being recorded, so that a logger that was killed continues after its
+//! restart with the next part.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -11,34 +11,47 @@ use serde::{Deserialize, Serialize};
 /// Name of the file within the state directory.
 pub const FILE: &str = "recording.json";
 
-/// The recording that runs.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// The recording in progress.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct State {
-    /// Session of the rig that it belongs to; another session does not go on with it.
+    /// Session of the rig that it belongs to; another session does not continue it.
     pub session: u64,
-    /// The path that was asked for: that of part 1.
+    /// The file of part 1.
     pub path: PathBuf,
     /// The newest part.
     pub part: u32,
-    /// What the recording says about itself.
+    /// Metadata of the recording.
     pub metadata: BTreeMap<String, String>,
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` of part 1, kept for all parts (ns).
     pub realtime_offset_ns: i64,
+    /// When part 1 began [ns, CLOCK_MONOTONIC].
+    #[serde(default)]
+    pub began_ns: u64,
+    /// The protocol that is being played; empty where none is.
+    #[serde(default)]
+    pub run: BTreeMap<String, String>,
 }
 
-/// Why the state cannot be used or kept.
+/// Why the state cannot be used or saved.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     /// The file cannot be read or written.
-    #[error("{}: {source}; a recording would not go on after a restart of the logger", path.display())]
+    #[error(
+        "{}: {source}; a recording would not continue after a restart of the logger",
+        path.display()
+    )]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// The file makes no sense. It was moved aside.
-    #[error("{}: expected the logger's state, found something else ({what}); moved it to {}: start the recording again", path.display(), aside.display())]
+    /// The file cannot be parsed. It was moved aside.
+    #[error(
+        "{}: not a state file of the logger ({what}); moved to {}: start the recording again",
+        path.display(),
+        aside.display()
+    )]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -49,7 +62,7 @@ pub enum StateError {
     },
 }
 
-/// Keeps the state in `directory`, whole or not at all.
+/// Saves the state in `directory`, atomically.
 ///
 /// # Errors
 /// [`StateError::Io`].
@@ -65,10 +78,10 @@ pub fn save(directory: &Path, state: &State) -> Result<(), StateError> {
     write().map_err(|source| StateError::Io { path: path.clone(), source })
 }
 
-/// Forgets it: the recording was ended.
+/// Removes the state: the recording was ended.
 ///
 /// # Errors
-/// [`StateError::Io`]; that there was none is no error.
+/// [`StateError::Io`]; a missing file is no error.
 pub fn clear(directory: &Path) -> Result<(), StateError> {
     let path = directory.join(FILE);
     match fs::remove_file(&path) {
@@ -79,10 +92,10 @@ pub fn clear(directory: &Path) -> Result<(), StateError> {
     }
 }
 
-/// The recording that ran when the logger died, if it belongs to this session.
+/// The recording that was in progress when the logger died, if it belongs to this session.
 ///
 /// # Errors
-/// [`StateError::Io`]; [`StateError::Damaged`], after which the file is out of the way.
+/// [`StateError::Io`]; [`StateError::Damaged`], after which the file is moved aside.
 pub fn load(directory: &Path, session: u64) -> Result<Option<State>, StateError> {
     let path = directory.join(FILE);
     let bytes = match fs::read(&path) {
@@ -126,6 +139,8 @@ mod tests {
             part: 2,
             metadata: BTreeMap::from([("rig".to_owned(), "hydrostatic \"x\"\n".to_owned())]),
             realtime_offset_ns: -5,
+            began_ns: 3,
+            run: BTreeMap::new(),
         }
     }
 
@@ -142,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_state_is_named_once_and_then_out_of_the_way() {
+    fn a_damaged_state_is_reported_once_and_moved_aside() {
         let directory = tempfile::tempdir().unwrap();
         save(directory.path(), &state()).unwrap();
         let path = directory.path().join(FILE);

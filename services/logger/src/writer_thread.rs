@@ -1,5 +1,6 @@
-//! The thread that owns the file. It may wait for the disk; nobody waits for it.
+//! The thread that owns the file. It may wait for the disk; the process loop never waits for it.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError};
@@ -8,17 +9,15 @@ use std::time::Duration;
 use ipc_types::LossCounters;
 use recording::mcap_write::{Start, WriteError, Writer, key};
 
-use crate::queue::{Queue, Slot};
-use crate::sink::{Outcome, Shared, StartRequest};
+use crate::handover::{Command, Outcome, Queue, Shared, Slot, StartRequest};
 use crate::state::{self, State};
 
-/// How long the thread sleeps when there is nothing to do. The queue holds seconds, so this need
-/// not be short.
-const NAP: Duration = Duration::from_millis(5);
-/// Messages written between two looks at the clock and the commands.
+/// Sleep when there is nothing to do; the queue holds seconds of messages.
+const IDLE: Duration = Duration::from_millis(5);
+/// Messages written between two checks of the time and the commands.
 const BATCH: usize = 512;
-/// Most parts of one recording: a logger that restarts more often has another problem.
-const PARTS: u32 = 10_000;
+/// Most parts of one recording.
+const PARTS_MAX: u32 = 10_000;
 
 /// Opens the file of a recording; replaced in tests.
 pub type Opener = Box<dyn Fn(&Path, &Start, u64) -> Result<Writer, WriteError> + Send>;
@@ -28,13 +27,6 @@ pub(crate) fn open_file(path: &Path, start: &Start, now_ns: u64) -> Result<Write
     Writer::create(path, start, now_ns)
 }
 
-#[derive(Debug)]
-pub(crate) enum Command {
-    Start { generation: u32, request: StartRequest },
-    Stop { losses: Vec<LossCounters> },
-    Quit { losses: Vec<LossCounters> },
-}
-
 struct Disk<'a> {
     queue: &'a Queue,
     shared: &'a Shared,
@@ -42,9 +34,10 @@ struct Disk<'a> {
     state_directory: Option<&'a Path>,
     opener: &'a Opener,
     writer: Option<Writer>,
+    /// of the recording in progress, as it is on the disk
+    state: State,
     generation: u32,
-    /// taken out of the queue too early: it belongs to a recording whose start has not been read
-    /// yet
+    /// taken out of the queue before the start command of its recording was read
     held: Option<Slot>,
 }
 
@@ -63,6 +56,7 @@ pub(crate) fn run(
         state_directory,
         opener,
         writer: None,
+        state: State::default(),
         generation: 0,
         held: None,
     };
@@ -71,11 +65,12 @@ pub(crate) fn run(
         disk.tick();
         match inbox.try_recv() {
             Ok(Command::Start { generation, request }) => disk.start(generation, &request),
+            Ok(Command::NoteRun { run }) => disk.note_run(run),
             Ok(Command::Stop { losses }) => disk.stop(losses, true),
             Ok(Command::Quit { losses }) => return disk.stop(losses, false),
             Err(TryRecvError::Disconnected) => return disk.stop(Vec::new(), false),
-            // `send` unparks, so that a command does not wait for the nap to end
-            Err(TryRecvError::Empty) if worked == 0 => std::thread::park_timeout(NAP),
+            // `send` unparks, so that a command does not wait for the sleep to end
+            Err(TryRecvError::Empty) if worked == 0 => std::thread::park_timeout(IDLE),
             Err(TryRecvError::Empty) => {}
         }
     }
@@ -87,15 +82,15 @@ impl Disk<'_> {
     }
 
     fn report(&self, outcome: Outcome) {
-        // The other end is gone only while the process ends: then there is nobody to tell.
+        // Fails only while the process ends.
         let _ = self.outbox.send(outcome);
     }
 
-    /// Writes what waits, at most `most` messages; returns how many.
+    /// Writes queued messages, at most `most`; returns how many.
     fn drain(&mut self, most: usize) -> usize {
         for done in 0..most {
             let Some(slot) = self.held.take().or_else(|| self.queue.pop()) else { return done };
-            // generations wrap: "later" is what lies less than half the circle ahead
+            // Generations wrap: "later" is less than half the range ahead.
             let ahead = slot.generation.wrapping_sub(self.generation);
             if ahead != 0 && ahead < u32::MAX / 2 {
                 self.held = Some(slot);
@@ -110,7 +105,7 @@ impl Disk<'_> {
         let topic = usize::from(slot.topic);
         let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation)
         else {
-            // its file could not be made, or is closed
+            // its file could not be created, or is closed
             if let Some(refused) = self.shared.refused.get(topic) {
                 refused.fetch_add(1, Ordering::Relaxed);
             }
@@ -168,11 +163,13 @@ impl Disk<'_> {
             let start = Start {
                 realtime_offset_ns: request.realtime_offset_ns,
                 metadata: request.metadata.clone(),
+                continues: request.continues.clone(),
+                run: request.run.clone(),
             }
             .with(key::PART, &part.to_string());
             match (self.opener)(&path, &start, self.now_ns()) {
-                // part 1 is never guessed: a recording of that name is somebody's data
-                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS => part += 1,
+                // Part 1 gets exactly the name requested: an existing file is somebody's data.
+                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS_MAX => part += 1,
                 other => break other,
             }
         };
@@ -180,7 +177,16 @@ impl Disk<'_> {
             Ok(writer) => {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
-                self.keep(request, part);
+                self.state = State {
+                    session: request.session,
+                    path: request.path.clone(),
+                    part,
+                    metadata: request.metadata.clone(),
+                    realtime_offset_ns: request.realtime_offset_ns,
+                    began_ns: request.began_ns,
+                    run: request.run.clone(),
+                };
+                self.save_state();
                 self.report(Outcome::Started { path });
             }
             Err(error) => {
@@ -192,29 +198,42 @@ impl Disk<'_> {
         }
     }
 
-    fn keep(&self, request: &StartRequest, part: u32) {
-        let Some(directory) = self.state_directory else { return };
-        let state = State {
-            session: request.session,
-            path: request.path.clone(),
-            part,
-            metadata: request.metadata.clone(),
-            realtime_offset_ns: request.realtime_offset_ns,
-        };
-        if let Err(error) = state::save(directory, &state) {
+    /// Writes the run into the file behind everything that was pushed before.
+    fn note_run(&mut self, run: BTreeMap<String, String>) {
+        while self.drain(BATCH) > 0 {}
+        let Some(writer) = &mut self.writer else { return };
+        if !run.is_empty()
+            && writer.error().is_none()
+            && let Err(error) = writer.write_run(&run)
+        {
+            self.failed(&error);
+        }
+        self.state.run = run;
+        self.save_state();
+    }
+
+    fn save_state(&self) {
+        if let Some(directory) = self.state_directory
+            && let Err(error) = state::save(directory, &self.state)
+        {
             self.report(Outcome::StateNotKept { error: error.to_string() });
         }
     }
 
-    /// Everything pushed before the command is in the queue already: writes it, then ends the file.
-    fn stop(&mut self, mut losses: Vec<LossCounters>, forget: bool) {
+    /// Writes what is queued (everything pushed before the command), then ends the file.
+    fn stop(&mut self, mut losses: Vec<LossCounters>, clear_state: bool) {
         while self.drain(BATCH) > 0 {}
-        if forget
+        if clear_state
             && let Some(directory) = self.state_directory
             && let Err(error) = state::clear(directory)
         {
             self.report(Outcome::StateNotKept { error: error.to_string() });
         }
+        // The counters must hold what the last flush refuses; `finish` returns its error.
+        if let Some(writer) = &mut self.writer {
+            let _ = writer.flush();
+        }
+        self.publish_all();
         let Some(writer) = self.writer.take() else { return };
         for loss in &mut losses {
             let topic = loss.topic as usize;

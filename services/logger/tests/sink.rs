@@ -11,7 +11,7 @@ use ipc_types::{Message, Sample};
 use logger::sink::{Outcome, Sink, SinkError, StartRequest};
 use logger::state;
 use recording::mcap_read::Recording;
-use recording::mcap_write::{FLUSH_NS, Output, SYNC_NS, Start, Writer, key};
+use recording::mcap_write::{FLUSH_NS, Output, Positions, SYNC_NS, Start, Writer, key};
 
 /// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
 const LONG: Duration = Duration::from_secs(60);
@@ -229,7 +229,7 @@ fn flush_and_sync_follow_the_loops_time() {
 }
 
 #[test]
-fn a_logger_that_comes_back_goes_on_with_the_next_part() {
+fn a_restarted_logger_continues_with_the_next_part() {
     let dir = tempfile::tempdir().unwrap();
     let states = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
@@ -247,7 +247,7 @@ fn a_logger_that_comes_back_goes_on_with_the_next_part() {
         let kept = state::load(states.path(), 5).unwrap().unwrap();
         assert_eq!(kept.part as u64, part - 1);
         let mut sink = Sink::new(keep()).unwrap();
-        sink.start(StartRequest::going_on(kept)).unwrap();
+        sink.start(StartRequest::next_part(kept, Positions::new())).unwrap();
         push(&mut sink, 1, part * 100..part * 100 + 100);
         assert_eq!(started(&mut sink), dir.path().join(format!("run.part{part}.mcap")));
         if part == 3 {
@@ -260,4 +260,102 @@ fn a_logger_that_comes_back_goes_on_with_the_next_part() {
     assert_eq!((second.metadata(key::PART), second.metadata(key::RIG)), (Some("2"), Some("cable")));
     assert_eq!(second.realtime_offset_ns(), Some(1_000));
     assert_eq!(sequences(&path), (0..100).collect::<Vec<_>>());
+}
+
+/// A recording whose logger is killed after the messages 0 to 99, continued by another logger that
+/// gets `received`; its second part.
+fn continued(received: impl IntoIterator<Item = u64>) -> (tempfile::TempDir, Sink, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut sink = Sink::new(Some(dir.path().to_owned())).unwrap();
+    sink.tick(10);
+    sink.start(request(&path)).unwrap();
+    push(&mut sink, 1, 0..100);
+    started(&mut sink);
+    drop(sink);
+    let kept = state::load(dir.path(), 5).unwrap().unwrap();
+    let positions = Recording::open(&path).unwrap().end_positions().unwrap();
+    let mut sink = Sink::new(Some(dir.path().to_owned())).unwrap();
+    sink.tick(200 * 500_000);
+    sink.start(StartRequest::next_part(kept, positions)).unwrap();
+    push(&mut sink, 1, received);
+    let part = started(&mut sink);
+    (dir, sink, part)
+}
+
+#[test]
+fn messages_lost_over_a_restart_count_live_and_in_the_file() {
+    let (_dir, mut sink, part) = continued(150..400);
+    assert_eq!((sink.counters(0).gaps, sink.status().lost), (50, 50));
+    sink.stop().unwrap();
+    assert!(matches!(sink.wait(LONG), Some(Outcome::Stopped(_))));
+    assert_eq!(sink.status().lost, 50);
+    let part = Recording::open(&part).unwrap();
+    assert_eq!(part.end_record().unwrap()["sample.gaps"], "50");
+    let check = part.check().unwrap();
+    let of = check.topics.iter().find(|topic| topic.topic == "sample").unwrap();
+    assert_eq!((of.count, of.gaps, of.gaps_before, of.duplicates), (250, 50, 50, 0));
+    assert!(check.data_lost());
+    // the next part continues from here
+    let positions = part.end_positions().unwrap();
+    assert_eq!((positions["sample"].incarnation, positions["sample"].next), (1, 400));
+}
+
+#[test]
+fn history_that_the_part_before_holds_is_not_repeated() {
+    let (_dir, mut sink, part) = continued(90..400);
+    sink.stop().unwrap();
+    assert!(matches!(sink.wait(LONG), Some(Outcome::Stopped(_))));
+    assert_eq!(sink.status().lost, 0);
+    // those published while no logger was there are in
+    assert_eq!(sequences(&part), (100..400).collect::<Vec<_>>());
+    let check = Recording::open(&part).unwrap().check().unwrap();
+    assert!(!check.data_lost() && check.topics.iter().all(|topic| topic.duplicates == 0));
+}
+
+#[test]
+fn what_happened_before_a_recording_is_not_in_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut sink = Sink::new(None).unwrap();
+    sink.tick(50 * 500_000);
+    sink.start(request(&path)).unwrap();
+    push(&mut sink, 1, 40..60);
+    sink.stop().unwrap();
+    started(&mut sink);
+    assert!(matches!(sink.wait(LONG), Some(Outcome::Stopped(_))));
+    assert_eq!(sequences(&path), (50..60).collect::<Vec<_>>());
+    assert_eq!(sink.status().lost, 0);
+}
+
+#[test]
+fn protocols_and_subjects_are_in_the_recording_and_in_its_next_part() {
+    let run = |subject: &str| {
+        [(key::PROTOCOL, "guided"), (key::PROTOCOL_FILE, "[[segments]]\n"), (key::SUBJECT, subject)]
+            .map(|(key, value)| (key.to_owned(), value.to_owned()))
+            .into()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut sink = Sink::new(Some(dir.path().to_owned())).unwrap();
+    sink.note_run(run("S01")).unwrap(); // nothing is being recorded
+    sink.start(request(&path)).unwrap();
+    started(&mut sink);
+    push(&mut sink, 1, 0..10);
+    sink.note_run(run("S02")).unwrap();
+    sink.note_run(Default::default()).unwrap(); // it ended
+    sink.note_run(run("S03")).unwrap();
+    drop(sink);
+    let subjects = |path: &Path| {
+        let recording = Recording::open(path).unwrap();
+        assert!(recording.runs().all(|run| run[key::PROTOCOL_FILE] == "[[segments]]\n"));
+        recording.runs().map(|run| run[key::SUBJECT].clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(subjects(&path), ["S02", "S03"]);
+    let kept = state::load(dir.path(), 5).unwrap().unwrap();
+    let mut sink = Sink::new(Some(dir.path().to_owned())).unwrap();
+    sink.start(StartRequest::next_part(kept, Positions::new())).unwrap();
+    let part = started(&mut sink);
+    drop(sink);
+    assert_eq!(subjects(&part), ["S03"]);
 }

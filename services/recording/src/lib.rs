@@ -5,7 +5,6 @@
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
 //! - [`record`]: a measured record, column by column, checked before anybody uses it.
-//! - [`sequence`]: what a sequence number says about loss.
 //! - [`schema`]: the field table that a recording carries within itself.
 //!
 //! Nothing here reads a clock: times come in as arguments, in ns.
@@ -16,4 +15,12 @@ pub mod mcap_read;
 pub mod mcap_write;
 pub mod record;
 pub mod schema;
-pub mod sequence;
+
+/// The little-endian word at byte `at`; 0 beyond the end.
+pub fn word(bytes: &[u8], at: usize) -> u64 {
+    let mut raw = [0u8; 8];
+    if let Some(slice) = bytes.get(at..at + 8) {
+        raw.copy_from_slice(slice);
+    }
+    u64::from_le_bytes(raw)
+}

@@ -1,11 +1,13 @@
-//! The field table of a message as the recording itself declares it.
+//! The layout of a message, from the schema in the recording.
 //!
-//! farreach's messages are flat, so of the `ros2msg` language only scalars and arrays of fixed
-//! length of the six numeric types in [`ipc_types::Primitive`] occur. The offsets follow the rules
-//! of plain CDR (each field aligned to its own size, counted from behind the four-byte header), so
-//! that a schema without hand-made padding reads right as well.
+//! farreach's messages are flat: scalars and arrays of fixed length of the six numeric types in
+//! [`ipc_types::Primitive`], and constants, which take no space. Offsets follow plain CDR (each
+//! field aligned to its own size, counted from behind the four-byte header), so that a schema
+//! without explicit padding is read correctly too.
 
 use ipc_types::{CDR_HEADER, Field, Message, Primitive, Value};
+use re_ros_msg::MessageSchema;
+use re_ros_msg::message_spec::{ArraySize, BuiltInType, Type};
 
 /// Why a message of a recording cannot be decoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -18,28 +20,38 @@ pub enum SchemaError {
         /// Encoding that it declares.
         found: String,
     },
-    /// A line that this reader does not know.
-    #[error(
-        "schema {name}, line {line}: expected a number or a fixed array of numbers with a name, found `{found}`: nested, text and variable types are not read"
-    )]
-    Line {
+    /// The text is not valid `ros2msg`.
+    #[error("schema {name}: {what}")]
+    Text {
         /// Name of the schema.
         name: String,
-        /// Line, from 1.
-        line: usize,
-        /// Its text.
+        /// What the parser reports.
+        what: String,
+    },
+    /// A field of a type that this reader does not support.
+    #[error(
+        "schema {name}, field {field}: expected a number or a fixed array of numbers, found \
+         {found}: nested, text and variable types are not supported"
+    )]
+    Field {
+        /// Name of the schema.
+        name: String,
+        /// Name of the field.
+        field: String,
+        /// Its type.
         found: String,
     },
     /// A payload that is not little-endian CDR, or too short.
     #[error(
-        "schema {name}: expected little-endian CDR of {expected} bytes, found {found} bytes beginning with {start:02x?}"
+        "schema {name}: expected little-endian CDR of {expected} bytes, found {found} bytes \
+         beginning with {start:02x?}"
     )]
     Payload {
         /// Name of the schema.
         name: String,
         /// Size by the schema, header included (bytes).
         expected: usize,
-        /// Size that is there (bytes).
+        /// Size found (bytes).
         found: usize,
         /// First bytes.
         start: Vec<u8>,
@@ -57,21 +69,9 @@ pub struct LayoutField {
     pub array: Option<usize>,
     /// Bytes from the start of the message (CDR header excluded).
     pub offset: usize,
-    /// What the schema's comment says, unit included.
-    pub doc: String,
 }
 
 impl LayoutField {
-    fn as_field(&self) -> Field {
-        Field {
-            name: "",
-            primitive: self.primitive,
-            array: self.array,
-            offset: self.offset,
-            doc: "",
-        }
-    }
-
     /// Number of elements.
     pub fn count(&self) -> usize {
         self.array.unwrap_or(1)
@@ -79,7 +79,8 @@ impl LayoutField {
 
     /// Element `index` out of the bytes of a message; `None` where there is none.
     pub fn read(&self, bytes: &[u8], index: usize) -> Option<Value> {
-        self.as_field().read(bytes, index)
+        let Self { primitive, array, offset, .. } = *self;
+        Field { name: "", primitive, array, offset, doc: "" }.read(bytes, index)
     }
 
     /// All elements.
@@ -88,7 +89,7 @@ impl LayoutField {
     }
 }
 
-/// The field table of one message type.
+/// The layout of one message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Name of the type.
@@ -99,15 +100,14 @@ pub struct Layout {
     pub size: usize,
 }
 
-/// Largest message that a schema may declare [bytes]: far above any of farreach's, far below what
-/// could hurt.
+/// Largest message that a schema may declare [bytes]: a damaged length must not take all memory.
 const LARGEST: usize = 1 << 24;
 
 impl Layout {
     /// Reads a schema.
     ///
     /// # Errors
-    /// [`SchemaError::Encoding`], [`SchemaError::Line`].
+    /// [`SchemaError::Encoding`], [`SchemaError::Text`], [`SchemaError::Field`].
     pub fn parse(name: &str, encoding: &str, text: &str) -> Result<Self, SchemaError> {
         if encoding != "ros2msg" {
             return Err(SchemaError::Encoding {
@@ -115,59 +115,31 @@ impl Layout {
                 found: encoding.to_owned(),
             });
         }
-        let mut fields = Vec::new();
+        let schema = MessageSchema::parse(name, text).map_err(|error| SchemaError::Text {
+            name: name.to_owned(),
+            what: format!("{error:#}"),
+        })?;
+        let mut fields = Vec::with_capacity(schema.spec.fields.len());
         let mut size = 0usize;
-        let mut doc = String::new();
-        for (number, line) in text.lines().enumerate() {
-            let line = line.trim();
-            if let Some(comment) = line.strip_prefix('#') {
-                if !doc.is_empty() {
-                    doc.push(' ');
-                }
-                doc.push_str(comment.trim());
-                continue;
-            }
-            if line.is_empty() {
-                continue;
-            }
-            let unknown = || SchemaError::Line {
+        for field in schema.spec.fields {
+            let unsupported = || SchemaError::Field {
                 name: name.to_owned(),
-                line: number + 1,
-                found: line.to_owned(),
+                field: field.name.clone(),
+                found: format!("{:?}", field.ty),
             };
-            let declaration = line.split('#').next().unwrap_or_default();
-            let mut words = declaration.split_whitespace();
-            let (Some(kind), Some(field), None) = (words.next(), words.next(), words.next()) else {
-                return Err(unknown());
+            let (base, array) = match &field.ty {
+                Type::Array { ty, size: ArraySize::Fixed(length) } => (ty.as_ref(), Some(*length)),
+                other => (other, None),
             };
-            if !field.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
-                return Err(unknown()); // constants, `A=3`, among them
-            }
-            let (base, array) = match kind.split_once('[') {
-                None => (kind, None),
-                Some((base, rest)) => {
-                    let length = rest
-                        .strip_suffix(']')
-                        .and_then(|n| n.parse::<usize>().ok())
-                        .ok_or_else(unknown)?;
-                    (base, Some(length))
-                }
-            };
-            let primitive = primitive_of(base).ok_or_else(unknown)?;
+            let primitive = primitive_of(base).ok_or_else(unsupported)?;
             let offset = size.next_multiple_of(primitive.size());
             size = primitive
                 .size()
                 .checked_mul(array.unwrap_or(1))
                 .and_then(|bytes| offset.checked_add(bytes))
                 .filter(|&end| end <= LARGEST)
-                .ok_or_else(unknown)?;
-            fields.push(LayoutField {
-                name: field.to_owned(),
-                primitive,
-                array,
-                offset,
-                doc: std::mem::take(&mut doc),
-            });
+                .ok_or_else(unsupported)?;
+            fields.push(LayoutField { name: field.name, primitive, array, offset });
         }
         Ok(Self { name: name.to_owned(), fields, size })
     }
@@ -177,10 +149,18 @@ impl Layout {
         self.fields.iter().find(|field| field.name == name)
     }
 
+    /// The value of an unsigned scalar field; `None` where there is no such field.
+    pub fn unsigned(&self, name: &str, body: &[u8]) -> Option<u64> {
+        match self.field(name)?.read(body, 0)? {
+            Value::Unsigned(value) => Some(value),
+            _ => None,
+        }
+    }
+
     /// The message within a CDR payload.
     ///
     /// # Errors
-    /// [`SchemaError::Payload`] where the header is another or bytes are missing.
+    /// [`SchemaError::Payload`] where the header differs or bytes are missing.
     pub fn body<'a>(&self, payload: &'a [u8]) -> Result<&'a [u8], SchemaError> {
         payload.strip_prefix(&CDR_HEADER).and_then(|body| body.get(..self.size)).ok_or_else(|| {
             SchemaError::Payload {
@@ -204,8 +184,8 @@ impl Layout {
             })
     }
 
-    /// How to read this layout into this build's `T`: fields are matched by name and type, what the
-    /// recording lacks stays zero.
+    /// How to read this layout into this build's `T`: fields are matched by name and type; fields
+    /// that the recording lacks are zero.
     pub fn conversion<T: Message>(&self) -> Conversion {
         let mut conversion =
             Conversion { size: size_of::<T>(), copies: Vec::new(), missing: Vec::new() };
@@ -252,14 +232,17 @@ impl Conversion {
     }
 }
 
-fn primitive_of(name: &str) -> Option<Primitive> {
-    Some(match name {
-        "uint8" | "byte" | "bool" | "char" => Primitive::U8,
-        "uint16" => Primitive::U16,
-        "uint32" => Primitive::U32,
-        "uint64" => Primitive::U64,
-        "int64" => Primitive::I64,
-        "float64" => Primitive::F64,
+fn primitive_of(kind: &Type) -> Option<Primitive> {
+    let Type::BuiltIn(kind) = kind else { return None };
+    Some(match kind {
+        BuiltInType::UInt8 | BuiltInType::Byte | BuiltInType::Bool | BuiltInType::Char => {
+            Primitive::U8
+        }
+        BuiltInType::UInt16 => Primitive::U16,
+        BuiltInType::UInt32 => Primitive::U32,
+        BuiltInType::UInt64 => Primitive::U64,
+        BuiltInType::Int64 => Primitive::I64,
+        BuiltInType::Float64 => Primitive::F64,
         _ => return None,
     })
 }
@@ -271,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_topics_own_schema_reads_back_as_its_field_table() {
+    fn the_schema_of_every_topic_reads_back_as_its_field_table() {
         for topic in TOPICS {
             let layout = Layout::parse(topic.ros_name, "ros2msg", &(topic.schema)()).unwrap();
             assert_eq!(layout.size, topic.size, "{}", topic.name);
@@ -280,36 +263,33 @@ mod tests {
                     (ours.name.as_str(), ours.primitive, ours.array, ours.offset),
                     (theirs.name, theirs.primitive, theirs.array, theirs.offset)
                 );
-                assert_eq!(ours.doc, theirs.doc.trim());
             }
         }
     }
 
     #[test]
-    fn fields_without_hand_made_padding_are_aligned_as_cdr_says() {
-        let layout =
-            Layout::parse("x", "ros2msg", "uint8 a # trailing\nfloat64 b\nuint16[3] c\nuint32 d\n")
-                .unwrap();
+    fn fields_are_aligned_as_in_cdr_and_constants_take_no_space() {
+        let text =
+            "uint8 A=3\nuint8 a # trailing\nfloat64 b\nuint8 B_LONG = 7\nuint16[3] c\nuint32 d\n";
+        let layout = Layout::parse("x", "ros2msg", text).unwrap();
         let offsets: Vec<_> = layout.fields.iter().map(|f| f.offset).collect();
         assert_eq!((offsets, layout.size), (vec![0, 8, 16, 24], 28));
     }
 
     #[test]
-    fn what_is_not_flat_is_refused_by_line() {
-        for (text, line) in [
-            ("uint8 a\nstring b", 2),
-            ("uint8[] a", 1),
-            ("uint8[<=3] a", 1),
-            ("geometry_msgs/Point p", 1),
-            ("uint8 A=3", 1),
-            ("uint8 a b", 1),
-            ("uint64[99999999999999999999] a", 1),
-            ("uint64[9999999999999999] a", 1),
+    fn a_schema_that_is_not_flat_is_refused_by_field() {
+        for (text, expected) in [
+            ("uint8 a\nstring b", "field b"),
+            ("uint8[] a", "field a"),
+            ("uint8[<=3] a", "field a"),
+            ("geometry_msgs/Point p", "field p"),
+            ("uint64[9999999999999999] a", "field a"),
+            ("uint64[99999999999999999999] a", "99999999999999999999"),
+            ("uint8 a b", "`b`"),
+            ("uint8", "missing name"),
         ] {
-            match Layout::parse("x", "ros2msg", text) {
-                Err(SchemaError::Line { line: found, .. }) => assert_eq!(found, line, "{text}"),
-                other => panic!("{text}: {other:?}"),
-            }
+            let error = Layout::parse("x", "ros2msg", text).unwrap_err().to_string();
+            assert!(error.starts_with("schema x") && error.contains(expected), "{text}: {error}");
         }
         assert!(matches!(Layout::parse("x", "protobuf", ""), Err(SchemaError::Encoding { .. })));
     }

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use ipc_types::SAMPLE;
+use ipc_types::{Arrival, SAMPLE, SequenceTracker};
 
 use super::{Damage, ReadError, Recording, Selection};
-use crate::schema::LayoutField;
-use crate::sequence::SequenceTracker;
+use crate::mcap_write::END_RECORD;
 
 /// What was found of one topic.
 #[derive(Clone, Debug, Default)]
@@ -21,7 +20,7 @@ pub struct TopicCheck {
     pub first_ns: u64,
     /// Log time of the last (ns since 1970).
     pub last_ns: u64,
-    /// Messages that are missing between the first and the last, by their sequence.
+    /// Messages missing by their sequence, [`Self::gaps_before`] among them.
     pub gaps: u64,
     /// Holes that they make.
     pub gap_places: u64,
@@ -35,6 +34,8 @@ pub struct TopicCheck {
     pub problem: String,
     /// Messages that the logger itself dropped or the disk refused, from the end record.
     pub dropped: u64,
+    /// The part of `gaps` that lies between the part before this one and its first message.
+    pub gaps_before: u64,
 }
 
 impl TopicCheck {
@@ -71,8 +72,11 @@ pub struct Check {
     pub ticks: Option<Ticks>,
     /// Footer and end mark are there.
     pub complete: bool,
-    /// A recording of farreach's that was ended in good order; `true` for files of others.
+    /// A recording of farreach's that ended cleanly; `true` for files of other programs.
     pub ended_cleanly: bool,
+    /// Log time of the first message since the recording began (ns since 1970): the first of all,
+    /// but for events that happened before. `None` without messages.
+    pub origin_ns: Option<u64>,
 }
 
 impl Check {
@@ -116,12 +120,22 @@ impl Recording {
             let follow = topics.entry(&channel.topic).or_default();
             follow.check.topic.clone_from(&channel.topic);
             follow.check.schema_name.clone_from(&channel.schema_name);
-            for loss in ["dropped", "refused"] {
-                let lost =
-                    self.end_record().and_then(|end| end.get(&format!("{}.{loss}", channel.topic)));
-                follow.check.dropped += lost.and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
+            let dropped: u64 = self
+                .records(END_RECORD)
+                .flat_map(|end| {
+                    ["dropped", "refused"].map(|loss| end.get(&format!("{}.{loss}", channel.topic)))
+                })
+                .filter_map(|count| count?.parse::<u64>().ok())
+                .sum();
+            follow.check.dropped = dropped;
+        }
+        for (topic, position) in self.continues() {
+            if let Some(follow) = topics.get_mut(topic.as_str()) {
+                follow.tracker.resume(position.incarnation, position.next);
             }
         }
+        let began_ns = self.began_ns().unwrap_or(0);
+        let mut origin_ns: Option<u64> = None;
         let mut ticks: Option<Ticks> = None;
         for message in self.raw(Selection::default()) {
             let message = match message {
@@ -145,14 +159,21 @@ impl Recording {
             check.first_ns = if check.count == 0 { time } else { check.first_ns.min(time) };
             check.last_ns = check.last_ns.max(time);
             check.count += 1;
+            if time >= began_ns {
+                origin_ns = Some(origin_ns.map_or(time, |origin| origin.min(time)));
+            }
             match self.decode(&message) {
                 Ok((layout, body)) => {
-                    let read =
-                        |name: &str| layout.field(name).and_then(|field| unsigned(field, body));
-                    follow.tracker.observe(
+                    let read = |name: &str| layout.unsigned(name, body);
+                    let arrival = follow.tracker.observe(
                         read("incarnation").unwrap_or(0),
                         read("sequence").unwrap_or_else(|| u64::from(message.sequence())),
                     );
+                    if let Arrival::Gap(missing) = arrival
+                        && check.count == 1
+                    {
+                        check.gaps_before = missing;
+                    }
                     if channel.topic == SAMPLE.topic.name
                         && let Some(tick) = read("tick")
                     {
@@ -188,14 +209,16 @@ impl Recording {
             damage.extend(end.verify(&self.file).map_err(wrong)?);
         }
         let ended_cleanly = self.start_record().is_none() || self.ended_cleanly();
-        Ok(Check { topics, damage, ticks, complete: self.tail().complete, ended_cleanly })
-    }
-}
-
-fn unsigned(field: &LayoutField, body: &[u8]) -> Option<u64> {
-    match field.read(body, 0)? {
-        ipc_types::Value::Unsigned(value) => Some(value),
-        _ => None,
+        let topics: Vec<TopicCheck> = topics;
+        let first_ns = topics.iter().filter(|t| t.count > 0).map(|t| t.first_ns).min();
+        Ok(Check {
+            topics,
+            damage,
+            ticks,
+            complete: self.tail().complete,
+            ended_cleanly,
+            origin_ns: origin_ns.or(first_ns),
+        })
     }
 }
 

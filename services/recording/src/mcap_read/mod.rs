@@ -30,6 +30,7 @@
 mod block;
 mod check;
 mod iterate;
+mod positions;
 mod scan;
 mod summary;
 
@@ -41,7 +42,7 @@ pub use block::RawMessage;
 pub use check::{Check, Ticks, TopicCheck};
 pub use iterate::{Messages, RawMessages, Recorded, Selection};
 
-use crate::mcap_write::{END_RECORD, START_RECORD, key};
+use crate::mcap_write::{END_RECORD, RUN_RECORD, START_RECORD, key};
 use crate::schema::{Layout, SchemaError};
 
 /// Why a recording cannot be read.
@@ -201,6 +202,10 @@ impl Recording {
     pub fn end_record(&self) -> Option<&BTreeMap<String, String>> {
         self.record(END_RECORD)
     }
+    /// The protocols that were played, in order: name, text, subject, see [`key`].
+    pub fn runs(&self) -> impl Iterator<Item = &BTreeMap<String, String>> {
+        self.records(RUN_RECORD)
+    }
     /// One value of the start record, see [`key`].
     pub fn metadata(&self, key: &str) -> Option<&str> {
         self.start_record()?.get(key).map(String::as_str)
@@ -209,12 +214,22 @@ impl Recording {
     pub fn realtime_offset_ns(&self) -> Option<i64> {
         self.metadata(key::REALTIME_OFFSET_NS)?.parse().ok()
     }
-    /// Whether it was ended in good order.
+    /// When the recording began, by its wall clock (ns since 1970): of several parts the first.
+    /// `None` for files that farreach did not write.
+    pub fn began_ns(&self) -> Option<u64> {
+        let began = |start: &BTreeMap<String, String>| {
+            let offset: i64 = start.get(key::REALTIME_OFFSET_NS)?.parse().ok()?;
+            start.get(key::STARTED_NS)?.parse::<u64>().ok()?.checked_add_signed(offset)
+        };
+        self.records(START_RECORD).filter_map(began).min()
+    }
+    /// Whether it ended cleanly; of several parts in one file, whether each did.
     pub fn ended_cleanly(&self) -> bool {
-        self.tail.complete
-            && self
-                .end_record()
-                .is_some_and(|end| end.get(key::CLEAN_END).is_some_and(|v| v == "true"))
+        let clean = |end: &&BTreeMap<String, String>| {
+            end.get(key::CLEAN_END).is_some_and(|value| value == "true")
+        };
+        let ends = self.records(END_RECORD).filter(clean).count();
+        self.tail.complete && ends > 0 && ends >= self.records(START_RECORD).count()
     }
     /// How the file ends.
     pub fn tail(&self) -> &Tail {
@@ -234,7 +249,11 @@ impl Recording {
     }
 
     fn record(&self, name: &str) -> Option<&BTreeMap<String, String>> {
-        self.metadata.iter().find(|(found, _)| found == name).map(|(_, content)| content)
+        self.records(name).next()
+    }
+
+    fn records(&self, name: &str) -> impl Iterator<Item = &BTreeMap<String, String>> {
+        self.metadata.iter().filter(move |(found, _)| found == name).map(|(_, content)| content)
     }
 
     /// The channels of a topic (a merged file may have several).

@@ -47,7 +47,11 @@ pub use error::WriteError;
 use error::disk_error;
 pub use output::Output;
 use output::Shared;
-pub use start::{END_RECORD, START_RECORD, Start, key};
+use crate::word;
+pub(crate) use start::parse_continues;
+pub use start::{
+    CONTINUES_RECORD, END_RECORD, Position, Positions, RUN_RECORD, START_RECORD, Start, key,
+};
 
 /// Longest time between two flushes (ns).
 pub const FLUSH_NS: u64 = 300_000_000;
@@ -154,6 +158,14 @@ impl Writer {
             metadata.insert(key::STARTED_NS.to_owned(), now_ns.to_string());
             metadata.entry(key::PART.to_owned()).or_insert_with(|| "1".to_owned());
             mcap.write_metadata(&Metadata { name: START_RECORD.to_owned(), metadata })?;
+            if !start.continues.is_empty() {
+                let metadata = start::continues_record(&start.continues);
+                mcap.write_metadata(&Metadata { name: CONTINUES_RECORD.to_owned(), metadata })?;
+            }
+            if !start.run.is_empty() {
+                let metadata = start.run.clone();
+                mcap.write_metadata(&Metadata { name: RUN_RECORD.to_owned(), metadata })?;
+            }
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
                 let schema =
@@ -254,6 +266,17 @@ impl Writer {
                 Err(WriteError::Topic { topic: topic.topic.name.to_owned() })
             }
         }
+    }
+
+    /// Writes the record of a protocol that begins to be played.
+    ///
+    /// # Errors
+    /// Those of the disk; they end the recording.
+    pub fn write_run(&mut self, run: &BTreeMap<String, String>) -> Result<(), WriteError> {
+        let record = Metadata { name: RUN_RECORD.to_owned(), metadata: run.clone() };
+        self.mcap.write_metadata(&record).map_err(|source| self.poison(source))?;
+        // On the disk at once: it may be all that says which subject this is.
+        self.flush()
     }
 
     /// Flushes and syncs when it is time. Call it every few tens of milliseconds.
@@ -387,13 +410,4 @@ impl Writer {
         });
         error
     }
-}
-
-/// The little-endian word at `at`; the caller has checked the length.
-fn word(bytes: &[u8], at: usize) -> u64 {
-    let mut raw = [0u8; 8];
-    if let Some(slice) = bytes.get(at..at + 8) {
-        raw.copy_from_slice(slice);
-    }
-    u64::from_le_bytes(raw)
 }

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 pub const START_RECORD: &str = "farreach";
 /// Name of the metadata record at the end of a recording that was ended in good order.
 pub const END_RECORD: &str = "farreach.end";
+/// Name of the metadata record that says where the part before this one ended, topic by topic.
+pub const CONTINUES_RECORD: &str = "farreach.continues";
 
 /// Keys of the metadata records.
 pub mod key {
@@ -21,6 +23,16 @@ pub mod key {
     pub const RIG_FILE: &str = "rig_file";
     /// Timing profile, `realtime` or `best-effort`.
     pub const PROFILE: &str = "profile";
+    /// Name of the rig's domain (`--rig-name`).
+    pub const RIG_NAME: &str = "rig_name";
+    /// Session of the rig: drawn at each cold start.
+    pub const SESSION: &str = "session";
+    /// Code of the subject.
+    pub const SUBJECT: &str = "subject";
+    /// `CLOCK_MONOTONIC` when a run was begun (ns).
+    pub const TIME_NS: &str = "time_ns";
+    /// Longest stall of the host measured before the rig came up.
+    pub const HOST_STALL: &str = "host_stall";
     /// Name of the protocol.
     pub const PROTOCOL: &str = "protocol";
     /// Text of the protocol.
@@ -37,6 +49,38 @@ pub mod key {
     pub const CLEAN_END: &str = "clean_end";
 }
 
+/// Name of the metadata record of a protocol that was played: one for each run.
+pub const RUN_RECORD: &str = "farreach.run";
+
+/// Where a topic stands in its sender's sequence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Position {
+    /// Incarnation of the sender.
+    pub incarnation: u64,
+    /// Sequence number expected next.
+    pub next: u64,
+}
+
+/// Positions by name of the topic.
+pub type Positions = BTreeMap<String, Position>;
+
+/// The content of a [`CONTINUES_RECORD`]: `TOPIC = "INCARNATION NEXT"`.
+pub(super) fn continues_record(positions: &Positions) -> BTreeMap<String, String> {
+    positions
+        .iter()
+        .map(|(topic, at)| (topic.clone(), format!("{} {}", at.incarnation, at.next)))
+        .collect()
+}
+
+/// Reads it back; entries that cannot be read are left out.
+pub(crate) fn parse_continues(record: &BTreeMap<String, String>) -> Positions {
+    let parse = |text: &str| {
+        let (incarnation, next) = text.split_once(' ')?;
+        Some(Position { incarnation: incarnation.parse().ok()?, next: next.parse().ok()? })
+    };
+    record.iter().filter_map(|(topic, text)| Some((topic.clone(), parse(text)?))).collect()
+}
+
 /// What a recording says about itself from the start.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Start {
@@ -45,6 +89,11 @@ pub struct Start {
     /// Key and value pairs, see [`key`]. The writer adds the offset, the start time, the format
     /// and, where the caller gave none, the part.
     pub metadata: BTreeMap<String, String>,
+    /// Where the part before ended; empty for part 1. Readers count the messages between the two
+    /// parts as lost.
+    pub continues: Positions,
+    /// The protocol that is being played (`RUN_RECORD`); empty where none is.
+    pub run: BTreeMap<String, String>,
 }
 
 impl Start {

@@ -1,5 +1,5 @@
-//! The thread that answers requests. Ports stay in the thread that made them, so it has a node of
-//! its own and passes what it is asked to the loop.
+//! The thread that receives requests. iceoryx2 ports stay in the thread that made them, so it has a
+//! node of its own and passes each request to the loop.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, SyncSender};
@@ -8,35 +8,35 @@ use std::time::Duration;
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest};
 use runtime::{Domain, RigName, Server, ServiceError, Worker};
 
-/// How often it looks for requests.
-const NAP: Duration = Duration::from_millis(5);
+/// Time between two polls for requests.
+const POLL: Duration = Duration::from_millis(5);
 /// How long a request waits for the loop and, through it, for the disk.
-const PATIENCE: Duration = Duration::from_secs(10);
+const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
 /// A request on its way to the loop.
 #[derive(Debug)]
-pub(super) struct Question {
+pub(super) struct PendingRequest {
     pub(super) request: LoggerRequest,
     pub(super) reply: SyncSender<LoggerAnswer>,
 }
 
-/// The loop's end. Dropping it ends the thread.
+/// Receives the requests in the loop. Dropping it ends the thread.
 #[derive(Debug)]
-pub(super) struct Desk {
-    questions: Receiver<Question>,
+pub(super) struct RequestReceiver {
+    requests: Receiver<PendingRequest>,
     worker: Worker,
 }
 
-impl Desk {
-    /// Starts the thread; returns when it serves.
+impl RequestReceiver {
+    /// Starts the thread; returns when it takes requests.
     pub(super) fn open(rig: &RigName) -> Result<Self, ServiceError> {
-        let (ask, questions) = mpsc::channel();
+        let (ask, requests) = mpsc::channel();
         let (ready, wait) = mpsc::channel();
         let name = rig.clone();
-        let worker = Worker::spawn("logger-desk", move |ending| {
-            // The domain is held as long as the server: the thread is part of the rig by itself.
+        let worker = Worker::spawn("logger-requests", move |ending| {
+            // The server needs the domain for as long as it lives.
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
-                let server = Server::new(&domain.node("logger-desk")?, &LOGGER_COMMANDS)?;
+                let server = Server::new(&domain.node("logger-requests")?, &LOGGER_COMMANDS)?;
                 Ok((domain, server))
             });
             let (_domain, server) = match opened {
@@ -49,40 +49,39 @@ impl Desk {
             let _ = ready.send(Ok(()));
             while !ending.load(Ordering::Relaxed) {
                 let broken = |error| eprintln!("farreach logger: request dropped: {error}");
-                if let Err(error) = server.poll(|request| pass_on(request, &ask), broken) {
+                if let Err(error) = server.poll(|request| forward(request, &ask), broken) {
                     eprintln!("farreach logger: requests are no longer answered: {error}");
                     return;
                 }
-                std::thread::sleep(NAP);
+                std::thread::sleep(POLL);
             }
         })?;
         // The channel is closed only by a thread that panicked.
         wait.recv().unwrap_or_else(|_| {
             Err(std::io::Error::other("the thread that answers requests ended").into())
         })?;
-        Ok(Self { questions, worker })
+        Ok(Self { requests, worker })
     }
 
     /// The next request.
-    pub(super) fn next(&self) -> Option<Question> {
-        self.questions.try_recv().ok()
+    pub(super) fn next(&self) -> Option<PendingRequest> {
+        self.requests.try_recv().ok()
     }
 
-    /// Whether the thread is gone, which it should not be.
+    /// Whether the thread has ended, which is a fault.
     pub(super) fn is_closed(&self) -> bool {
         self.worker.is_closed()
     }
 }
 
-impl Drop for Desk {
+impl Drop for RequestReceiver {
     fn drop(&mut self) {
-        // A request that the loop will not take any more fails at once instead of being waited for,
-        // by the worker that ends next.
-        self.questions = mpsc::channel().1;
+        // Pending requests fail at once, so that the worker's end does not wait for them.
+        self.requests = mpsc::channel().1;
     }
 }
 
-fn pass_on(request: LoggerRequest, loop_inbox: &mpsc::Sender<Question>) -> LoggerAnswer {
+fn forward(request: LoggerRequest, loop_inbox: &mpsc::Sender<PendingRequest>) -> LoggerAnswer {
     let (reply, answer) = mpsc::sync_channel(1);
     let failed = |error: &str| LoggerAnswer {
         recording: None,
@@ -90,14 +89,14 @@ fn pass_on(request: LoggerRequest, loop_inbox: &mpsc::Sender<Question>) -> Logge
         lost: 0,
         error: error.to_owned(),
     };
-    if loop_inbox.send(Question { request, reply }).is_err() {
+    if loop_inbox.send(PendingRequest { request, reply }).is_err() {
         return failed("the logger is ending");
     }
-    match answer.recv_timeout(PATIENCE) {
+    match answer.recv_timeout(ANSWER_LIMIT) {
         Ok(answer) => answer,
         Err(mpsc::RecvTimeoutError::Disconnected) => failed("the logger is ending"),
         Err(mpsc::RecvTimeoutError::Timeout) => {
-            failed("the disk is slow and the request is still under way: see `farreach rec status`")
+            failed("the disk is slow and the request is still in progress: see `farreach status`")
         }
     }
 }

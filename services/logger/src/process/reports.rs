@@ -1,0 +1,159 @@
+//! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
+
+use ipc_types::{
+    ClockSync, Event, EventKind, Heartbeat, Process, Severity, TOPICS,
+};
+use runtime::PortError;
+use runtime::clock::ClockPair;
+
+use super::Logger;
+use crate::sink::Outcome;
+
+impl Logger {
+    /// Passes on a report of the writer thread: as an event, and as the answer to the request.
+    pub(super) fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
+        let (kind, severity, values, text) = match &outcome {
+            Outcome::Started { path } => (
+                EventKind::RecordingStarted,
+                Severity::Info,
+                [0.0; 3],
+                ending_of(&path.to_string_lossy()).to_owned(),
+            ),
+            Outcome::Stopped(summary) => {
+                let lost = self.sink.status().lost;
+                let text = ending_of(&summary.path.to_string_lossy()).to_owned();
+                let values = [summary.written as f64, lost as f64, summary.bytes as f64];
+                (EventKind::RecordingStopped, Severity::Info, values, text)
+            }
+            Outcome::StoppedWithError { error, refused, .. } => {
+                let written = self.sink.status().written as f64;
+                (
+                    EventKind::RecordingStopped,
+                    Severity::Error,
+                    [written, *refused as f64, 0.0],
+                    error.clone(),
+                )
+            }
+            Outcome::Failed { error, .. } => (
+                EventKind::DataLost,
+                Severity::Error,
+                [self.sink.status().lost as f64, 0.0, 0.0],
+                error.clone(),
+            ),
+            Outcome::NotStarted { error, .. } => {
+                (EventKind::RecordingStopped, Severity::Error, [0.0; 3], error.clone())
+            }
+            Outcome::StateNotKept { error } => {
+                (EventKind::RecordingStarted, Severity::Warning, [0.0; 3], error.clone())
+            }
+        };
+        self.event(kind, severity, values, &text)?;
+        let reply = match &outcome {
+            Outcome::Started { .. } | Outcome::NotStarted { .. } => self.start_reply.take(),
+            Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => self.stop_reply.take(),
+            Outcome::Failed { .. } | Outcome::StateNotKept { .. } => None,
+        };
+        if let Outcome::Stopped(_) | Outcome::StoppedWithError { .. } = &outcome {
+            // What the last flush refused is in the counters by now.
+            self.publish_counts()?;
+        }
+        if let Some(reply) = reply {
+            let _ = reply.send(self.sink.status());
+        }
+        Ok(())
+    }
+
+    /// Publishes an event of the logger.
+    pub(super) fn event(
+        &mut self,
+        kind: EventKind,
+        severity: Severity,
+        [a, b, c]: [f64; 3],
+        text: &str,
+    ) -> Result<(), PortError> {
+        match &mut self.events {
+            Some(events) => events
+                .send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) })
+                .map(|_sequence| ()),
+            None => self.service.event(kind, severity, [a, b, c], text),
+        }
+    }
+
+    pub(super) fn heartbeat(&mut self) -> Result<(), PortError> {
+        // Subscribers that joined since the last event get the history only through this.
+        if let Some(events) = &self.events {
+            events.refresh();
+        }
+        let lost = (0..TOPICS.len())
+            .map(|topic| self.sink.counters(topic))
+            .map(|c| c.gaps + c.dropped + c.refused);
+        let message = Heartbeat {
+            lost: lost.sum::<u64>() + self.sink.unknown(),
+            queued: self.sink.queued() as u64,
+            pid: std::process::id(),
+            source: Process::Logger.code(),
+            state: u8::from(self.sink.recording()),
+            profile: self.service.domain().profile().code(),
+            ..Heartbeat::default()
+        };
+        self.heartbeats.send(message)?;
+        Ok(())
+    }
+
+    /// Publishes the loss counters of all topics and the measurement of the clock.
+    pub(super) fn publish_counts(&mut self) -> Result<(), PortError> {
+        for topic in 0..TOPICS.len() {
+            self.losses.send(self.sink.counters(topic))?;
+        }
+        let pair = ClockPair::measure();
+        self.clocks.send(ClockSync {
+            monotonic_ns: pair.monotonic_ns,
+            realtime_ns: pair.realtime_ns,
+            file_offset_ns: if self.sink.recording() { self.file_offset_ns } else { 0 },
+            uncertainty_ns: pair.uncertainty_ns,
+            ..ClockSync::default()
+        })?;
+        Ok(())
+    }
+
+    /// Publishes an event for each topic that lost messages of the recording since the last call.
+    /// What a failed disk refuses is reported once, when it fails, and counted from then on.
+    pub(super) fn report_losses(&mut self) -> Result<(), PortError> {
+        for (index, topic) in TOPICS.iter().enumerate() {
+            let counts = self.sink.losses(index);
+            let lost = counts.gaps + counts.dropped;
+            let reported = std::mem::replace(&mut self.reported_losses[index], lost);
+            if self.sink.recording() && lost > reported {
+                let text = format!(
+                    "{}: in all {} did not reach the logger, {} found its queue full",
+                    topic.name, counts.gaps, counts.dropped
+                );
+                let values = [(lost - reported) as f64, lost as f64, index as f64];
+                self.event(EventKind::DataLost, Severity::Error, values, &text)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The end of a path that is too long for an event, with the file name.
+fn ending_of(path: &str) -> &str {
+    let mut start = path.len().saturating_sub(ipc_types::TEXT);
+    while !path.is_char_boundary(start) {
+        start += 1;
+    }
+    &path[start..]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_path_keeps_its_file_name() {
+        let path = format!("/{}/ü/run.mcap", "ä".repeat(100));
+        let end = ending_of(&path);
+        assert!(end.len() <= ipc_types::TEXT && end.ends_with("ü/run.mcap"), "{end}");
+        assert_eq!(ending_of("/short.mcap"), "/short.mcap");
+    }
+}
