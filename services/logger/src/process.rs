@@ -229,11 +229,7 @@ impl Logger {
         Ok(())
     }
 
-    fn start_request(
-        &self,
-        path: PathBuf,
-        mut metadata: BTreeMap<String, String>,
-    ) -> StartRequest {
+    fn start_request(&self, path: PathBuf, mut metadata: BTreeMap<String, String>) -> StartRequest {
         // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
         StartRequest {

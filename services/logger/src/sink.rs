@@ -36,8 +36,8 @@ use std::time::Duration;
 use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
 use recording::word;
 
-pub use crate::handover::{Outcome, StartRequest};
 use crate::handover::{Command, Queue, SLOTS, Shared, Slot};
+pub use crate::handover::{Outcome, StartRequest};
 use crate::writer_thread::{Opener, open_file, run};
 
 /// Why a request was refused.
@@ -308,10 +308,9 @@ impl Sink {
 
     /// The answer to a status request: the file, the messages written and lost.
     pub fn status(&self) -> LoggerAnswer {
-        let (written, lost) =
-            self.all_losses().iter().fold((0, 0), |(written, lost), l| {
-                (written + l.written, lost + l.gaps + l.dropped + l.refused)
-            });
+        let (written, lost) = self.all_losses().iter().fold((0, 0), |(written, lost), l| {
+            (written + l.written, lost + l.gaps + l.dropped + l.refused)
+        });
         LoggerAnswer {
             recording: self.recording.as_ref().map(|path| path.to_string_lossy().into_owned()),
             written,

@@ -1,8 +1,6 @@
 //! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
 
-use ipc_types::{
-    ClockSync, Event, EventKind, Heartbeat, Process, Severity, TOPICS,
-};
+use ipc_types::{ClockSync, Event, EventKind, Heartbeat, Process, Severity, TOPICS};
 use runtime::PortError;
 use runtime::clock::ClockPair;
 

@@ -43,11 +43,11 @@ use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 
+use crate::word;
 pub use error::WriteError;
 use error::disk_error;
 pub use output::Output;
 use output::Shared;
-use crate::word;
 pub(crate) use start::parse_continues;
 pub use start::{
     CONTINUES_RECORD, END_RECORD, Position, Positions, RUN_RECORD, START_RECORD, Start, key,
