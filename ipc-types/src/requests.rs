@@ -80,24 +80,38 @@ pub struct LoggerAnswer {
 /// Request to the experiment runner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ExperimentRequest {
-    /// Play this protocol.
+    /// Plays a protocol for as long as its client renews the lease.
     Run {
-        /// Its text, already checked by the sender and checked again by the runner.
+        /// Text of the protocol; the sender has checked it, and the runner checks it again.
         protocol: String,
         /// File name, for messages.
         name: String,
+        /// Number that the client chose for itself.
+        client: u64,
     },
-    /// Stop playing: the handle comes to rest, is held for a moment, and the volts go to 0.
-    Stop,
-    /// How far is it?
+    /// Renews the client's lease on its protocol, and asks for the status. Refused where another
+    /// client's protocol is running.
+    Renew {
+        /// Number from [`ExperimentRequest::Run`].
+        client: u64,
+    },
+    /// Ends the protocol: the handle comes to rest and is held for a moment, then the volts go to
+    /// 0.
+    Stop {
+        /// The protocol of this client only; `None`: whoever started it.
+        client: Option<u64>,
+    },
+    /// Asks for the status; renews no lease.
     Status,
 }
 
 /// Answer of the experiment runner.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExperimentAnswer {
-    /// A protocol is being played.
+    /// Whether a protocol is running.
     pub running: bool,
+    /// Name of the protocol that is running, or ran last; empty before the first.
+    pub name: String,
     /// Index of the segment.
     pub segment: u32,
     /// Number of segments.
@@ -106,8 +120,10 @@ pub struct ExperimentAnswer {
     pub elapsed_s: f64,
     /// Whole duration (s).
     pub duration_s: f64,
-    /// The last protocol came to its end.
+    /// Whether the last protocol ran to its end.
     pub completed: bool,
-    /// What went wrong; empty if nothing.
+    /// Whether the last protocol ended because of a trip, an emergency stop or a disarm.
+    pub permission_lost: bool,
+    /// What went wrong; empty where nothing did.
     pub error: String,
 }

@@ -16,6 +16,7 @@
 mod lessons;
 mod program;
 mod search;
+mod supervision;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -33,6 +34,8 @@ use lessons::HOMEWORK;
 pub use lessons::Homework;
 pub use program::Program;
 pub use search::{Notice, Reason};
+pub use supervision::Permission;
+use supervision::{Supervision, Verdict};
 
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,11 +47,18 @@ pub struct Settings {
     pub stop_fade_ns: u64,
     /// How long the handle is held after the end, before 0 V (ns).
     pub hold_ns: u64,
+    /// How long a client may be silent before its protocol ends (ns).
+    pub client_lease_ns: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { lease_ns: 100_000_000, stop_fade_ns: 500_000_000, hold_ns: 500_000_000 }
+        Self {
+            lease_ns: 100_000_000,
+            stop_fade_ns: 500_000_000,
+            hold_ns: 500_000_000,
+            client_lease_ns: 2_000_000_000,
+        }
     }
 }
 
@@ -65,8 +75,8 @@ pub enum Change {
     Done,
     /// Playing was stopped in this segment.
     Stopped(u32),
-    /// Playing ended in this segment, because it cannot go on.
-    Refused(u32, Reason),
+    /// The protocol ended in this segment, because it cannot or may not go on.
+    Aborted(u32, Reason),
 }
 
 /// What a step returns.
@@ -119,6 +129,24 @@ enum Phase {
     Holding { segment: usize, since_ns: u64 },
 }
 
+/// Why a protocol is to end before its last segment does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum End {
+    Stop,
+    ClientGone,
+    PermissionLost,
+}
+
+impl End {
+    const fn change(self, segment: u32) -> Change {
+        match self {
+            Self::Stop => Change::Stopped(segment),
+            Self::ClientGone => Change::Aborted(segment, Reason::ClientGone),
+            Self::PermissionLost => Change::Aborted(segment, Reason::PermissionLost),
+        }
+    }
+}
+
 /// Plays one protocol at a time.
 #[derive(Clone, Debug)]
 pub struct Player {
@@ -129,7 +157,12 @@ pub struct Player {
     rest: [f64; AXES],
     /// Where each axis was when a stop was asked for (rad or m).
     hold: [f64; AXES],
-    stop_asked: bool,
+    /// How to end the protocol in the next step.
+    end: Option<End>,
+    /// The enable and the lease that the protocol depends on.
+    supervision: Supervision,
+    /// A resumed protocol waits for its permission and its client.
+    waiting: bool,
     last_ns: Option<u64>,
     completed: bool,
     segment: u32,
@@ -155,7 +188,9 @@ impl Player {
             phase: Phase::Idle,
             rest: [0.0; AXES],
             hold: [0.0; AXES],
-            stop_asked: false,
+            end: None,
+            supervision: Supervision::new(0, false),
+            waiting: false,
             last_ns: None,
             completed: false,
             segment: 0,
@@ -176,18 +211,32 @@ impl Player {
         matches!(self.phase, Phase::Entering { .. } | Phase::Playing { .. })
     }
 
+    /// Whether a step is due even where no samples arrive: every end is carried out, and 0 V goes on
+    /// being asked for after it.
+    pub fn is_ending(&self) -> bool {
+        self.end.is_some() || !self.is_running()
+    }
+
+    /// The enable epoch that the protocol belongs to.
+    pub const fn epoch(&self) -> u64 {
+        self.supervision.epoch()
+    }
+
     /// The protocol that is or was played.
     pub fn program(&self) -> Option<&Arc<Program>> {
         self.program.as_ref()
     }
 
-    /// Begins a protocol with the next step. One that is being played is dropped: whoever calls
-    /// this has asked [`Player::is_running`] first.
-    pub fn start(&mut self, program: Arc<Program>) {
+    /// Begins a protocol with the next step, under the watchdog's enable `epoch`. One that is being
+    /// played is dropped: whoever calls this has asked [`Player::is_running`] first.
+    pub fn start(&mut self, program: Arc<Program>, epoch: u64) {
+        self.supervision = Supervision::new(epoch, false);
         self.enter(program, 0, Change::Started);
     }
 
-    /// Goes on where a kept state left off: at the beginning of its segment, with the next step.
+    /// Goes on where a kept state left off, at the beginning of its segment, once
+    /// [`Player::supervise`] has seen that the motor is still enabled in the same epoch and that the
+    /// client is still there.
     ///
     /// # Errors
     /// [`ResumeError`] where the state does not fit the program; nothing is changed then.
@@ -212,7 +261,9 @@ impl Player {
                 segments: program.steps.len(),
             });
         }
+        self.supervision = Supervision::new(state.epoch, true);
         self.enter(program, segment, Change::Resumed(state.segment));
+        self.waiting = true;
         Ok(())
     }
 
@@ -220,7 +271,7 @@ impl Player {
         self.end_lesson();
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
-        self.stop_asked = false;
+        (self.end, self.waiting) = (None, false);
         self.completed = false;
         self.last_ns = None;
         self.segment = segment as u32;
@@ -229,11 +280,32 @@ impl Player {
     /// Stops playing with the next step: the movement fades to rest, is held, and power is let go.
     /// Does nothing when nothing is played.
     pub fn stop(&mut self) {
-        self.stop_asked = self.is_running();
+        if self.is_running() {
+            self.end.get_or_insert(End::Stop);
+        }
+    }
+
+    /// Checks, before a step, whether the protocol may go on: the watchdog's `permission`, and the
+    /// time at which the client last renewed its lease (ns, CLOCK_MONOTONIC; 0: not yet). Without
+    /// permission the protocol ends at once, without its client in good order.
+    pub fn supervise(&mut self, now_ns: u64, permission: Permission, renewed_ns: u64) {
+        if self.phase == Phase::Idle {
+            return;
+        }
+        let lease_ns = self.settings.client_lease_ns;
+        let verdict = self.supervision.check(now_ns, permission, renewed_ns, lease_ns);
+        self.waiting = verdict == Verdict::Wait;
+        match verdict {
+            Verdict::PermissionLost => self.end = Some(End::PermissionLost),
+            Verdict::ClientGone if self.is_running() => {
+                self.end.get_or_insert(End::ClientGone);
+            }
+            Verdict::Continue | Verdict::Wait | Verdict::ClientGone => {}
+        }
     }
 
     /// What a restarted process needs to go on; `session` is that of the rig.
-    pub fn state(&self, session: u64) -> PlayerState {
+    pub fn state(&self, session: u64, client: u64) -> PlayerState {
         let program = self.program.as_ref();
         PlayerState {
             session,
@@ -241,7 +313,9 @@ impl Player {
             text: program.map_or_else(String::new, |program| program.text.clone()),
             protocol: program.map_or(0, |program| program.identity),
             segment: self.segment,
-            running: self.is_running() && !self.stop_asked,
+            running: self.is_running() && self.end.is_none(),
+            epoch: self.supervision.epoch(),
+            client,
         }
     }
 
@@ -254,7 +328,7 @@ impl Player {
             elapsed_s: self.elapsed_s,
             duration_s: self.program.as_ref().map_or(0.0, |program| program.duration_s),
             completed: self.completed,
-            error: String::new(),
+            ..ExperimentAnswer::default()
         }
     }
 
@@ -264,7 +338,8 @@ impl Player {
     /// Time that goes backwards counts as standing still. A pause longer than the lease means that
     /// control has ramped to hold meanwhile: the segment begins again from where the handle is.
     pub fn step(&mut self, now_ns: u64, measured: &[f64; AXES]) -> Output {
-        let Some(program) = self.program.clone() else {
+        let Some(program) = self.program.clone().filter(|_| !self.waiting || self.end.is_some())
+        else {
             return Output { setpoint: None, change: None };
         };
         let last_ns = self.last_ns.unwrap_or(now_ns);
@@ -286,6 +361,9 @@ impl Player {
         measured: &[f64; AXES],
         paused: bool,
     ) -> Option<Change> {
+        if let Some(end) = self.end.take() {
+            return self.end_by(end, program, now_ns, measured, paused);
+        }
         match self.phase {
             Phase::Idle => None,
             Phase::Entering { segment, change } => {
@@ -293,23 +371,6 @@ impl Player {
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
                 self.begin_lesson(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
-            }
-            Phase::Playing { segment, .. }
-                if self.stop_asked && (paused || is_given_away(program, segment)) =>
-            {
-                self.stop_asked = false;
-                self.find_axes(program, measured);
-                self.end_lesson();
-                self.phase = Phase::Idle;
-                Some(Change::Stopped(segment as u32))
-            }
-            Phase::Playing { segment, begun_ns } if self.stop_asked => {
-                self.stop_asked = false;
-                self.hold = self
-                    .points(program, segment, seconds(begun_ns, now_ns))
-                    .map(|point| point.position);
-                self.phase = Phase::Stopping { segment, begun_ns, stopped_ns: now_ns };
-                Some(Change::Stopped(segment as u32))
             }
             Phase::Playing { segment, .. } if paused => {
                 self.find_axes(program, measured);
@@ -340,6 +401,35 @@ impl Player {
                 None
             }
         }
+    }
+
+    /// Ends the protocol: at once where power is gone, or where nobody knows where the reference
+    /// is; else by a fade to rest.
+    fn end_by(
+        &mut self,
+        end: End,
+        program: &Program,
+        now_ns: u64,
+        measured: &[f64; AXES],
+        paused: bool,
+    ) -> Option<Change> {
+        let running = self.is_running();
+        match self.phase {
+            Phase::Playing { segment, begun_ns }
+                if end != End::PermissionLost && !paused && !is_given_away(program, segment) =>
+            {
+                self.hold = self
+                    .points(program, segment, seconds(begun_ns, now_ns))
+                    .map(|point| point.position);
+                self.phase = Phase::Stopping { segment, begun_ns, stopped_ns: now_ns };
+            }
+            _ => {
+                self.find_axes(program, measured);
+                self.end_lesson();
+                self.phase = Phase::Idle;
+            }
+        }
+        running.then(|| end.change(self.segment))
     }
 
     /// Passes the edge between two segments, when it is time. The next one begins at the edge, not

@@ -13,8 +13,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile, SAMPLE, SETPOINT,
-    Sample, Setpoint, Severity, TypedTopic, heartbeat_topic, timing_topic,
+    AXES, EnableToken, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile,
+    SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, TypedTopic, WatchdogState,
+    heartbeat_topic, timing_topic,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -24,7 +25,7 @@ use runtime::{
 };
 use thiserror::Error;
 
-use crate::player::{Change, Notice, Player, Program, Settings};
+use crate::player::{Change, Notice, Permission, Player, Program, Settings};
 use crate::state::PlayerState;
 
 use classroom::Classroom;
@@ -85,6 +86,8 @@ pub fn run(options: &Options) -> Result<(), ExperimentError> {
 pub struct Runner {
     service: Service,
     samples: Subscriber<Sample>,
+    tokens: Subscriber<EnableToken>,
+    token: Option<EnableToken>,
     setpoints: Publisher<Setpoint>,
     timings: Publisher<LoopTiming>,
     heartbeats: Publisher<Heartbeat>,
@@ -95,7 +98,6 @@ pub struct Runner {
     /// newest order taken, and the one that is being played
     taken: u32,
     playing: u32,
-    stopping: bool,
     newest: Option<Sample>,
     desk: Desk,
     classroom: Classroom,
@@ -151,7 +153,7 @@ impl Runner {
         )
         .map_err(ServiceError::from)?;
         // Before the desk opens: who asks at once is told of what is taken up.
-        link.progress.tell(0, &player.status(), 0);
+        link.progress.tell(0, &player.status(), 0, false);
         let clerk = Clerk {
             rig: rig.clone(),
             session,
@@ -161,10 +163,13 @@ impl Runner {
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
             current,
             trouble: String::new(),
+            permission_lost: false,
             last_order: 0,
         };
         Ok(Self {
             samples: service.subscriber(SAMPLE)?,
+            tokens: service.subscriber(TOKEN)?,
+            token: None,
             setpoints: service.publisher(SETPOINT)?,
             timings: service.publisher(timing)?,
             heartbeats: service.publisher(heartbeat)?,
@@ -175,7 +180,6 @@ impl Runner {
             link,
             taken: 0,
             playing: 0,
-            stopping: false,
             newest: None,
             classroom,
             service,
@@ -247,27 +251,33 @@ impl Runner {
         while let Some(event) = self.link.events.pop().ok().or_else(|| self.classroom.event()) {
             events.send(event)?;
         }
+        self.token = self.tokens.latest()?.or(self.token);
+        let permission = self.permission(wake.woke_ns);
         while let Ok(order) = self.link.orders.pop() {
             match order {
                 // Who asked was told that it is not played: nothing may move behind their back.
                 Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
                 Order::Play(number, program, _) => {
                     // The desk holds this program and the one before it: nothing is freed here.
-                    self.player.start(program);
-                    (self.taken, self.playing, self.stopping) = (number, number, false);
+                    // Without permission it ends with the step below.
+                    let epoch = self.token.map_or(0, |token| token.epoch);
+                    self.player.start(program, epoch);
+                    self.link.progress.renew(wake.woke_ns);
+                    (self.taken, self.playing) = (number, number);
                 }
                 Order::Stop(number) => {
                     self.player.stop();
-                    (self.taken, self.stopping) = (number, true);
+                    self.taken = number;
                 }
             }
         }
+        self.player.supervise(wake.woke_ns, permission, self.link.progress.renewed_ns());
         let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
         let fresh = wake.woke_ns.saturating_sub(sample_ns) <= self.settings.lease_ns;
         // Without samples nobody knows where the handle is: nothing is played, the lease lapses,
         // control ramps to hold. When they come back, the player begins the segment again from
         // where the handle then is. A stop is always carried out.
-        if fresh || self.stopping {
+        if fresh || self.player.is_ending() {
             let sample = self.newest.as_ref().filter(|_| fresh);
             self.player.see_handles(handles(sample));
             let output = self.player.step(wake.woke_ns, &measured(sample));
@@ -281,7 +291,12 @@ impl Runner {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
                 // A full ring means that the desk stands still for minutes; then only a restart
                 // resumes too early.
-                if self.link.notes.push(Note { order: self.playing, change }).is_err() {
+                if self
+                    .link
+                    .notes
+                    .push(Note { order: self.playing, change, epoch: self.player.epoch() })
+                    .is_err()
+                {
                     self.link.dropped.count();
                 }
             }
@@ -292,8 +307,20 @@ impl Runner {
                 break;
             }
         }
-        self.link.progress.tell(self.taken, &self.player.status(), sample_ns);
+        let permitted = matches!(permission, Permission::Enabled(_));
+        self.link.progress.tell(self.taken, &self.player.status(), sample_ns, permitted);
         Ok(())
+    }
+
+    /// What the watchdog allows. A silent watchdog allows nothing: the gate is closed by then.
+    fn permission(&self, now_ns: u64) -> Permission {
+        let Some(token) = &self.token else { return Permission::Unknown };
+        let age_ns = now_ns.saturating_sub(token.time_ns);
+        if token.state == WatchdogState::Enabled.code() && age_ns <= self.settings.lease_ns {
+            Permission::Enabled(token.epoch)
+        } else {
+            Permission::Withdrawn
+        }
     }
 
     fn losses(&self) -> Losses {
@@ -398,7 +425,7 @@ fn tell(
         Change::Segment(segment) => send(EventKind::SegmentStarted, segment, label(segment), 0.0),
         Change::Resumed(segment) => send(EventKind::ProtocolResumed, segment, label(segment), 0.0),
         Change::Stopped(segment) => send(EventKind::ProtocolStopped, segment, name, 0.0),
-        Change::Refused(segment, reason) => {
+        Change::Aborted(segment, reason) => {
             send(EventKind::ProtocolStopped, segment, reason.text(), 0.0)
         }
         Change::Done => {
@@ -429,7 +456,7 @@ fn take_up(
             Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
         let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
-        Ok(Some(Current { order: 0, text: state.text, program }))
+        Ok(Some(Current { order: 0, client: state.client, text: state.text, program }))
     });
     if result.is_err() {
         // Nothing better can be done where even that fails: it is then told at each start.

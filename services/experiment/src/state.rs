@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 const MARK: [u8; 4] = *b"FRPS";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 const HEADER: usize = MARK.len() + 2 + 8;
 /// No protocol's text is longer (bytes).
 const LONGEST: usize = 16 << 20;
@@ -26,6 +26,30 @@ pub struct PlayerState {
     pub segment: u32,
     /// Whether it was being played.
     pub running: bool,
+    /// Enable epoch that it was started under; only in this one may it go on.
+    pub epoch: u64,
+    /// The client that started it, whose lease it needs.
+    pub client: u64,
+}
+
+/// The fields of version 1, which knew neither epoch nor client: what was being played then is not
+/// resumed.
+#[derive(Deserialize)]
+struct Version1 {
+    session: u64,
+    name: String,
+    text: String,
+    protocol: u64,
+    segment: u32,
+    #[allow(dead_code)]
+    running: bool,
+}
+
+impl From<Version1> for PlayerState {
+    fn from(old: Version1) -> Self {
+        let Version1 { session, name, text, protocol, segment, .. } = old;
+        Self { session, name, text, protocol, segment, running: false, epoch: 0, client: 0 }
+    }
 }
 
 /// Why bytes are no state.
@@ -92,7 +116,7 @@ impl PlayerState {
             return Err(StateError::NotAState { found: format!("\"{}\"", mark.escape_ascii()) });
         }
         let version = u16::from_le_bytes(*version);
-        if version != VERSION {
+        if !matches!(version, 1 | VERSION) {
             return Err(StateError::Version { found: version });
         }
         let (expected, found) = (u64::from_le_bytes(*checksum), rig::identity_of_bytes(body));
@@ -100,8 +124,12 @@ impl PlayerState {
             return Err(StateError::Checksum { expected, found });
         }
         let config = bincode::config::standard().with_limit::<LONGEST>();
-        let (state, read) = bincode::serde::decode_from_slice::<Self, _>(body, config)
-            .map_err(|error| StateError::Coding(error.to_string()))?;
+        let decoded = match version {
+            1 => bincode::serde::decode_from_slice::<Version1, _>(body, config)
+                .map(|(old, read)| (old.into(), read)),
+            _ => bincode::serde::decode_from_slice(body, config),
+        };
+        let (state, read) = decoded.map_err(|error| StateError::Coding(error.to_string()))?;
         if read != body.len() {
             return Err(StateError::Coding(format!("{} bytes too many", body.len() - read)));
         }

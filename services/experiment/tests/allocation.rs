@@ -55,7 +55,7 @@ fn the_loop_allocates_and_frees_nothing() {
     let program =
         Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
     let mut player = Player::new(Settings::default());
-    player.start(Arc::clone(&program));
+    player.start(Arc::clone(&program), 1);
     let mut teacher: Option<Teacher> = None;
     let (mut total, mut now_ns, mut blocks, mut ends) = (0, 1_000_000_000u64, 0, 0);
     let mut lag = [0.0; 15];

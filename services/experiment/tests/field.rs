@@ -18,7 +18,7 @@ fn rig() -> RigFile {
 fn played(lines: &str) -> Setpoint {
     let protocol = Protocol::parse(&format!("{FREE}{lines}"), "p.toml").unwrap();
     let mut player = Player::new(Settings::default());
-    player.start(Arc::new(Program::new(&protocol, &rig()).unwrap()));
+    player.start(Arc::new(Program::new(&protocol, &rig()).unwrap()), 1);
     let mut setpoint = None;
     for step in 0..3 {
         setpoint = player.step(1_000_000_000 + step * 2_000_000, &[0.1, 0.2, 0.3]).setpoint;

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Change, Output, Player, Program, ResumeError, Settings};
+use experiment::player::{Change, Output, Permission, Player, Program, ResumeError, Settings};
 use experiment::state::PlayerState;
 use ipc_types::{AXES, Mode, Setpoint};
 use proptest::prelude::*;
@@ -12,6 +12,9 @@ use rig::protocol::Protocol;
 
 const MS: u64 = 1_000_000;
 const PERIOD: u64 = 2 * MS;
+/// The enable epoch that protocols are started under, and the number of their client.
+const EPOCH: u64 = 7;
+const CLIENT: u64 = 5;
 
 const TEXT: &str = r#"
 [protocol]
@@ -55,7 +58,7 @@ fn program(text: &str) -> Arc<Program> {
 
 fn player(text: &str) -> Player {
     let mut player = Player::new(Settings::default());
-    player.start(program(text));
+    player.start(program(text), EPOCH);
     player
 }
 
@@ -173,7 +176,7 @@ fn a_stop_in_full_movement_comes_to_rest_holds_and_lets_go() {
     assert_eq!(mode(at(700)), Mode::Hold);
     assert_eq!((at(700).position[0], at(700).velocity[0]), (hold, 0.0));
     assert_eq!(mode(at(1_100)), Mode::Passive);
-    assert!(!player.status().completed && !player.state(1).running);
+    assert!(!player.status().completed && !player.state(1, CLIENT).running);
 }
 
 #[test]
@@ -192,13 +195,14 @@ fn a_stop_at_rest_lets_go_at_once_and_a_stop_of_nothing_does_nothing() {
 fn a_restart_goes_on_at_the_edge_of_the_interrupted_segment() {
     let mut first = player(TEXT);
     play(&mut first, 0, 5_300 * MS);
-    let kept = first.state(42).encode().unwrap();
+    let kept = first.state(42, CLIENT).encode().unwrap();
 
     let state = PlayerState::decode(&kept).unwrap();
     assert_eq!((state.session, state.segment, state.running), (42, 2, true));
     let mut second = Player::new(Settings::default());
     second.resume(&state, program(&state.text)).unwrap();
     let measured = [0.2, 0.0, 0.0];
+    second.supervise(60_000 * MS, Permission::Enabled(EPOCH), 60_000 * MS);
     let output = second.step(60_000 * MS, &measured);
     assert_eq!(output.change, Some(Change::Resumed(2)));
     let setpoint = output.setpoint.unwrap();
@@ -213,7 +217,7 @@ fn a_restart_goes_on_at_the_edge_of_the_interrupted_segment() {
 fn a_state_that_does_not_fit_is_refused() {
     let mut player = player(TEXT);
     play(&mut player, 0, 700 * MS);
-    let state = player.state(1);
+    let state = player.state(1, CLIENT);
     let mut fresh = Player::new(Settings::default());
     let other = TEXT.replace("amplitude_deg = 30", "amplitude_deg = 20");
     assert!(matches!(

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -16,6 +16,9 @@ use runtime::{Keeper, RigName, Service, Subscriber, call};
 
 /// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
 const LONG: Duration = Duration::from_secs(60);
+
+/// The number of the test as a client.
+const CLIENT: u64 = 5;
 
 const PROTOCOL: &str = r#"
 [protocol]
@@ -63,18 +66,28 @@ impl Running {
     }
 }
 
-/// Publishes samples at 500 Hz or so, the handle at rest at 0.1 rad, until it is dropped.
-struct Acquisition {
+/// A part of the rig that the test plays, in a thread, until it is dropped.
+struct Background {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Acquisition {
-    fn launch(name: &str) -> Self {
+impl Background {
+    fn launch(
+        name: &str,
+        process: Process,
+        work: impl FnOnce(Service, &AtomicBool) + Send + 'static,
+    ) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let (name, ending) = (name.to_owned(), Arc::clone(&stop));
-        let thread = std::thread::spawn(move || {
-            let service = Service::start(Process::Acquisition, &name).unwrap();
+        let thread =
+            std::thread::spawn(move || work(Service::start(process, &name).unwrap(), &ending));
+        Self { stop, thread: Some(thread) }
+    }
+
+    /// Publishes samples at 500 Hz or so, the handle at rest at 0.1 rad.
+    fn acquisition(name: &str) -> Self {
+        Self::launch(name, Process::Acquisition, |service, ending| {
             let mut samples = service.publisher(SAMPLE).unwrap();
             let sample = Sample {
                 master_position: [0.1, 0.0, 0.0],
@@ -86,12 +99,44 @@ impl Acquisition {
                 samples.send(sample).unwrap();
                 std::thread::sleep(Duration::from_millis(2));
             }
-        });
-        Self { stop, thread: Some(thread) }
+        })
+    }
+
+    /// Publishes tokens: enabled in this epoch, or tripped where it is 0.
+    fn watchdog(name: &str, epoch: &Arc<AtomicU64>) -> Self {
+        let epoch = Arc::clone(epoch);
+        Self::launch(name, Process::Watchdog, move |service, ending| {
+            let mut tokens = service.publisher(TOKEN).unwrap();
+            while !ending.load(Ordering::Relaxed) {
+                let epoch = epoch.load(Ordering::Relaxed);
+                let state =
+                    if epoch == 0 { WatchdogState::Tripped } else { WatchdogState::Enabled };
+                tokens
+                    .send(EnableToken { epoch, state: state.code(), ..EnableToken::default() })
+                    .unwrap();
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        })
+    }
+
+    /// The client: renews its lease, whether anything is running or not.
+    fn client(name: &str) -> Self {
+        Self::launch(name, Process::Operator, |service, ending| {
+            while !ending.load(Ordering::Relaxed) {
+                let request = ExperimentRequest::Renew { client: CLIENT };
+                let _away: Result<ExperimentAnswer, _> = call(
+                    service.node(),
+                    &EXPERIMENT_COMMANDS,
+                    &request,
+                    Duration::from_millis(500),
+                );
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        })
     }
 }
 
-impl Drop for Acquisition {
+impl Drop for Background {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap();
@@ -105,7 +150,11 @@ fn ask(service: &Service, request: &ExperimentRequest) -> ExperimentAnswer {
 fn run(service: &Service, protocol: &str) -> ExperimentAnswer {
     ask(
         service,
-        &ExperimentRequest::Run { protocol: protocol.to_owned(), name: "short.toml".to_owned() },
+        &ExperimentRequest::Run {
+            protocol: protocol.to_owned(),
+            name: "short.toml".to_owned(),
+            client: CLIENT,
+        },
     )
 }
 
@@ -153,8 +202,16 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     // nothing is played against a handle of which nobody knows where it is
     let answer = run(&service, PROTOCOL);
     assert!(!answer.running && answer.error.contains("no samples"), "{answer:?}");
-    let acquisition = Acquisition::launch(&text);
+    let acquisition = Background::acquisition(&text);
     collect(&mut heartbeats, |beats| beats.len() > 4);
+
+    // nor without permission
+    let epoch = Arc::new(AtomicU64::new(0));
+    let watchdog = Background::watchdog(&text, &epoch);
+    let client = Background::client(&text);
+    let answer = run(&service, PROTOCOL);
+    assert!(!answer.running && answer.error.contains("not enabled"), "{answer:?}");
+    epoch.store(3, Ordering::Relaxed);
 
     // the whole protocol, from where the handle is
     assert!(run(&service, "[protocol]\nname = 3").error.contains("name"));
@@ -195,12 +252,33 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     // stopped by a person
     let long = PROTOCOL.replace("duration_s = 0.3", "duration_s = 600.0");
     assert!(run(&service, &long).running);
-    assert!(run(&service, &long).error.contains("short is being played"));
+    assert!(run(&service, &long).error.contains("short is running"));
     collect(&mut heartbeats, |beats| beats.iter().any(|beat| beat.state == 1));
-    let answer = ask(&service, &ExperimentRequest::Stop);
+    let answer = ask(&service, &ExperimentRequest::Stop { client: None });
     assert_eq!((answer.running, answer.completed, answer.error.as_str()), (false, false, ""));
     collect(&mut events, has(EventKind::ProtocolStopped));
-    assert!(ask(&service, &ExperimentRequest::Stop).error.contains("nothing is being played"));
+    assert!(
+        ask(&service, &ExperimentRequest::Stop { client: None })
+            .error
+            .contains("no protocol is running")
+    );
+
+    // ended by a trip; a later enable starts nothing
+    assert!(run(&service, &long).running);
+    collect(&mut heartbeats, |beats| beats.iter().any(|beat| beat.state == 1));
+    epoch.store(0, Ordering::Relaxed);
+    let told = collect(&mut events, has(EventKind::ProtocolStopped));
+    assert!(told.last().unwrap().text().contains("a trip"), "{told:?}");
+    epoch.store(4, Ordering::Relaxed);
+    let status = ask(&service, &ExperimentRequest::Status);
+    assert!(!status.running && status.permission_lost, "{status:?}");
+
+    // ended by the silence of its client
+    assert!(run(&service, &long).running);
+    drop(client);
+    let told = collect(&mut events, has(EventKind::ProtocolStopped));
+    assert!(told.last().unwrap().text().contains("client has gone"), "{told:?}");
+    let client = Background::client(&text);
 
     // a process that ends while it plays is followed by one that goes on at the segment's edge
     let second_long = PROTOCOL.replace("dwell_s = 0.2", "dwell_s = 600.0");
@@ -214,7 +292,7 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     assert!(status.running && status.segments == 2, "{status:?}");
     collect(&mut heartbeats, |beats| beats.len() > 10);
     assert!(setpoints.take().unwrap().is_none(), "played without samples");
-    let acquisition = Acquisition::launch(&text);
+    let acquisition = Background::acquisition(&text);
     let told = collect(&mut events, has(EventKind::ProtocolResumed));
     assert_eq!(
         told.iter().find(|e| e.kind == EventKind::ProtocolResumed.code()).unwrap().segment,
@@ -234,13 +312,14 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
     while setpoints.take().unwrap().is_some() {}
     collect(&mut heartbeats, |beats| beats.len() > 4);
     assert!(setpoints.take().unwrap().is_none(), "played without samples");
-    let acquisition = Acquisition::launch(&text);
+    let acquisition = Background::acquisition(&text);
     collect(&mut events, has(EventKind::ProtocolResumed));
     // a stop is carried out even without them
     drop(acquisition);
     std::thread::sleep(Duration::from_millis(300));
-    assert!(!ask(&service, &ExperimentRequest::Stop).running);
+    assert!(!ask(&service, &ExperimentRequest::Stop { client: None }).running);
     process.end();
+    drop(client);
 
     // a damaged state is told of once, and nothing is played
     let file = name.run_directory().join("experiment.state");
@@ -257,6 +336,7 @@ fn a_protocol_is_played_stopped_and_taken_up_again() {
         process.end();
     }
 
+    drop(watchdog);
     drop((setpoints, events, heartbeats));
     drop(service);
     assert!(keeper.end().unwrap(), "nothing else is alive");

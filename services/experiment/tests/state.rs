@@ -12,6 +12,8 @@ fn state(segment: u32, text: &str) -> PlayerState {
         protocol: rig::identity(text),
         segment,
         running: true,
+        epoch: 9,
+        client: 11,
     }
 }
 
@@ -52,8 +54,20 @@ fn says_what_is_wrong() {
     let mut bytes = state(0, "").encode().unwrap();
     bytes[4] = 9;
     assert!(matches!(PlayerState::decode(&bytes), Err(StateError::Version { found: 9 })));
-    bytes[4] = 1;
+    bytes[4] = 2;
     *bytes.last_mut().unwrap() ^= 1;
     let error = PlayerState::decode(&bytes).unwrap_err().to_string();
     assert!(error.starts_with("state is damaged: expected checksum "), "{error}");
+}
+
+/// What version 1 wrote: header, then session, name, text, protocol, segment and running in bincode.
+#[test]
+fn a_state_of_version_1_is_read_and_not_resumed() {
+    let body = b"\x07\x04demo\x02ab\x09\x03\x01";
+    let mut bytes = b"FRPS\x01\x00".to_vec();
+    bytes.extend_from_slice(&rig::identity_of_bytes(body).to_le_bytes());
+    bytes.extend_from_slice(body);
+    let state = PlayerState::decode(&bytes).unwrap();
+    assert_eq!((state.session, state.name.as_str(), state.text.as_str()), (7, "demo", "ab"));
+    assert_eq!((state.protocol, state.segment, state.running), (9, 3, false));
 }

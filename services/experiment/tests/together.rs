@@ -16,7 +16,10 @@ fn play(text: &str) -> Vec<Setpoint> {
     let rig = RigFile::parse(RIG, "rig.toml").unwrap();
     let protocol = Protocol::parse(text, "test.toml").unwrap_or_else(|error| panic!("{error}"));
     let mut player = Player::new(Settings::default());
-    player.start(Arc::new(Program::new(&protocol, &rig).unwrap_or_else(|error| panic!("{error}"))));
+    player.start(
+        Arc::new(Program::new(&protocol, &rig).unwrap_or_else(|error| panic!("{error}"))),
+        1,
+    );
     let mut measured = [0.0; AXES];
     let mut setpoints = Vec::new();
     let duration = (protocol.duration_s() * 1e3) as u64 + 400;

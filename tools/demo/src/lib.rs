@@ -38,8 +38,8 @@
 //! 2. In mid-movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V when
 //!    the last command has outlived its time. Later **acquisition** is killed: now the DAC holds
 //!    its last volts, the watchdog stops toggling the enable line, and the card takes the motor's
-//!    power. Each time the launcher starts the dead again, and a person's verbs bring power back
-//!    while the protocol goes on.
+//!    power. Each time the trip ends the protocol, the launcher starts the dead process again,
+//!    the operator's verbs bring power back, and the protocol is started anew.
 //! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by
 //!    pure functions ([`analysis`]); only the instants of the kills come from the program that
 //!    killed.

@@ -293,7 +293,7 @@ fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown:
             _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one has outlived its time.",
         })
         .figure(&states, STATES)
-        .figure(&recovery, "The movement round the kill. The reference goes on from the measured position when power is back.")
+        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is started anew when power is back.")
 }
 
 const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, 0 faulted), as its tokens say. Lower line: the \

@@ -28,14 +28,14 @@ const GUIDED: usize = 1;
 const SIGNALS: [i32; 3] =
     [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
 /// When within the guided movement the kills come, as a part of it.
-const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.55)];
+const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.35)];
 
 /// Brings the simulated rig up, moves it, kills two of its processes, and shows what came of it.
 ///
 /// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement
 /// control is killed with SIGKILL, later acquisition; each time the motor loses power, the launcher
-/// starts the process again, and the operator's verbs (reset, arm, enable) bring power back. Then
-/// the declared model is held against the recording, and `farreach identify` says which effect it
+/// starts the process again, the operator's verbs (reset, arm, enable) bring power back, and the
+/// protocol, which the trip ended, is started anew. Then the declared model is held against the recording, and `farreach identify` says which effect it
 /// lacks, or that nothing is missing. Needs no root, no systemd and no hardware; nothing is left
 /// running.
 #[derive(Clone, Debug, clap::Args)]

@@ -94,8 +94,8 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Plays the protocol and kills each of `victims` in mid-movement: `(process, from which second
-    /// of the protocol)`.
+    /// Plays the protocol to its end, killing each of `victims` in mid-movement: `(process, from
+    /// which second of the protocol)`. A trip ends the protocol; it is then started anew.
     pub(crate) fn play(
         &mut self,
         protocol: &Protocol,
@@ -111,33 +111,38 @@ impl<'a> Session<'a> {
             "reset, armed, enabled by the operator after {:.1} s",
             took.as_secs_f64()
         ));
-        let request = ExperimentRequest::Run {
-            protocol: protocol.text().to_owned(),
-            name: protocol.file_name().to_owned(),
-        };
-        let begun = self.link.experiment(&request)?;
-        if !begun.error.is_empty() {
-            bail!("the experiment process refused the protocol: {}", begun.error);
-        }
+        let client = operator::client_number();
+        self.start(protocol, client)?;
         self.console.done(&format!(
             "protocol \"{}\" runs, {:.0} s",
             protocol.name,
             protocol.duration_s()
         ));
         let mut done = Done { kills: Vec::new(), unprovoked: Vec::new() };
-        let limit =
-            Instant::now() + Duration::from_secs_f64(protocol.duration_s()) + PROTOCOL_MARGIN;
+        let longest = Duration::from_secs_f64(protocol.duration_s()) + PROTOCOL_MARGIN;
+        let mut limit = Instant::now() + longest;
         let mut victims = victims.iter();
         let mut next = victims.next();
         let labels: Vec<&str> =
             protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
         loop {
             self.pause(Duration::from_millis(50))?;
-            let answer = match self.link.experiment(&ExperimentRequest::Status) {
+            let answer = match self.link.experiment(&ExperimentRequest::Renew { client }) {
                 Ok(answer) => answer,
                 Err(_) if Instant::now() < limit => continue,
                 Err(error) => return Err(error.into()),
             };
+            if answer.permission_lost || self.state() != WatchdogState::Enabled {
+                done.unprovoked.push(self.unprovoked()?);
+                if done.unprovoked.len() >= UNPROVOKED {
+                    bail!(
+                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach probe top)"
+                    );
+                }
+                self.start(protocol, client)?;
+                limit = Instant::now() + longest;
+                continue;
+            }
             if !answer.error.is_empty() {
                 bail!("the experiment process reports: {}", answer.error);
             }
@@ -161,25 +166,38 @@ impl<'a> Session<'a> {
             self.console.doing(|| {
                 format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s)
             });
-            if self.state() != WatchdogState::Enabled {
-                done.unprovoked.push(self.unprovoked()?);
-                if done.unprovoked.len() >= UNPROVOKED {
-                    bail!(
-                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach probe top)"
-                    );
-                }
-                continue;
-            }
             if let Some((process, from_s)) = next
                 && answer.elapsed_s >= *from_s
                 && self.powered_at.elapsed() >= SETTLED
             {
                 done.kills.push(self.kill(*process)?);
                 next = victims.next();
+                self.start(protocol, client)?;
+                limit = Instant::now() + longest;
             }
         }
         self.console.done("protocol done");
         Ok(done)
+    }
+
+    /// Starts the protocol; a trip just before it asks for the operator's verbs once more.
+    fn start(&mut self, protocol: &Protocol, client: u64) -> anyhow::Result<()> {
+        let request = ExperimentRequest::Run {
+            protocol: protocol.text().to_owned(),
+            name: protocol.file_name().to_owned(),
+            client,
+        };
+        loop {
+            let begun = self.link.experiment(&request)?;
+            if begun.error.is_empty() {
+                return Ok(());
+            }
+            self.pause(LOOK)?;
+            if self.state() == WatchdogState::Enabled {
+                bail!("the experiment process refused the protocol: {}", begun.error);
+            }
+            self.power()?;
+        }
     }
 
     /// Takes power away, ends the recording. Returns how many messages the logger wrote.

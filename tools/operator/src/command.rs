@@ -54,6 +54,9 @@ pub enum Command {
     #[command(after_help = "Examples:\n  farreach run guided-1hz\n  \
         farreach run launch/protocols/guided-1hz.toml --subject S07 --set segments.0.amplitude_deg=20")]
     Run(RunArguments),
+    /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
+    #[command(after_help = "Example:\n  farreach stop")]
+    Stop(Json),
 }
 
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
@@ -155,6 +158,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Disarm(Json { json }) => work::verb(rig_name, Verb::Disarm, json),
         Command::Estop(Json { json }) => work::verb(rig_name, Verb::Estop, json),
         Command::Run(arguments) => work::run(&arguments, rig_name),
+        Command::Stop(Json { json }) => work::stop(rig_name, json),
     }
 }
 

@@ -103,9 +103,12 @@ pub enum Error {
     Logger(String),
     /// Another protocol is being played.
     #[error(
-        "a protocol is being played (segment {segment} of {segments}); wait for it, or stop it with `farreach estop`"
+        "protocol {name} is running (segment {segment} of {segments}); wait for its end, or stop it with \
+         `farreach stop`"
     )]
     Busy {
+        /// Its name.
+        name: String,
         /// Segment, from 1.
         segment: u32,
         /// How many.

@@ -24,5 +24,5 @@ pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use files::{rig_of, running};
 pub use link::{RigLink, Subscriber, verb};
-pub use run::{Progress, RunOptions, RunOutcome, run_protocol};
+pub use run::{Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol};
 pub use up::{CardChoice, Up, UpOptions, up, up_in_foreground};

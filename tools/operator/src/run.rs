@@ -10,6 +10,7 @@ use ipc_types::{
 };
 use rig::protocol::Protocol;
 use runtime::RequestError;
+use runtime::clock::now_ns;
 
 use crate::link::Subscriber;
 use crate::status::{active_cause, active_faults, state_of};
@@ -91,8 +92,13 @@ pub fn run_protocol(
     let mut tokens = Tokens::new(link)?;
     let before = link.experiment(&ExperimentRequest::Status)?;
     if before.running {
-        return Err(Error::Busy { segment: before.segment + 1, segments: before.segments });
+        return Err(Error::Busy {
+            name: before.name,
+            segment: before.segment + 1,
+            segments: before.segments,
+        });
     }
+    let client = client_number();
     let token = tokens.wait()?;
     match state_of(&token) {
         WatchdogState::Enabled => {}
@@ -106,19 +112,19 @@ pub fn run_protocol(
         None => protocol.name.clone(),
     };
     let begun = link
-        .experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name })
+        .experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name, client })
         .inspect_err(|_| {
             // The request may have arrived although the answer did not.
-            let _stopped = link.experiment(&ExperimentRequest::Stop);
+            let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
         })?;
     if !begun.error.is_empty() {
         return Err(Error::Experiment(begun.error));
     }
-    let outcome = follow(link, &protocol, &mut tokens, stop, progress);
+    let outcome = follow(link, &protocol, client, &mut tokens, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
         // A process that does not answer needs no stop: control holds once the setpoint's lease
         // expires.
-        let _stopped = link.experiment(&ExperimentRequest::Stop);
+        let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
     }
     outcome
 }
@@ -126,6 +132,7 @@ pub fn run_protocol(
 fn follow(
     link: &RigLink,
     protocol: &Protocol,
+    client: u64,
     tokens: &mut Tokens,
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
@@ -147,13 +154,9 @@ fn follow(
         }
         let token = tokens.wait()?;
         if state_of(&token) != WatchdogState::Enabled {
-            return Ok(RunOutcome::Tripped {
-                state: state_of(&token),
-                cause: active_cause(&token),
-                faults: active_faults(token.faults),
-            });
+            return Ok(tripped(&token));
         }
-        match link.experiment(&ExperimentRequest::Status) {
+        match link.experiment(&ExperimentRequest::Renew { client }) {
             Ok(answer) => {
                 answered = Instant::now();
                 shown.absent = false;
@@ -162,6 +165,9 @@ fn follow(
                 shown.label = labels
                     .get(answer.segment as usize)
                     .map_or_else(String::new, |label| (*label).to_owned());
+                if answer.permission_lost {
+                    return Ok(tripped(&tokens.wait()?));
+                }
                 if let Some(outcome) = ending(&answer)? {
                     progress(&shown);
                     return Ok(outcome);
@@ -177,6 +183,34 @@ fn follow(
         progress(&shown);
         std::thread::sleep(POLL_PERIOD);
     }
+}
+
+fn tripped(token: &EnableToken) -> RunOutcome {
+    RunOutcome::Tripped {
+        state: state_of(token),
+        cause: active_cause(token),
+        faults: active_faults(token.faults),
+    }
+}
+
+/// Stops the running protocol, whoever started it: the handle comes to rest, the motor stays
+/// enabled at 0 V. Returns the status of the protocol; `None` where none was running.
+///
+/// # Errors
+/// When the experiment process does not answer, or does not stop.
+pub fn stop_protocol(link: &RigLink) -> Result<Option<ExperimentAnswer>, Error> {
+    let before = link.experiment(&ExperimentRequest::Status)?;
+    if !before.running {
+        return Ok(None);
+    }
+    let after = link.experiment(&ExperimentRequest::Stop { client: None })?;
+    // It may have ended by itself in between.
+    if after.running { Err(Error::Experiment(after.error)) } else { Ok(Some(after)) }
+}
+
+/// A number that no other client of the rig has: the process and the time.
+pub fn client_number() -> u64 {
+    u64::from(std::process::id()) << 40 ^ now_ns()
 }
 
 /// The outcome in an answer; `None` while the protocol runs.
@@ -237,15 +271,14 @@ mod tests {
     use super::*;
 
     fn answer(running: bool, completed: bool, error: &str) -> ExperimentAnswer {
-        let error = error.to_owned();
         ExperimentAnswer {
             running,
-            segment: 0,
             segments: 1,
             elapsed_s: 2.5,
             duration_s: 3.0,
             completed,
-            error,
+            error: error.to_owned(),
+            ..ExperimentAnswer::default()
         }
     }
 

@@ -221,7 +221,7 @@ impl Rig {
 
     fn experiment(&mut self, now: u64, begin: bool) {
         if begin {
-            self.player.start(Arc::clone(&self.program));
+            self.player.start(Arc::clone(&self.program), 1);
         }
         let measured = self.newest_sample.map_or([f64::NAN; AXES], |sample| {
             std::array::from_fn(|axis| match sample.master_present >> axis & 1 {

@@ -45,7 +45,8 @@ struct Outcome {
 fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
     let protocol = Protocol::parse(text, "test.toml").unwrap_or_else(|error| panic!("{error}"));
     let mut player = Player::new(Settings::default());
-    player.start(Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}"))));
+    player
+        .start(Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}"))), 1);
     let mut twin = Twin::new(rig, &[]).unwrap();
     let mut outcome = Outcome::default();
     let (mut measured, mut handles) = ([0.0; AXES], [f64::NAN; AXES]);
@@ -144,7 +145,7 @@ fn a_later_segment_beyond_the_range_is_refused_and_the_motor_let_go() {
     );
     let outcome = play(&rig, &text, 25.0);
     assert!(
-        matches!(outcome.changes.last(), Some((_, Change::Refused(0, Reason::OutOfRange)))),
+        matches!(outcome.changes.last(), Some((_, Change::Aborted(0, Reason::OutOfRange)))),
         "{:?}",
         outcome.changes
     );
@@ -159,7 +160,7 @@ fn too_little_volts_find_nothing_and_say_so() {
         .replace("duration_s = 40.0", "duration_s = 28.0");
     let outcome = play(&rig(Some((-85.0, 85.0))), &text, 30.0);
     assert!(
-        matches!(outcome.changes.last(), Some((_, Change::Refused(0, Reason::Stuck)))),
+        matches!(outcome.changes.last(), Some((_, Change::Aborted(0, Reason::Stuck)))),
         "{:?}",
         outcome.changes
     );

@@ -49,7 +49,7 @@ struct Live {
 impl Live {
     fn new(rig: &RigFile, program: &Arc<Program>) -> Self {
         let mut player = Player::new(Settings::default());
-        player.start(Arc::clone(program));
+        player.start(Arc::clone(program), 1);
         Self {
             twin: Twin::new(rig, &[]).unwrap(),
             player,

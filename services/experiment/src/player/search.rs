@@ -16,6 +16,10 @@ pub enum Reason {
     Stuck,
     /// A later segment goes beyond the range that was found.
     OutOfRange,
+    /// A trip, an emergency stop or a disarm took the power away.
+    PermissionLost,
+    /// The client's lease lapsed.
+    ClientGone,
 }
 
 impl Reason {
@@ -25,6 +29,8 @@ impl Reason {
             Self::NotFound => "no end found within the time limit; allow more volts or time",
             Self::Stuck => "the handle did not move; free it, or allow more volts",
             Self::OutOfRange => "a later segment leaves the range that was found; move less",
+            Self::PermissionLost => "a trip, an emergency stop or a disarm ended the protocol",
+            Self::ClientGone => "its client has gone; `farreach run` must stay alive and running",
         }
     }
 }
@@ -108,7 +114,7 @@ impl Player {
         // Power goes by a ramp of control's, from wherever the output is.
         self.find_axes(program, measured);
         self.phase = Phase::Idle;
-        Some(Err(Some(Change::Refused(segment as u32, reason))))
+        Some(Err(Some(Change::Aborted(segment as u32, reason))))
     }
 
     /// Tells the beat of a rhythm when it is due.

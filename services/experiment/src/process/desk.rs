@@ -16,7 +16,7 @@ use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
 use runtime::{Domain, RigName, Server, ServiceError, Worker};
 
-use crate::player::{Change, Program};
+use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
 
 use super::classroom::find_references;
@@ -27,6 +27,8 @@ use super::whole_file;
 const NAP: Duration = Duration::from_millis(5);
 /// How long the loop may take for an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);
+/// How long a fresh `enable` may take to show in the watchdog's tokens.
+const PERMISSION_LIMIT: Duration = Duration::from_millis(300);
 /// Without a sample this young, nobody knows where the handle is (ns).
 const SAMPLE_LIMIT_NS: u64 = SECOND_NS / 2;
 /// Longest error in an answer (bytes).
@@ -36,6 +38,7 @@ const LONGEST_ERROR: usize = 32_768;
 #[derive(Debug)]
 pub(super) struct Current {
     pub(super) order: u32,
+    pub(super) client: u64,
     pub(super) text: String,
     pub(super) program: Arc<Program>,
 }
@@ -54,8 +57,10 @@ pub(super) struct Clerk {
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
     /// must not be the loop.
     pub(super) retired: Vec<Arc<Program>>,
-    /// Why the state could not be kept; empty if it could.
+    /// Why the protocol ended early, or why the state could not be kept; empty where neither.
     pub(super) trouble: String,
+    /// Whether the last protocol ended because permission was withdrawn.
+    pub(super) permission_lost: bool,
     pub(super) last_order: u32,
 }
 
@@ -111,8 +116,11 @@ impl Desk {
 impl Clerk {
     fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
         let result = match request {
-            ExperimentRequest::Run { protocol, name } => self.play(&protocol, &name),
-            ExperimentRequest::Stop => self.stop(),
+            ExperimentRequest::Run { protocol, name, client } => {
+                self.play(&protocol, &name, client)
+            }
+            ExperimentRequest::Renew { client } => self.renew(client),
+            ExperimentRequest::Stop { client } => self.stop(client),
             ExperimentRequest::Status => Ok(()),
         };
         let mut answer = self.status();
@@ -134,24 +142,24 @@ impl Clerk {
         let program = self.current.as_ref().map(|current| &current.program);
         ExperimentAnswer {
             running: reading.running,
+            name: program.map_or_else(String::new, |program| program.name().to_owned()),
             segment: reading.segment,
             segments: program.map_or(0, |program| program.segments() as u32),
             elapsed_s: reading.elapsed_s,
             duration_s: program.map_or(0.0, |program| program.duration_s()),
             completed: reading.completed,
+            permission_lost: self.permission_lost,
             error: self.trouble.clone(),
         }
     }
 
-    fn play(&mut self, text: &str, name: &str) -> Result<(), String> {
+    fn play(&mut self, text: &str, name: &str, client: u64) -> Result<(), String> {
         let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
         let program =
             Arc::new(Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?);
         let reading = self.link.progress.read();
         if reading.running {
-            let playing =
-                self.current.as_ref().map_or("a protocol", |current| current.program.name());
-            return Err(format!("{playing} is being played: stop it first"));
+            return Err(self.busy());
         }
         if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
             return Err(
@@ -159,6 +167,11 @@ impl Clerk {
                         (`farreach status`)"
                     .to_owned(),
             );
+        }
+        if !self.link.progress.read().permitted {
+            // The token that shows a fresh `enable` may still be on its way.
+            self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().permitted)
+                .map_err(|_| "the motor is not enabled: farreach reset, arm, enable".to_owned())?;
         }
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
@@ -178,19 +191,43 @@ impl Clerk {
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
         self.current =
-            Some(Current { order, text: text.to_owned(), program: Arc::clone(&program) });
+            Some(Current { order, client, text: text.to_owned(), program: Arc::clone(&program) });
+        (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play(order, program, before_ns))
     }
 
-    fn stop(&mut self) -> Result<(), String> {
+    fn busy(&self) -> String {
+        let name = self.current.as_ref().map_or("a protocol", |current| current.program.name());
+        format!("{name} is running: wait for its end, or stop it with `farreach stop`")
+    }
+
+    fn belongs_to(&self, client: u64) -> bool {
+        self.current.as_ref().is_some_and(|current| current.client == client)
+    }
+
+    fn renew(&mut self, client: u64) -> Result<(), String> {
+        if self.belongs_to(client) {
+            self.link.progress.renew(now_ns());
+            return Ok(());
+        }
+        if self.link.progress.read().running {
+            return Err(format!("this protocol has ended, and {}", self.busy()));
+        }
+        Err("this protocol has ended".to_owned())
+    }
+
+    fn stop(&mut self, client: Option<u64>) -> Result<(), String> {
         if !self.link.progress.read().running {
-            return Err("nothing is being played".to_owned());
+            return Err("no protocol is running".to_owned());
+        }
+        if client.is_some_and(|client| !self.belongs_to(client)) {
+            return Err("the running protocol belongs to another client".to_owned());
         }
         let order = self.next_order();
         self.order(order, Order::Stop(order))?;
         // The loop stops with the cycle that follows.
-        self.wait_until(|link| !link.progress.read().running)
+        self.wait_until(TAKE_LIMIT, |link| !link.progress.read().running)
     }
 
     fn next_order(&mut self) -> u32 {
@@ -203,13 +240,13 @@ impl Clerk {
         let late =
             || "the experiment's loop does not take orders: is the machine overloaded?".to_owned();
         self.link.orders.push(order).map_err(|_| late())?;
-        self.wait_until(|link| link.progress.read().order == number)
+        self.wait_until(TAKE_LIMIT, |link| link.progress.read().order == number)
     }
 
-    fn wait_until(&self, done: impl Fn(&DeskEnd) -> bool) -> Result<(), String> {
+    fn wait_until(&self, limit: Duration, done: impl Fn(&DeskEnd) -> bool) -> Result<(), String> {
         let begun = Instant::now();
         while !done(&self.link) {
-            if begun.elapsed() > TAKE_LIMIT {
+            if begun.elapsed() > limit {
                 return Err(
                     "the experiment's loop did not react in time: see `farreach status`".to_owned()
                 );
@@ -225,14 +262,16 @@ impl Clerk {
         while let Ok(note) = self.link.notes.pop() {
             newest = Some(note);
         }
-        let (Some(Note { order, change }), Some(current)) = (newest, &self.current) else { return };
+        let (Some(Note { order, change, epoch }), Some(current)) = (newest, &self.current) else {
+            return;
+        };
         if order != current.order {
             return;
         }
         let (segment, running) = match change {
             Change::Started => (0, true),
             Change::Segment(segment) | Change::Resumed(segment) => (segment, true),
-            Change::Stopped(segment) | Change::Refused(segment, _) => (segment, false),
+            Change::Stopped(segment) | Change::Aborted(segment, _) => (segment, false),
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
         let state = PlayerState {
@@ -242,10 +281,13 @@ impl Clerk {
             protocol: current.program.identity(),
             segment,
             running,
+            epoch,
+            client: current.client,
         };
+        self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
-                Change::Refused(_, reason) => reason.text().to_owned(),
+                Change::Aborted(_, reason) => reason.text().to_owned(),
                 _ => String::new(),
             },
             Err(reason) => {

@@ -35,19 +35,24 @@ pub(super) struct Note {
     pub(super) order: u32,
     /// What changed.
     pub(super) change: Change,
+    /// The enable epoch that the protocol belongs to.
+    pub(super) epoch: u64,
 }
 
 /// How far it is. The fields may be one cycle apart.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
-    /// segment (32 bits), running, completed, and from bit 40 the newest order that was taken
+    /// segment (32 bits), running, completed, permitted, and from bit 40 the newest order that was taken
     word: AtomicU64,
     elapsed: AtomicU64,
     sample_ns: AtomicU64,
+    /// When the client last renewed its lease (ns); the only field that the loop reads
+    renewed_ns: AtomicU64,
 }
 
 const RUNNING: u64 = 1 << 32;
 const COMPLETED: u64 = 1 << 33;
+const PERMITTED: u64 = 1 << 34;
 const ORDER_SHIFT: u32 = 40;
 
 /// What [`Progress`] held.
@@ -56,6 +61,8 @@ pub(super) struct Reading {
     pub(super) order: u32,
     pub(super) running: bool,
     pub(super) completed: bool,
+    /// Whether the motor is enabled.
+    pub(super) permitted: bool,
     pub(super) segment: u32,
     /// Time played (s).
     pub(super) elapsed_s: f64,
@@ -68,15 +75,32 @@ impl Progress {
     pub(super) const LAST_ORDER: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
 
     /// Three stores, for the loop.
-    pub(super) fn tell(&self, order: u32, status: &ExperimentAnswer, sample_ns: u64) {
+    pub(super) fn tell(
+        &self,
+        order: u32,
+        status: &ExperimentAnswer,
+        sample_ns: u64,
+        permitted: bool,
+    ) {
         let flag = |set, bit| if set { bit } else { 0 };
         let word = u64::from(status.segment)
             | flag(status.running, RUNNING)
             | flag(status.completed, COMPLETED)
+            | flag(permitted, PERMITTED)
             | u64::from(order) << ORDER_SHIFT;
         self.elapsed.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
         self.sample_ns.store(sample_ns, Ordering::Relaxed);
         self.word.store(word, Ordering::Release);
+    }
+
+    /// Renews the client's lease.
+    pub(super) fn renew(&self, now_ns: u64) {
+        self.renewed_ns.store(now_ns, Ordering::Relaxed);
+    }
+
+    /// When the client last renewed its lease (ns, CLOCK_MONOTONIC); 0: not yet.
+    pub(super) fn renewed_ns(&self) -> u64 {
+        self.renewed_ns.load(Ordering::Relaxed)
     }
 
     pub(super) fn read(&self) -> Reading {
@@ -85,6 +109,7 @@ impl Progress {
             order: (word >> ORDER_SHIFT) as u32,
             running: word & RUNNING != 0,
             completed: word & COMPLETED != 0,
+            permitted: word & PERMITTED != 0,
             segment: word as u32,
             elapsed_s: f64::from_bits(self.elapsed.load(Ordering::Relaxed)),
             sample_ns: self.sample_ns.load(Ordering::Relaxed),
@@ -150,23 +175,28 @@ mod tests {
     #[test]
     fn progress_reads_back() {
         let progress = Progress::default();
-        for (order, segment, running, completed) in [
-            (0, 0, false, false),
-            (1, u32::MAX, true, false),
-            (Progress::LAST_ORDER, 7, false, true),
+        for (order, segment, running, completed, permitted) in [
+            (0, 0, false, false, true),
+            (1, u32::MAX, true, false, false),
+            (Progress::LAST_ORDER, 7, false, true, true),
         ] {
             let status = ExperimentAnswer {
                 running,
                 segment,
-                segments: 9,
                 elapsed_s: 1.25,
-                duration_s: 2.0,
                 completed,
-                error: String::new(),
+                ..ExperimentAnswer::default()
             };
-            progress.tell(order, &status, 42);
-            let expected =
-                Reading { order, running, completed, segment, elapsed_s: 1.25, sample_ns: 42 };
+            progress.tell(order, &status, 42, permitted);
+            let expected = Reading {
+                order,
+                running,
+                completed,
+                permitted,
+                segment,
+                elapsed_s: 1.25,
+                sample_ns: 42,
+            };
             assert_eq!(progress.read(), expected);
         }
     }

@@ -78,6 +78,29 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     Ok(if matches!(outcome, RunOutcome::Completed { .. }) { DONE } else { FAILED })
 }
 
+pub(super) fn stop(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
+    let stopped = crate::stop_protocol(&link(rig_name)?)?;
+    let mut out = std::io::stdout();
+    if as_json {
+        let value = json!({
+            "stopped": stopped.is_some(),
+            "protocol": stopped.as_ref().map(|answer| &answer.name),
+            "elapsed_s": stopped.as_ref().map(|answer| answer.elapsed_s),
+        });
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        return Ok(DONE);
+    }
+    match stopped {
+        Some(answer) => writeln!(
+            out,
+            "{} stopped after {:.1} s; the handle comes to rest, the motor stays enabled at 0 V",
+            answer.name, answer.elapsed_s
+        )?,
+        None => writeln!(out, "no protocol is running")?,
+    }
+    Ok(DONE)
+}
+
 pub(super) fn start_recording(
     rig_name: &RigName,
     file: &Path,

@@ -1,0 +1,141 @@
+//! SR-26, whole-system: a protocol ends with every trip, with its client, and with `farreach stop`;
+//! once it has ended, power alone moves nothing.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use ipc_types::{EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest};
+use serde_json::Value;
+
+use common::{TestRig, kill, told, wait_for};
+
+const LIMIT: Duration = Duration::from_secs(60);
+/// Largest movement of a handle at rest (rad): the transmission leaks and the encoder counts.
+const REST: f64 = 0.02;
+
+struct Bench {
+    rig: TestRig,
+    domain: runtime::Domain,
+}
+
+impl Bench {
+    fn status(&self) -> Option<ExperimentAnswer> {
+        let node = self.domain.node("asker").unwrap();
+        let limit = Duration::from_secs(5);
+        runtime::call(&node, &EXPERIMENT_COMMANDS, &ExperimentRequest::Status, limit).ok()
+    }
+
+    fn running(&self) -> bool {
+        self.status().is_some_and(|status| status.running)
+    }
+
+    /// A client whose protocol moves the handle. A loaded machine may trip the rig, rightly: then
+    /// once more.
+    fn client(&self) -> Child {
+        for _ in 0..20 {
+            self.rig.power_up();
+            let mut command = self.rig.farreach(["run", "guided-1hz"]);
+            command.stdout(Stdio::piped()).stderr(Stdio::piped());
+            let mut child = command.spawn().unwrap();
+            let moves = wait_for(LIMIT, || {
+                child.try_wait().unwrap().is_some() || self.moved() > 10.0 * REST
+            });
+            assert!(moves, "the handle does not move: {:?}", self.status());
+            if child.try_wait().unwrap().is_none() && self.running() {
+                return child;
+            }
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+        panic!("the rig trips each time: {:?}", self.status());
+    }
+
+    /// How far the handle's motor moves within half a second (rad).
+    fn moved(&self) -> f64 {
+        let echo = self.rig.ok(["probe", "echo", "sample", "--count", "1000", "--json"]);
+        let positions = echo.lines().map(|line| {
+            let line: Value = serde_json::from_str(line).unwrap();
+            line["fields"]["master_position"][0].as_f64().unwrap()
+        });
+        let (least, most) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |span, position| {
+            (span.0.min(position), span.1.max(position))
+        });
+        most - least
+    }
+
+    /// Gives power to a rig whose protocol has ended, and looks for movement.
+    fn assert_power_moves_nothing(&self, after: &str) {
+        self.rig.power_up();
+        for _ in 0..4 {
+            let moved = self.moved();
+            assert!(moved < REST, "{after}: the handle moved by {moved} rad without `run`");
+        }
+        assert!(!self.running(), "{after}: {:?}", self.status());
+    }
+}
+
+fn pid(child: &Child) -> i32 {
+    i32::try_from(child.id()).unwrap()
+}
+
+#[test]
+fn sr_26_a_protocol_ends_with_a_trip_with_its_client_and_with_stop() {
+    let rig = TestRig::patient("protocol-end");
+    rig.up_simulated();
+    let domain = runtime::Domain::open(rig.name()).unwrap();
+    let bench = Bench { rig, domain };
+
+    // The client is stopped (Ctrl-Z), then the emergency stop, then power again.
+    let mut stopped = bench.client();
+    kill(pid(&stopped), libc::SIGSTOP);
+    bench.rig.ok(["estop"]);
+    bench.assert_power_moves_nothing("after an emergency stop");
+    kill(pid(&stopped), libc::SIGCONT);
+    assert!(!stopped.wait().unwrap().success());
+    bench.assert_power_moves_nothing("after the client went on");
+
+    // The client is killed: its lease lapses, the handle comes to rest.
+    let mut killed = bench.client();
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    assert!(wait_for(LIMIT, || !bench.running()), "{:?}", bench.status());
+    bench.assert_power_moves_nothing("after the client was killed");
+
+    // The experiment process dies with the client stopped, and a trip comes in between.
+    let mut stopped = bench.client();
+    kill(pid(&stopped), libc::SIGSTOP);
+    let status = bench.rig.launcher_status();
+    let victim = status.unit("experiment").unwrap().process.unwrap();
+    kill(victim.pid, libc::SIGKILL);
+    bench.rig.ok(["estop"]);
+    let back = wait_for(LIMIT, || bench.status().is_some_and(|status| !status.running));
+    assert!(back, "{:?}", bench.status());
+    bench.assert_power_moves_nothing("after the experiment process was restarted");
+    stopped.kill().unwrap();
+    stopped.wait().unwrap();
+
+    // `run` on a busy rig names the protocol and the way to end it; `stop` ends it.
+    let ended = (0..20).any(|_| {
+        let client = bench.client();
+        let busy = bench.rig.run(["run", "guided-1hz"]);
+        let stop = bench.rig.ok(["stop"]);
+        let output = client.wait_with_output().unwrap();
+        assert!(!output.status.success(), "{}", told(&output));
+        if !stop.contains("guided-1hz stopped after") {
+            return false; // the rig tripped by itself first
+        }
+        let busy = told(&busy);
+        assert!(busy.contains("guided-1hz is running") && busy.contains("farreach stop"), "{busy}");
+        true
+    });
+    assert!(ended, "the rig trips each time");
+    assert_eq!(bench.rig.ok(["stop"]).trim(), "no protocol is running");
+    bench.assert_power_moves_nothing("after `farreach stop`");
+
+    let Bench { rig, domain } = bench;
+    drop(domain);
+    rig.down();
+}
