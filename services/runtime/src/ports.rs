@@ -7,7 +7,7 @@ use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
 use ipc_types::{
     CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming,
-    LossCounters, Message, MotorCommand, Sample, Setpoint, Topic, TypedTopic,
+    LossCounters, Message, MotorCommand, Sample, SequenceTracker, Setpoint, Topic, TypedTopic,
 };
 use thiserror::Error;
 
@@ -219,51 +219,25 @@ impl<T: Message> Publisher<T> {
     }
 }
 
-/// What a subscriber saw of its publishers.
+/// What a subscriber received, and what is missing by [`SequenceTracker`]'s rule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Messages received.
     pub received: u64,
-    /// Messages that are missing in the sequence.
+    /// Messages missing in the sequence.
     pub lost: u64,
-    /// Messages whose sequence went backwards or repeated within an incarnation.
+    /// Messages whose sequence number went backwards or repeated within an incarnation.
     pub backwards: u64,
-    /// Changes of the sender's incarnation.
-    pub incarnations: u64,
     /// Publishers that died while they were being connected.
     pub connections_failed: u64,
-}
-
-/// Follows incarnation and sequence of one topic's messages.
-#[derive(Clone, Copy, Debug, Default)]
-struct Follower {
-    counters: Counters,
-    last: Option<(u64, u64)>,
-}
-
-impl Follower {
-    fn observe(&mut self, incarnation: u64, sequence: u64) {
-        self.counters.received += 1;
-        match self.last {
-            Some((known, last)) if known == incarnation => {
-                if sequence > last {
-                    self.counters.lost += sequence - last - 1;
-                } else {
-                    self.counters.backwards += 1;
-                }
-            }
-            Some(_) => self.counters.incarnations += 1,
-            None => {}
-        }
-        self.last = Some((incarnation, sequence));
-    }
 }
 
 /// Subscribes to one topic; reads without blocking.
 #[derive(Debug)]
 pub struct Subscriber<T: Message> {
     port: LibrarySubscriber<ipc::Service, T, ()>,
-    follower: Follower,
+    tracker: SequenceTracker,
+    connections_failed: u64,
     topic: &'static str,
 }
 
@@ -278,7 +252,12 @@ impl<T: Message> Subscriber<T> {
             .buffer_size(topic.buffer)
             .create()
             .map_err(failed(topic.name, "making a subscriber"))?;
-        Ok(Self { port, follower: Follower::default(), topic: topic.name })
+        Ok(Self {
+            port,
+            tracker: SequenceTracker::default(),
+            connections_failed: 0,
+            topic: topic.name,
+        })
     }
 
     /// The next message, oldest first; `None` when there is none.
@@ -292,12 +271,10 @@ impl<T: Message> Subscriber<T> {
                 Ok(None) => return Ok(None),
                 Ok(Some(sample)) => {
                     let message = sample.payload();
-                    self.follower.observe(message.incarnation(), message.sequence());
+                    self.tracker.observe(message.incarnation(), message.sequence());
                     return Ok(Some(look(message)));
                 }
-                Err(ReceiveError::ConnectionFailure(_)) => {
-                    self.follower.counters.connections_failed += 1
-                }
+                Err(ReceiveError::ConnectionFailure(_)) => self.connections_failed += 1,
                 Err(error) => return Err(failed(self.topic, "receiving")(error)),
             }
         }
@@ -316,7 +293,12 @@ impl<T: Message> Subscriber<T> {
 
     /// What was received and what is missing.
     pub fn counters(&self) -> Counters {
-        self.follower.counters
+        Counters {
+            received: self.tracker.received(),
+            lost: self.tracker.gaps(),
+            backwards: self.tracker.duplicates(),
+            connections_failed: self.connections_failed,
+        }
     }
 }
 
@@ -345,21 +327,4 @@ pub fn open_raw(
     topic: &Topic,
 ) -> Result<Box<dyn RawSubscriber>, PortError> {
     with_type!(topic, T => Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gaps_steps_back_and_new_incarnations_are_counted() {
-        let mut follower = Follower::default();
-        for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (1, 9), (1, 8), (2, 0), (2, 1)] {
-            follower.observe(incarnation, sequence);
-        }
-        assert_eq!(
-            follower.counters,
-            Counters { received: 7, lost: 2, backwards: 2, incarnations: 1, connections_failed: 0 }
-        );
-    }
 }
