@@ -60,7 +60,7 @@ fn ready(rig: &TestRig, witness: &Witness) -> u64 {
 /// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave
 /// again.
 fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64) {
-    let lives = witness.lives();
+    let lives = witness.timeouts();
     let seen = witness.seen();
     let from = tick_of(struck_ns.max(last_word_ns));
     let off = seen.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));

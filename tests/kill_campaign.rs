@@ -156,7 +156,7 @@ impl Campaign {
         epoch: u64,
         pulse: Option<Life>,
     ) -> Result<Struck, String> {
-        let lives = self.witness().lives();
+        let lives = self.witness().timeouts();
         if matches!(victim, "keeper" | "logger" | "experiment") {
             let seen = self.witness().seen();
             let powered = seen.scans.iter().all(|scan| scan.power)

@@ -183,11 +183,8 @@ pub unsafe trait Message:
     fn schema() -> String {
         let mut text = String::new();
         for field in Self::FIELDS {
-            for line in field.doc.lines() {
-                text.push_str("# ");
-                text.push_str(line.trim());
-                text.push('\n');
-            }
+            let doc: Vec<&str> = field.doc.split_whitespace().collect();
+            text.push_str(&format!("# {}\n", doc.join(" ")));
             text.push_str(field.primitive.ros());
             if let Some(n) = field.array {
                 text.push_str(&format!("[{n}]"));

@@ -91,10 +91,11 @@ fn every_schema_file_belongs_to_a_message() {
 fn the_table_of_topics_is_that_of_the_code() {
     let mut text = String::from(
         "# Topics\n\n\
-         Generated from `ipc-types/src/topics.rs`; do not edit. Fields and units of each message: [schemas](schemas/).\n\n\
-         Each topic has one owner, the only process that may publish it. *Buffer* is the most messages that a subscriber\n\
-         may have waiting before the oldest is overwritten (the loss shows in the sequence and is counted). *History* is\n\
-         what a late subscriber still gets.\n\n\
+         Generated from `ipc-types/src/topics.rs`; do not edit. Fields and units of each message:\n\
+         [schemas](schemas/).\n\n\
+         Each topic has one owner, the only process that may publish it. *Buffer* is the most messages that a\n\
+         subscriber may have waiting before the oldest is overwritten (the loss shows in the sequence and is\n\
+         counted). *History* is what a late subscriber still gets.\n\n\
          | topic | owner | message | bytes | rate | buffer | history |\n|---|---|---|---|---|---|---|\n",
     );
     for topic in TOPICS {

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use ipc_types::Profile;
 use runtime::RigName;
 use rustix::fs::{FlockOperation, flock};
 
@@ -23,14 +24,14 @@ pub const WORKERS: [&str; 7] =
 /// A rig under test.
 pub struct TestRig {
     name: RigName,
-    best_effort: bool,
+    profile: Profile,
     directory: tempfile::TempDir,
     _turn: File,
 }
 
 impl TestRig {
     /// Waits for its turn. `tag` makes the rig's name together with the process id. On a machine
-    /// that cannot run a rig in real time ([`host::stalls`]) it takes the best-effort profile, and
+    /// that cannot run a rig in real time ([`host::stall`]) it takes the best-effort profile, and
     /// says so.
     pub fn new(tag: &str) -> Self {
         let user = rustix::process::geteuid().as_raw();
@@ -39,21 +40,16 @@ impl TestRig {
         flock(&turn, FlockOperation::LockExclusive).unwrap();
         let name = format!("{tag}-{}", std::process::id()).parse().unwrap();
         let directory = tempfile::tempdir().unwrap();
-        let best_effort = host::stalls();
-        if best_effort {
-            let longest = host::longest_delay().unwrap_or_default();
-            eprintln!(
-                "this machine takes its processors away for up to {longest:.1?}: best-effort profile"
-            );
-        }
-        Self { name, best_effort, directory, _turn: turn }
+        let stall = host::stall();
+        eprintln!("host stalls {stall}: {} profile", stall.profile());
+        Self { name, profile: stall.profile(), directory, _turn: turn }
     }
 
     /// The same in the best-effort profile, for what has nothing to do with timing: a machine that
     /// is held up for milliseconds then does not trip the rig.
     pub fn patient(tag: &str) -> Self {
         let mut rig = Self::new(tag);
-        rig.best_effort = true;
+        rig.profile = Profile::BestEffort;
         rig
     }
 
@@ -73,9 +69,8 @@ impl TestRig {
     ) -> Command {
         let mut command = farreach();
         command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
-        if self.best_effort {
-            command.env("FARREACH_PROFILE", "best-effort");
-        }
+        // Chosen here, so that the keeper of each rig need not measure.
+        command.env("FARREACH_PROFILE", self.profile.text());
         command
     }
 

@@ -18,7 +18,7 @@ use ipc_types::{
     WatchdogState,
 };
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
-use runtime::{Domain, Lives, RawSubscriber, RigName, Service, lives, open_raw};
+use runtime::{Domain, RawSubscriber, RigName, Service, Timeouts, open_raw};
 
 use super::{TestRig, told, wait_for};
 
@@ -38,18 +38,18 @@ pub fn tick_of(time_ns: u64) -> u64 {
 /// Ticks from a process's last word within which volts must no longer reach the motor, by the
 /// safety case's bounds and one cycle of each party that passes it on; `None` where it has none.
 pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
-    let lives = lives(profile);
+    let timeouts = Timeouts::of(profile);
     let bound_ns = match process {
         // The card itself is gone: nobody drives the motor, and the next card begins without power.
         "simulator" => 0,
         // Tokens and line stop at once.
-        "watchdog" => lives.line_ns.max(lives.token_ns),
+        "watchdog" => timeouts.line_ns.max(timeouts.token_ns),
         // The line pauses (SR-24).
         "acquisition" if profile == Profile::Realtime => 10 * MILLISECOND_NS,
         "acquisition" => 60 * MILLISECOND_NS,
         // The gate is quicker, but without real-time scheduling it may be late itself: then the
         // line ends it.
-        "control" => lives.peer_lost_ns + lives.line_ns,
+        "control" => timeouts.peer_lost_ns + timeouts.line_ns,
         _ => return None,
     };
     Some(bound_ns / TICK_NS + SLACK)
@@ -315,8 +315,8 @@ impl Witness {
         self.domain.profile()
     }
 
-    pub fn lives(&self) -> Lives {
-        lives(self.domain.profile())
+    pub fn timeouts(&self) -> Timeouts {
+        Timeouts::of(self.domain.profile())
     }
 
     /// Forgets scans and tokens so far; returns the time.

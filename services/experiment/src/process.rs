@@ -143,12 +143,12 @@ impl Runner {
         };
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
         let (link, desk_end) = link::link();
-        let profile = service.domain().profile();
+        let fifo = service.domain().fifo();
         let classroom = Classroom::open(
             session,
             directory.join(LESSON),
             learnt.clone(),
-            profile,
+            fifo,
             link.dropped.clone(),
         )
         .map_err(ServiceError::from)?;

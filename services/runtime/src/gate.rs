@@ -22,6 +22,8 @@
 
 use ipc_types::{AXES, EnableToken, GateCause, GateState, Message, MotorCommand, Profile};
 
+use crate::realtime::Timeouts;
+
 /// What the gate needs to know about its rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GateConfig {
@@ -48,8 +50,8 @@ pub struct GateConfig {
 }
 
 impl GateConfig {
-    /// The lives of a timing profile: 5 ms with real-time scheduling, 40 ms without; a command may
-    /// answer a sample of twice that age.
+    /// The timeouts of a profile: 5 ms (realtime) or 40 ms (best-effort); a command may answer a
+    /// sample of twice that age.
     pub fn for_profile(
         profile: Profile,
         session: u64,
@@ -57,10 +59,7 @@ impl GateConfig {
         axes: usize,
         volts_max: [f64; AXES],
     ) -> Self {
-        let life_ns = match profile {
-            Profile::Realtime => 5_000_000,
-            Profile::BestEffort => 40_000_000,
-        };
+        let life_ns = Timeouts::of(profile).token_ns;
         Self {
             session,
             acquisition_incarnation,

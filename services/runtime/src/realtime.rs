@@ -7,17 +7,50 @@ use ipc_types::{Process, Profile};
 
 use crate::clock::MILLISECOND_NS;
 
-/// The lives and time-outs of a timing profile.
+/// The timeouts of a timing profile: what the gate, the watchdog and the card agree on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lives {
-    /// A token lives this long (ns).
+pub struct Timeouts {
+    /// Lifetime of a token, and of a command (ns).
     pub token_ns: u64,
-    /// A command lives this long (ns).
-    pub command_ns: u64,
     /// A peer that was silent for this long is lost (ns).
     pub peer_lost_ns: u64,
     /// The card drops the motor this long after the enable line's last toggle (ns).
     pub line_ns: u64,
+    /// The watchdog stops toggling the enable line when the newest sample is older than this (ns).
+    pub line_pause_ns: u64,
+}
+
+impl Timeouts {
+    /// The timeouts of a profile. A real card arms in the realtime profile only: the longer ones
+    /// never apply to it.
+    pub const fn of(profile: Profile) -> Self {
+        match profile {
+            Profile::Realtime => Self {
+                token_ns: 5 * MILLISECOND_NS,
+                peer_lost_ns: 8 * MILLISECOND_NS,
+                line_ns: 5 * MILLISECOND_NS,
+                line_pause_ns: 3 * MILLISECOND_NS,
+            },
+            Profile::BestEffort => Self {
+                token_ns: 40 * MILLISECOND_NS,
+                peer_lost_ns: 60 * MILLISECOND_NS,
+                line_ns: 40 * MILLISECOND_NS,
+                line_pause_ns: 15 * MILLISECOND_NS,
+            },
+        }
+    }
+
+    /// A pause of the enable line that lasts this long is a trip (ns): less than the card's
+    /// timeout, so that the motor never loses power without a trip and gets it back by itself.
+    pub const fn line_gap_ns(&self) -> u64 {
+        self.line_ns - 1_500_000
+    }
+
+    /// Longest stall of one processor that a rig tolerates (ns). The watchdog's own stall must stay
+    /// below [`Self::line_gap_ns`]; 1 ms of it goes to the period of its loop.
+    pub const fn stall_ns(&self) -> u64 {
+        self.line_gap_ns() - MILLISECOND_NS
+    }
 }
 
 /// What the machine granted a loop.
@@ -31,30 +64,19 @@ pub struct Grants {
     pub kept_awake: bool,
 }
 
-/// The lives of a profile.
-pub const fn lives(profile: Profile) -> Lives {
-    match profile {
-        Profile::Realtime => Lives {
-            token_ns: 5 * MILLISECOND_NS,
-            command_ns: 5 * MILLISECOND_NS,
-            peer_lost_ns: 8 * MILLISECOND_NS,
-            line_ns: 5 * MILLISECOND_NS,
-        },
-        Profile::BestEffort => Lives {
-            token_ns: 40 * MILLISECOND_NS,
-            command_ns: 40 * MILLISECOND_NS,
-            peer_lost_ns: 60 * MILLISECOND_NS,
-            line_ns: 40 * MILLISECOND_NS,
-        },
-    }
-}
-
-/// Environment variable that holds a rig in `best-effort` although the machine grants more.
+/// Environment variable by which a person chooses the profile (`realtime`, `best-effort`) instead
+/// of the keeper's measurement.
 pub const PROFILE_VARIABLE: &str = "FARREACH_PROFILE";
 
-/// Whether a person asked for best-effort timing.
+/// The profile that a person chose, if any.
+pub fn chosen_profile() -> Option<Profile> {
+    let value = std::env::var(PROFILE_VARIABLE).ok()?;
+    Profile::ALL.iter().copied().find(|profile| value == profile.text())
+}
+
+/// Whether a person chose best-effort timing.
 pub fn best_effort_wanted() -> bool {
-    std::env::var(PROFILE_VARIABLE).is_ok_and(|value| value == Profile::BestEffort.text())
+    chosen_profile() == Some(Profile::BestEffort)
 }
 
 fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
@@ -116,15 +138,14 @@ pub const fn loop_priority(process: Process) -> i32 {
     }
 }
 
-/// For a thread beside a real-time loop in the same process (readiness, the operator's verbs). It
-/// shares the loop's address space: were it preempted by ordinary load while it maps memory, the
-/// loop would wait for it.
-pub fn request_helper(profile: Profile) {
-    match profile {
-        Profile::Realtime => {
-            request_fifo(HELPER_PRIORITY);
-        }
-        Profile::BestEffort => request_normal(),
+/// Sets the scheduling of a thread beside a loop in the same process (readiness, the operator's
+/// verbs): `fifo` where the rig's loops run in `SCHED_FIFO`. The thread shares the loop's address
+/// space; were it preempted by ordinary load while it maps memory, the loop would wait for it.
+pub fn request_helper(fifo: bool) {
+    if fifo {
+        request_fifo(HELPER_PRIORITY);
+    } else {
+        request_normal();
     }
 }
 

@@ -12,14 +12,14 @@ use thiserror::Error;
 use crate::domain::{Domain, DomainError, RigName};
 use crate::identity::{Identity, random_u64};
 use crate::ports::{PortError, Publisher, Subscriber};
-use crate::realtime::{self, Grants, Lives, lives};
+use crate::realtime::{self, Grants, Timeouts};
 use crate::request::RequestError;
 
 /// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried
 /// again.
 const START_LIMIT: Duration = Duration::from_secs(8);
-/// How often the attendant looks after the loop.
-const ATTEND_EVERY: Duration = Duration::from_millis(50);
+/// How often the sd_notify thread looks whether the loop made progress.
+const NOTIFY_EVERY: Duration = Duration::from_millis(50);
 
 /// A process could not be started or cannot go on.
 #[derive(Debug, Error)]
@@ -112,9 +112,9 @@ impl Service {
         self.profile
     }
 
-    /// Lives and time-outs of the rig's profile.
-    pub fn lives(&self) -> Lives {
-        lives(self.domain.profile())
+    /// The timeouts of the rig's profile.
+    pub fn timeouts(&self) -> Timeouts {
+        Timeouts::of(self.domain.profile())
     }
 
     /// What the machine granted; known after [`Service::enter_loop`].
@@ -157,27 +157,29 @@ impl Service {
     }
 
     /// Asks for real-time scheduling at the process's own priority ([`realtime::loop_priority`]),
-    /// locks memory and keeps the processors awake where allowed, says that the process is ready,
-    /// and looks after it from now on. Call when all ports are made, right before the loop.
+    /// locks memory and keeps the processors awake where allowed, reports that the process is
+    /// ready, and watches over it from now on. Call when all ports are made, right before the loop.
     ///
-    /// Fails if the rig runs in the realtime profile and this process may not.
+    /// # Errors
+    /// The rig runs in the realtime profile and this process may not.
     pub fn enter_loop(&mut self) -> Result<Profile, ServiceError> {
-        // Before the priority: to bring in and lock what is mapped takes milliseconds, in which the
-        // other loops go first.
-        if self.domain.profile() == Profile::Realtime {
+        self.profile = self.domain.profile();
+        if self.domain.fifo() {
+            // Before the priority: to bring in and lock what is mapped takes milliseconds, in which
+            // the other loops go first.
             self.memory_locked = realtime::lock_memory();
             self.awake = realtime::stay_awake();
-        }
-        self.profile = match self.domain.profile() {
-            Profile::BestEffort => {
-                realtime::request_normal();
-                realtime::request_short_slices();
-                Profile::BestEffort
+            let priority = realtime::loop_priority(self.process);
+            let granted = realtime::request_fifo(priority) == Profile::Realtime;
+            if !granted && self.profile == Profile::Realtime {
+                return Err(ServiceError::NotRealtime(
+                    self.domain.name().to_string(),
+                    self.process,
+                ));
             }
-            Profile::Realtime => realtime::request_fifo(realtime::loop_priority(self.process)),
-        };
-        if self.domain.profile() == Profile::Realtime && self.profile != Profile::Realtime {
-            return Err(ServiceError::NotRealtime(self.domain.name().to_string(), self.process));
+        } else {
+            realtime::request_normal();
+            realtime::request_short_slices();
         }
         realtime::tighten_timer_slack();
         realtime::prefault_stack();
@@ -190,10 +192,10 @@ impl Service {
         self.started.store(true, Ordering::Relaxed);
         let beats = Arc::clone(&self.beats);
         let stop = Arc::clone(&self.stop);
-        let profile = self.profile;
-        std::thread::Builder::new().name("attendant".to_owned()).spawn(move || {
-            realtime::request_helper(profile);
-            attend(&beats, &stop);
+        let fifo = self.domain.fifo();
+        std::thread::Builder::new().name("sd-notify".to_owned()).spawn(move || {
+            realtime::request_helper(fifo);
+            notify_manager(&beats, &stop);
         })?;
         self.event(EventKind::ProcessStarted, Severity::Info, [0.0; 3], self.profile.text())?;
         Ok(())
@@ -250,21 +252,21 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
 
 /// Tells the service manager that the process is ready, and that it lives for as long as the loop
 /// goes round.
-fn attend(beats: &AtomicU64, stop: &AtomicBool) {
+fn notify_manager(beats: &AtomicU64, stop: &AtomicBool) {
     use sd_notify::NotifyState;
-    let tell = |states: &[NotifyState<'_>]| {
-        // Nobody listening is the normal case outside a service manager.
-        let _told = sd_notify::notify(states);
+    let send = |states: &[NotifyState<'_>]| {
+        // Without a service manager nobody listens.
+        let _sent = sd_notify::notify(states);
     };
-    tell(&[NotifyState::Ready]);
+    send(&[NotifyState::Ready]);
     let mut seen = beats.load(Ordering::Relaxed);
     while !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(ATTEND_EVERY);
+        std::thread::sleep(NOTIFY_EVERY);
         let now = beats.load(Ordering::Relaxed);
         if now != seen {
             seen = now;
-            tell(&[NotifyState::Watchdog]);
+            send(&[NotifyState::Watchdog]);
         }
     }
-    tell(&[NotifyState::Stopping]);
+    send(&[NotifyState::Stopping]);
 }

@@ -47,7 +47,7 @@ pub enum SimulatorError {
 pub fn run(options: &Options) -> Result<(), SimulatorError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Simulator, &options.rig_name)?;
-    let mut card = Card::new(&rig, &options.effects, service.lives().line_ns)?;
+    let mut card = Card::new(&rig, &options.effects, service.timeouts().line_ns)?;
     let timing_topic: TypedTopic<LoopTiming> =
         timing_topic(Process::Simulator).ok_or(SimulatorError::NoTopic(Process::Simulator))?;
     let mut scans = service.publisher(CARD_SCAN)?;

@@ -162,7 +162,7 @@ enum AttendError {
 
 fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), AttendError> {
     let domain = Domain::open(name)?;
-    runtime::realtime::request_helper(domain.profile());
+    runtime::realtime::request_helper(domain.fifo());
     let node = domain.node("watchdog-verbs")?;
     let server = Server::new(&node, &WATCHDOG_COMMANDS)?;
     let mut launcher = Launcher::new(name);

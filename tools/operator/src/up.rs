@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ipc_types::{Backend, Profile};
 use launch::{Config, StopReport};
 use rig::RigFile;
-use runtime::{Domain, RigName, lives};
+use runtime::{Domain, RigName, Timeouts};
 
 use crate::Error;
 use crate::files::keep_copy;
@@ -124,7 +124,7 @@ impl Prepared {
         match card {
             CardChoice::Simulated { effects } => {
                 // what the simulator process does with it; the line's life does not matter here
-                simulator::Card::new(&rig, effects, lives(Profile::BestEffort).line_ns)?;
+                simulator::Card::new(&rig, effects, Timeouts::of(Profile::BestEffort).line_ns)?;
             }
             CardChoice::Replay { record, looped } => {
                 acquisition::ReplayDaq::open(record, &rig, *looped)?;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use ipc_types::{Event, EventKind, Process, Profile, Severity};
+use ipc_types::{Event, EventKind, Process, Severity};
 use learning::store::LearntReference;
 use rtrb::{Consumer, Producer, RingBuffer};
 use runtime::Worker;
@@ -43,7 +43,7 @@ impl Classroom {
         session: u64,
         file: PathBuf,
         learnt: PathBuf,
-        profile: Profile,
+        fifo: bool,
         dropped: Dropped,
     ) -> io::Result<Self> {
         let (homework, homework_out) = RingBuffer::new(HOMEWORK);
@@ -61,7 +61,7 @@ impl Classroom {
             unkept: None,
         };
         let worker = Worker::spawn("experiment-learn", move |ending| {
-            runtime::realtime::request_helper(profile);
+            runtime::realtime::request_helper(fifo);
             while !ending.load(Ordering::Relaxed) {
                 room.work();
                 std::thread::sleep(NAP);

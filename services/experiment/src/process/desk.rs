@@ -77,7 +77,7 @@ impl Desk {
         let name = rig.clone();
         let worker = Worker::spawn("experiment-desk", move |ending| {
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
-                runtime::realtime::request_helper(domain.profile());
+                runtime::realtime::request_helper(domain.fifo());
                 let server = Server::new(&domain.node("experiment-desk")?, &EXPERIMENT_COMMANDS)?;
                 Ok((domain, server))
             });

@@ -16,6 +16,7 @@ use super::{
 };
 use crate::identity::random_u64;
 use crate::locks::LockFile;
+use crate::stall::{HostStall, MEASURED_FOR};
 use crate::{ports, realtime, request, sweep};
 
 /// The founder of a domain: holds every service open and cleans up after the dead; has no ports.
@@ -28,6 +29,7 @@ pub struct Keeper {
     name: RigName,
     session: u64,
     profile: Profile,
+    stall: Option<HostStall>,
     cold: bool,
     alive: LockFile,
     _keeper: LockFile,
@@ -63,11 +65,7 @@ impl Keeper {
             check_room()?;
             let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
             write_configuration(&directory, &prefix)?;
-            let file = SessionFile {
-                session: format!("{:016x}", random_u64()),
-                profile: granted_profile(),
-                prefix,
-            };
+            let file = new_session(prefix);
             Self::found(name, &directory, file, true, alive, keeper)
         } else if session_path.exists() {
             if !alive.try_shared().map_err(at("locking", &alive_path))? {
@@ -108,6 +106,7 @@ impl Keeper {
             name: name.clone(),
             session: parse_session(directory, &file)?,
             profile: file.profile,
+            stall: file.stall,
             cold,
             alive,
             _keeper: keeper,
@@ -136,9 +135,14 @@ impl Keeper {
         self.session
     }
 
-    /// The profile that the machine grants.
+    /// The timing profile of the session.
     pub fn profile(&self) -> Profile {
         self.profile
+    }
+
+    /// What was measured at the cold start; see [`super::Domain::host_stall`].
+    pub fn host_stall(&self) -> Option<HostStall> {
+        self.stall
     }
 
     /// Whether nothing was alive, so that a new session began.
@@ -174,7 +178,21 @@ impl Keeper {
     }
 }
 
-/// Whether this machine grants `SCHED_FIFO` to the user, tried on a thread that ends at once.
-fn granted_profile() -> Profile {
-    std::thread::spawn(|| realtime::request_fifo(1)).join().unwrap_or(Profile::BestEffort)
+/// Draws a session and chooses its profile: the one that a person chose, or else the one that the
+/// host can keep; realtime in no case where `SCHED_FIFO` is not granted.
+fn new_session(prefix: String) -> SessionFile {
+    // Tried on a thread of its own, so that the keeper's own scheduling stays as it is.
+    let fifo = std::thread::spawn(|| realtime::request_fifo(1) == Profile::Realtime)
+        .join()
+        .unwrap_or(false);
+    let chosen = realtime::chosen_profile();
+    let stall = chosen.is_none().then(|| HostStall::measure(MEASURED_FOR));
+    let kept = chosen.or_else(|| stall.map(|stall| stall.profile()));
+    SessionFile {
+        session: format!("{:016x}", random_u64()),
+        profile: kept.filter(|_| fifo).unwrap_or(Profile::BestEffort),
+        fifo,
+        prefix,
+        stall,
+    }
 }

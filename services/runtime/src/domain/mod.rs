@@ -25,6 +25,7 @@ pub use keeper::Keeper;
 pub use name::RigName;
 
 use crate::locks::LockFile;
+use crate::stall::HostStall;
 
 /// Where POSIX shared memory lives on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -34,7 +35,7 @@ const KEEPER_LOCK: &str = "keeper.lock";
 const ALIVE_LOCK: &str = "alive.lock";
 const LIBRARY_ROOT: &str = "iox";
 const RUN: &str = "run";
-/// How long a start waits for the keeper.
+/// How long a start waits for the keeper, which measures the host's stalls meanwhile.
 const OPEN_LIMIT: Duration = Duration::from_secs(5);
 
 /// What the keeper wrote when the domain was ready.
@@ -42,7 +43,10 @@ const OPEN_LIMIT: Duration = Duration::from_secs(5);
 struct SessionFile {
     session: String,
     profile: Profile,
+    #[serde(default)]
+    fifo: bool,
     prefix: String,
+    stall: Option<HostStall>,
 }
 
 /// A domain that this process has joined.
@@ -51,6 +55,8 @@ pub struct Domain {
     name: RigName,
     session: u64,
     profile: Profile,
+    fifo: bool,
+    stall: Option<HostStall>,
     _alive: Option<LockFile>,
 }
 
@@ -93,6 +99,8 @@ impl Domain {
                         name: name.clone(),
                         session: parse_session(&directory, &file)?,
                         profile: file.profile,
+                        fifo: file.fifo,
+                        stall: file.stall,
                         _alive: Some(alive),
                     });
                 }
@@ -114,7 +122,7 @@ impl Domain {
         self.session
     }
 
-    /// The profile that the keeper found the machine to grant.
+    /// The timing profile of the session, chosen by the keeper at the cold start.
     pub fn profile(&self) -> Profile {
         self.profile
     }
@@ -126,6 +134,18 @@ impl Domain {
         read_session(&directory)
             .and_then(|file| parse_session(&directory, &file))
             .is_ok_and(|session| session == self.session)
+    }
+
+    /// Whether the session's loops run in `SCHED_FIFO`: in the realtime profile always, in the
+    /// best-effort profile where it is granted and only the host's stalls forbid the other one.
+    pub fn fifo(&self) -> bool {
+        self.fifo
+    }
+
+    /// What the keeper measured at the cold start; `None` where a person chose the profile
+    /// ([`crate::realtime::PROFILE_VARIABLE`]), so that nothing was measured.
+    pub fn host_stall(&self) -> Option<HostStall> {
+        self.stall
     }
 
     /// Whether the keeper lives, found out through its lock. Not for a real-time loop.

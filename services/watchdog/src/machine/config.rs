@@ -1,6 +1,7 @@
 //! What the machine needs to know about its rig.
 
 use ipc_types::{AXES, Profile};
+use runtime::Timeouts;
 
 /// Limits of one axis; beyond any of them the motor loses power.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,8 +68,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// The times of a profile: token 5 ms, peer 8 ms with real-time scheduling, 40 and 60 ms
-    /// without.
+    /// The timeouts of a profile: token 5 ms, peer 8 ms (realtime), or 40 and 60 ms (best-effort).
     pub fn for_profile(
         profile: Profile,
         session: u64,
@@ -77,11 +77,8 @@ impl Config {
         limits: [AxisLimits; AXES],
         line_or_override: bool,
     ) -> Self {
-        // The card is patient for as long as a token lives.
-        let (token_life_ns, peer_lost_ns, line_pause_ns) = match profile {
-            Profile::Realtime => (5_000_000, 8_000_000, 3_000_000),
-            Profile::BestEffort => (40_000_000, 60_000_000, 15_000_000),
-        };
+        let timeouts = Timeouts::of(profile);
+        let Timeouts { token_ns: token_life_ns, peer_lost_ns, line_pause_ns, .. } = timeouts;
         Self {
             session,
             incarnation,
@@ -89,7 +86,7 @@ impl Config {
             token_life_ns,
             peer_lost_ns,
             line_pause_ns,
-            line_gap_ns: token_life_ns - 1_500_000,
+            line_gap_ns: timeouts.line_gap_ns(),
             gate_open_ns: peer_lost_ns * 5 / 2,
             echo_lost_ns: token_life_ns + peer_lost_ns,
             hold_ns: 2 * peer_lost_ns,
