@@ -135,8 +135,7 @@ fn bare_loop(processor: usize, duration: Duration) -> HostStall {
 /// the kernel does not count it.
 fn stolen_ppm(stat: &str) -> Option<u64> {
     let line = stat.lines().next()?.strip_prefix("cpu ")?;
-    let times: Vec<u64> =
-        line.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
+    let times: Vec<u64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
     // user, nice, system, idle, iowait, irq, softirq, steal; guest time is counted in user already.
     let all: u64 = times.iter().take(8).sum();
     (times.get(7)? * 1_000_000).checked_div(all)
