@@ -376,7 +376,7 @@ fn lowest_footprint(name: &runtime::RigName) -> Footprint {
 }
 
 fn report(campaign: &Campaign) {
-    let lives = campaign.witness().lives();
+    let lives = campaign.witness().timeouts();
     for (victim, off) in &campaign.off {
         let mut sorted = off.clone();
         sorted.sort_unstable();
