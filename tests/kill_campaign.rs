@@ -389,7 +389,7 @@ fn report(campaign: &Campaign) {
         );
         // The gate is the quicker way wherever acquisition lives, and the usual one.
         if *victim == "control" {
-            let gate = lives.command_ns / TICK_NS + SLACK;
+            let gate = lives.token_ns / TICK_NS + SLACK;
             assert!(median <= gate, "the gate's way took {median} ticks, expected at most {gate}");
         }
     }

@@ -26,7 +26,7 @@ use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::daq::{Present, Scan};
 use runtime::gate::{Gate, GateConfig};
-use runtime::lives;
+use runtime::Timeouts;
 use simulator::Card;
 use twin::Twin;
 use watchdog::axis_limits;
@@ -81,7 +81,7 @@ impl Rig {
         let volts_max = limits.map(|limit| limit.volts_max);
         let bits = (1u8 << rig.axes.len()) - 1;
         Self {
-            card: Card::new(rig, &[], lives(PROFILE).line_ns).unwrap(),
+            card: Card::new(rig, &[], Timeouts::of(PROFILE).line_ns).unwrap(),
             converter: Converter::new(rig),
             gate: Gate::new(GateConfig::for_profile(
                 PROFILE,
