@@ -24,9 +24,9 @@ use ipc_types::{
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
+use runtime::Timeouts;
 use runtime::daq::{Present, Scan};
 use runtime::gate::{Gate, GateConfig};
-use runtime::Timeouts;
 use simulator::Card;
 use twin::Twin;
 use watchdog::axis_limits;
