@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use plant::hydrostatic::{Input, Parameters, Plant};
+use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 use std::hint::black_box;
 
 fn run(plant: &Plant) -> f64 {

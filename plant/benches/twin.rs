@@ -12,7 +12,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use plant::batch;
-use plant::hydrostatic::{Input, Parameters, Plant};
+use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 
 const STEPS: usize = 60_000;
 const RUNS: usize = 15;

@@ -1,6 +1,7 @@
-//! A transmission whose kind is known at run time only: what a rig file declares.
+//! A transmission of any kind, for code that knows the kind at run time only, as from a rig file.
 //!
-//! An enum, so that a loop steps it without allocating and without a table of functions.
+//! An enum, so that a loop steps it without allocation and without dynamic dispatch. The list of
+//! transmissions stands here, one line each.
 //!
 //! ```
 //! use plant::transmission::{Input, Transmission};
@@ -12,254 +13,237 @@
 //! # Ok::<(), plant::ParameterError>(())
 //! ```
 
-use crate::effects::Effect;
-use crate::friction::{Advance, Load};
-use crate::shared::Shared;
+use std::ops::{Deref, DerefMut};
+
+use crate::effects::{Effect, Site};
+use crate::friction::Advance;
 use crate::transmission::{
-    Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission,
+    Correction, EnergyBalance, ImposedMotion, Input, Motion, PendingStep, Reading, State,
+    Transmission, TransmissionParameters,
 };
 use crate::{ParameterError, ParameterInfo, ParameterSet, cable, hydrostatic};
 
-/// Constants of a transmission of either kind, SI.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Parameters {
-    /// Two oil lines (ch. 3).
-    Hydrostatic(hydrostatic::Parameters),
-    /// Two cables (ch. 5).
-    Cable(cable::Parameters),
-}
-
-impl From<hydrostatic::Parameters> for Parameters {
-    fn from(parameters: hydrostatic::Parameters) -> Self {
-        Self::Hydrostatic(parameters)
-    }
-}
-
-impl From<cable::Parameters> for Parameters {
-    fn from(parameters: cable::Parameters) -> Self {
-        Self::Cable(parameters)
-    }
-}
-
-impl ParameterSet for Parameters {
-    fn infos(&self) -> &'static [ParameterInfo] {
-        match self {
-            Self::Hydrostatic(own) => own.infos(),
-            Self::Cable(own) => own.infos(),
+macro_rules! transmissions {
+    ($($(#[$doc:meta])* $kind:ident: $module:ident, $word:literal;)+) => {
+        /// The kinds of transmissions.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum Kind {
+            $($(#[$doc])* $kind),+
         }
-    }
 
-    fn get(&self, name: &str) -> Option<f64> {
-        match self {
-            Self::Hydrostatic(own) => own.get(name),
-            Self::Cable(own) => own.get(name),
-        }
-    }
+        impl Kind {
+            /// All kinds, in the order of the list.
+            pub const ALL: &[Self] = &[$(Self::$kind),+];
 
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        match self {
-            Self::Hydrostatic(own) => own.set(name, value),
-            Self::Cable(own) => own.set(name, value),
-        }
-    }
-}
-
-impl Parameters {
-    /// Fixes an inertia to the handle (kg·m²): that of the hand that holds it.
-    ///
-    /// # Errors
-    /// [`ParameterError::OutOfRange`] where handle and hand together are beyond what the model
-    /// stands for.
-    pub fn load_handle(&mut self, inertia_kg_m2: f64) -> Result<(), ParameterError> {
-        match self {
-            Self::Hydrostatic(own) => {
-                let handle = own.slave_handle_inertia_kg_m2;
-                own.set("slave_handle_inertia_kg_m2", handle + inertia_kg_m2)
+            /// Its name in a rig file.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$kind => $word),+
+                }
             }
-            Self::Cable(own) => {
-                let slave = own.slave_inertia_kg_m2;
-                own.set("slave_inertia_kg_m2", slave + inertia_kg_m2)
+
+            /// Its constants as printed in the thesis.
+            pub fn printed(self) -> Parameters {
+                match self {
+                    $(Self::$kind => Parameters::$kind($module::Parameters::printed())),+
+                }
+            }
+
+            /// Its constants as printed, the line as soft as the traced responses show it.
+            pub fn traced(self) -> Parameters {
+                match self {
+                    $(Self::$kind => Parameters::$kind($module::Parameters::traced())),+
+                }
+            }
+
+            /// All its parameters with unit, range, printed value and source.
+            pub const fn infos(self) -> &'static [ParameterInfo] {
+                match self {
+                    $(Self::$kind => $module::Parameters::NAMES),+
+                }
             }
         }
-    }
 
-    /// Inertia of the slave with its handle (kg·m²), effects left out.
-    pub fn slave_inertia_kg_m2(&self) -> f64 {
-        match self {
-            Self::Hydrostatic(own) => own.slave_inertia_kg_m2(),
-            Self::Cable(own) => own.total_slave_inertia_kg_m2(),
+        /// Constants of a transmission of any kind, SI; what all kinds have is in
+        /// [`TransmissionParameters`].
+        #[derive(Clone, Debug, PartialEq)]
+        pub enum Parameters {
+            $($(#[$doc])* $kind($module::Parameters)),+
         }
-    }
 
-    /// Torque of the motor for each volt at its amplifier (N·m/V).
-    pub const fn motor_torque_per_volt_nm(&self) -> f64 {
-        match self {
-            Self::Hydrostatic(own) => own.motor_torque_per_volt_nm,
-            Self::Cable(own) => own.motor_torque_per_volt_nm,
-        }
-    }
-
-    /// What the line moves for each radian of the master (m/rad).
-    pub fn master_displacement_m_per_rad(&self) -> f64 {
-        match self {
-            Self::Hydrostatic(own) => own.master_displacement_m_per_rad(),
-            Self::Cable(own) => own.master_pulley_radius_m,
-        }
-    }
-
-    /// Stiffness of one line (N/m).
-    pub fn line_stiffness_n_per_m(&self) -> f64 {
-        match self {
-            Self::Hydrostatic(own) => own.line_stiffness_n_per_m(),
-            Self::Cable(own) => own.line_stiffness_n_per_m(),
-        }
-    }
-
-    /// A plant with these constants, at rest at zero.
-    ///
-    /// # Errors
-    /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect;
-    /// [`ParameterError::EffectNotApplicable`] for an effect that has no meaning in this kind.
-    pub fn plant(self, effects: Vec<Box<dyn Effect>>) -> Result<Plant, ParameterError> {
-        Ok(match self {
-            Self::Hydrostatic(own) => {
-                Plant::Hydrostatic(Box::new(hydrostatic::Plant::new(own, effects)?))
+        $(impl From<$module::Parameters> for Parameters {
+            fn from(parameters: $module::Parameters) -> Self {
+                Self::$kind(parameters)
             }
-            Self::Cable(own) => Plant::Cable(Box::new(cable::Plant::new(own, effects)?)),
-        })
-    }
-}
+        })+
 
-/// A transmission of either kind, moving.
-#[derive(Clone, Debug)]
-pub enum Plant {
-    /// Two oil lines.
-    Hydrostatic(Box<hydrostatic::Plant>),
-    /// Two cables.
-    Cable(Box<cable::Plant>),
-}
+        impl Deref for Parameters {
+            type Target = dyn TransmissionParameters;
 
-impl Plant {
-    /// Puts the plant to rest with the master there (rad), and the slave there or, for `None`,
-    /// where the line at rest would have it. The middle of each line stands midway between what its
-    /// two ends ask of it.
-    pub fn rest_at(&mut self, master_rad: f64, slave_rad: Option<f64>) {
-        let radii = match self {
-            Self::Hydrostatic(plant) => {
-                let own = plant.parameters();
-                [own.master_displacement_m_per_rad(), own.slave_displacement_m_per_rad()]
+            fn deref(&self) -> &Self::Target {
+                match self {
+                    $(Self::$kind(own) => own),+
+                }
             }
-            Self::Cable(plant) => {
-                let own = plant.parameters();
-                [own.master_pulley_radius_m, own.slave_pulley_radius_m()]
+        }
+
+        impl DerefMut for Parameters {
+            fn deref_mut(&mut self) -> &mut Self::Target {
+                match self {
+                    $(Self::$kind(own) => own),+
+                }
             }
-        };
-        let slave_rad = slave_rad.unwrap_or(master_rad * radii[0] / radii[1]);
-        let middle = [0.5 * (radii[0] * master_rad + radii[1] * slave_rad); 2];
-        match self {
-            Self::Hydrostatic(plant) => plant.set_state(hydrostatic::State {
-                master_position_rad: master_rad,
-                slave_position_rad: slave_rad,
-                line_position_m: middle,
-                ..hydrostatic::State::default()
-            }),
-            Self::Cable(plant) => plant.set_state(cable::State {
-                master_position_rad: master_rad,
-                slave_position_rad: slave_rad,
-                line_position_m: middle,
-                ..cable::State::default()
-            }),
         }
-    }
-}
 
-impl Plant {
-    /// Lets internal steps be as long as `longest_s` where the plant is stable with it.
-    #[must_use]
-    pub fn with_longest_step(self, longest_s: f64) -> Self {
-        match self {
-            Self::Hydrostatic(plant) => {
-                Self::Hydrostatic(Box::new(plant.with_longest_step(longest_s)))
+        impl Parameters {
+            /// Which kind.
+            pub const fn kind(&self) -> Kind {
+                match self {
+                    $(Self::$kind(_) => Kind::$kind),+
+                }
             }
-            Self::Cable(plant) => Self::Cable(Box::new(plant.with_longest_step(longest_s))),
-        }
-    }
 
-    /// Sets the clock by which effects change (s); nothing moves.
-    pub fn set_time(&mut self, time_s: f64) {
-        match self {
-            Self::Hydrostatic(plant) => {
-                plant.set_state(hydrostatic::State { time_s, ..*plant.state() })
+            /// A plant with these constants, at rest at zero.
+            ///
+            /// # Errors
+            /// [`ParameterError::OutOfRange`] for a parameter of the plant or of an effect;
+            /// [`ParameterError::EffectNotApplicable`] for an effect that does not act on this
+            /// kind.
+            pub fn plant(self, effects: Vec<Box<dyn Effect>>) -> Result<Plant, ParameterError> {
+                Ok(match self {
+                    $(Self::$kind(own) => {
+                        Plant::$kind(Box::new($module::Plant::new(own, effects)?))
+                    })+
+                })
             }
-            Self::Cable(plant) => plant.set_state(cable::State { time_s, ..*plant.state() }),
-        }
-    }
 
-    /// Adds to positions and speeds without a fresh start: how an observer pulls the model toward a
-    /// measurement.
-    pub fn correct(&mut self, correction: Correction) {
-        match self {
-            Self::Hydrostatic(plant) => plant.correct(correction),
-            Self::Cable(plant) => plant.correct(correction),
+            /// Changes the constants as an effect does at the start of a simulation.
+            fn modify(&mut self, effect: &dyn Effect) {
+                match self {
+                    $(Self::$kind(own) => effect.modify(own)),+
+                }
+            }
         }
-    }
-}
 
-/// The same call on whichever plant there is.
-macro_rules! each {
-    ($plant:expr, $inner:ident => $call:expr) => {
-        match $plant {
-            Plant::Hydrostatic($inner) => $call,
-            Plant::Cable($inner) => $call,
+        /// A transmission of any kind, in motion.
+        #[derive(Clone, Debug)]
+        pub enum Plant {
+            $($(#[$doc])* $kind(Box<$module::Plant>)),+
+        }
+
+        /// The same call on the plant of whichever kind.
+        macro_rules! each {
+            ($plant:expr, $inner:ident => $call:expr) => {
+                match $plant {
+                    $(Plant::$kind($inner) => $call),+
+                }
+            };
         }
     };
 }
 
-/// An internal step of either kind, the slave still to be moved.
-pub(crate) enum Stage {
-    Hydrostatic(hydrostatic::Stage),
-    Cable(cable::Stage),
+transmissions! {
+    /// Two oil lines (ch. 3).
+    Hydrostatic: hydrostatic, "hydrostatic";
+    /// Two cables (ch. 5).
+    Cable: cable, "cable";
+}
+impl ParameterSet for Parameters {
+    fn infos(&self) -> &'static [ParameterInfo] {
+        self.deref().infos()
+    }
+
+    fn get(&self, name: &str) -> Option<f64> {
+        self.deref().get(name)
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.deref_mut().set(name, value)
+    }
 }
 
-impl Shared for Plant {
-    type Stage = Stage;
-
-    fn begin(&mut self, input: Input, step_s: f64) -> (Stage, Load) {
-        match self {
-            Self::Hydrostatic(plant) => {
-                let (stage, load) = Shared::begin(plant.as_mut(), input, step_s);
-                (Stage::Hydrostatic(stage), load)
+impl Parameters {
+    /// Adds what an effect changes to the constants, for control laws that know constants alone:
+    /// compliance and damping of the line, inertia, constant and viscous friction. Anything else it
+    /// does is left out.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`] where the sum exceeds the range of the model.
+    pub fn absorb(&mut self, effect: &dyn Effect) -> Result<(), ParameterError> {
+        let size = |id: &str, name: &str| {
+            if effect.id() == id { effect.get(name).unwrap_or_default() } else { 0.0 }
+        };
+        let inertia = effect.extra_inertia();
+        let dry = size("coulomb_friction", "level");
+        let viscous = size("viscous_friction", "coefficient");
+        let parts = match effect.site() {
+            Site::Master => vec![
+                ("motor_inertia_kg_m2", inertia),
+                ("motor_coulomb_nm", dry),
+                ("motor_viscous_nm_s", viscous),
+            ],
+            Site::Slave => {
+                let mut parts = vec![(self.handle_inertia(), inertia)];
+                parts.extend(self.slave_friction_parameters(dry, viscous));
+                parts
             }
-            Self::Cable(plant) => {
-                let (stage, load) = Shared::begin(plant.as_mut(), input, step_s);
-                (Stage::Cable(stage), load)
-            }
+            _ => Vec::new(),
+        };
+        self.modify(effect);
+        for (name, part) in parts.into_iter().filter(|(_, part)| *part != 0.0) {
+            self.add(name, part)?;
         }
+        Ok(())
+    }
+}
+
+impl Plant {
+    /// See [`crate::transmission::Plant::rest_at`].
+    pub fn rest_at(&mut self, master_rad: f64, slave_rad: Option<f64>) {
+        each!(self, plant => plant.rest_at(master_rad, slave_rad));
     }
 
-    fn complete(&mut self, stage: Stage, slave: Advance) {
-        match (self, stage) {
-            (Self::Hydrostatic(plant), Stage::Hydrostatic(stage)) => {
-                Shared::complete(plant.as_mut(), stage, slave)
-            }
-            (Self::Cable(plant), Stage::Cable(stage)) => {
-                Shared::complete(plant.as_mut(), stage, slave)
-            }
-            // A stage comes back to the plant that began it.
-            _ => debug_assert!(false, "a stage of another kind of plant"),
-        }
+    /// See [`crate::transmission::Plant::with_longest_step`].
+    #[must_use]
+    pub fn with_longest_step(mut self, longest_s: f64) -> Self {
+        each!(&mut self, plant => plant.set_longest_step(longest_s));
+        self
     }
 
-    fn observe(&mut self, input: Input) {
-        each!(self, plant => plant.observe(input));
+    /// Sets the clock by which effects change (s); nothing moves.
+    pub fn set_time(&mut self, time_s: f64) {
+        each!(self, plant => plant.set_state(State { time_s, ..*plant.state() }));
     }
 
-    fn longest_step_s(&self) -> f64 {
+    /// See [`crate::transmission::Plant::correct`].
+    pub fn correct(&mut self, correction: Correction) {
+        each!(self, plant => plant.correct(correction));
+    }
+
+    /// The true state at the end of the last step.
+    pub fn state(&self) -> &State {
+        each!(self, plant => plant.state())
+    }
+
+    /// Longest internal step, s.
+    pub fn longest_step_s(&self) -> f64 {
         each!(self, plant => plant.longest_step_s())
     }
 
-    fn slave_inertia_kg_m2(&self) -> f64 {
-        each!(self, plant => Shared::slave_inertia_kg_m2(plant.as_ref()))
+    pub(crate) fn slave_inertia_kg_m2(&self) -> f64 {
+        each!(self, plant => plant.slave_inertia_kg_m2())
+    }
+
+    pub(crate) fn begin(&mut self, input: Input, step_s: f64) -> PendingStep {
+        each!(self, plant => plant.begin(input, step_s))
+    }
+
+    pub(crate) fn complete(&mut self, pending: &PendingStep, slave: Advance) {
+        each!(self, plant => plant.complete(pending, slave));
+    }
+
+    pub(crate) fn read(&mut self, input: Input) {
+        each!(self, plant => plant.read(input.motor_v, input.hand_torque_nm));
     }
 }
 
@@ -277,7 +261,7 @@ impl Transmission for Plant {
     }
 
     fn reading(&self) -> Reading {
-        each!(self, plant => *plant.reading())
+        each!(self, plant => plant.reading())
     }
 
     fn energy(&self) -> EnergyBalance {
@@ -290,35 +274,8 @@ mod tests {
     use super::*;
     use crate::effects::parse;
 
-    fn kinds() -> [Parameters; 2] {
-        [hydrostatic::Parameters::traced().into(), cable::Parameters::traced().into()]
-    }
-
-    #[test]
-    fn it_moves_as_the_plant_inside_does() {
-        let input = Input { motor_v: 5.0, hand_torque_nm: 0.1 };
-        let mut oil =
-            hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
-        let mut cable = cable::Plant::new(cable::Parameters::traced(), Vec::new()).unwrap();
-        let [mut any_oil, mut any_cable] = kinds().map(|kind| kind.plant(Vec::new()).unwrap());
-        for _ in 0..400 {
-            oil.step(input, 5e-4);
-            cable.step(input, 5e-4);
-            any_oil.step(input, 5e-4);
-            any_cable.step(input, 5e-4);
-        }
-        assert_eq!(
-            (any_oil.motion(), any_oil.reading()),
-            (Motion::from(oil.state()), *oil.reading())
-        );
-        assert_eq!(
-            (any_cable.motion(), any_cable.reading()),
-            (Motion::from(cable.state()), *cable.reading())
-        );
-        assert!(
-            any_oil.motion().slave_position_rad > 0.01
-                && any_cable.motion().slave_position_rad > 0.01
-        );
+    fn kinds() -> impl Iterator<Item = Parameters> {
+        Kind::ALL.iter().map(|kind| kind.traced())
     }
 
     #[test]
@@ -368,9 +325,9 @@ mod tests {
 
     #[test]
     fn leakage_acts_in_oil_alone() {
-        let [oil, cable] = kinds();
-        assert!(oil.plant(vec![parse("leakage").unwrap()]).is_ok());
-        let error = cable.plant(vec![parse("leakage").unwrap()]).unwrap_err().to_string();
+        let leaking = |kind: Kind| kind.traced().plant(vec![parse("leakage").unwrap()]);
+        assert!(leaking(Kind::Hydrostatic).is_ok());
+        let error = leaking(Kind::Cable).unwrap_err().to_string();
         assert!(error.contains("`leakage`") && error.contains("cable transmission"), "{error}");
     }
 }

@@ -33,7 +33,6 @@ use nalgebra::Matrix3;
 
 use crate::any;
 use crate::friction::{Advance, Load, advance};
-use crate::shared::Shared;
 use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, sub_steps};
 
 /// Most axes.
@@ -169,7 +168,7 @@ impl Plant {
             *inertia = axis.slave_inertia_kg_m2();
         }
         let least = coupling.check(&inertia[..axes.len()])?;
-        let longest = axes.iter().map(Shared::longest_step_s).fold(f64::INFINITY, f64::min);
+        let longest = axes.iter().map(any::Plant::longest_step_s).fold(f64::INFINITY, f64::min);
         let mut plant = Self {
             // A handle that is lighter in some direction swings faster there, at most by the root
             // of what it lacks.
@@ -221,24 +220,24 @@ impl Plant {
         }
         let (count, step) = sub_steps(dt_s, self.longest_step_s);
         for _ in 0..count {
-            let mut stages = [const { None }; AXES];
+            let mut pending = [const { None }; AXES];
             let mut loads = [Load::default(); AXES];
             let mut speeds = [0.0; AXES];
             for (axis, plant) in self.axes.iter_mut().enumerate() {
                 speeds[axis] = plant.motion().slave_velocity_rad_s;
-                let (stage, load) = plant.begin(input(axis), step);
-                (stages[axis], loads[axis]) = (Some(stage), load);
+                let begun = plant.begin(input(axis), step);
+                (loads[axis], pending[axis]) = (begun.load, Some(begun));
             }
             let slaves = self.move_slaves(&speeds, &loads, step);
-            for ((axis, plant), stage) in self.axes.iter_mut().enumerate().zip(stages) {
+            for ((axis, plant), begun) in self.axes.iter_mut().enumerate().zip(&pending) {
                 self.increments[axis] = slaves[axis].velocity - speeds[axis];
-                if let Some(stage) = stage {
-                    plant.complete(stage, slaves[axis]);
+                if let Some(begun) = begun {
+                    plant.complete(begun, slaves[axis]);
                 }
             }
         }
         for (axis, plant) in self.axes.iter_mut().enumerate() {
-            plant.observe(input(axis));
+            plant.read(input(axis));
         }
     }
 

@@ -5,7 +5,7 @@
 //! slave positive.
 //!
 //! ```
-//! use plant::hydrostatic::{Input, Parameters, Plant};
+//! use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 //!
 //! let mut plant = Plant::new(Parameters::traced(), vec![plant::effects::parse("backlash@slave=0.01")?])?;
 //! for _ in 0..2000 {
@@ -41,12 +41,10 @@ pub mod effects;
 pub mod fluid;
 pub mod friction;
 pub mod hydrostatic;
-mod modes;
 mod parameter;
 pub mod reflected;
 pub mod response;
 pub mod sensors;
-mod shared;
 pub mod stability;
 pub mod transmission;
 

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use plant::cable;
-use plant::hydrostatic::{Input, Parameters, Plant};
+use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 

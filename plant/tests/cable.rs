@@ -5,7 +5,9 @@
 mod common;
 
 use common::{DT_S, close, effects};
-use plant::cable::{Correction, ImposedMotion, Input, Parameters, Plant, State};
+use plant::cable::{
+    Correction, ImposedMotion, Input, Parameters, Plant, State, Transmission,
+};
 use plant::effects::LIST;
 use plant::{ParameterError, ParameterSet};
 use proptest::prelude::*;
@@ -188,7 +190,7 @@ fn unsaturated_friction_multiplies_along_the_line() {
             plant.step_imposed(ImposedMotion { position_rad, velocity_rad_s: 1.0 }, 0.0, DT_S);
         }
         let state = *plant.state();
-        (state.line_tension_master_n[0] / state.line_tension_slave_n[0], state)
+        (state.line_force_n[0][0] / state.line_force_n[0][1], state)
     };
     let (gentle, hard) = (drop_of(20.0), drop_of(80.0));
     println!("{gentle:?} {hard:?}");
@@ -196,7 +198,7 @@ fn unsaturated_friction_multiplies_along_the_line() {
     close(gentle.0, (1.0 + share) / (1.0 - share), 1e-2);
     close(hard.0, gentle.0, 1e-2);
     // The slave's end: its two supports take their parts of both tensions.
-    let [forward, backward] = hard.1.line_tension_slave_n;
+    let [forward, backward] = hard.1.line_force_n.map(|[_, at_slave]| at_slave);
     close(forward - backward, share * (forward + backward), 1e-2);
 }
 
@@ -215,7 +217,7 @@ fn mirrored_input_gives_the_mirrored_movement() {
         assert_eq!(a.slave_position_rad, -b.slave_position_rad);
         assert_eq!(a.master_velocity_rad_s, -b.master_velocity_rad_s);
         assert_eq!(a.line_position_m[0], -b.line_position_m[1], "the cables change places");
-        assert_eq!(a.line_tension_slave_n[0], b.line_tension_slave_n[1]);
+        assert_eq!(a.line_force_n[0][1], b.line_force_n[1][1]);
         most = most.max(a.slave_position_rad.abs());
     }
     assert!(most > 0.1, "{most}");
@@ -288,7 +290,7 @@ fn cables_never_push() {
             DT_S,
         );
         for tension in
-            plant.state().line_tension_master_n.iter().chain(&plant.state().line_tension_slave_n)
+            plant.state().line_force_n.as_flattened()
         {
             least = least.min(*tension);
             most = most.max(*tension);
@@ -310,7 +312,7 @@ fn an_overload_takes_pretension_away() {
                 plant.step_imposed(ImposedMotion::default(), torque, DT_S);
             }
         }
-        plant.state().line_tension_slave_n[0]
+        plant.state().line_force_n[0][1]
     };
     close(tension_after(200.0), 60.0, 1e-3);
     // 4 N·m over 60 mm add half of 67 N to each; the set is a quarter of what that stretches, at

@@ -6,7 +6,9 @@ mod common;
 use common::{DT_S, close, frictionless, loose, plant, volts};
 use plant::ParameterError;
 use plant::effects::{self, EffectError, LIST, Site};
-use plant::hydrostatic::{ImposedMotion, Input, Parameters, Plant, Reading, State};
+use plant::hydrostatic::{
+    ImposedMotion, Input, Parameters, Plant, Reading, State, Transmission,
+};
 use std::f64::consts::TAU;
 
 fn hand(torque: f64) -> Input {
@@ -376,7 +378,7 @@ fn sensors() {
         for _ in 0..20 {
             plant.step(Input { motor_v: 0.1, hand_torque_nm: torque }, DT_S);
         }
-        (*plant.reading(), *plant.state())
+        (plant.reading(), *plant.state())
     };
     close(reading("sensor_offset=0.1", 0.5).0.slave_torque_nm, 0.6, 1e-12);
     close(reading("sensor_gain=0.1", 0.5).0.slave_torque_nm, 0.55, 1e-12);
@@ -405,7 +407,7 @@ fn every_effect_changes_something_and_breaks_nothing() {
                 hand_torque_nm: 1.0 * (4.0 * time).cos(),
             };
             plant.step(input, DT_S);
-            readings.push(*plant.reading());
+            readings.push(plant.reading());
         }
         (plant, readings)
     };

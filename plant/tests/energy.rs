@@ -1,7 +1,7 @@
 //! The energy balance closes for any machine and any input.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::hydrostatic::{Input, Parameters, Plant};
+use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 use proptest::prelude::*;
 
 proptest! {

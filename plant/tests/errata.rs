@@ -4,7 +4,7 @@
 mod common;
 
 use common::close;
-use plant::hydrostatic::{ImposedMotion, Parameters, Plant};
+use plant::hydrostatic::{ImposedMotion, Parameters, Plant, Transmission};
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 #[test]
@@ -61,7 +61,7 @@ fn torques_without_area_ratio_do_not_balance() {
         };
         plant.step_imposed(target, 0.0, 0.5e-3);
         let state = plant.state();
-        let force = -(state.line_force_master_n[0] + state.line_force_master_n[1]);
+        let force = -(state.line_force_n[0][0] + state.line_force_n[1][0]);
         printed_work += force * 0.031 * (state.master_position_rad - before);
     }
     let energy = plant.energy();

@@ -1,7 +1,7 @@
 //! Stability of sampled laws on transmissions: closed forms, and what is promised of the check.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::stability::{Field, HANDS, Hand, Law, Loop, MARGIN, Machine, Sampling, check, growth};
+use plant::stability::{Field, HANDS, Hand, Law, Loop, MARGIN, LinearModel, Sampling, check, growth};
 use plant::transmission::{Input, Transmission};
 use plant::{any, hydrostatic};
 
@@ -21,7 +21,7 @@ fn sampling(hz: f64) -> Sampling {
 
 fn axis(parameters: hydrostatic::Parameters, hz: f64, law: Law) -> Loop {
     Loop {
-        machine: Machine::new(&parameters.into(), SPEED),
+        model: LinearModel::new(&parameters, SPEED),
         sampling: sampling(hz),
         gear: 1.0,
         law,

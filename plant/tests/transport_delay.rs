@@ -4,7 +4,7 @@
 mod common;
 
 use common::{DT_S, close, frictionless, plant, volts};
-use plant::hydrostatic::{EnergyBalance, ImposedMotion, Input, Parameters};
+use plant::hydrostatic::{EnergyBalance, ImposedMotion, Input, Parameters, Transmission};
 
 #[test]
 fn transport_delay_of_drive_and_sensor() {

@@ -21,7 +21,7 @@
 //! along the line while it is far from saturation, as a rope's round a capstan.
 //!
 //! ```
-//! use plant::cable::{Input, Parameters, Plant};
+//! use plant::cable::{Input, Parameters, Plant, Transmission};
 //!
 //! let mut plant = Plant::new(Parameters::traced().with_cables(2.0), Vec::new())?;
 //! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.1);
@@ -39,16 +39,16 @@
 //! line are those of one cable times their number. The slave's inertia stays, so that the resonance
 //! rises a little slower than with the square root of the number.
 
+mod cable_line;
 mod element;
-mod lines;
-mod modes;
 mod parameters;
-mod plant;
-mod state;
 
-pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Reading};
+pub use crate::transmission::{
+    Correction, EnergyBalance, ImposedMotion, Input, Reading, State, Transmission,
+};
+pub use cable_line::CableLine;
 pub use element::{Element, ElementLaw};
 pub use parameters::Parameters;
-pub use plant::Plant;
-pub(crate) use plant::Stage;
-pub use state::State;
+
+/// The cable transmission in motion.
+pub type Plant = crate::transmission::Plant<CableLine>;

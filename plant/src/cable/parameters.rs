@@ -3,6 +3,7 @@
 use super::{Element, ElementLaw};
 use crate::effects::LineConstants;
 use crate::parameter::parameter_set;
+use crate::transmission::TransmissionParameters;
 
 parameter_set! {
     /// Constants of the cable transmission, SI.
@@ -225,5 +226,50 @@ impl LineConstants for Parameters {
 
     fn add_line_damping(&mut self, damping_n_s_per_m: f64) {
         self.cable_damping_n_s_per_m += damping_n_s_per_m;
+    }
+}
+
+impl TransmissionParameters for Parameters {
+    fn motor_torque_per_volt_nm(&self) -> f64 {
+        self.motor_torque_per_volt_nm
+    }
+
+    fn inertia_kg_m2(&self) -> [f64; 2] {
+        [self.total_master_inertia_kg_m2(), self.total_slave_inertia_kg_m2()]
+    }
+
+    fn middle_mass_kg(&self) -> f64 {
+        Self::middle_mass_kg(self)
+    }
+
+    fn displacement_m_per_rad(&self) -> [f64; 2] {
+        [self.master_pulley_radius_m, self.slave_pulley_radius_m()]
+    }
+
+    fn half_line_stiffness_n_per_m(&self) -> [f64; 2] {
+        [2.0 * Self::line_stiffness_n_per_m(self); 2]
+    }
+
+    fn link_damping_n_s_per_m(&self) -> f64 {
+        self.cables * self.cable_damping_n_s_per_m
+    }
+
+    fn linear_damping(&self, weakest: &dyn Fn(&dyn Fn(f64) -> f64) -> f64) -> [f64; 3] {
+        let (master, slave) = (self.master_pulley_radius_m, self.slave_pulley_radius_m());
+        let viscous = self.cables * self.support_viscous_n_s_per_m;
+        let inner = (self.supports() - 2.0).max(0.0);
+        [
+            self.motor_viscous_nm_s + 2.0 * viscous * master * master,
+            2.0 * viscous * slave * slave + weakest(&|_| self.slave_bearing_nm),
+            2.0 * viscous * inner,
+        ]
+    }
+
+    fn handle_inertia(&self) -> &'static str {
+        "slave_inertia_kg_m2"
+    }
+
+    fn slave_friction_parameters(&self, dry_nm: f64, _viscous: f64) -> Vec<(&'static str, f64)> {
+        vec![("slave_bearing_nm", dry_nm)]
     }
 }

@@ -1,6 +1,6 @@
 //! Effects by the site at which they act.
 
-use super::{Effect, LineConstants, Moment, Side, SideLoad, Site};
+use super::{Effect, End, LineConstants, Moment, Side, SideLoad, Site};
 use crate::ParameterError;
 use crate::transmission::{Motion, Reading};
 
@@ -89,6 +89,16 @@ impl Sited {
             effect.side(load, moment);
         }
         load.load.force - own
+    }
+
+    /// Calls the effects of the line, then those of the side at its `end`.
+    #[inline]
+    pub(crate) fn links(&mut self, end: End, call: impl FnMut(&mut Box<dyn Effect>)) {
+        let at_end = match end {
+            End::Master => &mut self.master,
+            End::Slave => &mut self.slave,
+        };
+        self.line.iter_mut().chain(at_end).for_each(call);
     }
 
     /// A line's loss coefficient with effects, N·s/m.

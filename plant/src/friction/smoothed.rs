@@ -1,46 +1,6 @@
 //! Dry friction spread over a small speed, for estimators that need a slope.
 
-use super::stick::{Advance, Load};
-
-/// How dry friction passes through zero speed where it is not exact: odd in the speed, 1 far out,
-/// and of slope 1 over the speed at rest.
-///
-/// Nobody knows the shape of a real machine's. With `x` for the speed over [`Smoothing::speed`],
-/// shape 0 is `x/√(1 + x²)`, shape -1 the long approach `x/(1 + |x|)` and shape 1 the sharp corner
-/// `x/(1 + x⁴)^¼`; between them it is a mixture of its neighbours.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Smoothing {
-    /// Speed over which friction is spread (rad/s or m/s); 0 for exact stick.
-    pub speed: f64,
-    /// Shape, -1 to 1.
-    pub shape: f64,
-}
-
-impl Smoothing {
-    /// Share of dry friction that acts, its slope, and half the bend of it (positive where it bends
-    /// down), at a ratio of speeds that is not negative.
-    #[inline(always)]
-    fn share(&self, x: f64) -> (f64, f64, f64) {
-        let root = 1.0 / (1.0 + x * x).sqrt();
-        let cube = root * root * root;
-        let middle = (x * root, cube, 1.5 * x * cube * root * root);
-        if self.shape == 0.0 {
-            return middle;
-        }
-        let other = if self.shape < 0.0 {
-            let long = 1.0 / (1.0 + x);
-            (x * long, long * long, long * long * long)
-        } else {
-            let square = x * x;
-            let corner = 1.0 / (1.0 + square * square).sqrt().sqrt();
-            let fifth = corner * (corner * corner) * (corner * corner);
-            (x * corner, fifth, 2.5 * x * square * fifth * (corner * corner) * (corner * corner))
-        };
-        let part = self.shape.abs().min(1.0);
-        let mix = |middle: f64, other: f64| middle + part * (other - middle);
-        (mix(middle.0, other.0), mix(middle.1, other.1), mix(middle.2, other.2))
-    }
-}
+use super::load::{Advance, Load};
 
 /// A speed so many times that over which friction is spread is one of sliding.
 const SLIDING: f64 = 3.0;
@@ -88,7 +48,7 @@ pub(super) fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::friction::DryFriction;
+    use crate::friction::{DryFriction, Smoothing};
 
     #[test]
     fn slope_and_bend_are_those_of_the_share() {

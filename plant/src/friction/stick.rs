@@ -5,76 +5,8 @@
 //! value up to breakaway: the speed is exactly zero, with neither creep nor chatter. A movement
 //! that is only slowed is a midpoint rule (second order).
 
-use super::smoothed::{Smoothing, advance_smoothed};
-
-/// Dry friction, N·m or N, as positive magnitudes for movement in either direction.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DryFriction {
-    /// Against forward movement at the present speed.
-    pub forward: f64,
-    /// Against backward movement at the present speed.
-    pub backward: f64,
-    /// Breakaway, forward.
-    pub forward_at_rest: f64,
-    /// Breakaway, backward.
-    pub backward_at_rest: f64,
-}
-
-impl DryFriction {
-    /// The same in both directions.
-    pub fn symmetric(moving: f64, at_rest: f64) -> Self {
-        Self {
-            forward: moving,
-            backward: moving,
-            forward_at_rest: at_rest,
-            backward_at_rest: at_rest,
-        }
-    }
-
-    /// Adds to all four.
-    pub fn add(&mut self, moving: f64, at_rest: f64) {
-        self.forward += moving;
-        self.backward += moving;
-        self.forward_at_rest += at_rest;
-        self.backward_at_rest += at_rest;
-    }
-
-    /// Multiplies all four.
-    pub fn scale(&mut self, factor: f64) {
-        self.forward *= factor;
-        self.backward *= factor;
-        self.forward_at_rest *= factor;
-        self.backward_at_rest *= factor;
-    }
-}
-
-/// All that acts on one degree of freedom during a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Load {
-    /// Force other than friction, N·m or N.
-    pub force: f64,
-    /// Inertia, kg·m² or kg.
-    pub inertia: f64,
-    /// Viscous coefficient of forward movement, N·m·s/rad or N·s/m.
-    pub viscous_forward: f64,
-    /// Viscous coefficient of backward movement.
-    pub viscous_backward: f64,
-    /// Dry friction.
-    pub dry: DryFriction,
-    /// How the dry friction passes through zero speed; exact stick by default.
-    pub smoothing: Smoothing,
-}
-
-/// What one degree of freedom did during a step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Advance {
-    /// Speed at the end.
-    pub velocity: f64,
-    /// Change of position.
-    pub displacement: f64,
-    /// Energy lost to dry and viscous friction, J.
-    pub dissipated: f64,
-}
+use super::load::{Advance, Load};
+use super::smoothed::advance_smoothed;
 
 /// Advances one degree of freedom that moves at `velocity` by `step` seconds.
 #[inline(always)]

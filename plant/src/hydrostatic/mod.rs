@@ -19,13 +19,14 @@
 //! change has the opposite sign.
 
 pub mod compliance;
-mod modes;
+mod oil_line;
 mod parameters;
-mod plant;
-mod state;
 
-pub use crate::transmission::{Correction, EnergyBalance, ImposedMotion, Input, Reading};
+pub use crate::transmission::{
+    Correction, EnergyBalance, ImposedMotion, Input, Reading, State, Transmission,
+};
+pub use oil_line::OilLine;
 pub use parameters::Parameters;
-pub use plant::Plant;
-pub(crate) use plant::Stage;
-pub use state::State;
+
+/// The hydrostatic transmission in motion.
+pub type Plant = crate::transmission::Plant<OilLine>;

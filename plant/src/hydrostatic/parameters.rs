@@ -4,6 +4,7 @@ use crate::effects::LineConstants;
 use crate::fluid::Pipe;
 use crate::friction::Stribeck;
 use crate::parameter::parameter_set;
+use crate::transmission::{State, TransmissionParameters};
 
 parameter_set! {
     /// Constants of the hydrostatic transmission, SI.
@@ -182,6 +183,17 @@ impl Parameters {
             + self.slave_static_friction_nm * self.transmission_ratio()
     }
 
+    /// Pressure change against the pressure at rest, Pa: of each line, at the master's and at the
+    /// slave's end.
+    ///
+    /// `dP = F/A` (eq. 3.1.5). Line 2 returns, so its sign is opposite to that of line 1.
+    pub fn line_pressure_pa(&self, state: &State) -> [[f64; 2]; 2] {
+        let [first, second] = state.line_force_n.map(|[at_master, at_slave]| {
+            [-at_master / self.hose_area_m2, at_slave / self.hose_area_m2]
+        });
+        [first, second.map(|pressure| -pressure)]
+    }
+
     /// Loss in one hose.
     pub fn pipe(&self) -> Pipe {
         Pipe::new(
@@ -241,5 +253,53 @@ impl LineConstants for Parameters {
 
     fn add_line_damping(&mut self, damping_n_s_per_m: f64) {
         self.port_damping_n_s_per_m += damping_n_s_per_m;
+    }
+}
+
+impl TransmissionParameters for Parameters {
+    fn motor_torque_per_volt_nm(&self) -> f64 {
+        self.motor_torque_per_volt_nm
+    }
+
+    fn inertia_kg_m2(&self) -> [f64; 2] {
+        [self.master_inertia_kg_m2(), Self::slave_inertia_kg_m2(self)]
+    }
+
+    fn middle_mass_kg(&self) -> f64 {
+        self.fluid_mass_kg()
+    }
+
+    fn displacement_m_per_rad(&self) -> [f64; 2] {
+        [Self::master_displacement_m_per_rad(self), self.slave_displacement_m_per_rad()]
+    }
+
+    fn half_line_stiffness_n_per_m(&self) -> [f64; 2] {
+        Self::half_line_stiffness_n_per_m(self)
+    }
+
+    fn link_damping_n_s_per_m(&self) -> f64 {
+        self.port_damping_n_s_per_m
+    }
+
+    fn linear_damping(&self, weakest: &dyn Fn(&dyn Fn(f64) -> f64) -> f64) -> [f64; 3] {
+        [
+            self.motor_viscous_nm_s,
+            weakest(&|speed| self.slave_friction().level(speed)),
+            2.0 * self.pipe().coefficient(0.0),
+        ]
+    }
+
+    fn handle_inertia(&self) -> &'static str {
+        "slave_handle_inertia_kg_m2"
+    }
+
+    fn slave_friction_parameters(&self, dry_nm: f64, viscous: f64) -> Vec<(&'static str, f64)> {
+        // The rising branch counts from the corner.
+        vec![
+            ("slave_static_friction_nm", dry_nm),
+            ("slave_kinetic_friction_nm", dry_nm + viscous * self.slave_corner_speed_rad_s),
+            ("slave_falling_slope_nm_s", -viscous),
+            ("slave_rising_slope_nm_s", viscous),
+        ]
     }
 }

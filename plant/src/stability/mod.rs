@@ -1,6 +1,6 @@
 //! Whether a sampled control law keeps a transmission stable, by the poles of both together.
 //!
-//! The transmission is taken as linear ([`Machine`]), the law as it is computed: samples at its
+//! The transmission is taken as linear ([`LinearModel`]), the law as it is computed: samples at its
 //! period, volts that answer a sample a fixed time later and are held, difference quotients behind
 //! their low passes, the forgetting of eq. 4.2.1. The whole is one matrix that leads from sample to
 //! sample; its largest eigenvalue says how fast a disturbance grows or fades. A setting passes
@@ -13,12 +13,12 @@
 //! quantisation and lateness are left out too, and the coupling of several axes by anything but the
 //! field.
 
-mod machine;
+mod linear_model;
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-pub use machine::Machine;
-use machine::STATES;
+use linear_model::STATES;
+pub use linear_model::{Hand, LinearModel};
 
 /// How much all gains may be raised before anything grows.
 pub const MARGIN: f64 = 1.5;
@@ -28,17 +28,6 @@ pub const STANDING: f64 = 0.05;
 /// How fast a divergent field may drive the handle off with nobody to hold it (1/s): not more than
 /// threefold in the 0.2 s in which a person reacts.
 pub const DIVERGENCE: f64 = 5.0;
-
-/// A hand at the handle: what it adds to it, about where it wants to be.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Hand {
-    /// Inertia that goes with the handle (kg·m²).
-    pub inertia: f64,
-    /// Damping (N·m·s/rad).
-    pub damping: f64,
-    /// Stiffness (N·m/rad).
-    pub stiffness: f64,
-}
 
 const fn hand(stiffness: f64, damping: f64) -> Hand {
     Hand { inertia: 0.0, damping, stiffness }
@@ -90,11 +79,11 @@ pub enum Law {
     },
 }
 
-/// An axis under control: machine, times, law.
+/// An axis under control: model, times, law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loop {
     /// The transmission.
-    pub machine: Machine,
+    pub model: LinearModel,
     /// The times.
     pub sampling: Sampling,
     /// Turns of the motor per turn of the handle.
@@ -207,7 +196,7 @@ pub fn growth(axes: &[Loop], field: &Field, hand: &Hand, raised: f64) -> f64 {
     axes.first().map_or(f64::NAN, |axis| largest.ln() / axis.sampling.period_s)
 }
 
-/// One axis from sample to sample, the field left open. States: the machine's, the volts of the
+/// One axis from sample to sample, the field left open. States: the model's, the volts of the
 /// last samples (newest first), the last position of which a difference was taken, its velocity and
 /// acceleration estimates.
 struct Part {
@@ -227,7 +216,7 @@ struct Part {
 impl Part {
     fn new(axis: &Loop, hand: &Hand, raised: f64) -> Self {
         let Sampling { period_s, answer_s, velocity_hz, acceleration_hz, cell_hz } = axis.sampling;
-        let (a, b) = axis.machine.continuous(hand, cell_hz);
+        let (a, b) = axis.model.continuous(hand, cell_hz);
         // Volts that are on their way reach over `whole` periods and a part.
         let whole = (answer_s / period_s + 1e-9).floor().clamp(0.0, 100.0);
         let late_s = (answer_s - whole * period_s).clamp(0.0, period_s);

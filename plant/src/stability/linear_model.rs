@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-use super::Hand;
-use crate::any::Parameters;
+use crate::transmission::TransmissionParameters;
 
 /// Coordinates: master, slave, and the two lines as one, for they move together.
 const COORDINATES: usize = 3;
@@ -11,6 +10,17 @@ const COORDINATES: usize = 3;
 const SPEEDS: u32 = 100;
 /// Positions and speeds of the coordinates, and the torque in the cell.
 pub(super) const STATES: usize = 2 * COORDINATES + 1;
+
+/// A hand at the handle: what it adds to it, about where it wants to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hand {
+    /// Inertia that goes with the handle (kg·m²).
+    pub inertia: f64,
+    /// Damping (N·m·s/rad).
+    pub damping: f64,
+    /// Stiffness (N·m/rad).
+    pub stiffness: f64,
+}
 
 /// A transmission about rest: the masses of master, slave and lines, the springs between them, what
 /// brakes them.
@@ -20,7 +30,7 @@ pub(super) const STATES: usize = 2 * COORDINATES + 1;
 /// and master piston, against which the offset of eq. 4.2.3 works; that of a cable's supports; toe,
 /// sag and hysteresis of cables, which are taken at their stiffest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Machine {
+pub struct LinearModel {
     /// Inertia of master, slave (kg·m²), and both lines together (kg).
     mass: [f64; COORDINATES],
     stiffness: Matrix3<f64>,
@@ -29,67 +39,24 @@ pub struct Machine {
     pub torque_per_volt: f64,
 }
 
-impl Machine {
-    /// A transmission whose handle turns no faster than `speed_max` (rad/s).
-    pub fn new(parameters: &Parameters, speed_max: f64) -> Self {
+impl LinearModel {
+    /// The model of a transmission whose handle turns no faster than `speed_max` (rad/s).
+    pub fn new(parameters: &dyn TransmissionParameters, speed_max: f64) -> Self {
         let weakest = |level: &dyn Fn(f64) -> f64| {
             let speeds = (1..=SPEEDS).map(|step| speed_max * f64::from(step) / f64::from(SPEEDS));
             let least = speeds.map(|speed| level(speed) / speed).fold(f64::INFINITY, f64::min);
             if least.is_finite() { least.max(0.0) } else { 0.0 }
         };
-        match parameters {
-            Parameters::Hydrostatic(own) => Self::of_lines(
-                [own.master_inertia_kg_m2(), own.slave_inertia_kg_m2(), 2.0 * own.fluid_mass_kg()],
-                own.half_line_stiffness_n_per_m(),
-                own.port_damping_n_s_per_m,
-                [own.master_displacement_m_per_rad(), own.slave_displacement_m_per_rad()],
-                [
-                    own.motor_viscous_nm_s,
-                    weakest(&|speed| own.slave_friction().level(speed)),
-                    2.0 * own.pipe().coefficient(0.0),
-                ],
-                own.motor_torque_per_volt_nm,
-            ),
-            Parameters::Cable(own) => {
-                let (master, slave) = (own.master_pulley_radius_m, own.slave_pulley_radius_m());
-                let viscous = own.cables * own.support_viscous_n_s_per_m;
-                let inner = (own.supports() - 2.0).max(0.0);
-                Self::of_lines(
-                    [
-                        own.total_master_inertia_kg_m2(),
-                        own.total_slave_inertia_kg_m2(),
-                        2.0 * own.middle_mass_kg(),
-                    ],
-                    [2.0 * own.line_stiffness_n_per_m(); 2],
-                    own.cables * own.cable_damping_n_s_per_m,
-                    [master, slave],
-                    [
-                        own.motor_viscous_nm_s + 2.0 * viscous * master * master,
-                        2.0 * viscous * slave * slave + weakest(&|_| own.slave_bearing_nm),
-                        2.0 * viscous * inner,
-                    ],
-                    own.motor_torque_per_volt_nm,
-                )
-            }
-        }
-    }
-
-    /// `half_line` and `link_damping` belong to one line's link to master and slave, `displacement`
-    /// is the line's per angle of either, `viscous` what brakes each coordinate against the ground.
-    fn of_lines(
-        mass: [f64; COORDINATES],
-        half_line: [f64; 2],
-        link_damping: f64,
-        displacement: [f64; 2],
-        viscous: [f64; COORDINATES],
-        torque_per_volt: f64,
-    ) -> Self {
-        let mut machine = Self {
-            mass,
+        let [master, slave] = parameters.inertia_kg_m2();
+        let damping = parameters.linear_damping(&weakest);
+        let mut model = Self {
+            mass: [master, slave, 2.0 * parameters.middle_mass_kg()],
             stiffness: Matrix3::zeros(),
-            damping: Matrix3::from_diagonal(&viscous.into()),
-            torque_per_volt,
+            damping: Matrix3::from_diagonal(&damping.into()),
+            torque_per_volt: parameters.motor_torque_per_volt_nm(),
         };
+        let half_line = parameters.half_line_stiffness_n_per_m();
+        let displacement = parameters.displacement_m_per_rad();
         for side in 0..2 {
             let stretch = nalgebra::Vector3::from_fn(|at, _| match at {
                 2 => 1.0,
@@ -97,10 +64,10 @@ impl Machine {
                 _ => 0.0,
             });
             let outer = 2.0 * stretch * stretch.transpose();
-            machine.stiffness += half_line[side] * outer;
-            machine.damping += link_damping * outer;
+            model.stiffness += half_line[side] * outer;
+            model.damping += parameters.link_damping_n_s_per_m() * outer;
         }
-        machine
+        model
     }
 
     /// `ẋ = A x + b V` with a hand at the handle; the last state is the torque that the cell shows

@@ -1,4 +1,18 @@
-//! What goes into a transmission and what comes out, whatever it is made of.
+//! Transmissions: what goes in, what comes out, and the one integrator that moves them all.
+//!
+//! A transmission is a master and a slave joined by two lines. [`Plant`] integrates it;
+//! [`LineLaw`] is what distinguishes an oil line from a cable.
+
+mod line_law;
+mod modes;
+mod parameters;
+mod plant;
+
+pub use line_law::{Coupling, DeclaredForce, LineLaw, Middle};
+pub use parameters::TransmissionParameters;
+pub(crate) use modes::modes_rad_s;
+pub use plant::Plant;
+pub(crate) use plant::PendingStep;
 
 /// What acts on the plant during a step; held over it. Values must be finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -104,6 +118,47 @@ pub struct Motion {
     pub motor_torque_nm: f64,
     /// Torque of the transmission on the slave, N·m.
     pub transmitted_torque_nm: f64,
+}
+
+/// True state of a transmission, except for the history of its lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Time since the start, s.
+    pub time_s: f64,
+    /// Master angle `q_m`, rad.
+    pub master_position_rad: f64,
+    /// Master velocity, rad/s.
+    pub master_velocity_rad_s: f64,
+    /// Slave angle `q_s`, rad.
+    pub slave_position_rad: f64,
+    /// Slave velocity, rad/s.
+    pub slave_velocity_rad_s: f64,
+    /// Displacement of the middle of each line, m; both positive with a positive master.
+    pub line_position_m: [f64; 2],
+    /// Its velocity, m/s.
+    pub line_velocity_m_s: [f64; 2],
+    /// Force of each line at its end at the master and at the slave, N, at the midpoint of the last
+    /// internal step: for oil the force on the piston's coordinate, eq. 3.1.9; for cables the
+    /// tension of all parallel cables, never negative.
+    pub line_force_n: [[f64; 2]; 2],
+    /// Torque that the motor applied, N·m; under imposed motion the torque required.
+    pub motor_torque_nm: f64,
+    /// Torque of both lines on the slave, N·m.
+    pub transmitted_torque_nm: f64,
+}
+
+impl From<&State> for Motion {
+    fn from(state: &State) -> Self {
+        Self {
+            time_s: state.time_s,
+            master_position_rad: state.master_position_rad,
+            master_velocity_rad_s: state.master_velocity_rad_s,
+            slave_position_rad: state.slave_position_rad,
+            slave_velocity_rad_s: state.slave_velocity_rad_s,
+            motor_torque_nm: state.motor_torque_nm,
+            transmitted_torque_nm: state.transmitted_torque_nm,
+        }
+    }
 }
 
 /// A plant of one axis between a motor and a handle.
