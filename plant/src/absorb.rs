@@ -1,9 +1,9 @@
 //! Effects approximated by changed constants, for control laws that are computed from constants
 //! alone.
 
+use crate::ParameterError;
 use crate::any::Parameters;
 use crate::effects::{Effect, Site};
-use crate::{ParameterError, ParameterSet};
 
 impl Parameters {
     /// Adds to the constants what an effect changes of the line's compliance and damping, of
@@ -18,31 +18,22 @@ impl Parameters {
         let inertia = effect.extra_inertia();
         let (dry, viscous) =
             (size("coulomb_friction", "level"), size("viscous_friction", "coefficient"));
-        let parts: Vec<(&str, f64)> = match (effect.site(), &*self) {
-            (Site::Master, _) => vec![
+        let parts = match effect.site() {
+            Site::Master => vec![
                 ("motor_inertia_kg_m2", inertia),
                 ("motor_coulomb_nm", dry),
                 ("motor_viscous_nm_s", viscous),
             ],
-            // The rising slope counts from the corner speed.
-            (Site::Slave, Self::Hydrostatic(own)) => vec![
-                ("slave_handle_inertia_kg_m2", inertia),
-                ("slave_static_friction_nm", dry),
-                ("slave_kinetic_friction_nm", dry + viscous * own.slave_corner_speed_rad_s),
-                ("slave_falling_slope_nm_s", -viscous),
-                ("slave_rising_slope_nm_s", viscous),
-            ],
-            (Site::Slave, Self::Cable(_)) => {
-                vec![("slave_inertia_kg_m2", inertia), ("slave_bearing_nm", dry)]
+            Site::Slave => {
+                let mut parts = self.slave_friction_parameters(dry, viscous);
+                parts.push((self.handle_inertia(), inertia));
+                parts
             }
             _ => Vec::new(),
         };
-        match self {
-            Self::Hydrostatic(own) => effect.modify(own),
-            Self::Cable(own) => effect.modify(own),
-        }
+        self.modify(effect);
         for (name, part) in parts.into_iter().filter(|(_, part)| *part != 0.0) {
-            self.set(name, self.get(name).unwrap_or_default() + part)?;
+            self.add(name, part)?;
         }
         Ok(())
     }

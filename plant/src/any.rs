@@ -15,7 +15,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use crate::effects::{Effect, Site};
+use crate::effects::Effect;
 use crate::friction::Advance;
 use crate::transmission::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, PendingStep, Reading, State,
@@ -118,7 +118,7 @@ macro_rules! transmissions {
             }
 
             /// Changes the constants as an effect does at the start of a simulation.
-            fn modify(&mut self, effect: &dyn Effect) {
+            pub(crate) fn modify(&mut self, effect: &dyn Effect) {
                 match self {
                     $(Self::$kind(own) => effect.modify(own)),+
                 }
@@ -159,41 +159,6 @@ impl ParameterSet for Parameters {
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
         self.deref_mut().set(name, value)
-    }
-}
-
-impl Parameters {
-    /// Adds what an effect changes to the constants, for control laws that know constants alone:
-    /// compliance and damping of the line, inertia, constant and viscous friction. Anything else it
-    /// does is left out.
-    ///
-    /// # Errors
-    /// [`ParameterError::OutOfRange`] where the sum exceeds the range of the model.
-    pub fn absorb(&mut self, effect: &dyn Effect) -> Result<(), ParameterError> {
-        let size = |id: &str, name: &str| {
-            if effect.id() == id { effect.get(name).unwrap_or_default() } else { 0.0 }
-        };
-        let inertia = effect.extra_inertia();
-        let dry = size("coulomb_friction", "level");
-        let viscous = size("viscous_friction", "coefficient");
-        let parts = match effect.site() {
-            Site::Master => vec![
-                ("motor_inertia_kg_m2", inertia),
-                ("motor_coulomb_nm", dry),
-                ("motor_viscous_nm_s", viscous),
-            ],
-            Site::Slave => {
-                let mut parts = vec![(self.handle_inertia(), inertia)];
-                parts.extend(self.slave_friction_parameters(dry, viscous));
-                parts
-            }
-            _ => Vec::new(),
-        };
-        self.modify(effect);
-        for (name, part) in parts.into_iter().filter(|(_, part)| *part != 0.0) {
-            self.add(name, part)?;
-        }
-        Ok(())
     }
 }
 

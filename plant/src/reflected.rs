@@ -1,9 +1,7 @@
 //! Inertia, friction and line stiffness of a transmission, reflected to its motor and expressed in
 //! volts: what a feed-forward control law needs to know of the model.
 
-use crate::any::Parameters;
-use crate::friction::StribeckCurve;
-use crate::{cable, hydrostatic};
+use crate::transmission::TransmissionParameters;
 
 /// Points of a [`FrictionCurve`].
 pub const CURVE_POINTS: usize = 65;
@@ -69,81 +67,27 @@ impl ReflectedDynamics {
     /// The friction of a hydrostatic transmission is that of § 3.2.1 with the loss in both hoses;
     /// that of a cable is at pretension, the mean over both directions and all positions. `line_v`
     /// is the stiffness of both lines at rest.
-    pub fn new(parameters: &Parameters, gear: f64, speed_max: f64) -> Self {
-        match parameters {
-            Parameters::Hydrostatic(model) => hydrostatic_dynamics(model, gear, speed_max),
-            Parameters::Cable(model) => cable_dynamics(model, gear, speed_max),
+    pub fn new(parameters: &dyn TransmissionParameters, gear: f64, speed_max: f64) -> Self {
+        let per_volt = parameters.motor_torque_per_volt_nm();
+        let (displacement, ratio) =
+            (parameters.master_displacement_m_per_rad(), parameters.transmission_ratio());
+        let curve = |side: usize, line_share: f64| {
+            FrictionCurve::new(speed_max, |speed| {
+                parameters.friction_at_motor_nm(gear * speed, line_share)[side] / per_volt
+            })
+        };
+        let [master, slave] = parameters.inertia_kg_m2();
+        let inertia = master
+            + ratio * ratio * slave
+            + 2.0 * displacement * displacement * parameters.middle_mass_kg();
+        let line = parameters.line_stiffness_n_per_m();
+        Self {
+            inertia_v: gear * inertia / per_volt,
+            master_friction: curve(0, 1.0),
+            slave_friction: curve(1, 1.0),
+            windup: curve(1, 0.5),
+            line_v: gear * 2.0 * displacement * displacement * line / per_volt,
+            ratio: gear * ratio,
         }
-    }
-}
-
-fn hydrostatic_dynamics(
-    model: &hydrostatic::Parameters,
-    gear: f64,
-    speed_max: f64,
-) -> ReflectedDynamics {
-    let per_volt = model.motor_torque_per_volt_nm;
-    let (piston, slave, pipe) =
-        (model.master_piston_friction(), model.slave_friction(), model.pipe());
-    let (displacement, ratio) = (model.master_displacement_m_per_rad(), model.transmission_ratio());
-    let master = |speed: f64| {
-        let motor = gear * speed;
-        (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + piston.level(motor)) / per_volt
-    };
-    // Fluid friction acts along the whole line; the model has it in the middle.
-    let slave = |speed: f64, fluid_share: f64| {
-        let motor = gear * speed;
-        let fluid = displacement * motor;
-        let loss = 2.0 * displacement * pipe.coefficient(fluid) * fluid;
-        (ratio * slave.level(ratio * motor) + fluid_share * loss) / per_volt
-    };
-    let inertia = model.master_inertia_kg_m2()
-        + ratio * ratio * model.slave_inertia_kg_m2()
-        + 2.0 * displacement * displacement * model.fluid_mass_kg();
-    ReflectedDynamics {
-        inertia_v: gear * inertia / per_volt,
-        master_friction: FrictionCurve::new(speed_max, master),
-        slave_friction: FrictionCurve::new(speed_max, |speed| slave(speed, 1.0)),
-        windup: FrictionCurve::new(speed_max, |speed| slave(speed, 0.5)),
-        line_v: gear * 2.0 * displacement * displacement * model.line_stiffness_n_per_m()
-            / per_volt,
-        ratio: gear * ratio,
-    }
-}
-
-fn cable_dynamics(model: &cable::Parameters, gear: f64, speed_max: f64) -> ReflectedDynamics {
-    let per_volt = model.motor_torque_per_volt_nm;
-    let (radius, ratio) = (model.master_pulley_radius_m, model.transmission_ratio());
-    let support = model.support_friction_n(model.cables * model.pretension_n);
-    let falling = StribeckCurve {
-        kinetic: model.kinetic_friction_ratio,
-        breakaway: 1.0,
-        speed: model.stribeck_speed_m_s,
-        exponent: 1.0,
-    };
-    let viscous = model.cables * model.support_viscous_n_s_per_m;
-    // Of each of the two lines, one support is at the master, one at the slave, and the model has
-    // the others in the middle.
-    let supports = |speed: f64| {
-        2.0 * radius * (support * falling.level(radius * speed) + viscous * radius * speed)
-    };
-    let master = |speed: f64| {
-        let motor = gear * speed;
-        (model.motor_coulomb_nm + model.motor_viscous_nm_s * motor + supports(motor)) / per_volt
-    };
-    let slave = |speed: f64, middle_share: f64| {
-        let along = 1.0 + middle_share * (model.supports() - 2.0);
-        (along * supports(gear * speed) + ratio * model.slave_bearing_nm) / per_volt
-    };
-    let inertia = model.total_master_inertia_kg_m2()
-        + ratio * ratio * model.total_slave_inertia_kg_m2()
-        + 2.0 * radius * radius * model.middle_mass_kg();
-    ReflectedDynamics {
-        inertia_v: gear * inertia / per_volt,
-        master_friction: FrictionCurve::new(speed_max, master),
-        slave_friction: FrictionCurve::new(speed_max, |speed| slave(speed, 1.0)),
-        windup: FrictionCurve::new(speed_max, |speed| slave(speed, 0.5)),
-        line_v: gear * 2.0 * radius * radius * model.line_stiffness_n_per_m() / per_volt,
-        ratio: gear * ratio,
     }
 }

@@ -5,10 +5,9 @@
 mod common;
 
 use common::{DT_S, close, effects};
-use plant::cable::{
-    Correction, ImposedMotion, Input, Parameters, Plant, State, Transmission,
-};
+use plant::cable::{Correction, ImposedMotion, Input, Parameters, Plant, State, Transmission};
 use plant::effects::LIST;
+use plant::transmission::TransmissionParameters;
 use plant::{ParameterError, ParameterSet};
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -289,9 +288,7 @@ fn cables_never_push() {
             Input { motor_v: 8.0 * (23.0 * time).sin(), hand_torque_nm: 4.0 * (31.0 * time).cos() },
             DT_S,
         );
-        for tension in
-            plant.state().line_force_n.as_flattened()
-        {
+        for tension in plant.state().line_force_n.as_flattened() {
             least = least.min(*tension);
             most = most.max(*tension);
         }

@@ -9,6 +9,7 @@ use common::close;
 use plant::cable::{Parameters, Plant};
 use plant::hydrostatic;
 use plant::response::{Response, frequency_response};
+use plant::transmission::TransmissionParameters;
 use plant::transmission::{ImposedMotion, Transmission};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 

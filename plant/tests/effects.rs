@@ -6,9 +6,7 @@ mod common;
 use common::{DT_S, close, frictionless, loose, plant, volts};
 use plant::ParameterError;
 use plant::effects::{self, EffectError, LIST, Site};
-use plant::hydrostatic::{
-    ImposedMotion, Input, Parameters, Plant, Reading, State, Transmission,
-};
+use plant::hydrostatic::{ImposedMotion, Input, Parameters, Plant, Reading, State, Transmission};
 use std::f64::consts::TAU;
 
 fn hand(torque: f64) -> Input {

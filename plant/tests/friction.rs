@@ -9,6 +9,7 @@ use plant::friction::{
     self, Asymmetric, Coulomb, Dahl, FrictionLaw, LAWS, LawEntry, Load, LoadDependent, LuGre,
     OperatingPoint, PositionDependent, StribeckCurve, Viscous, resistance,
 };
+use plant::hydrostatic::Transmission;
 use proptest::prelude::*;
 
 /// A mass under one law.

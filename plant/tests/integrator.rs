@@ -7,6 +7,7 @@ use common::{DT_S, close, frictionless, loose, plant};
 use plant::hydrostatic::{
     Correction, ImposedMotion, Input, Parameters, Plant, State, Transmission,
 };
+use plant::transmission::TransmissionParameters;
 
 /// Slave and lines against a held master. With the slave as a mass `μ = I_s / 2a²` per line and `k
 /// = 2K`: `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.

@@ -1,7 +1,9 @@
 //! Stability of sampled laws on transmissions: closed forms, and what is promised of the check.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::stability::{Field, HANDS, Hand, Law, Loop, MARGIN, LinearModel, Sampling, check, growth};
+use plant::stability::{
+    Field, HANDS, Hand, Law, LinearModel, Loop, MARGIN, Sampling, check, growth,
+};
 use plant::transmission::{Input, Transmission};
 use plant::{any, hydrostatic};
 
@@ -20,12 +22,7 @@ fn sampling(hz: f64) -> Sampling {
 }
 
 fn axis(parameters: hydrostatic::Parameters, hz: f64, law: Law) -> Loop {
-    Loop {
-        model: LinearModel::new(&parameters, SPEED),
-        sampling: sampling(hz),
-        gear: 1.0,
-        law,
-    }
+    Loop { model: LinearModel::new(&parameters, SPEED), sampling: sampling(hz), gear: 1.0, law }
 }
 
 fn force(hz: f64) -> Law {

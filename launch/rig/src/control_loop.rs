@@ -2,7 +2,7 @@
 //!
 //! A model that is no transmission says nothing about stability, and nothing is refused for it.
 
-use plant::stability::{Hand, Law, Loop, Machine, Sampling, Unstable};
+use plant::stability::{Hand, Law, LinearModel, Loop, Sampling, Unstable};
 
 use crate::axis::Axis;
 use crate::force::ACCELERATION_HZ;
@@ -17,7 +17,7 @@ const BISECTIONS: usize = 14;
 pub(crate) fn closed_loop(rig: &RigFile, axis: &Axis, law: Law) -> Option<Loop> {
     let parameters = rig.control_parameters(axis).ok()?;
     Some(Loop {
-        machine: Machine::new(&parameters, axis.limits.speed_max),
+        model: LinearModel::new(&*parameters, axis.limits.speed_max),
         sampling: Sampling {
             period_s: period_s(rig),
             answer_s: ANSWER_SCANS / f64::from(rig.rates.acquisition_hz),

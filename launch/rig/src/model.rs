@@ -1,6 +1,6 @@
 //! The declared model: its kind, its parameters with tolerances, its effects.
 
-use plant::{ParameterInfo, ParameterSet, any, cable, drive, hydrostatic};
+use plant::{ParameterInfo, ParameterSet, any, drive};
 
 use crate::effect::ModelEffect;
 use crate::error::RigError;
@@ -24,10 +24,8 @@ pub struct Model {
 /// Which equations the model has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ModelKind {
-    /// Two oil lines between master and slave (ch. 3).
-    Hydrostatic,
-    /// A cable between master and slave (ch. 5).
-    Cable,
+    /// A master and a slave joined by two lines.
+    Transmission(any::Kind),
     /// One mass with friction, driven by a force.
     Drive,
     /// Mass, damper, spring.
@@ -37,23 +35,26 @@ pub enum ModelKind {
 }
 
 impl ModelKind {
-    const WORDS: &'static [(&'static str, Self)] = &[
-        ("hydrostatic", Self::Hydrostatic),
-        ("cable", Self::Cable),
-        ("drive", Self::Drive),
-        ("oscillator", Self::Oscillator),
-        ("element", Self::Element),
-    ];
+    /// All kinds: the transmissions of [`plant::any`], then the others.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let transmissions = any::Kind::ALL.iter().copied().map(Self::Transmission);
+        transmissions.chain([Self::Drive, Self::Oscillator, Self::Element])
+    }
 
     /// The word in the file.
     pub fn name(self) -> &'static str {
-        Self::WORDS.iter().find(|(_, kind)| *kind == self).map_or("", |(word, _)| word)
+        match self {
+            Self::Transmission(kind) => kind.name(),
+            Self::Drive => "drive",
+            Self::Oscillator => "oscillator",
+            Self::Element => "element",
+        }
     }
 
     /// Whether it is a transmission from a motor, driven by volts, to a handle: what the simulated
     /// card can simulate.
     pub fn is_transmission(self) -> bool {
-        matches!(self, Self::Hydrostatic | Self::Cable)
+        matches!(self, Self::Transmission(_))
     }
 }
 
@@ -109,34 +110,19 @@ impl Model {
         self.with(own).transmission(file)
     }
 
-    /// Constants of a hydrostatic transmission; those not declared have their printed values.
-    pub(crate) fn hydrostatic(&self, file: &str) -> Result<hydrostatic::Parameters, RigError> {
-        self.fill(ModelKind::Hydrostatic, hydrostatic::Parameters::printed(), file)
-    }
-
-    /// Constants of a cable transmission; those not declared have their printed values.
-    pub(crate) fn cable(&self, file: &str) -> Result<cable::Parameters, RigError> {
-        self.fill(ModelKind::Cable, cable::Parameters::printed(), file)
-    }
-
-    /// Constants of a transmission of either kind.
+    /// Constants of a transmission of any kind; those not declared have their printed values.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is no transmission; `file` names the file in it.
     pub fn transmission(&self, file: &str) -> Result<any::Parameters, RigError> {
-        match self.kind {
-            ModelKind::Hydrostatic => self.hydrostatic(file).map(Into::into),
-            ModelKind::Cable => self.cable(file).map(Into::into),
-            ModelKind::Drive | ModelKind::Oscillator | ModelKind::Element => {
-                let expected = format!(
-                    "a transmission: the model \"{}\" or \"{}\"",
-                    ModelKind::Hydrostatic.name(),
-                    ModelKind::Cable.name()
-                );
-                let found = format!("\"{}\"", self.kind.name());
-                Err(RigError::wrong_model(file, "model.kind", expected, found))
-            }
+        if let ModelKind::Transmission(kind) = self.kind {
+            return self.fill(self.kind, kind.printed(), file);
         }
+        let names: Vec<_> =
+            any::Kind::ALL.iter().map(|kind| format!("\"{}\"", kind.name())).collect();
+        let expected = format!("a transmission: the model {}", names.join(" or "));
+        let found = format!("\"{}\"", self.kind.name());
+        Err(RigError::wrong_model(file, "model.kind", expected, found))
     }
 
     /// Constants of a one-mass drive; those not declared are those of EMPS.
@@ -168,7 +154,9 @@ impl Model {
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
-        let kind = section.word("kind", ModelKind::WORDS).unwrap_or(ModelKind::Hydrostatic);
+        let kinds: Vec<_> = ModelKind::all().map(|kind| (kind.name(), kind)).collect();
+        let assumed = ModelKind::Transmission(any::Kind::Hydrostatic);
+        let kind = section.word("kind", &kinds).unwrap_or(assumed);
         let parameters = Parameter::read_all(&section.section("parameters"));
         let effects = ModelEffect::read_all(&section);
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m has 0.01");

@@ -76,23 +76,7 @@ impl RigFile {
         rig
     }
 
-    /// Constants of the hydrostatic transmission; those not declared have their printed values.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] where the model is of another kind.
-    pub fn hydrostatic_parameters(&self) -> Result<plant::hydrostatic::Parameters, RigError> {
-        self.model.hydrostatic(&self.file_name)
-    }
-
-    /// Constants of the cable transmission; those not declared have their printed values.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] where the model is of another kind.
-    pub fn cable_parameters(&self) -> Result<plant::cable::Parameters, RigError> {
-        self.model.cable(&self.file_name)
-    }
-
-    /// Constants of the transmission, of either kind; those not declared have their printed values.
+    /// Constants of the transmission, of any kind; those not declared have their printed values.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is no transmission ([`ModelKind::is_transmission`]).
@@ -166,7 +150,7 @@ impl RigFile {
     pub fn reflected_dynamics(&self, axis: usize) -> Option<ReflectedDynamics> {
         let axis = self.axes.get(axis)?;
         let (gear, speed_max) = (axis.master.turns_per_handle_turn, axis.limits.speed_max);
-        Some(ReflectedDynamics::new(&self.control_parameters(axis).ok()?, gear, speed_max))
+        Some(ReflectedDynamics::new(&*self.control_parameters(axis).ok()?, gear, speed_max))
     }
 
     /// Bit set of the axes that satisfy a condition.

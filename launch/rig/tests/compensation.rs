@@ -64,7 +64,10 @@ fn sections_are_read_with_the_defaults_that_the_shipped_file_shows() {
 fn the_hydrostatic_model_in_volts() {
     let rig = RigFile::parse(RIG, "hydrostatic.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
-    let parameters = rig.hydrostatic_parameters().unwrap();
+    let plant::any::Parameters::Hydrostatic(parameters) = rig.transmission_parameters().unwrap()
+    else {
+        panic!("a hydrostatic rig");
+    };
     let volts = parameters.motor_torque_per_volt_nm;
     // At rest all friction is the breakaway torque, 2.74 N·m: 1.5 V, as § 4.1 measured.
     near(
@@ -87,7 +90,9 @@ fn the_hydrostatic_model_in_volts() {
 fn the_cable_model_in_volts_of_handle_coordinates() {
     let rig = RigFile::parse(CABLE, "cable.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
-    let parameters = rig.cable_parameters().unwrap();
+    let plant::any::Parameters::Cable(parameters) = rig.transmission_parameters().unwrap() else {
+        panic!("a cable rig");
+    };
     let all = parameters.static_friction_at_motor_nm() / parameters.motor_torque_per_volt_nm;
     near(model.master_friction.level_v(0.0) + model.slave_friction.level_v(0.0), all, 1e-9);
     // Six turns of the motor for one of the handle: the handle follows one to one.

@@ -105,8 +105,7 @@ impl LineLaw for CableLine {
         let mut element = self.elements[line][end];
         element.extend(elongation);
         let cables = self.parameters.cables;
-        let stored =
-            cables * element.stored_j() - self.pretension_n * (elongation - self.rest_m);
+        let stored = cables * element.stored_j() - self.pretension_n * (elongation - self.rest_m);
         (stored, cables * element.dissipated_j())
     }
 
@@ -121,8 +120,7 @@ impl LineLaw for CableLine {
         let radius = self.radii_m[index];
         let tensions = [coupling.reported_n[0][index], coupling.reported_n[1][index]];
         let level: f64 = tensions.map(|tension| own.support_friction_n(tension)).iter().sum();
-        let mut dry =
-            self.supports.friction(level, radius * position_rad, radius * velocity_rad_s);
+        let mut dry = self.supports.friction(level, radius * position_rad, radius * velocity_rad_s);
         dry.scale(radius);
         let (constant, viscous) = match side {
             Side::Master => (own.motor_coulomb_nm, own.motor_viscous_nm_s),
@@ -190,12 +188,7 @@ impl Supports {
     }
 
     /// Friction of a breakaway level, N, on cable at a displacement, m, that moves at a speed, m/s.
-    fn friction(
-        &self,
-        level_n: f64,
-        displacement_m: f64,
-        speed_m_s: f64,
-    ) -> DryFriction {
+    fn friction(&self, level_n: f64, displacement_m: f64, speed_m_s: f64) -> DryFriction {
         let level =
             level_n * (1.0 + self.amplitude * (self.order_rad_per_m * displacement_m).cos());
         let falling = (-speed_m_s.abs() / self.stribeck_speed_m_s).exp();

@@ -2,6 +2,7 @@
 
 use super::{Element, ElementLaw};
 use crate::effects::LineConstants;
+use crate::friction::StribeckCurve;
 use crate::parameter::parameter_set;
 use crate::transmission::TransmissionParameters;
 
@@ -262,6 +263,31 @@ impl TransmissionParameters for Parameters {
             self.motor_viscous_nm_s + 2.0 * viscous * master * master,
             2.0 * viscous * slave * slave + weakest(&|_| self.slave_bearing_nm),
             2.0 * viscous * inner,
+        ]
+    }
+
+    fn transmission_ratio(&self) -> f64 {
+        Self::transmission_ratio(self)
+    }
+
+    fn friction_at_motor_nm(&self, motor_rad_s: f64, line_share: f64) -> [f64; 2] {
+        let radius = self.master_pulley_radius_m;
+        let support = self.support_friction_n(self.cables * self.pretension_n);
+        let falling = StribeckCurve {
+            kinetic: self.kinetic_friction_ratio,
+            breakaway: 1.0,
+            speed: self.stribeck_speed_m_s,
+            exponent: 1.0,
+        };
+        let viscous = self.cables * self.support_viscous_n_s_per_m;
+        let speed = radius * motor_rad_s;
+        // Of each of the two lines, one support is at the master, one at the slave, and the model
+        // has the others in the middle.
+        let supports = 2.0 * radius * (support * falling.level(speed) + viscous * speed);
+        let along = 1.0 + line_share * (self.supports() - 2.0);
+        [
+            self.motor_coulomb_nm + self.motor_viscous_nm_s * motor_rad_s + supports,
+            along * supports + Self::transmission_ratio(self) * self.slave_bearing_nm,
         ]
     }
 

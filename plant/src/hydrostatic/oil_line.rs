@@ -94,10 +94,6 @@ impl LineLaw for OilLine {
         let after = ((mass - half_damping) * before + step * force) / (mass + half_damping);
         let average = 0.5 * (before + after);
         let displacement = step * average;
-        Advance {
-            velocity: after,
-            displacement,
-            dissipated: coefficient * average * displacement,
-        }
+        Advance { velocity: after, displacement, dissipated: coefficient * average * displacement }
     }
 }

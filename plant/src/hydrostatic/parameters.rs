@@ -289,6 +289,24 @@ impl TransmissionParameters for Parameters {
         ]
     }
 
+    fn transmission_ratio(&self) -> f64 {
+        Self::transmission_ratio(self)
+    }
+
+    fn friction_at_motor_nm(&self, motor_rad_s: f64, line_share: f64) -> [f64; 2] {
+        let piston = self.master_piston_friction().level(motor_rad_s);
+        let (ratio, displacement) =
+            (Self::transmission_ratio(self), Self::master_displacement_m_per_rad(self));
+        // Fluid friction acts along the whole line; the model has it in the middle.
+        let fluid = displacement * motor_rad_s;
+        let loss = 2.0 * displacement * self.pipe().coefficient(fluid) * fluid;
+        let slave = self.slave_friction().level(ratio * motor_rad_s);
+        [
+            self.motor_coulomb_nm + self.motor_viscous_nm_s * motor_rad_s + piston,
+            ratio * slave + line_share * loss,
+        ]
+    }
+
     fn handle_inertia(&self) -> &'static str {
         "slave_handle_inertia_kg_m2"
     }

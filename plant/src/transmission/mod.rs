@@ -9,10 +9,10 @@ mod parameters;
 mod plant;
 
 pub use line_law::{Coupling, DeclaredForce, LineLaw, Middle};
-pub use parameters::TransmissionParameters;
 pub(crate) use modes::modes_rad_s;
-pub use plant::Plant;
+pub use parameters::TransmissionParameters;
 pub(crate) use plant::PendingStep;
+pub use plant::Plant;
 
 /// What acts on the plant during a step; held over it. Values must be finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -37,7 +37,15 @@ pub trait TransmissionParameters: ParameterSet + LineConstants {
     /// Additions to named parameters that are equivalent to friction added at the slave: a constant
     /// one, `dry_nm`, and one proportional to velocity, `viscous_nm_s`. What the constants cannot
     /// express is left out.
-    fn slave_friction_parameters(&self, dry_nm: f64, viscous_nm_s: f64) -> Vec<(&'static str, f64)>;
+    fn slave_friction_parameters(&self, dry_nm: f64, viscous_nm_s: f64)
+    -> Vec<(&'static str, f64)>;
+
+    /// Slave angle per master angle with rigid lines.
+    fn transmission_ratio(&self) -> f64;
+
+    /// Friction at the motor of motor and master, and of line and slave, N·m, at a motor velocity
+    /// (rad/s, not negative); the friction along the line counts by `line_share` (0 to 1).
+    fn friction_at_motor_nm(&self, motor_rad_s: f64, line_share: f64) -> [f64; 2];
 
     /// Inertia of the slave with its handle, effects left out, kg·m².
     fn slave_inertia_kg_m2(&self) -> f64 {

@@ -13,18 +13,6 @@ pub enum IdentifyError {
         /// Number of axes.
         axes: usize,
     },
-    /// The rig file declares a model that this program cannot hold against data.
-    #[error(
-        "{file}: [model] kind = \"{kind}\": expected one of {known}; identify has no such model"
-    )]
-    Kind {
-        /// The rig file.
-        file: String,
-        /// What it declares.
-        kind: String,
-        /// What there is.
-        known: String,
-    },
     /// Machines that lack nothing can be simulated of transmissions that turn only.
     #[error(
         "{file}: --calibrate: expected a transmission with an axis in rad, found a model of kind \"{kind}\" with an axis in {unit}; \

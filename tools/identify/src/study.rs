@@ -8,7 +8,7 @@ use rig::{AxisUnit, RigFile};
 
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::models::{ALL, Options, RigCapability};
+use crate::models::{Options, RigCapability, of_kind};
 use crate::outcome::Outcome;
 
 /// What an identification says.
@@ -57,12 +57,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     let [axis] = rig.axes.as_slice() else {
         return Err(IdentifyError::Axes { file, axes: rig.axes.len() });
     };
-    let model =
-        ALL.iter().find(|m| m.kind() == rig.model.kind).ok_or_else(|| IdentifyError::Kind {
-            file: file.clone(),
-            kind: rig.model.kind.name().to_owned(),
-            known: ALL.iter().map(|m| m.kind().name()).collect::<Vec<_>>().join(", "),
-        })?;
+    let model = of_kind(rig.model.kind);
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
     let capability = RigCapability::of(rig);

@@ -5,7 +5,7 @@
 use identify::equation_error::split::Role;
 use identify::error::IdentifyError;
 use identify::input::Series;
-use identify::models::{ALL, Options};
+use identify::models::{Options, of_kind};
 use identify::outcome::{Outcome, Verdict};
 
 /// What the synthetic machine really has.
@@ -103,7 +103,7 @@ fn rig(mass_tolerance: f64) -> rig::Model {
 }
 
 fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
-    let model = ALL.iter().find(|m| m.kind() == rig::ModelKind::Drive).unwrap();
+    let model = of_kind(rig::ModelKind::Drive);
     let (outcome, page) = model.identify(
         "rig.toml",
         rig,

@@ -3,7 +3,7 @@
 use plant::any::Parameters;
 use plant::axes::{CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use plant::effects::EffectError;
-use plant::{ParameterError, ParameterInfo, cable, drive, hydrostatic};
+use plant::{ParameterError, ParameterInfo, drive};
 
 use crate::axis::Axis;
 use crate::effect::{ModelEffect, ModelEffectError};
@@ -40,8 +40,7 @@ pub(super) fn check(model: &Model, axes: &[Axis], source: &Source<'_>) {
 
 fn check_parameters(kind: ModelKind, table: &str, parameters: &[Parameter], source: &Source<'_>) {
     let infos: &[ParameterInfo] = match kind {
-        ModelKind::Hydrostatic => hydrostatic::Parameters::NAMES,
-        ModelKind::Cable => cable::Parameters::NAMES,
+        ModelKind::Transmission(kind) => kind.infos(),
         ModelKind::Drive => drive::Parameters::NAMES,
         ModelKind::Oscillator => siso_parameters::OSCILLATOR,
         ModelKind::Element => siso_parameters::ELEMENT,

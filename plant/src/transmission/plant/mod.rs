@@ -13,9 +13,9 @@ use super::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, State, Transmission,
     TransmissionParameters,
 };
-use crate::{ParameterError, ParameterSet};
 use crate::effects::{Effect, Moment, Sited};
 use crate::friction::{Advance, Load};
+use crate::{ParameterError, ParameterSet};
 
 /// What [`Plant::with_longest_step`] may multiply phase and decay by: the highest mode is then at
 /// most 0.4 % slow.

@@ -18,7 +18,11 @@ impl<L: LineLaw> Plant<L> {
     }
 
     #[inline(always)]
-    pub(super) fn begin_with<const EFFECTS: bool>(&mut self, input: Input, step: f64) -> PendingStep {
+    pub(super) fn begin_with<const EFFECTS: bool>(
+        &mut self,
+        input: Input,
+        step: f64,
+    ) -> PendingStep {
         let at = self.midpoint(step);
         let per_volt = self.constants.torque_per_volt_nm;
         let motor_torque = if EFFECTS {
@@ -166,7 +170,11 @@ impl<L: LineLaw> Plant<L> {
 
     /// Everything after the slave has moved: lines, energy, time.
     #[inline(always)]
-    pub(super) fn complete_with<const EFFECTS: bool>(&mut self, pending: &PendingStep, slave: Advance) {
+    pub(super) fn complete_with<const EFFECTS: bool>(
+        &mut self,
+        pending: &PendingStep,
+        slave: Advance,
+    ) {
         let PendingStep { master, coupling, at, .. } = pending;
         let (moment, step) = (&at.moment, at.moment.step_s);
         let sides = [master.displacement, slave.displacement];

@@ -13,7 +13,7 @@
 //! The offset is positive where the machine needs a positive force to stand still.
 
 use report::Page;
-use rig::{Model as Declared, ModelKind};
+use rig::Model as Declared;
 
 use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
@@ -34,10 +34,6 @@ const SITES: &[&str] = &["master", "drive", "sensor"];
 const CUT_OFF: CutOff = CutOff { highest: 40.0, share: 0.1 };
 
 impl Model for Drive {
-    fn kind(&self) -> ModelKind {
-        ModelKind::Drive
-    }
-
     fn identify(
         &self,
         rig_file: &str,

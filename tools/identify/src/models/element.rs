@@ -13,7 +13,7 @@
 //! shows is `extra_inertia`.
 
 use report::Page;
-use rig::{Model as Declared, ModelKind};
+use rig::Model as Declared;
 
 use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
 use super::{Model, Options};
@@ -34,10 +34,6 @@ const SITES: &[&str] = &["line", "slave", "sensor"];
 const CUT_OFF: CutOff = CutOff { highest: 100.0, share: 0.15 };
 
 impl Model for Element {
-    fn kind(&self) -> ModelKind {
-        ModelKind::Element
-    }
-
     fn identify(
         &self,
         rig_file: &str,

@@ -1,4 +1,4 @@
-//! One file per kind of model, and one line in [`ALL`].
+//! One file per kind of model, and one line in [`of_kind`].
 
 mod calibrate;
 mod candidate_movements;
@@ -30,14 +30,15 @@ use crate::outcome::{FoundEffect, Outcome};
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
-/// Kinds of models that can be held against data.
-pub static ALL: &[&dyn Model] = &[
-    &drive::Drive,
-    &oscillator::Oscillator,
-    &element::Element,
-    &transmission::Transmission(ModelKind::Hydrostatic),
-    &transmission::Transmission(ModelKind::Cable),
-];
+/// The model of a kind.
+pub fn of_kind(kind: ModelKind) -> &'static dyn Model {
+    match kind {
+        ModelKind::Transmission(_) => &transmission::Transmission,
+        ModelKind::Drive => &drive::Drive,
+        ModelKind::Oscillator => &oscillator::Oscillator,
+        ModelKind::Element => &element::Element,
+    }
+}
 
 /// What the command line asks for.
 #[derive(Clone, Copy, Debug)]
@@ -60,8 +61,6 @@ pub struct Options {
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.
 pub trait Model: Sync {
-    /// Which kind.
-    fn kind(&self) -> ModelKind;
     /// The verdict as a sentence, and one that says how far it holds.
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
         let words =

@@ -13,7 +13,7 @@
 //! quadratic one.
 
 use report::Page;
-use rig::{Model as Declared, ModelKind};
+use rig::Model as Declared;
 
 use super::equation_error_study::{
     Declaration, axis, blocks, check_channels, check_scale, singular,
@@ -35,10 +35,6 @@ pub(super) struct Oscillator;
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
 
 impl Model for Oscillator {
-    fn kind(&self) -> ModelKind {
-        ModelKind::Oscillator
-    }
-
     fn identify(
         &self,
         rig_file: &str,

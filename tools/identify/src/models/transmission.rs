@@ -6,7 +6,7 @@
 //! ([`super::segmentation`]).
 
 use report::Page;
-use rig::{Model as Declared, ModelKind};
+use rig::Model as Declared;
 
 use super::calibrate::calibrate;
 use super::transmission_study::Study;
@@ -20,14 +20,10 @@ use crate::prediction_error::record::{Record, share_out};
 use crate::prediction_error::search::search;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
-/// The model kinds `hydrostatic` and `cable`.
-pub(super) struct Transmission(pub(super) ModelKind);
+/// The model of transmissions of any kind.
+pub(super) struct Transmission;
 
 impl Model for Transmission {
-    fn kind(&self) -> ModelKind {
-        self.0
-    }
-
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
         let (_, sentence, detail) = transmission_page::sentences(outcome);
         (sentence, detail)

@@ -3,7 +3,7 @@
 
 use identify::error::IdentifyError;
 use identify::input::Series;
-use identify::models::{ALL, Options};
+use identify::models::{Options, of_kind};
 use identify::outcome::{Outcome, Verdict};
 
 /// A generator good enough for noise (xorshift64*), summed to be nearly normal.
@@ -41,7 +41,7 @@ pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig:
 }
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
-    let kind = ALL.iter().find(|m| m.kind() == model.kind).unwrap();
+    let kind = of_kind(model.kind);
     let (outcome, page) = kind.identify(
         "rig.toml",
         model,
