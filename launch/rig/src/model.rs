@@ -160,13 +160,8 @@ impl Model {
         let parameters = Parameter::read_all(&section.section("parameters"));
         let effects = ModelEffect::read_all(&section);
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m has 0.01");
-        let handle_coupling = match section.has("handle_coupling_kg_m2") {
-            true => section.numbers("handle_coupling_kg_m2", products),
-            false => {
-                section.known("handle_coupling_kg_m2");
-                Vec::new()
-            }
-        };
+        let handle_coupling =
+            section.numbers_or_none("handle_coupling_kg_m2", products).unwrap_or_default();
         section.finish();
         Self { kind, parameters, effects, handle_coupling }
     }

@@ -134,22 +134,17 @@ fn each_axis_has_its_phase_and_its_part_of_the_amplitude() {
     .unwrap();
     let moves: Vec<_> = protocol.segments[0].moves().collect();
     assert_eq!(moves.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [2, 0, 1]);
-    assert!(
-        matches!(moves[0].1, Movement::GuidedSine { amplitude, .. } if (amplitude - TAU / 18.0).abs() < 1e-12)
-    );
-    for ((_, movement), (size, angle)) in moves[1..].iter().zip([(0.5, FRAC_PI_2), (1.0, PI)]) {
-        let Movement::Multisine { lines, .. } = movement else { panic!("{movement:?}") };
-        assert!(
-            (lines[0].amplitude - size * TAU / 18.0).abs() < 1e-12
-                && (lines[0].phase - angle).abs() < 1e-12
-        );
+    for ((_, movement), (size, angle)) in
+        moves.iter().zip([(1.0, 0.0), (0.5, FRAC_PI_2), (1.0, PI)])
+    {
+        let Movement::GuidedSine(sine) = movement else { panic!("{movement:?}") };
+        assert!((sine.line.amplitude - size * TAU / 18.0).abs() < 1e-12);
+        assert!((sine.line.phase - angle).abs() < 1e-12);
         assert_eq!(movement.duration_s(), 10.0);
     }
     let steps = protocol_of_steps("scales = [1.0, -0.5]\n").unwrap();
-    let Movement::Steps { positions, .. } = &steps.segments[0].companions[0].movement else {
-        panic!()
-    };
-    assert!((positions[0].to_degrees() + 5.0).abs() < 1e-12, "{positions:?}");
+    let Movement::Steps(mirrored) = &steps.segments[0].companions[0].movement else { panic!() };
+    assert!((mirrored.positions[0].to_degrees() + 5.0).abs() < 1e-12, "{mirrored:?}");
 }
 
 fn protocol_of_steps(more: &str) -> Result<Protocol, String> {

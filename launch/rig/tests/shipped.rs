@@ -163,7 +163,7 @@ fn declared_parameters_reach_the_model() {
     assert!(error.contains("the model \"hydrostatic\" or \"cable\", found \"drive\""), "{error}");
     assert_eq!(emps.drive_parameters().unwrap().mass_kg, 100.0);
     assert_eq!(emps.force_per_volt(), Some(35.15065));
-    assert!(error.ends_with("found \"drive\"; take a rig file with that model"), "{error}");
+    assert!(error.ends_with("found \"drive\"; use a rig file with that model"), "{error}");
 }
 
 #[test]

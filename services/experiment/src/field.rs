@@ -1,7 +1,7 @@
 //! The force field of a segment, as control gets it.
 
 use ipc_types::{AXES, Setpoint, TABLE};
-use rig::protocol::{Field, MATRIX_AXES, POINTS, Table};
+use rig::protocol::{Field, MATRIX_AXES, POINTS, TorqueTable};
 
 // A table of a protocol goes into a setpoint point by point, a matrix entry by entry.
 const _: () = assert!(POINTS == TABLE && MATRIX_AXES == AXES);
@@ -25,11 +25,11 @@ pub(crate) fn put(setpoint: &mut Setpoint, axis: usize, field: &Field) {
     setpoint.damping[diagonal] += field.damping;
     setpoint.inertia[diagonal] += field.inertia;
     let entries = axis * TABLE..(axis + 1) * TABLE;
-    if let Some(Table { least, most, torques }) = field.position_table.as_deref() {
+    if let Some(TorqueTable { least, most, torques }) = field.position_table.as_deref() {
         setpoint.position_table[entries.clone()].copy_from_slice(torques);
         (setpoint.table_position_min[axis], setpoint.table_position_max[axis]) = (*least, *most);
     }
-    if let Some(Table { most, torques, .. }) = field.velocity_table.as_deref() {
+    if let Some(TorqueTable { most, torques, .. }) = field.velocity_table.as_deref() {
         setpoint.velocity_table[entries].copy_from_slice(torques);
         setpoint.table_speed[axis] = *most;
     }

@@ -27,7 +27,7 @@ use std::f64::consts::TAU;
 use learning::ReferencePoint;
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 
-use crate::trajectory::{Point, Weight};
+use rig::protocol::trajectory::{Point, Weight};
 
 /// A reference to follow: one cycle.
 #[derive(Clone, Debug, Default, PartialEq)]

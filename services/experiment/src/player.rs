@@ -28,7 +28,7 @@ use crate::field::put;
 use crate::lesson::Lesson;
 use crate::range::RangeFinder;
 use crate::state::PlayerState;
-use crate::trajectory::{Point, stopping};
+use rig::protocol::trajectory::{Point, stopping};
 
 use lessons::HOMEWORK;
 pub use lessons::Homework;
@@ -578,9 +578,9 @@ impl Player {
             }
         }
         if let Some(step) = program.steps.get(segment).filter(|_| mode == Mode::Initialise)
-            && let Movement::Initialise(how) = step.track.movement()
+            && let Some(limit_v) = step.track.movement().output_limit_v()
         {
-            setpoint.output_limit_v[step.axis] = how.volts;
+            setpoint.output_limit_v[step.axis] = limit_v;
         }
         setpoint
     }
@@ -589,7 +589,7 @@ impl Player {
 /// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are
 /// sought.
 fn is_given_away(program: &Program, segment: usize) -> bool {
-    program.steps.get(segment).is_some_and(|step| step.track.movement().ends_anywhere())
+    program.steps.get(segment).is_some_and(|step| step.track.movement().end_is_unknown())
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

@@ -13,8 +13,7 @@
 //! way back begins at once.
 
 use rig::protocol::Initialise;
-
-use crate::trajectory::Point;
+use rig::protocol::trajectory::Point;
 
 /// Movement that counts as none (share of the lead).
 const STILL_SHARE: f64 = 1.0 / 16.0;

@@ -12,7 +12,8 @@ use learning::{
     Published, Response, Step, Stop,
 };
 use rig::RigFile;
-use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw, MIN_JERK_PEAK_SPEED};
+use rig::protocol::trajectory::MIN_JERK_PEAK_SPEED;
+use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 use serde::{Deserialize, Serialize};
 
 use crate::lesson::{Fault, Lecture, Reference, Take, Timetable};

@@ -3,52 +3,48 @@
 
 use std::f64::consts::TAU;
 
-use experiment::trajectory::{Point, Track, stopping};
+use experiment::trajectory::Track;
 use ipc_types::Mode;
 use proptest::prelude::*;
-use rig::protocol::{Centre, Chirp, Line, Movement, Ramp};
+use rig::protocol::trajectory::{Point, stopping};
+use rig::protocol::{
+    Centre, Chirp, Envelope, GuidedSine, Hold, Line, Movement, Multisine, Ramp, Rest, Steps,
+};
 
-fn fades() -> impl Strategy<Value = (f64, f64, f64)> {
-    (0.1..3.0_f64, 0.1..3.0_f64, 0.0..5.0_f64)
-        .prop_map(|(fade_in, fade_out, full)| (fade_in, fade_out, fade_in + fade_out + full))
+fn envelopes() -> impl Strategy<Value = Envelope> {
+    (-0.5..0.5_f64, 0.1..3.0_f64, 0.1..3.0_f64, 0.0..5.0_f64).prop_map(
+        |(centre, fade_in_s, fade_out_s, full)| Envelope {
+            centre,
+            duration_s: fade_in_s + fade_out_s + full,
+            fade_in_s,
+            fade_out_s,
+        },
+    )
 }
 
 fn movements() -> impl Strategy<Value = Movement> {
     let line = (0.001..0.3_f64, 0.05..10.0_f64, 0.0..TAU)
         .prop_map(|(amplitude, frequency_hz, phase)| Line { amplitude, frequency_hz, phase });
     prop_oneof![
-        (0.01..1.0_f64, 0.2..3.0_f64, -0.5..0.5_f64, fades()).prop_map(
-            |(amplitude, frequency_hz, centre, (fade_in_s, fade_out_s, duration_s))| {
-                Movement::GuidedSine {
-                    amplitude,
-                    frequency_hz,
-                    duration_s,
-                    centre,
-                    fade_in_s,
-                    fade_out_s,
-                }
+        (0.01..1.0_f64, 0.2..3.0_f64, envelopes()).prop_map(
+            |(amplitude, frequency_hz, envelope)| {
+                let line = Line { amplitude, frequency_hz, phase: 0.0 };
+                Movement::GuidedSine(GuidedSine { line, envelope })
             }
         ),
-        (prop::collection::vec(line, 1..8), -0.5..0.5_f64, fades()).prop_map(
-            |(lines, centre, (fade_in_s, fade_out_s, duration_s))| Movement::Multisine {
-                lines,
-                duration_s,
-                centre,
-                fade_in_s,
-                fade_out_s
-            }
-        ),
+        (prop::collection::vec(line, 1..8), envelopes())
+            .prop_map(|(lines, envelope)| Movement::Multisine(Multisine { lines, envelope })),
         (prop::collection::vec(-1.0..1.0_f64, 1..6), 0.1..2.0_f64, 0.1..2.0_f64).prop_map(
-            |(positions, dwell_s, rise_s)| Movement::Steps { positions, dwell_s, rise_s }
+            |(positions, dwell_s, rise_s)| Movement::Steps(Steps { positions, dwell_s, rise_s })
         ),
         (prop::option::of(-1.0..1.0_f64), 0.1..1.0_f64, 0.0..2.0_f64).prop_map(
-            |(position, rise_s, more)| Movement::Hold {
+            |(position, rise_s, more)| Movement::Hold(Hold {
                 position,
                 rise_s,
                 duration_s: rise_s + more + 0.1
-            }
+            })
         ),
-        (0.1..5.0_f64).prop_map(|duration_s| Movement::Rest { duration_s }),
+        (0.1..5.0_f64).prop_map(|duration_s| Movement::Rest(Rest { duration_s })),
         (-1.0..1.0_f64, 0.1..1.0_f64, 0.0..2.0_f64).prop_map(|(position, rise_s, more)| {
             Movement::Centre(Centre { position, rise_s, duration_s: rise_s + more })
         }),
@@ -62,26 +58,11 @@ fn movements() -> impl Strategy<Value = Movement> {
                 })
             }
         ),
-        (0.01..0.3_f64, [0.1..5.0_f64, 0.1..5.0_f64], any::<bool>(), -0.5..0.5_f64, fades())
-            .prop_map(
-                |(
-                    amplitude,
-                    frequencies_hz,
-                    exponential,
-                    centre,
-                    (fade_in_s, fade_out_s, duration_s),
-                )| {
-                    Movement::Chirp(Chirp {
-                        amplitude,
-                        frequencies_hz,
-                        exponential,
-                        centre,
-                        duration_s,
-                        fade_in_s,
-                        fade_out_s,
-                    })
-                }
-            ),
+        (0.01..0.3_f64, [0.1..5.0_f64, 0.1..5.0_f64], any::<bool>(), envelopes()).prop_map(
+            |(amplitude, frequencies_hz, exponential, envelope)| {
+                Movement::Chirp(Chirp { amplitude, frequencies_hz, exponential, envelope })
+            }
+        ),
     ]
 }
 
@@ -177,16 +158,16 @@ proptest! {
     }
 }
 
+fn envelope(centre: f64) -> Envelope {
+    Envelope { centre, duration_s: 10.0, fade_in_s: 1.0, fade_out_s: 1.0 }
+}
+
 #[test]
 fn the_full_sine_is_the_sine() {
-    let track = Track::new(Movement::GuidedSine {
-        amplitude: 0.5,
-        frequency_hz: 1.0,
-        duration_s: 10.0,
-        centre: 0.1,
-        fade_in_s: 1.0,
-        fade_out_s: 1.0,
-    });
+    let track = Track::new(Movement::GuidedSine(GuidedSine {
+        line: Line { amplitude: 0.5, frequency_hz: 1.0, phase: 0.0 },
+        envelope: envelope(0.1),
+    }));
     let point = track.at(-0.3, 5.25);
     assert!((point.position - 0.6).abs() < 1e-12);
     assert!(point.velocity.abs() < 1e-9);
@@ -198,13 +179,10 @@ fn the_full_sine_is_the_sine() {
 #[test]
 fn a_multisine_knows_its_peak_speed() {
     let line = |amplitude, frequency_hz| Line { amplitude, frequency_hz, phase: 0.0 };
-    let movement = Movement::Multisine {
+    let movement = Movement::Multisine(Multisine {
         lines: vec![line(0.2, 1.0), line(0.1, 2.0)],
-        duration_s: 10.0,
-        centre: 0.0,
-        fade_in_s: 1.0,
-        fade_out_s: 1.0,
-    };
+        envelope: envelope(0.0),
+    });
     // both cosines are 1 at t = 0
     let peak = Track::new(movement).at(0.0, 5.0).peak_speed;
     assert!((peak - TAU * 0.4).abs() < 1e-9, "{peak}");
@@ -212,8 +190,11 @@ fn a_multisine_knows_its_peak_speed() {
 
 #[test]
 fn steps_rise_and_dwell() {
-    let track =
-        Track::new(Movement::Steps { positions: vec![1.0, -1.0], dwell_s: 1.0, rise_s: 0.5 });
+    let track = Track::new(Movement::Steps(Steps {
+        positions: vec![1.0, -1.0],
+        dwell_s: 1.0,
+        rise_s: 0.5,
+    }));
     assert_eq!(track.duration_s(), 3.0);
     assert_eq!(track.at(0.0, 1.2), Point { peak_speed: 3.75, ..Point::at_rest(1.0) });
     let half = track.at(0.0, 1.75);
@@ -224,12 +205,13 @@ fn steps_rise_and_dwell() {
 
 #[test]
 fn modes_follow_the_movement() {
-    let hold = Track::new(Movement::Hold { position: Some(0.5), rise_s: 1.0, duration_s: 2.0 });
+    let hold =
+        Track::new(Movement::Hold(Hold { position: Some(0.5), rise_s: 1.0, duration_s: 2.0 }));
     assert_eq!(hold.mode(0.5), Mode::Position);
     assert_eq!(hold.mode(1.5), Mode::Hold);
-    assert_eq!(Track::new(Movement::Rest { duration_s: 1.0 }).mode(0.5), Mode::Passive);
+    assert_eq!(Track::new(Movement::Rest(Rest { duration_s: 1.0 })).mode(0.5), Mode::Passive);
     assert_eq!(
-        Track::new(Movement::Hold { position: None, rise_s: 0.5, duration_s: 1.0 }).mode(0.0),
+        Track::new(Movement::Hold(Hold { position: None, rise_s: 0.5, duration_s: 1.0 })).mode(0.0),
         Mode::Hold
     );
 }
@@ -261,10 +243,7 @@ fn a_chirp_passes_through_its_frequencies() {
             amplitude: 0.1,
             frequencies_hz: [0.5, 10.0],
             exponential,
-            centre: 0.0,
-            duration_s: 20.0,
-            fade_in_s: 1.0,
-            fade_out_s: 1.0,
+            envelope: Envelope { duration_s: 20.0, ..envelope(0.0) },
         };
         for (t, hertz) in [(0.0, 0.5), (10.0, middle), (20.0, 10.0)] {
             let (_, omega, _) = chirp.phase(t);

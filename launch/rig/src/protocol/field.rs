@@ -1,11 +1,11 @@
-//! The force field of a free movement, as a protocol gives it.
+//! The force field in which the hand moves.
 
 use super::matrix::Matrix;
-use super::table::Table;
+use super::torque_table::TorqueTable;
 use crate::axis_unit::AxisUnit;
-use crate::read::{Bounds, Section, bounds};
+use crate::read::{Bounds, Keys, Section, bounds};
 
-/// What the hand feels of one axis while it moves freely; all zero: nothing but what the control
+/// The force field of one axis in free movement; all zero: the hand feels only what force control
 /// leaves of the machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Field {
@@ -13,13 +13,13 @@ pub struct Field {
     pub stiffness: f64,
     /// Damping; negative feeds a movement (N·m·s/rad or N·s/m).
     pub damping: f64,
-    /// Inertia; negative takes some of the machine's away (kg·m² or kg).
+    /// Inertia; negative reduces the machine's apparent inertia (kg·m² or kg).
     pub inertia: f64,
     /// Torque over position (N·m or N over rad or m).
-    pub position_table: Option<Box<Table>>,
+    pub position_table: Option<Box<TorqueTable>>,
     /// Torque over velocity (N·m or N over rad/s or m/s).
-    pub velocity_table: Option<Box<Table>>,
-    /// Matrices over several axes, on top.
+    pub velocity_table: Option<Box<TorqueTable>>,
+    /// Matrices over several axes, added to the rest.
     pub matrix: Option<Box<Matrix>>,
     /// Centre of the spring (rad or m).
     pub centre: f64,
@@ -29,16 +29,36 @@ pub struct Field {
     pub wall_stiffness: f64,
 }
 
-/// What a protocol may ask for at all; what a rig can do with its gains is checked against the rig.
-const SPRING: Bounds =
-    bounds(-5.0, 10.0, "N·m/rad, or N/m on an axis in m; the thesis's screen has 0.1 to 2");
+pub(super) const SPRING_ADVICE: &str =
+    "N·m/rad, or N/m on an axis in m; the thesis's screen has 0.1 to 2";
+// Bounds for any rig; stability is checked against the rig.
+const SPRING: Bounds = bounds(-5.0, 10.0, SPRING_ADVICE);
 const DAMPER: Bounds = bounds(-0.5, 2.0, "N·m·s/rad, or N·s/m on an axis in m");
 const INERTIA: Bounds =
     bounds(-0.1, 0.1, "kg·m², or kg on an axis in m; the handle's own is 0.002");
 const WALL: Bounds = bounds(0.1, 50.0, "N·m/rad, or N/m on an axis in m");
 
+/// The keys of a field.
+pub(super) const FIELD_KEYS: Keys = &[
+    ("duration_s", "Duration."),
+    ("spring", "Stiffness about the centre, in N·m/rad or N/m; negative drives away from it."),
+    ("damper", "Damping, in N·m·s/rad or N·s/m; negative feeds energy into a movement."),
+    ("inertia", "Inertia, in kg·m² or kg; negative reduces the machine's apparent inertia."),
+    ("centre_{deg,m}", "Centre of the spring."),
+    ("wall_min_{deg,m}", "Position of the lower wall; both walls or none."),
+    ("wall_max_{deg,m}", "Position of the upper wall."),
+    ("wall_stiffness", "Stiffness of the walls, in N·m/rad or N/m."),
+    ("position_table_{deg,m}", "Torque over position: pairs [position, torque in N·m or N]."),
+    ("velocity_table_{deg,m}_s", "Torque over velocity: pairs [velocity, torque in N·m or N]."),
+    ("matrix_stiffness", "Stiffness matrix over the axes, a row per axis: torque = -K (x - x₀)."),
+    ("matrix_damping", "Damping matrix over the axes: torque = -D v."),
+    ("matrix_inertia", "Inertia matrix over the axes: torque = -M a."),
+    ("curl", "Curl field over the first two axes, in N·m·s/rad or N·s/m."),
+    ("centres_{deg,m}", "Centre of the stiffness matrix, a number per axis."),
+];
+
 impl Field {
-    /// Stiffnesses and damping; `centre` and `walls` in rad or m.
+    /// Reads the field's keys; `centre` and `walls` in rad or m.
     pub(super) fn read(section: &Section<'_>, centre: f64, walls: [Option<f64>; 2]) -> Self {
         let walls = match walls {
             [Some(least), Some(most)] if least < most => Some((least, most)),
@@ -94,8 +114,8 @@ impl Field {
             stiffness: section.number_or("spring", 0.0, SPRING),
             damping: section.number_or("damper", 0.0, DAMPER),
             inertia: section.number_or("inertia", 0.0, INERTIA),
-            position_table: Table::of_positions(section).map(Box::new),
-            velocity_table: Table::of_velocities(section).map(Box::new),
+            position_table: TorqueTable::of_positions(section).map(Box::new),
+            velocity_table: TorqueTable::of_velocities(section).map(Box::new),
             matrix,
             centre,
             walls,
@@ -111,12 +131,11 @@ impl Field {
         spring + table + self.wall_stiffness * wall
     }
 
-    /// The stiffest and the most divergent that it is anywhere, and the strongest damping and
-    /// driving: what a check of stability has to go by on its own axis, matrices left out.
-    /// Stiffness (N·m/rad or N/m), damping (N·m·s/rad or N·s/m), each from least to most.
+    /// Lowest and highest stiffness (N·m/rad or N/m) and damping (N·m·s/rad or N·s/m) anywhere, for
+    /// the check of stability on its own axis; matrices left out.
     pub fn extremes(&self) -> [(f64, f64); 2] {
-        // The slope of a table is the negative of a stiffness; beyond its ends it has none.
-        let range = |table: &Option<Box<Table>>| {
+        // A table's slope is the negative of a stiffness; beyond its ends it is 0.
+        let range = |table: &Option<Box<TorqueTable>>| {
             table.as_ref().map_or((0.0, 0.0), |table| {
                 let (least, most) = table.slopes();
                 (f64::min(-most, 0.0), f64::max(-least, 0.0))
@@ -129,10 +148,10 @@ impl Field {
         ]
     }
 
-    /// Its largest torque at rest within limits (N·m or N), and where (rad or m).
+    /// Largest torque at rest within limits (N·m or N), and its position (rad or m).
     pub fn largest_torque(&self, least: f64, most: f64) -> (f64, f64) {
-        // Linear between the walls' edges, the table's points and the limits: the largest stands at
-        // one of them.
+        // The torque is linear between the walls, the table's points and the limits, so the largest
+        // is at one of them.
         let edges = self.walls.map_or([least, most], |(low, high)| [low, high]);
         [least, most]
             .into_iter()
@@ -145,7 +164,7 @@ impl Field {
     }
 }
 
-/// The symbol of a torque on an axis of that unit.
+/// The unit symbol of a torque on an axis of that unit.
 pub(super) const fn torque_symbol(unit: AxisUnit) -> &'static str {
     match unit {
         AxisUnit::Radian => "N·m",

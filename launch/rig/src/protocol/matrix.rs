@@ -5,11 +5,11 @@ use crate::read::{Bounds, Section, bounds};
 /// Axes that a matrix may span.
 pub const MATRIX_AXES: usize = 3;
 
-/// Rows are axes on which the torque acts, columns axes whose movement makes it; rows and columns
-/// beyond `axes` are 0.
+/// Rows are the axes on which the torque acts, columns the axes whose movement causes it; rows and
+/// columns beyond `axes` are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Matrix {
-    /// Axes that it spans, from the first.
+    /// Number of axes that it spans, from the first.
     pub axes: usize,
     /// Torque = - stiffness (position - centre) (N·m/rad or N/m).
     pub stiffness: [[f64; MATRIX_AXES]; MATRIX_AXES],
@@ -30,7 +30,7 @@ const CENTRE_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 const KEYS: [&str; 4] = ["matrix_stiffness", "matrix_damping", "matrix_inertia", "curl"];
 
 impl Matrix {
-    /// The matrices of a segment; `None` where it has none.
+    /// Reads the matrices of a segment; `None` where it has none.
     pub(super) fn read(section: &Section<'_>) -> Option<Self> {
         let mut matrix = Self::default();
         let mut sizes = Vec::new();
@@ -45,8 +45,8 @@ impl Matrix {
             }
         }
         if let Some(curl) = section.number_or_none(curl, DAMPING) {
-            // Positive: a movement up the first axis is pushed up the second, one up the second
-            // down the first.
+            // A positive curl pushes a positive movement of the first axis towards positive on the
+            // second, one of the second towards negative on the first.
             matrix.damping[0][1] += curl;
             matrix.damping[1][0] -= curl;
             sizes.push((KEYS[3], 2));
@@ -67,13 +67,12 @@ impl Matrix {
         centres.then_some(matrix)
     }
 
-    /// The keys that make one.
+    /// The keys of a matrix.
     pub(super) fn keys(&self) -> impl Iterator<Item = &'static str> {
         KEYS.into_iter()
     }
 
-    /// The largest torque at rest on an axis, each other axis at whichever of its limits is worse
-    /// (N·m or N).
+    /// Largest torque at rest on an axis, with every axis at the worse of its limits (N·m or N).
     pub(super) fn largest_torque(&self, axis: usize, limits: impl Fn(usize) -> (f64, f64)) -> f64 {
         (0..self.axes)
             .map(|other| {
@@ -86,7 +85,7 @@ impl Matrix {
     }
 }
 
-/// A square matrix under a key into `part`; its size.
+/// Reads a square matrix into `part`; returns its size.
 fn read_square(
     section: &Section<'_>,
     key: &str,
@@ -110,7 +109,7 @@ fn read_square(
     Some(size)
 }
 
-/// Centres of a matrix of `wide` rows; false where they are wrong.
+/// Reads the centres of a matrix of `wide` rows; false where they are wrong.
 fn read_centres(
     section: &Section<'_>,
     wide: Option<usize>,

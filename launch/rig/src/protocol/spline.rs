@@ -1,7 +1,7 @@
-//! A smooth way through the points of a table: a cubic spline that begins and ends at rest.
+//! A smooth curve through the points of a table: a cubic spline that begins and ends at rest.
 
-/// Points in time with the speeds that make a piecewise cubic smooth in position, speed and
-/// acceleration.
+/// A cubic spline: points in time, with the speeds that make position, speed and acceleration
+/// continuous.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spline {
     times_s: Vec<f64>,
@@ -10,8 +10,8 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// Through points at increasing times; at least two of each, as many of the one as of the
-    /// other, else `None`.
+    /// Interpolates points at increasing times; `None` unless there are at least two times and as
+    /// many positions.
     pub fn through(times_s: Vec<f64>, positions: Vec<f64>) -> Option<Self> {
         let increasing = times_s.windows(2).all(|pair| pair[1] > pair[0]);
         let finite = times_s.iter().chain(&positions).all(|value| value.is_finite());
@@ -22,7 +22,7 @@ impl Spline {
         Some(Self { times_s, positions, speeds })
     }
 
-    /// No way at all.
+    /// Rest at 0.
     pub(super) fn rest() -> Self {
         Self { times_s: vec![0.0, 1.0], positions: vec![0.0; 2], speeds: vec![0.0; 2] }
     }
@@ -109,8 +109,8 @@ impl Spline {
     }
 }
 
-/// Speeds at the points for which the acceleration has no step, with none at both ends: a
-/// tridiagonal system (Thomas).
+/// Speeds at the points for a continuous acceleration, 0 at both ends; solves the tridiagonal system
+/// by Thomas's algorithm.
 fn speeds(times_s: &[f64], positions: &[f64]) -> Vec<f64> {
     let count = times_s.len();
     let mut speeds = vec![0.0; count];
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_none_has_no_way() {
+    fn an_invalid_table_has_no_spline() {
         assert!(Spline::through(vec![0.0], vec![1.0]).is_none());
         assert!(Spline::through(vec![0.0, 0.0], vec![1.0, 2.0]).is_none());
         assert!(Spline::through(vec![0.0, 1.0], vec![1.0]).is_none());

@@ -130,13 +130,9 @@ impl Program {
             .skip(from)
             .flat_map(Step::tracks)
             .filter(|(moving, _)| *moving == axis);
-        tracks.map(|(_, track)| track.movement()).all(|movement| {
-            let range = match movement {
-                Movement::Rhythm(rhythm) => Some(rhythm.range()),
-                movement => movement.range(),
-            };
-            range.is_none_or(|(least, most)| least >= lower && most <= upper)
-        })
+        tracks
+            .filter_map(|(_, track)| track.movement().range())
+            .all(|(least, most)| least >= lower && most <= upper)
     }
 
     /// What is learnt in a segment; `None` where nothing is.

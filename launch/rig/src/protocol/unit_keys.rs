@@ -1,4 +1,4 @@
-//! Lengths, angles and speeds in a segment, by the unit in which their keys end.
+//! Positions and speeds of a segment, whose keys end in their unit.
 
 use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
@@ -14,19 +14,20 @@ pub(super) const POSITION_DEG: Bounds =
     bounds(-120.0, 120.0, "positions lie within ±120° (§ 4.2); the value is in degrees");
 pub(super) const POSITION_M: Bounds = bounds(-5.0, 5.0, "the value is in m");
 
-/// Reads lengths whose keys end in `_deg` or `_m`, and remembers which.
-pub(super) struct Lengths<'r, 's> {
+/// Reads keys that end in `_deg` or `_m`, and remembers which unit the segment uses.
+pub(super) struct UnitKeys<'r, 's> {
     pub(super) section: &'r Section<'s>,
     pub(super) unit: Option<AxisUnit>,
 }
 
-impl Lengths<'_, '_> {
-    /// The key and unit under which `stem` stands in the file; degrees where it does not.
+impl UnitKeys<'_, '_> {
+    /// The key and unit with which `stem` is in the file; the segment's unit, or degrees, where it is
+    /// not.
     fn key(&mut self, stem: &str) -> (String, AxisUnit) {
         self.key_per(stem, "")
     }
 
-    /// The same for keys whose unit goes on with `per`: `_s` for speeds.
+    /// As `key`, for units with a suffix `per`: `_s` for speeds.
     fn key_per(&mut self, stem: &str, per: &str) -> (String, AxisUnit) {
         let (degrees, metres) = (format!("{stem}_deg{per}"), format!("{stem}_m{per}"));
         let (key, other, unit) = match self.section.has(&metres) && !self.section.has(&degrees) {
@@ -54,17 +55,19 @@ impl Lengths<'_, '_> {
         (key, unit)
     }
 
+    /// Reads a value that must be there (rad or m).
     pub(super) fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key(stem);
         self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
     }
 
-    /// A speed, `stem_deg_s` or `stem_m_s`.
+    /// Reads a speed, `stem_deg_s` or `stem_m_s`, that must be there (rad/s or m/s).
     pub(super) fn speed(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key_per(stem, "_s");
         self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
     }
 
+    /// Reads an optional value (rad or m).
     pub(super) fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
         let (key, unit) = self.key(stem);
         self.section
@@ -72,6 +75,7 @@ impl Lengths<'_, '_> {
             .map(|value| value * unit.si_per_file_unit())
     }
 
+    /// Reads a list of values (rad or m).
     pub(super) fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {
         let (key, unit) = self.key(stem);
         let mut values = self.section.numbers(&key, choose(unit, degrees, metres));

@@ -1,18 +1,18 @@
-//! A torque over position or velocity, given by a few points.
+//! A torque over position or velocity, given by points.
 
 use crate::axis_unit::AxisUnit;
 use crate::read::{Bounds, Section, bounds};
 
-/// Evenly spaced points that a table is kept at.
+/// Number of evenly spaced points to which a table is resampled.
 pub const POINTS: usize = 17;
 
-/// A torque over position or velocity: linear between evenly spaced points, beyond the ends the
+/// A torque over position or velocity: linear between evenly spaced points, constant beyond the
 /// ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Table {
-    /// Place of the first point (rad or m, rad/s or m/s).
+pub struct TorqueTable {
+    /// Position or speed of the first point (rad or m, rad/s or m/s).
     pub least: f64,
-    /// Place of the last (same unit).
+    /// Position or speed of the last point (same unit).
     pub most: f64,
     /// Torques (N·m or N).
     pub torques: [f64; POINTS],
@@ -26,12 +26,12 @@ const PLACE: Bounds = bounds(
 /// Places and torques, as in the file.
 type Pairs = Vec<(f64, f64)>;
 
-/// Most pairs in a file.
+/// Largest number of pairs in a file.
 const PAIRS: usize = 64;
-/// How far the resampled table may miss a point of the file, over the span of its torques.
+/// Largest deviation of the resampled table from a point of the file, over the span of its torques.
 const MISS: f64 = 0.02;
 
-impl Table {
+impl TorqueTable {
     /// The table under `position_table_deg` or `position_table_m`.
     pub(super) fn of_positions(section: &Section<'_>) -> Option<Self> {
         let (key, scale, pairs) = read(section, ["position_table_deg", "position_table_m"])?;
@@ -39,8 +39,8 @@ impl Table {
         Self::resampled(section, key, &pairs, first, last, scale)
     }
 
-    /// The table under `velocity_table_deg_s` or `velocity_table_m_s`: kept from minus to plus the
-    /// highest speed that it names.
+    /// The table under `velocity_table_deg_s` or `velocity_table_m_s`, resampled from minus to plus
+    /// its highest speed.
     pub(super) fn of_velocities(section: &Section<'_>) -> Option<Self> {
         let (key, scale, pairs) = read(section, ["velocity_table_deg_s", "velocity_table_m_s"])?;
         let fastest = pairs.first()?.0.abs().max(pairs.last()?.0.abs());
@@ -67,7 +67,7 @@ impl Table {
                     "points that {POINTS} evenly spaced ones from {least} to {most} come near"
                 );
                 let advice = format!(
-                    "move it to a multiple of {step} from {least}, or give a wider bend to the curve"
+                    "move it to a multiple of {step} from {least}, or make the curve smoother"
                 );
                 section.problem(
                     key,
@@ -81,7 +81,7 @@ impl Table {
         Some(table)
     }
 
-    /// Torque at a place (N·m or N).
+    /// Torque at a position or speed (N·m or N).
     pub fn at(&self, place: f64) -> f64 {
         let share =
             ((place - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (POINTS - 1) as f64;
@@ -90,13 +90,13 @@ impl Table {
             + (share - below as f64) * (self.torques[below + 1] - self.torques[below])
     }
 
-    /// The places of its points (rad or m, rad/s or m/s).
+    /// Positions or speeds of its points (rad or m, rad/s or m/s).
     pub fn places(&self) -> impl Iterator<Item = f64> {
         let (least, step) = (self.least, self.step());
         (0..POINTS).map(move |point| least + step * point as f64)
     }
 
-    /// Its gentlest and its steepest slope (torque per place).
+    /// Its lowest and its highest slope (torque per position or speed).
     pub fn slopes(&self) -> (f64, f64) {
         let slopes = self.torques.windows(2).map(|pair| (pair[1] - pair[0]) / self.step());
         slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), slope| {
@@ -104,7 +104,7 @@ impl Table {
         })
     }
 
-    /// Its largest magnitude (N·m or N).
+    /// Its largest torque, either way (N·m or N).
     pub fn largest(&self) -> f64 {
         self.torques.iter().map(|torque| torque.abs()).fold(0.0, f64::max)
     }
@@ -114,7 +114,7 @@ impl Table {
     }
 }
 
-/// Linear between the pairs of a file, beyond them the ends.
+/// Interpolates linearly between the pairs of a file, constant beyond them.
 fn interpolate(pairs: &[(f64, f64)], place: f64) -> f64 {
     let after = pairs.partition_point(|pair| pair.0 <= place);
     match (after.checked_sub(1).and_then(|at| pairs.get(at)), pairs.get(after)) {
@@ -124,8 +124,8 @@ fn interpolate(pairs: &[(f64, f64)], place: f64) -> f64 {
     }
 }
 
-/// The pairs under whichever of two keys stands there (degrees, metres), with what makes SI of
-/// their places.
+/// Reads the pairs under whichever of two keys is present (degrees, metres), with the factor of
+/// their places to SI.
 fn read<'k>(
     section: &Section<'_>,
     [degrees, metres]: [&'k str; 2],

@@ -1,15 +1,20 @@
-//! A movement whose reference is learnt from block to block (§ 4.3), as a protocol gives it.
+//! `learn`: a sine for the slave, whose master reference is learnt from block to block (§ 4.3).
 
 use std::f64::consts::TAU;
 use std::fmt::Display;
 
-use super::lengths::{AMPLITUDE_DEG, AMPLITUDE_M, FADE, Lengths, POSITION_DEG, POSITION_M};
-use super::movement::MIN_JERK_PEAK_SPEED;
-use crate::axis::Axis;
-use crate::rates::Rates;
-use crate::read::{Bounds, Section, Source, bounds};
+use ipc_types::Mode;
 
-/// A sine that the *slave* is to follow; what the master must do for that is learnt.
+use crate::protocol::segment_kind::{Placement, SegmentKind};
+use crate::protocol::sines::{Envelope, Line, sum};
+use crate::protocol::trajectory::{MIN_JERK_PEAK_SPEED, Point};
+use crate::protocol::unit_keys::{
+    AMPLITUDE_DEG, AMPLITUDE_M, FADE, POSITION_DEG, POSITION_M, UnitKeys,
+};
+use crate::read::{Bounds, Keys, Section, bounds};
+
+/// A sine that the *slave* is to follow; the reference of the master is learnt (iterative learning
+/// control).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Learn {
     /// Amplitude of the slave's sine (rad or m).
@@ -18,34 +23,35 @@ pub struct Learn {
     pub frequency_hz: f64,
     /// Its centre (rad or m).
     pub centre: f64,
-    /// Time from the position at the start into the movement (s).
+    /// Time of the blend from the start position into the movement (s).
     pub fade_in_s: f64,
-    /// Time from the movement to rest at the centre (s).
+    /// Time of the blend from the movement to rest at the centre (s).
     pub fade_out_s: f64,
-    /// Cycles with one reference.
+    /// Cycles with the same reference.
     pub cycles_per_block: u32,
-    /// How many of them, at the beginning, are not learnt from; the reference changes in the first.
+    /// Cycles at the beginning of a block that are not learnt from; the reference changes in the
+    /// first.
     pub settling_cycles: u32,
-    /// Blocks in all.
+    /// Number of blocks.
     pub blocks: u32,
     /// The learning law.
     pub law: LearnLaw,
-    /// A block is worse when its error is more than this times the best block's (1).
+    /// A block counts as worse when its error exceeds the best block's by this factor (1).
     pub growth: f64,
-    /// So many worse blocks in a row end the learning.
+    /// Number of consecutive worse blocks that ends the learning.
     pub patience: u32,
     /// Whether control adds the rig's feed-forward (fig. 4.3A); § 4.3 simulates the feedback alone.
     pub feedforward: bool,
-    /// Name under which the best reference is kept.
+    /// Name under which the best reference is saved.
     pub save: Option<String>,
-    /// Name of a kept reference to begin with.
+    /// Name of a saved reference to begin with.
     pub load: Option<String>,
 }
 
-/// How it is learnt.
+/// The learning law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LearnLaw {
-    /// Not at all: a kept reference is played, and its error told.
+    /// None: a saved reference is played and its error reported.
     Keep,
     /// Eq. 4.3.2 and 4.3.3.
     Published {
@@ -58,39 +64,40 @@ pub enum LearnLaw {
         /// The transmission's delay (s).
         delay_s: f64,
     },
-    /// Through the inverse of the response, which is identified before the first block: one sine
-    /// after the other, three cycles of the movement each.
+    /// Through the inverse of the frequency response, which is identified before the first block
+    /// with one sine after another, three cycles of the movement each.
     ModelBased {
         /// Share of the inverse that is applied in a block (1).
         gain: f64,
-        /// A response weaker than this is not trusted to be inverted (1).
+        /// Regularisation: a response weaker than this is hardly inverted (1).
         regularisation: f64,
         /// Harmonics of the movement that are identified and learnt.
         harmonics: u32,
-        /// Amplitude of the first of the sines; it falls with the root of the harmonic (rad or m).
+        /// Amplitude of the first sine; it falls with the root of the harmonic's number (rad or m).
         identify_amplitude: f64,
     },
 }
 
-/// Cycles of the movement for which each sine of the identification is played: the last of them is
-/// read.
+/// Cycles of the movement for which each sine of the identification is played; the last is
+/// evaluated.
 pub const IDENTIFYING_CYCLES: u32 = 3;
 
 const LEARN_HZ: Bounds = bounds(0.1, 3.0, "guided movements are of up to 3 Hz (ch. 4)");
-/// Largest sum of the gains.
+/// Largest sum of the two gains.
 const MOST_GAMMA: f64 = 0.5;
 const GAMMA: Bounds = bounds(
     0.0,
     MOST_GAMMA,
-    "the gains are kept low (§ 4.3): at eq. 4.3.6's largest gain learning fails from a sum of 0.5 on",
+    "the gains are kept low (§ 4.3): at eq. 4.3.6's largest gain learning fails \
+     from a sum of 0.5 on",
 );
 const CUTOFF: Bounds = bounds(0.5, 50.0, "the transmission passes nothing above (fig. 3.4)");
 const DELAY: Bounds = bounds(0.0, 0.5, "§ 4.3 has 0.03 s");
 const GAIN: Bounds = bounds(0.01, 1.0, "1 applies the whole inverse at once");
 const REGULARISATION: Bounds =
-    bounds(0.01, 10.0, "0.3 leaves alone what the transmission hardly passes");
-const GROWTH: Bounds = bounds(1.01, 100.0, "1.5: half as much error again is worse");
-/// Highest frequency at which the response is asked for (Hz).
+    bounds(0.01, 10.0, "0.3 leaves out what the transmission hardly passes");
+const GROWTH: Bounds = bounds(1.01, 100.0, "1.5 tolerates half as much error again");
+/// Highest frequency at which the response is identified (Hz).
 const HIGHEST_HZ: f64 = 24.0;
 
 const LAWS: &[(&str, Law)] =
@@ -104,16 +111,41 @@ enum Law {
 }
 
 impl Learn {
-    pub(super) fn read(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Self {
-        let amplitude = lengths.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
-        let identify = lengths.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
+    pub(super) const KEYS: Keys = &[
+        ("amplitude_{deg,m}", "Amplitude of the slave's sine."),
+        ("frequency_hz", "Its frequency; a cycle must be a whole number of control periods."),
+        ("centre_{deg,m}", "Its centre."),
+        ("fade_in_s", "Time of the blend from the start position into the movement."),
+        ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
+        ("cycles_per_block", "Cycles with the same reference."),
+        ("settling_cycles", "Cycles at the beginning of a block that are not learnt from."),
+        ("blocks", "Number of blocks."),
+        ("law", "Learning law: eq. 4.3.2, the inverse of the identified response, or none."),
+        ("gamma_p", "Published law: change of the reference per error."),
+        ("gamma_d", "Published law: change per change of the error since the previous block."),
+        ("cutoff_hz", "Published law: cut-off of the low pass on the error."),
+        ("delay_s", "Published law: delay of the transmission."),
+        ("gain", "Model-based law: share of the inverse applied in a block."),
+        ("regularisation", "Model-based law: a response weaker than this is hardly inverted."),
+        ("harmonics", "Model-based law: number of harmonics identified and learnt."),
+        ("identify_amplitude_{deg,m}", "Model-based law: amplitude of the first probing sine."),
+        ("growth", "A block is worse when its error exceeds the best by this factor."),
+        ("patience", "Number of consecutive worse blocks that ends the learning."),
+        ("feedforward", "Whether control adds the rig's feed-forward (fig. 4.3A)."),
+        ("save", "Name under which the best reference is saved."),
+        ("load", "Name of a saved reference to begin with."),
+    ];
+
+    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
+        let amplitude = keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
+        let identify = keys.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
         let whole = |key, default, least, most, advice| {
             section.whole_or(key, default, least, most, advice) as u32
         };
         let learn = Self {
             amplitude,
             frequency_hz: section.number("frequency_hz", LEARN_HZ),
-            centre: lengths.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
+            centre: keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
             fade_in_s: section.number_or("fade_in_s", 2.0, FADE),
             fade_out_s: section.number_or("fade_out_s", 1.0, FADE),
             cycles_per_block: whole(
@@ -130,7 +162,8 @@ impl Learn {
                 99,
                 "the reference changes in the first cycle of a block",
             ),
-            blocks: section.whole("blocks", 1, 10_000, "the most blocks that are played") as u32,
+            blocks: section.whole("blocks", 1, 10_000, "number of blocks that are played at most")
+                as u32,
             law: read_law(section, amplitude, identify),
             growth: section.number_or("growth", 1.5, GROWTH),
             patience: whole("patience", 5, 1, 1000, "worse blocks in a row that end the learning"),
@@ -193,7 +226,7 @@ impl Learn {
         learn
     }
 
-    /// Cycles that the identification takes.
+    /// Number of cycles of the identification.
     pub fn identifying_cycles(&self) -> u32 {
         match self.law {
             LearnLaw::ModelBased { harmonics, .. } => harmonics * IDENTIFYING_CYCLES,
@@ -201,14 +234,14 @@ impl Learn {
         }
     }
 
-    /// Whole duration (s).
-    pub fn duration_s(&self) -> f64 {
-        let cycles = self.identifying_cycles() + self.blocks * self.cycles_per_block;
-        self.fade_in_s + f64::from(cycles) / self.frequency_hz + self.fade_out_s
+    /// Control periods in a cycle at `control_hz` (Hz); `None` where they are no whole number.
+    pub fn steps_per_cycle(&self, control_hz: u32) -> Option<usize> {
+        let steps = f64::from(control_hz) / self.frequency_hz;
+        ((steps - steps.round()).abs() < 1e-6 && steps >= 8.0).then_some(steps.round() as usize)
     }
 
-    /// Furthest from the centre that it asks for before anything is learnt (rad or m).
-    pub fn reach(&self) -> f64 {
+    /// Largest distance from the centre before anything is learnt (rad or m).
+    fn reach(&self) -> f64 {
         match self.law {
             LearnLaw::ModelBased { identify_amplitude, .. } => {
                 self.amplitude.max(identify_amplitude)
@@ -216,15 +249,29 @@ impl Learn {
             _ => self.amplitude,
         }
     }
+}
 
-    /// A speed that it never passes before anything is learnt, when it begins at rest at `start`
-    /// (rad/s or m/s): that of the sines, and of the change from one to the next, which takes half
-    /// a cycle.
-    pub fn peak_speed_from(&self, start: f64) -> f64 {
+impl SegmentKind for Learn {
+    fn duration_s(&self) -> f64 {
+        let cycles = self.identifying_cycles() + self.blocks * self.cycles_per_block;
+        self.fade_in_s + f64::from(cycles) / self.frequency_hz + self.fade_out_s
+    }
+
+    fn range(&self) -> Option<(f64, f64)> {
+        Some((self.centre - self.reach(), self.centre + self.reach()))
+    }
+
+    fn end(&self, _start: Option<f64>) -> Option<f64> {
+        Some(self.centre)
+    }
+
+    /// Before anything is learnt: the speed of the sines, and of the change from one to the next,
+    /// which takes half a cycle.
+    fn peak_speed_from(&self, start: f64) -> f64 {
         let omega = TAU * self.frequency_hz;
         let sines = match self.law {
             LearnLaw::ModelBased { identify_amplitude, harmonics, .. } => {
-                // Amplitude and speed of what is played one after the other.
+                // Amplitude and speed of each sine in the order of playing.
                 let own = (self.amplitude, self.amplitude * omega);
                 let sine =
                     |h: f64| (identify_amplitude / h.sqrt(), identify_amplitude * h.sqrt() * omega);
@@ -247,61 +294,62 @@ impl Learn {
         sines.max(self.amplitude * omega + fading_in.max(fading_out))
     }
 
-    /// Control steps in a cycle at `control_hz` (Hz); `None` where they are no whole number.
-    pub fn steps_per_cycle(&self, control_hz: u32) -> Option<usize> {
-        let steps = f64::from(control_hz) / self.frequency_hz;
-        ((steps - steps.round()).abs() < 1e-6 && steps >= 8.0).then_some(steps.round() as usize)
+    fn feedforward_speed(&self) -> f64 {
+        self.amplitude * TAU * self.frequency_hz
     }
 
-    /// Whether a machine can learn it: it has an encoder at the slave, and its rate of control
-    /// divides into the cycle.
-    pub(super) fn check(
-        &self,
-        axis: &Axis,
-        rates: &Rates,
-        key: impl Fn(&str) -> String,
-        source: &Source<'_>,
-    ) -> bool {
+    fn mode(&self, _time_s: f64) -> Mode {
+        Mode::Learning
+    }
+
+    /// The reference before anything is learnt; the learning in the experiment process replaces it.
+    fn at(&self, start: f64, time_s: f64, peak_speed: f64) -> Point {
+        let (amplitude, frequency_hz) = (self.amplitude, self.frequency_hz);
+        let line = Line { amplitude, frequency_hz, phase: 0.0 };
+        let sine = sum(&[line], self.centre, time_s - self.fade_in_s);
+        let envelope = Envelope {
+            centre: self.centre,
+            duration_s: self.duration_s(),
+            fade_in_s: self.fade_in_s,
+            fade_out_s: self.fade_out_s,
+        };
+        envelope.apply(sine, start, time_s, peak_speed)
+    }
+
+    /// The axis needs a slave encoder, and the control rate a whole number of periods in a cycle.
+    fn check(&self, placed: &Placement<'_>) -> bool {
+        let (axis, control_hz) = (placed.axis, placed.rig.rates.control_hz);
         let refuse = |name: &str, expected: String, found: &dyn Display, advice: &str| {
-            source.problem(&key(name), expected, found, advice);
+            placed.source.problem(&placed.key(name), expected, found, advice);
             false
         };
         let mut fits = true;
         if axis.slave.is_none() {
             let expected =
                 format!("an axis with an encoder at the slave (axis \"{}\" has none)", axis.name);
-            fits &= refuse(
-                "kind",
-                expected,
-                &"a movement to be learnt",
-                "add axes.slave to the rig file",
-            );
+            let advice = "add axes.slave to the rig file";
+            fits &= refuse("kind", expected, &"a movement to be learnt", advice);
         }
-        if self.steps_per_cycle(rates.control_hz).is_none() {
+        if self.steps_per_cycle(control_hz).is_none() {
             let expected = format!(
-                "a whole number of control steps in a cycle, 8 or more, at {} Hz",
-                rates.control_hz
+                "a whole number of control steps in a cycle, 8 or more, at {control_hz} Hz"
             );
-            let found = format!("{:.3}", f64::from(rates.control_hz) / self.frequency_hz);
-            fits &= refuse(
-                "frequency_hz",
-                expected,
-                &found,
-                "choose a frequency that divides the rate of control",
-            );
+            let found = format!("{:.3}", f64::from(control_hz) / self.frequency_hz);
+            let advice = "choose a frequency that divides the control rate";
+            fits &= refuse("frequency_hz", expected, &found, advice);
         }
-        let half = f64::from(rates.control_hz) / 2.0;
+        let half = f64::from(control_hz) / 2.0;
         if let LearnLaw::Published { cutoff_hz, .. } = self.law
             && cutoff_hz >= half
         {
-            fits &= refuse(
-                "cutoff_hz",
-                format!("below {half} Hz"),
-                &cutoff_hz,
-                "half the rate of control",
-            );
+            let expected = format!("below {half} Hz");
+            fits &= refuse("cutoff_hz", expected, &cutoff_hz, "half the control rate");
         }
         fits
+    }
+
+    fn single_axis(&self) -> bool {
+        true
     }
 }
 
@@ -345,7 +393,7 @@ fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f6
             cutoff_hz: section.number_or("cutoff_hz", 8.0, CUTOFF),
             delay_s: section.number_or("delay_s", 0.03, DELAY),
         },
-        // Nobody can say whose keys these are.
+        // Without a valid law nobody can say which keys are right.
         None => {
             section.know_all();
             LearnLaw::Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 }
@@ -353,7 +401,7 @@ fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f6
     }
 }
 
-/// A name that is safe as the name of a file.
+/// Reads a name that is safe as a file name.
 fn read_name(section: &Section<'_>, key: &str) -> Option<String> {
     let name = section.text_or_none(key)?;
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';

@@ -1,53 +1,60 @@
-//! Trajectories from a table: a CSV file beside the protocol, taken into the protocol's text when
+//! `file`: a trajectory from a CSV file beside the protocol, embedded in the protocol's text when
 //! it is loaded.
 //!
-//! The first row names the columns: `t_s`, then positions whose names end in `_deg` or `_m`. The
-//! text that an experiment plays, that is recorded and that has the identity is the one with the
-//! numbers in it: a table that is edited later changes nothing.
+//! The first row names the columns: `t_s`, and positions whose names end in `_deg` or `_m`. The
+//! experiment plays and records the text with the numbers embedded, and the identity is of that
+//! text: a later change of the CSV file changes nothing.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
-use super::lengths::{FADE, Lengths, POSITION_DEG, POSITION_M};
-use super::spline::Spline;
 use crate::error::{Problem, ProtocolError};
-use crate::read::{Section, bounds};
+use crate::protocol::segment_kind::SegmentKind;
+use crate::protocol::spline::Spline;
+use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
+use crate::protocol::unit_keys::{FADE, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::read::{Keys, Section, bounds};
 
 /// Most rows of a table.
 const ROWS: usize = 20_000;
 /// Longest table (s).
 const LONGEST_S: f64 = 36_000.0;
 
-/// Along the points of a table, smoothly, from rest to rest.
+/// A smooth trajectory through the points of a table, from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tabled {
-    /// The way (rad or m).
+pub struct CsvTrajectory {
+    /// The trajectory (rad or m).
     pub spline: Arc<Spline>,
-    /// Time from the position at the start to the first point (s).
+    /// Time of the movement from the start position to the first point (s).
     pub rise_s: f64,
 }
 
-impl Tabled {
-    pub(super) fn read(section: &Section<'_>, lengths: &mut Lengths<'_, '_>) -> Self {
+impl CsvTrajectory {
+    pub(super) const KEYS: Keys = &[
+        ("path", "CSV file, relative to the protocol's folder; the first row names the columns."),
+        ("column", "Column of the positions; by default the first that ends in `_deg` or `_m`."),
+        ("times_s", "Times of the points, where the table is in the protocol itself."),
+        ("positions_{deg,m}", "Positions of the points, as many as times."),
+        ("rise_s", "Time of the movement from the start position to the first point."),
+    ];
+
+    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
         let rise_s = section.number_or("rise_s", 1.0, FADE);
         section.text_or_none("path");
         section.text_or_none("column");
-        let stand_in = || Self { spline: Arc::new(Spline::rest()), rise_s };
+        let placeholder = || Self { spline: Arc::new(Spline::rest()), rise_s };
         if section.has("path") && !section.has("times_s") {
-            let advice = "load the protocol from its file, so that its folder is known; or give times_s and positions_deg";
-            section.problem(
-                "path",
-                "a table that was taken in when the protocol was loaded",
-                "its name alone",
-                advice,
-            );
+            let expected = "a table that was read when the protocol was loaded";
+            let advice = "load the protocol from its file, so that its folder is known; \
+                          or give times_s and positions_deg";
+            section.problem("path", expected, "its name alone", advice);
             section.know_all();
-            return stand_in();
+            return placeholder();
         }
         let times = section.numbers("times_s", bounds(0.0, LONGEST_S, "in seconds"));
-        let positions = lengths.list("positions", POSITION_DEG, POSITION_M);
+        let positions = keys.list("positions", POSITION_DEG, POSITION_M);
         if let Some(row) = times.windows(2).position(|pair| pair[1] <= pair[0]) {
             let expected = format!("increasing times; entry {} is after {} s", row + 2, times[row]);
             section.problem(
@@ -63,20 +70,53 @@ impl Tabled {
         }
         match Spline::through(times, positions) {
             Some(spline) => Self { spline: Arc::new(spline), rise_s },
-            None => stand_in(),
+            None => placeholder(),
         }
-    }
-
-    /// Whole duration (s).
-    pub fn duration_s(&self) -> f64 {
-        self.rise_s + self.spline.duration_s()
     }
 }
 
-/// The protocol's text with the tables that its segments name taken in; `folder` is that of the
-/// protocol. Lines after the segment move on by the two that are added to it.
-pub(super) fn take_in(text: &str, folder: &Path) -> Result<String, ProtocolError> {
-    // What is no TOML is told of by the reader, with its line.
+impl SegmentKind for CsvTrajectory {
+    fn duration_s(&self) -> f64 {
+        self.rise_s + self.spline.duration_s()
+    }
+
+    fn range(&self) -> Option<(f64, f64)> {
+        Some(self.spline.range())
+    }
+
+    fn end(&self, _start: Option<f64>) -> Option<f64> {
+        Some(self.spline.end())
+    }
+
+    fn peak_speed_from(&self, start: f64) -> f64 {
+        let approach = min_jerk_peak_speed(start, self.spline.begin(), self.rise_s);
+        self.spline.peak_speed().max(approach)
+    }
+
+    fn feedforward_speed(&self) -> f64 {
+        self.spline.peak_speed()
+    }
+
+    fn at(&self, start: f64, time_s: f64, peak_speed: f64) -> Point {
+        if time_s < self.rise_s {
+            return min_jerk(start, self.spline.begin(), time_s, self.rise_s);
+        }
+        let (position, velocity, acceleration) = self.spline.at(time_s - self.rise_s);
+        Point { position, velocity, acceleration, peak_speed }
+    }
+
+    fn single_axis(&self) -> bool {
+        true
+    }
+}
+
+/// Embeds the tables that the segments name in the protocol's text; `folder` is the protocol's.
+/// Adds two lines to each such segment.
+pub(in crate::protocol) fn embed_tables(
+    text: &str,
+    folder: &Path,
+) -> Result<String, ProtocolError> {
+    // The reader reports invalid TOML, with its line.
     let Ok(mut document) = text.parse::<DocumentMut>() else { return Ok(text.to_owned()) };
     let Some(segments) = document.get_mut("segments").and_then(Item::as_array_of_tables_mut) else {
         return Ok(text.to_owned());
@@ -156,7 +196,7 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
                     "",
                     format!("{} columns", names.len()),
                     error.to_string(),
-                    "mend the row",
+                    "correct the row",
                 );
                 continue;
             }
@@ -171,7 +211,7 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
                     &names[column],
                     "a finite number".to_owned(),
                     format!("\"{text}\""),
-                    "mend the row",
+                    "correct the row",
                 );
             }
             value
@@ -202,7 +242,8 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
     let count = columns.times_s.len();
     if problems.is_empty() && !(2..=ROWS).contains(&count) {
         let (expected, found) = (format!("2 to {ROWS} rows"), count.to_string());
-        let (key, advice) = (String::new(), "give a point a row; thin out a long table".to_owned());
+        let (key, advice) =
+            (String::new(), "give each point a row; thin out a long table".to_owned());
         problems.push(Problem { file, line: 1, key, expected, found, advice });
     }
     if problems.is_empty() { Ok(columns) } else { Err(ProtocolError::Invalid { problems }) }

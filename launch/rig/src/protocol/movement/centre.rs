@@ -1,0 +1,72 @@
+//! `centre`: to the centre of the experiment, and rest there under power (appendix).
+
+use ipc_types::Mode;
+
+use crate::protocol::segment_kind::SegmentKind;
+use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
+use crate::protocol::unit_keys::{DURATION, FADE, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::read::{Keys, Section};
+
+/// Moves to the centre of the experiment and rests there under power.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Centre {
+    /// Its position (rad or m).
+    pub position: f64,
+    /// Time of the movement there, within the duration (s).
+    pub rise_s: f64,
+    /// Whole duration (s).
+    pub duration_s: f64,
+}
+
+impl Centre {
+    pub(super) const KEYS: Keys = &[
+        ("position_{deg,m}", "Position of the centre."),
+        ("rise_s", "Time of the movement there, part of the duration."),
+        ("duration_s", "Whole duration."),
+    ];
+
+    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
+        let duration_s = section.number("duration_s", DURATION);
+        let rise_s = section.number_or("rise_s", f64::min(3.0, duration_s / 2.0), FADE);
+        if rise_s > duration_s {
+            let expected = format!("at most duration_s ({duration_s} s)");
+            section.problem("rise_s", expected, rise_s, "the rise is part of the duration");
+        }
+        let position = keys.optional("position", POSITION_DEG, POSITION_M).unwrap_or(0.0);
+        Self { position, rise_s, duration_s }
+    }
+}
+
+impl SegmentKind for Centre {
+    fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    fn range(&self) -> Option<(f64, f64)> {
+        Some((self.position, self.position))
+    }
+
+    fn end(&self, _start: Option<f64>) -> Option<f64> {
+        Some(self.position)
+    }
+
+    fn peak_speed_from(&self, start: f64) -> f64 {
+        min_jerk_peak_speed(start, self.position, self.rise_s)
+    }
+
+    fn mode(&self, time_s: f64) -> Mode {
+        if time_s >= self.rise_s { Mode::Centre } else { Mode::Position }
+    }
+
+    fn at(&self, start: f64, time_s: f64, _peak_speed: f64) -> Point {
+        if time_s >= self.rise_s {
+            return Point::at_rest(self.position);
+        }
+        min_jerk(start, self.position, time_s, self.rise_s)
+    }
+
+    fn scale(&mut self, factor: f64) -> Result<(), (&'static str, &'static str)> {
+        self.position *= factor;
+        Ok(())
+    }
+}

@@ -1,0 +1,74 @@
+//! `hold`: to a position, and rest there under power.
+
+use ipc_types::Mode;
+
+use crate::protocol::segment_kind::SegmentKind;
+use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
+use crate::protocol::unit_keys::{DURATION, FADE, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::read::{Keys, Section};
+
+/// Moves to a position and rests there under power.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hold {
+    /// Position; `None`: where the handle is (rad or m).
+    pub position: Option<f64>,
+    /// Time of the movement there, within the duration (s).
+    pub rise_s: f64,
+    /// Whole duration (s).
+    pub duration_s: f64,
+}
+
+impl Hold {
+    pub(super) const KEYS: Keys = &[
+        ("position_{deg,m}", "Position; where the handle is, if left out."),
+        ("rise_s", "Time of the movement there, part of the duration."),
+        ("duration_s", "Whole duration."),
+    ];
+
+    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
+        let duration_s = section.number("duration_s", DURATION);
+        let position = keys.optional("position", POSITION_DEG, POSITION_M);
+        let rise_s = section.number_or("rise_s", f64::min(1.0, duration_s / 2.0), FADE);
+        if rise_s > duration_s {
+            let expected = format!("at most duration_s ({duration_s} s)");
+            section.problem("rise_s", expected, rise_s, "the rise is part of the duration");
+        }
+        Self { position, rise_s, duration_s }
+    }
+}
+
+impl SegmentKind for Hold {
+    fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    fn range(&self) -> Option<(f64, f64)> {
+        self.position.map(|position| (position, position))
+    }
+
+    fn end(&self, start: Option<f64>) -> Option<f64> {
+        self.position.or(start)
+    }
+
+    fn peak_speed_from(&self, start: f64) -> f64 {
+        min_jerk_peak_speed(start, self.position.unwrap_or(start), self.rise_s)
+    }
+
+    fn mode(&self, time_s: f64) -> Mode {
+        if self.position.is_none() || time_s >= self.rise_s { Mode::Hold } else { Mode::Position }
+    }
+
+    fn at(&self, start: f64, time_s: f64, _peak_speed: f64) -> Point {
+        match self.position {
+            Some(position) if time_s < self.rise_s => {
+                min_jerk(start, position, time_s, self.rise_s)
+            }
+            position => Point::at_rest(position.unwrap_or(start)),
+        }
+    }
+
+    fn scale(&mut self, factor: f64) -> Result<(), (&'static str, &'static str)> {
+        self.position = self.position.map(|position| position * factor);
+        Ok(())
+    }
+}

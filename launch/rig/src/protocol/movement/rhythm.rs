@@ -1,0 +1,106 @@
+//! `rhythm`: the hand keeps a rhythm in a spring field (appendix).
+
+use ipc_types::Mode;
+
+use crate::protocol::field::{Field, SPRING_ADVICE};
+use crate::protocol::field_check::check_field;
+use crate::protocol::segment_kind::{Placement, SegmentKind};
+use crate::protocol::trajectory::Point;
+use crate::protocol::unit_keys::{
+    AMPLITUDE_DEG, AMPLITUDE_M, DURATION, POSITION_DEG, POSITION_M, UnitKeys,
+};
+use crate::read::{Keys, Section, bounds};
+
+/// The hand keeps a rhythm in a spring field: each half period it should be at the other extreme.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rhythm {
+    /// Full cycles per second (Hz).
+    pub frequency_hz: f64,
+    /// Distance from the centre to each extreme (rad or m).
+    pub amplitude: f64,
+    /// The spring field about the centre.
+    pub field: Field,
+    /// Whole duration (s).
+    pub duration_s: f64,
+}
+
+impl Rhythm {
+    pub(super) const KEYS: Keys = &[
+        ("frequency_hz", "Full cycles per second; each has two beats."),
+        ("amplitude_{deg,m}", "Distance from the centre to each extreme."),
+        ("centre_{deg,m}", "Centre of movement and spring."),
+        ("spring", "Stiffness of the spring, in N·m/rad (N/m on an axis in m)."),
+        ("duration_s", "Whole duration."),
+    ];
+
+    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
+        let duration_s = section.number("duration_s", DURATION);
+        let frequency_hz =
+            section.number("frequency_hz", bounds(0.1, 5.0, "a hand keeps up to about 3 Hz"));
+        if duration_s * frequency_hz < 1.0 {
+            let expected = format!("at least one cycle ({:.1} s)", 1.0 / frequency_hz);
+            let found = format!("{duration_s} s");
+            section.problem("duration_s", expected, found, "a rhythm needs some beats");
+        }
+        let stiffness = section.number_or("spring", 0.0, bounds(0.0, 10.0, SPRING_ADVICE));
+        Self {
+            frequency_hz,
+            amplitude: keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M),
+            field: Field {
+                stiffness,
+                centre: keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
+                ..Field::default()
+            },
+            duration_s,
+        }
+    }
+
+    /// The last beat due at `time_s`: its number from 1, and where the hand should be (rad or m);
+    /// `None` before the first. Beats come every half period, the first after half a period at the
+    /// upper extreme, the last before the end.
+    pub fn beat(&self, time_s: f64) -> Option<(u32, f64)> {
+        let last = (2.0 * self.frequency_hz * self.duration_s - 1e-9).ceil() - 1.0;
+        let number = (2.0 * self.frequency_hz * time_s + 1e-9).floor().min(last);
+        if number < 1.0 {
+            return None;
+        }
+        let side = if number % 2.0 == 1.0 { 1.0 } else { -1.0 };
+        Some((number as u32, self.field.centre + side * self.amplitude))
+    }
+}
+
+impl SegmentKind for Rhythm {
+    fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// The extremes of the rhythm; the hand may go beyond.
+    fn range(&self) -> Option<(f64, f64)> {
+        Some((self.field.centre - self.amplitude, self.field.centre + self.amplitude))
+    }
+
+    fn end_is_unknown(&self) -> bool {
+        true
+    }
+
+    fn mode(&self, _time_s: f64) -> Mode {
+        Mode::Rhythm
+    }
+
+    /// At rest at the centre of the field.
+    fn at(&self, _start: f64, _time_s: f64, _peak_speed: f64) -> Point {
+        Point::at_rest(self.field.centre)
+    }
+
+    fn field(&self) -> Option<&Field> {
+        Some(&self.field)
+    }
+
+    fn check(&self, placed: &Placement<'_>) -> bool {
+        check_field(&self.field, placed)
+    }
+
+    fn single_axis(&self) -> bool {
+        true
+    }
+}

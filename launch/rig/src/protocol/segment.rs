@@ -1,0 +1,127 @@
+//! A segment of a protocol, and its check against a rig.
+
+use super::coupled_axes::{self, Companion};
+use super::movement::Movement;
+use super::segment_kind::Placement;
+use crate::axis_unit::AxisUnit;
+use crate::read::{Keys, Section, Source};
+use crate::rig_file::RigFile;
+
+/// One timed movement of one axis, or of several coupled axes; the other axes stay where they are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Segment {
+    /// Name on screens and in events.
+    pub label: String,
+    /// The axis that moves.
+    pub axis: usize,
+    /// Unit of the positions in the file; `None` where it has none.
+    pub unit: Option<AxisUnit>,
+    /// Number of times that it is played.
+    pub repeat: u32,
+    /// What is done.
+    pub movement: Movement,
+    /// Movements of the coupled axes.
+    pub companions: Vec<Companion>,
+}
+
+const KEYS: Keys = &[
+    ("kind", "Kind of the segment; the sections below have the keys of each."),
+    ("label", "Name on screens and in events; kind and number, if left out."),
+    ("axis", "Index of the rig's axis that moves, from 0."),
+    ("axes", "Indices of the coupled axes; instead of `axis`."),
+    ("phases_deg", "Phase lead of each coupled axis, in degrees (guided_sine, multisine)."),
+    ("scales", "Amplitude of each coupled axis as a part of the segment's; negative mirrors it."),
+    ("repeat", "Number of times that the segment is played."),
+];
+
+impl Segment {
+    pub(super) fn read((index, section): (usize, Section<'_>)) -> Self {
+        section.document("segments", KEYS);
+        let (movement, unit) = Movement::read(&section);
+        let (axis, movement, companions) = coupled_axes::read(&section, movement);
+        let segment = Self {
+            label: section
+                .text_or_none("label")
+                .unwrap_or_else(|| format!("{} {}", movement.kind().replace('_', " "), index + 1)),
+            axis,
+            unit,
+            repeat: section.whole_or("repeat", 1, 1, 1000, "how often the segment is played")
+                as u32,
+            movement,
+            companions,
+        };
+        section.finish();
+        segment
+    }
+
+    /// Every axis that moves, with its movement.
+    pub fn moves(&self) -> impl Iterator<Item = (usize, &Movement)> {
+        let others = self.companions.iter().map(|companion| (companion.axis, &companion.movement));
+        std::iter::once((self.axis, &self.movement)).chain(others)
+    }
+
+    /// Checks the movement of every axis; `starts` are the axes' positions at its start, where
+    /// known. Reports the first problem only, and returns false where there is one.
+    pub(super) fn check(
+        &self,
+        segment: usize,
+        starts: &[Option<f64>],
+        rig: &RigFile,
+        source: &Source<'_>,
+    ) -> bool {
+        self.moves().all(|(index, movement)| {
+            let Some(axis) = rig.axes.get(index) else {
+                let key = |name: &str| format!("segments.{segment}.{name}");
+                let key = if source.has(&key("axes")) { key("axes") } else { key("axis") };
+                let last = rig.axes.len() - 1;
+                let expected = format!("an axis of the rig \"{}\" (0 to {last})", rig.name);
+                source.problem(&key, expected, index, "move an axis that the rig has");
+                return false;
+            };
+            let start = starts.get(index).copied().flatten();
+            self.check_movement(movement, &Placement { rig, axis, index, segment, start, source })
+        })
+    }
+
+    fn check_movement(&self, movement: &Movement, placed: &Placement<'_>) -> bool {
+        let (axis, kind) = (placed.axis, movement.kind());
+        let (limits, source) = (&axis.limits, placed.source);
+        let stems = ["amplitude", "amplitudes", "positions", "position"];
+        let keys: Vec<_> =
+            stems.iter().flat_map(|stem| [format!("{stem}_deg"), format!("{stem}_m")]).collect();
+        let key = placed.first_key(keys.iter().map(String::as_str));
+        if self.unit.is_some_and(|unit| unit != axis.unit) {
+            let expected =
+                format!("positions in the unit of axis \"{}\" ({})", axis.name, axis.unit.symbol());
+            let advice = "keys end in _deg for axes in rad, in _m for axes in m";
+            source.problem(&key, expected, "the other unit", advice);
+            return false;
+        }
+        if let Some((least, most)) = movement.range()
+            && (least < limits.position_min || most > limits.position_max)
+        {
+            let [lowest, highest] =
+                [limits.position_min, limits.position_max].map(|limit| placed.show(limit));
+            let expected = format!("positions from {lowest} to {highest}");
+            let found = format!("a {kind} from {} to {}", placed.show(least), placed.show(most));
+            let advice = "move less, or elsewhere; the limits are the rig file's";
+            source.problem(&key, expected, found, advice);
+            return false;
+        }
+        if !movement.check(placed) {
+            return false;
+        }
+        let speed = placed.worst_start(|start| movement.peak_speed_from(start));
+        if speed > limits.speed_max {
+            let start = match placed.start {
+                Some(_) => "where the previous segment ends",
+                None => "any position within the limits",
+            };
+            let expected = format!("speeds up to {}/s", placed.show(limits.speed_max));
+            let found = format!("a {kind} of up to {}/s, beginning at {start}", placed.show(speed));
+            let advice = "take more time to rise or fade in, or put a slow hold before it";
+            source.problem(&key, expected, found, advice);
+        }
+        speed <= limits.speed_max
+    }
+}

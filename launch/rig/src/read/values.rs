@@ -1,0 +1,266 @@
+//! Typed getters of a section.
+
+use toml::de::{DeArray, DeValue};
+
+use super::{Bounds, Section, describe, nearest};
+
+/// A number with its bounds, as the pages have it.
+fn range(bounds: Bounds) -> String {
+    if bounds.most == f64::MAX && bounds.least == f64::MIN {
+        return "number".to_owned();
+    }
+    format!("number, {} to {}", bounds.least, bounds.most)
+}
+
+fn choices<T>(words: &[(&str, T)]) -> String {
+    words.iter().map(|(word, _)| format!("`\"{word}\"`")).collect::<Vec<_>>().join(", ")
+}
+
+/// A bare number, or a table of keys.
+pub(crate) enum NumberOrSection<'s> {
+    Number(f64),
+    Section(Section<'s>),
+}
+
+impl<'s> Section<'s> {
+    /// A number that must be there.
+    pub(crate) fn number(&self, key: &str, bounds: Bounds) -> f64 {
+        self.note(key, range(bounds), "required");
+        match self.required(key, "a number") {
+            Some(value) => self.as_number(key, value.get_ref(), bounds).unwrap_or(bounds.least),
+            None => bounds.least,
+        }
+    }
+
+    /// A number that may be left out.
+    pub(crate) fn number_or_none(&self, key: &str, bounds: Bounds) -> Option<f64> {
+        self.note(key, range(bounds), "optional");
+        self.value(key).and_then(|value| self.as_number(key, value.get_ref(), bounds))
+    }
+
+    /// A number with a default.
+    pub(crate) fn number_or(&self, key: &str, default: f64, bounds: Bounds) -> f64 {
+        self.note(key, range(bounds), default);
+        self.number_or_none(key, bounds).unwrap_or(default)
+    }
+
+    /// A list of numbers, at least one.
+    pub(crate) fn numbers(&self, key: &str, bounds: Bounds) -> Vec<f64> {
+        self.note(key, format_args!("list, each a {}", range(bounds)), "required");
+        self.required(key, "a list of numbers");
+        self.numbers_or_none(key, bounds).unwrap_or_default()
+    }
+
+    /// A list of numbers, at least one, that may be left out.
+    pub(crate) fn numbers_or_none(&self, key: &str, bounds: Bounds) -> Option<Vec<f64>> {
+        self.note(key, format_args!("list, each a {}", range(bounds)), "optional");
+        let value = self.value(key)?;
+        let numbers = match value.get_ref().as_array() {
+            Some(list) if !list.is_empty() => list
+                .iter()
+                .map(|item| self.as_number(key, item.get_ref(), bounds).unwrap_or(bounds.least))
+                .collect(),
+            _ => {
+                self.problem(
+                    key,
+                    "a list of numbers, at least one",
+                    describe(value.get_ref()),
+                    "write it as [1.0, 2.0]",
+                );
+                Vec::new()
+            }
+        };
+        Some(numbers)
+    }
+
+    /// A list of lists of numbers that may be left out; `expected` says what they are.
+    pub(crate) fn rows_or_none(
+        &self,
+        key: &str,
+        expected: &str,
+        bounds: Bounds,
+    ) -> Option<Vec<Vec<f64>>> {
+        self.note(key, format_args!("list of rows, each a {}", range(bounds)), "optional");
+        let value = self.value(key)?;
+        let lists =
+            value.get_ref().as_array().map(|rows| rows.iter().map(|row| row.get_ref().as_array()));
+        let Some(rows) =
+            lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty())
+        else {
+            self.problem(
+                key,
+                expected,
+                describe(value.get_ref()),
+                "write it as [[1.0, 2.0], [3.0, 4.0]]",
+            );
+            return None;
+        };
+        let numbers = |row: &&DeArray<'_>| -> Option<Vec<f64>> {
+            row.iter().map(|item| self.as_number(key, item.get_ref(), bounds)).collect()
+        };
+        rows.iter().map(numbers).collect()
+    }
+
+    /// An entry that is either a bare number or a table of keys.
+    pub(crate) fn number_or_section(&self, key: &str, bounds: Bounds) -> NumberOrSection<'s> {
+        match self.value(key) {
+            Some(value) if !value.get_ref().is_table() => NumberOrSection::Number(
+                self.as_number(key, value.get_ref(), bounds).unwrap_or(bounds.least),
+            ),
+            value => NumberOrSection::Section(self.section_of(key, value)),
+        }
+    }
+
+    fn as_number(&self, key: &str, value: &DeValue<'_>, bounds: Bounds) -> Option<f64> {
+        let number = match value {
+            DeValue::Float(float) => float.as_str().parse::<f64>().ok(),
+            DeValue::Integer(integer) => {
+                i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|i| i as f64)
+            }
+            _ => None,
+        };
+        let Some(number) = number else {
+            self.problem(
+                key,
+                "a number",
+                describe(value),
+                "write it without quotes, in the unit that the key's name ends in",
+            );
+            return None;
+        };
+        if !number.is_finite() {
+            self.problem(
+                key,
+                "a finite number",
+                describe(value),
+                "not-a-number and infinity have no meaning here",
+            );
+            return None;
+        }
+        if number < bounds.least || number > bounds.most {
+            let expected = format!("a number from {} to {}", bounds.least, bounds.most);
+            self.problem(key, expected, number, bounds.advice);
+            return None;
+        }
+        Some(number)
+    }
+
+    /// A whole number that may be left out.
+    pub(crate) fn whole_or_none(
+        &self,
+        key: &str,
+        least: u64,
+        most: u64,
+        advice: &str,
+    ) -> Option<u64> {
+        self.note(key, format_args!("whole number, {least} to {most}"), "optional");
+        let value = self.value(key)?.get_ref();
+        let whole =
+            value.as_integer().and_then(|i| i64::from_str_radix(i.as_str(), i.radix()).ok());
+        match whole.and_then(|whole| u64::try_from(whole).ok()) {
+            Some(whole) if (least..=most).contains(&whole) => Some(whole),
+            _ => {
+                let expected = format!("a whole number from {least} to {most}");
+                self.problem(key, expected, describe(value), advice);
+                None
+            }
+        }
+    }
+
+    /// A whole number with a default.
+    pub(crate) fn whole_or(
+        &self,
+        key: &str,
+        default: u64,
+        least: u64,
+        most: u64,
+        advice: &str,
+    ) -> u64 {
+        self.note(key, format_args!("whole number, {least} to {most}"), default);
+        self.whole_or_none(key, least, most, advice).unwrap_or(default)
+    }
+
+    /// A whole number that must be there.
+    pub(crate) fn whole(&self, key: &str, least: u64, most: u64, advice: &str) -> u64 {
+        self.note(key, format_args!("whole number, {least} to {most}"), "required");
+        if !self.has(key) {
+            self.required(key, &format!("a whole number from {least} to {most}"));
+        }
+        self.whole_or_none(key, least, most, advice).unwrap_or(least)
+    }
+
+    /// A text that must be there and not be empty.
+    pub(crate) fn text(&self, key: &str) -> String {
+        self.note(key, "text", "required");
+        if !self.has(key) {
+            self.required(key, "a text");
+        }
+        self.text_or_none(key).unwrap_or_default()
+    }
+
+    /// A text that may be left out, but not be empty.
+    pub(crate) fn text_or_none(&self, key: &str) -> Option<String> {
+        self.note(key, "text", "optional");
+        let value = self.value(key)?.get_ref();
+        match value.as_str() {
+            Some(text) if !text.trim().is_empty() => Some(text.to_owned()),
+            _ => {
+                self.problem(key, "a text", describe(value), "write it in quotes");
+                None
+            }
+        }
+    }
+
+    /// One of a few words; `None` where it is left out or wrong.
+    pub(crate) fn word_or_none<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Option<T> {
+        self.note(key, choices(words), "optional");
+        let value = self.value(key)?.get_ref();
+        let found = value.as_str().and_then(|text| words.iter().find(|(word, _)| *word == text));
+        if found.is_none() {
+            let names: Vec<_> = words.iter().map(|(word, _)| *word).collect();
+            let advice = value.as_str().and_then(|text| nearest(text, names.iter().copied()));
+            let advice = advice.map(|word| format!("did you mean \"{word}\"?")).unwrap_or_default();
+            let names: Vec<_> = names.iter().map(|name| format!("\"{name}\"")).collect();
+            self.problem(key, format!("one of {}", names.join(", ")), describe(value), advice);
+        }
+        found.map(|(_, value)| *value)
+    }
+
+    /// One of a few words, with a default.
+    pub(crate) fn word_or<T: Copy + PartialEq>(
+        &self,
+        key: &str,
+        words: &[(&str, T)],
+        default: T,
+    ) -> T {
+        let name = words.iter().find(|(_, value)| *value == default).map_or("", |(word, _)| word);
+        self.note(key, choices(words), format_args!("`\"{name}\"`"));
+        self.word_or_none(key, words).unwrap_or(default)
+    }
+
+    /// One of a few words that must be there; `None` where it is missing or wrong, which is
+    /// reported.
+    pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Option<T> {
+        self.note(key, choices(words), "required");
+        if !self.has(key) {
+            let names: Vec<_> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+            self.required(key, &format!("one of {}", names.join(", ")));
+        }
+        self.word_or_none(key, words)
+    }
+
+    /// True or false, with a default.
+    pub(crate) fn flag_or(&self, key: &str, default: bool) -> bool {
+        self.note(key, "true or false", default);
+        let Some(value) = self.value(key) else { return default };
+        value.get_ref().as_bool().unwrap_or_else(|| {
+            self.problem(
+                key,
+                "true or false",
+                describe(value.get_ref()),
+                "write it without quotes",
+            );
+            default
+        })
+    }
+}
