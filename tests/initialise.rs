@@ -58,7 +58,10 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
         rig.power_up();
         let output = rig.run(["run", &protocol]);
         last = told(&output);
-        println!("attempt {attempt}: {}", String::from_utf8_lossy(&output.stdout).trim());
+        let stdout = String::from_utf8_lossy(&output.stdout);
+        println!("attempt {attempt}: {}", stdout.trim());
+        // `run` shows the range that was found.
+        assert!(!output.status.success() || stdout.contains("axis 0: range -2"), "{last}");
         assert!(output.status.success() || last.contains("tripped"), "{last}");
         output.status.success()
     });

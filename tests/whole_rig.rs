@@ -329,6 +329,10 @@ fn a_session_from_up_to_down() {
     );
     assert_told_of(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
+    // What was run stands in the recording: the protocol's text and its subject.
+    let run = before.runs().chain(after.runs()).last().unwrap();
+    assert_eq!(run["subject"], "S07");
+    assert_eq!(run["protocol_file"], PROTOCOL);
     assert_eq!(after.metadata("rig"), Some("hydrostatic"));
     assert!(after.metadata("rig_file").unwrap().contains("hose_length_m"));
 }

@@ -167,6 +167,8 @@ pub struct Player {
     completed: bool,
     segment: u32,
     elapsed_s: f64,
+    /// By how much the segments so far were shorter than planned (s): a search ends when it finds.
+    early_s: f64,
     /// Where the handles' own encoders see them (rad or m); NaN where there is none.
     handles: [f64; AXES],
     /// The search for the ends of an axis, and when its segment began.
@@ -195,6 +197,7 @@ impl Player {
             completed: false,
             segment: 0,
             elapsed_s: 0.0,
+            early_s: 0.0,
             handles: [f64::NAN; AXES],
             finder: None,
             beat: (0, 0),
@@ -271,7 +274,7 @@ impl Player {
         self.end_lesson();
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
-        (self.end, self.waiting) = (None, false);
+        (self.end, self.waiting, self.early_s) = (None, false, 0.0);
         self.completed = false;
         self.last_ns = None;
         self.segment = segment as u32;
@@ -477,7 +480,7 @@ impl Player {
         }
         self.end_lesson();
         self.completed = true;
-        self.elapsed_s = program.duration_s;
+        self.elapsed_s = program.duration_s - self.early_s;
         self.phase = match is_given_away(program, segment) {
             true => Phase::Idle,
             false => Phase::Holding { segment, since_ns: edge_ns },
@@ -531,7 +534,8 @@ impl Player {
                 self.elapsed_s = program
                     .steps
                     .get(segment)
-                    .map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()));
+                    .map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()))
+                    - self.early_s;
                 let mode =
                     program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
                 if is_given_away(program, segment) && mode != Mode::Initialise {

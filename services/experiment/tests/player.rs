@@ -255,6 +255,24 @@ fn time_that_goes_backwards_stands_still() {
 }
 
 #[test]
+fn a_search_counts_the_time_that_it_took_not_its_limit() {
+    let mut player = player(
+        "[protocol]\nname = \"find\"\n[[segments]]\nkind = \"initialise\"\nspeed_deg_s = 40\n\
+         volts = 4\nduration_s = 60\n",
+    );
+    let (mut measured, mut now, mut done) = ([0.0; AXES], 0, None);
+    while done.is_none() {
+        let Output { setpoint, change } = player.step(now, &measured);
+        measured[0] = setpoint.unwrap().position[0].clamp(-0.4, 0.4);
+        done = change.filter(|change| *change == Change::Done);
+        now += PERIOD;
+    }
+    let took_s = (now - PERIOD) as f64 * 1e-9;
+    let status = player.status();
+    assert!(took_s < 20.0 && (status.elapsed_s - took_s).abs() < 1e-6, "{took_s} {status:?}");
+}
+
+#[test]
 fn repeats_are_written_out() {
     let text = TEXT
         .replace("name = \"test\"", "name = \"test\"\nrepeat = 2")

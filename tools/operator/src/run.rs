@@ -6,12 +6,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    EnableToken, ExperimentAnswer, ExperimentRequest, TOKEN, TripCause, Verb, WatchdogState,
+    EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, TOKEN, TripCause, Verb,
+    WatchdogState,
 };
+use recording::mcap_write::key;
 use rig::protocol::Protocol;
 use runtime::RequestError;
 use runtime::clock::now_ns;
 
+use crate::found_range::{FoundRange, Ranges};
 use crate::link::Subscriber;
 use crate::status::{active_cause, active_faults, state_of};
 use crate::{Error, RigLink, rig_of, verb};
@@ -49,6 +52,8 @@ pub struct Progress {
     pub label: String,
     /// Whether the experiment process is not answering.
     pub absent: bool,
+    /// The ranges of travel found so far.
+    pub ranges: Vec<FoundRange>,
 }
 
 /// How a protocol ended.
@@ -88,7 +93,8 @@ pub fn run_protocol(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
     let protocol = rig::load_protocol(&options.protocol, &options.overrides)?;
-    protocol.check_against(&rig_of(link.domain().name())?)?;
+    let rig = rig_of(link.domain().name())?;
+    protocol.check_against(&rig)?;
     let mut tokens = Tokens::new(link)?;
     let before = link.experiment(&ExperimentRequest::Status)?;
     if before.running {
@@ -107,6 +113,8 @@ pub fn run_protocol(
         }
         state => return Err(Error::NotArmed { state, cause: describe(&token) }),
     }
+    record_run(link, &protocol, options)?;
+    let mut found = Ranges::new(link, rig)?;
     let name = match &options.subject {
         Some(subject) => format!("{} (subject {subject})", protocol.name),
         None => protocol.name.clone(),
@@ -120,7 +128,7 @@ pub fn run_protocol(
     if !begun.error.is_empty() {
         return Err(Error::Experiment(begun.error));
     }
-    let outcome = follow(link, &protocol, client, &mut tokens, stop, progress);
+    let outcome = follow(link, &protocol, client, &mut tokens, &mut found, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
         // A process that does not answer needs no stop: control holds once the setpoint's lease
         // expires.
@@ -134,6 +142,7 @@ fn follow(
     protocol: &Protocol,
     client: u64,
     tokens: &mut Tokens,
+    found: &mut Ranges,
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
@@ -146,6 +155,7 @@ fn follow(
         segments: u32::try_from(labels.len()).unwrap_or(u32::MAX),
         label: String::new(),
         absent: false,
+        ranges: Vec::new(),
     };
     let mut answered = Instant::now();
     loop {
@@ -161,6 +171,7 @@ fn follow(
                 answered = Instant::now();
                 shown.absent = false;
                 shown.elapsed_s = answer.elapsed_s;
+                found.read(&mut shown.ranges)?;
                 shown.segment = answer.segment + 1;
                 shown.label = labels
                     .get(answer.segment as usize)
@@ -183,6 +194,26 @@ fn follow(
         progress(&shown);
         std::thread::sleep(POLL_PERIOD);
     }
+}
+
+/// Tells the logger what is about to run, so that the recording stands alone: the protocol's text
+/// with the overrides applied, the overrides and the identity of the text without them, the subject.
+fn record_run(link: &RigLink, protocol: &Protocol, options: &RunOptions) -> Result<(), Error> {
+    let mut metadata = vec![
+        (key::PROTOCOL.to_owned(), protocol.name.clone()),
+        (key::PROTOCOL_FILE.to_owned(), protocol.text().to_owned()),
+    ];
+    if !options.overrides.is_empty() {
+        metadata.push(("protocol_overrides".to_owned(), options.overrides.join("\n")));
+        // Without its overrides a protocol may be incomplete: then there is no identity to name.
+        if let Ok(original) = rig::load_protocol(&options.protocol, &[]) {
+            metadata
+                .push(("protocol_identity".to_owned(), format!("{:016x}", original.identity())));
+        }
+    }
+    metadata.extend(options.subject.iter().map(|id| (key::SUBJECT.to_owned(), id.clone())));
+    link.logger(&LoggerRequest::Run { metadata })?;
+    Ok(())
 }
 
 fn tripped(token: &EnableToken) -> RunOutcome {

@@ -106,6 +106,7 @@ impl Player {
                     if range.met.1 { upper } else { limits.1 },
                 );
                 if program.fits(segment + 1, axis, free) {
+                    self.early_s += how.duration_s - seconds(begun_ns, now_ns);
                     return Some(Ok(()));
                 }
                 Reason::OutOfRange

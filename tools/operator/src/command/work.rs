@@ -60,19 +60,26 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
     let bar = Bar::new();
     let mut told = false;
+    let mut ranges = Vec::new();
     let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| {
         if unrecorded && !told {
             eprintln!("nothing is being recorded (farreach rec start FILE)");
         }
         told = true;
         bar.show(progress);
+        ranges.clone_from(&progress.ranges);
     });
     bar.clear();
     let outcome = outcome?;
     let mut out = std::io::stdout();
     if arguments.json.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&json_of(&outcome))?)?;
+        let mut value = json_of(&outcome);
+        value["ranges"] = serde_json::to_value(&ranges)?;
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
     } else {
+        for range in &ranges {
+            writeln!(out, "{range}")?;
+        }
         tell(&mut out, &outcome)?;
     }
     Ok(if matches!(outcome, RunOutcome::Completed { .. }) { DONE } else { FAILED })
