@@ -4,7 +4,7 @@
 # usage: tests/peers/run.sh WORK_DIRECTORY FARREACH AHEAD CASES DATA [CASE...]
 #   WORK_DIRECTORY  is kept: venv, results of each case (a second run goes on after what is there), peers.json, peers.md
 #   FARREACH        the program, built in release:  cargo build --release
-#   AHEAD           runs what identify fitted ahead: cargo build --release -p identify --example ahead
+#   AHEAD           runs what identify fitted ahead: cargo build --release -p identify --example prediction_horizon
 #   CASES           folder of sealed cases:         cargo run --release -p sealed --bin generate -- --help
 #   DATA            folder with emps_train.csv and silverbox_multisine.csv; what is absent is skipped, and it says so
 #   CASE            names of cases in that folder, emps, silverbox; without them the ones of docs/identify-peers.md

@@ -26,11 +26,17 @@ pub enum ParameterSource {
     Assumed,
     /// Traced from measured results.
     Traced,
+    /// Fitted to measured records by `farreach identify`.
+    Fitted,
 }
 
 impl ParameterSource {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("printed", Self::Printed), ("assumed", Self::Assumed), ("traced", Self::Traced)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("printed", Self::Printed),
+        ("assumed", Self::Assumed),
+        ("traced", Self::Traced),
+        ("fitted", Self::Fitted),
+    ];
 }
 
 /// Tolerance of a parameter that declares none (fraction of the value).

@@ -1,21 +1,20 @@
-//! How well does a model that `identify` fitted foretell records? A short way ahead, and all the
-//! way.
+//! Multi-step prediction and open-loop simulation of records by a model that `identify` fitted.
 //!
-//! `identify` itself states innovations of an observer, which black-box models do not have. For a
-//! comparison with them (`tests/peers`) this takes the model that its JSON describes and lets it
-//! run:
+//! `identify` itself reports innovations of an observer, which black-box models do not have. For a
+//! comparison with them (`tests/peers`) this simulates the model that its JSON describes:
 //!
-//! - *ahead*: from every 25th row, `--rows` rows further with volts and hand torque as recorded and
-//!   the model left to itself; until then it was pulled along by an observer of each `--observer`
-//!   (rad/s). What it then shows is held against the measured row.
-//! - *free*: from rest at the first row to the end of the record, pulled by nothing.
+//! - *ahead*: `--rows` rows from every 25th row on, without correction, with voltage and hand
+//!   torque as recorded; until then the state is estimated by an observer of bandwidth `--observer`
+//!   (rad/s). The predicted row is compared with the measured one.
+//! - *free*: open-loop simulation from rest at the first row to the end of the record.
 //!
 //! Both are written to stdout as JSON: for each record and channel the sum of squared errors (rad²)
 //! and how many there are, `null` where the model was lost. Effects that change only what the
 //! torque cell shows, and a function without a name (`unlisted`), are left out and named under
 //! `left_out`. The torque of the hand is the measured one throughout.
 //!
-//!     cargo run --release -p identify --example ahead -- --rig launch/rigs/hydrostatic.toml --identified identify.json run-1.csv
+//!     cargo run --release -p identify --example prediction_horizon -- \
+//!         --rig launch/rigs/hydrostatic.toml --identified identify.json run-1.csv
 
 use std::path::PathBuf;
 

@@ -21,7 +21,8 @@ use recording::record::Mapping;
 /// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out --json out/identify.json\n  \
+    after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out \
+        --json out/identify.json\n  \
     farreach identify --rig launch/rigs/hydrostatic.toml run-*.csv --write-rig fitted.toml\n\n\
     Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
 )]
@@ -42,7 +43,7 @@ pub struct Args {
     /// Writes a page with figures and tables into this folder (index.html)
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
-    /// Writes the result for programs
+    /// Writes the result for programs; `-` is stdout, and the text for readers then goes to stderr
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Writes the rig file with the fitted parameters and the effects found; FILE must not exist

@@ -5,7 +5,8 @@
 pub enum IdentifyError {
     /// Records of several axes: nobody says which of them a model's parameters belong to.
     #[error(
-        "{file}: [[axes]]: expected one axis, found {axes}; identify one axis at a time, with a rig file that has it alone"
+        "{file}: [[axes]]: expected one axis, found {axes}; identify one axis at a time, with a \
+         rig file that has it alone"
     )]
     Axes {
         /// The rig file.
@@ -15,7 +16,8 @@ pub enum IdentifyError {
     },
     /// Machines that lack nothing can be simulated of transmissions that turn only.
     #[error(
-        "{file}: --calibrate: expected a transmission with an axis in rad, found a model of kind \"{kind}\" with an axis in {unit}; \
+        "{file}: --calibrate: expected a transmission with an axis in rad, found a model of \
+         kind \"{kind}\" with an axis in {unit}; \
          records of others are not simulated: leave --calibrate out"
     )]
     NotSimulated {
@@ -28,7 +30,8 @@ pub enum IdentifyError {
     },
     /// A declared parameter is missing.
     #[error(
-        "{file}: [model.parameters]: expected `{name}` for a model of kind `{kind}`, found {found}; add it with its value and tolerance"
+        "{file}: [model.parameters]: expected `{name}` for a model of kind `{kind}`, found \
+         {found}; add it with its value and tolerance"
     )]
     Parameter {
         /// The rig file.
@@ -54,7 +57,8 @@ pub enum IdentifyError {
     },
     /// A column is missing.
     #[error(
-        "{file}: expected a column {expected}, found {found}; SI units, names as in `farreach identify --help`"
+        "{file}: expected a column {expected}, found {found}; SI units, names as in `farreach \
+         identify --help`"
     )]
     Column {
         /// The record.
@@ -62,6 +66,35 @@ pub enum IdentifyError {
         /// What was wanted.
         expected: String,
         /// The columns that are there.
+        found: String,
+    },
+    /// `--map` names a column that the model does not have.
+    #[error(
+        "--map {column}=...: expected one of the columns {known} of a model of kind \"{kind}\"; \
+         correct the name on the left of the equals sign"
+    )]
+    MappedColumn {
+        /// The name on the left.
+        column: String,
+        /// Columns of the model.
+        known: String,
+        /// The model's kind.
+        kind: &'static str,
+    },
+    /// The recording was made on another machine.
+    #[error(
+        "{file}: expected a recording of {expected} (by {rig_file}), found one of {found}; give \
+         the rig file of the machine that was recorded, or, if it is the same machine, give both \
+         rig files the same name, kind and unit"
+    )]
+    OtherMachine {
+        /// The recording.
+        file: String,
+        /// The rig file.
+        rig_file: String,
+        /// The machine of the rig file.
+        expected: String,
+        /// The machine of the recording.
         found: String,
     },
     /// One value cannot be used.
@@ -115,7 +148,8 @@ pub enum IdentifyError {
     Read(String),
     /// The declared model cannot be simulated along the records at all.
     #[error(
-        "{file}: the declared model loses these records however its parameters are set within their tolerances; expected records of this rig: \
+        "{file}: the declared model diverges from these records for all parameters within their \
+         tolerances; expected records of this rig: \
          check the rig file, the units and the signs of the columns"
     )]
     Lost {
@@ -124,7 +158,8 @@ pub enum IdentifyError {
     },
     /// The equations could not be solved.
     #[error(
-        "{file}: the columns {columns} cannot be told apart in the rows that take part in the fit; excite the machine more"
+        "{file}: the columns {columns} cannot be told apart in the rows that take part in the \
+         fit; excite the machine more"
     )]
     Singular {
         /// The records.

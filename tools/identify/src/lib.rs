@@ -25,6 +25,7 @@ pub mod output_error;
 pub mod page;
 pub mod prediction_error;
 pub mod regression;
+mod residual_figures;
 mod run;
 pub mod spectral;
 pub mod study;

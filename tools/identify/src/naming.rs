@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 const END: &str = " s]";
 
 /// A stretch of a recording, from and to these times (s).
-pub(crate) fn stretch(recording: &str, from: f64, to: f64) -> String {
+pub(crate) fn segment(recording: &str, from: f64, to: f64) -> String {
     format!("{recording}[{from:.1}..{to:.1}{END}")
 }
 
@@ -32,7 +32,7 @@ pub(crate) fn held(labels: &[&str]) -> String {
     let told =
         labels.chunk_by(|a, b| recording_of(a) == recording_of(b)).map(|of_one| match of_one {
             [one] => (*one).to_owned(),
-            many => format!("{} ({} stretches)", recording_of(many[0]), many.len()),
+            many => format!("{} ({} segments)", recording_of(many[0]), many.len()),
         });
     told.collect::<Vec<_>>().join(", ")
 }
@@ -50,12 +50,12 @@ mod tests {
     #[test]
     fn stretches_are_told_together_and_a_bracket_in_a_name_is_none() {
         let cut =
-            [stretch("b[1].mcap", 1.5, 4.5), stretch("b[1].mcap", 4.5, 7.4), "c[2].csv".to_owned()];
+            [segment("b[1].mcap", 1.5, 4.5), segment("b[1].mcap", 4.5, 7.4), "c[2].csv".to_owned()];
         assert_eq!(cut[0], "b[1].mcap[1.5..4.5 s]");
         assert_eq!(
             cut.each_ref().map(|name| recording_of(name)),
             ["b[1].mcap", "b[1].mcap", "c[2].csv"]
         );
-        assert_eq!(held(&cut.each_ref().map(String::as_str)), "b[1].mcap (2 stretches), c[2].csv");
+        assert_eq!(held(&cut.each_ref().map(String::as_str)), "b[1].mcap (2 segments), c[2].csv");
     }
 }

@@ -257,11 +257,11 @@ impl FittedParameter {
     pub fn remark(&self) -> String {
         match (self.sight, &self.trades_with) {
             (Sight::Seen, _) => String::new(),
-            (Sight::AtBound, _) => "at the edge of its tolerance".to_owned(),
+            (Sight::AtBound, _) => "at the bound of its tolerance".to_owned(),
             (Sight::TradeOff, Some(other)) => format!("trades off with {other}"),
             (Sight::TradeOff, None) => "trades off with several others".to_owned(),
-            (Sight::Flat, _) => "changes too little to be seen".to_owned(),
-            (Sight::Dead, _) => "changes nothing in these records".to_owned(),
+            (Sight::Flat, _) => "not identifiable: too little effect on these records".to_owned(),
+            (Sight::Dead, _) => "not identifiable: no effect on these records".to_owned(),
         }
     }
 }

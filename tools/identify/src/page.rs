@@ -5,6 +5,7 @@ use report::{Colour, Figure, Page, Table, Tone};
 use crate::effects::Units;
 use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
+use crate::residual_figures::{banded, drawn};
 use crate::spectral::periodogram;
 
 /// One record on the page, row by row.
@@ -69,10 +70,6 @@ const DETAIL_PERIODS: usize = 200;
 const MOST_CANDIDATES: usize = 6;
 /// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
 const BANDS_PER_OCTAVE: f64 = 6.0;
-/// Bins of a map.
-const BINS: usize = 40;
-/// Part of a map's range without rows that is left empty.
-const HOLE: f64 = 0.05;
 
 /// The verdict as a sentence, and one that says how far it holds.
 pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
@@ -86,20 +83,21 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
                 format!("The declared model lacks {list}, or else {}.", others.join(" or ")),
             )
         }
-        Verdict::None => {
-            (Tone::Good, "Nothing is missing that these records could show.".to_owned())
-        }
+        Verdict::None => (Tone::Good, "These records show no missing effect.".to_owned()),
         Verdict::Unlisted => {
             let on = outcome.unlisted.as_ref().map_or("something", |u| u.depends_on.as_str());
             (
                 Tone::Warning,
-                format!("Something is missing that no listed effect explains; it depends on {on}."),
+                format!(
+                    "The model lacks something that no listed effect explains; it depends on \
+                    {on}."
+                ),
             )
         }
     };
     let mut detail = String::new();
     for (channel, e) in &outcome.error {
-        let held = "on rows that took no part in fitting or choosing";
+        let held = "on rows that took no part in fitting or selection";
         detail += &if outcome.effects.is_empty() {
             format!(
                 "Error of {channel} {held}: {} {} ({:.2} %). ",
@@ -109,7 +107,8 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
             )
         } else {
             format!(
-                "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its root mean square). ",
+                "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its \
+                 root mean square). ",
                 short(e.before),
                 short(e.after),
                 e.unit,
@@ -119,11 +118,11 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
         };
     }
     if outcome.remains && outcome.unlisted.is_none() {
-        detail += "More than three effects show; the rest stands under what is left.";
+        detail += "More than three effects show; the others are listed under “What is left”.";
     } else if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let on = outcome.unlisted.as_ref().map_or("", |u| u.depends_on.as_str());
         detail +=
-            &format!("Something is left that depends on {on} and that no listed effect explains.");
+            &format!("A residual remains that depends on {on} and that no listed effect explains.");
     }
     (tone, sentence, detail.trim_end().to_owned())
 }
@@ -134,18 +133,26 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
     let with = !outcome.effects.is_empty();
     let names = labels(view.records.iter().map(|r| r.name.as_str()));
     let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared model held against {}", held(&names)))
+        .subtitle(&format!("Declared model compared with {}", held(&names)))
         .verdict(tone, &sentence, &detail)
-        .table(steps(outcome), &format!("Error of the {} in percent of its root mean square, after each step. Parameters come from \
-            the fitting rows, but for the last column, where everything is fitted to and judged on all rows, as publications do.",
-            view.channel.name()))
+        .table(
+            steps(outcome),
+            &format!(
+                "Error of the {} in percent of its root mean square, \
+            after each step. Parameters come from \
+            the fitting rows, but for the last column, where everything is fitted to and judged \
+            on all rows, as publications do.",
+                view.channel.name()
+            ),
+        )
         .heading("Measured against model");
     for (label, record) in names.iter().zip(&view.records).take(MOST_FIGURES) {
         page = record_figures(page, &view, (label, record), with);
     }
     page = page.heading("What the residual depends on").paragraph(
-        "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to either side (band). A mean \
-         that leaves zero is something that the model lacks.",
+        "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
+         either side (band). A mean \
+         away from zero is something that the model lacks.",
     );
     let u = &view.units;
     let all = |f: &dyn Fn(&RecordView) -> &[f64]| -> Vec<f64> {
@@ -163,47 +170,68 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
     page = page.figure(
         &spectrum(&view, with),
         &format!(
-            "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows of the first record.",
+            "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows \
+             of the first record.",
             view.channel.name()
         ),
     );
     if let Some(unlisted) = &outcome.unlisted {
         let column = |i: usize| unlisted.table.iter().map(|row| row[i]).collect::<Vec<f64>>();
         let figure = Figure::new(
-            "What has no name",
+            "Unlisted effect",
             unlisted.depends_on.replace('_', " "),
             format!("force / {}", u.force),
         )
         .errors("", &column(0), &column(1), &column(2));
         page = page.figure(
             &figure,
-            "Generic function of one variable, fitted beside the model; bars are one standard deviation.",
+            "Nonparametric function of one variable, fitted beside the model; bars are one \
+             standard deviation.",
         );
     }
     if !outcome.left.is_empty() {
         page = page.heading("What is left").table(
             left(&outcome.left),
-            "What shows and gets no name, tried one by one beside the model: two lines may be two views of the same thing. \
-             Size is the root mean square of what it puts out. Below a block t of 2.5 it may be chance.",
+            "Effects that are visible but not accepted, tried one by one beside the model: two \
+             lines may show the same effect. \
+             Size is the rms of its force. Below a block t of 2.5 it may be chance.",
         );
     }
+    candidates_and_parameters(page, outcome).paragraph(&view.method())
+}
+
+/// Candidates, parameters, the next experiment and notes.
+fn candidates_and_parameters(mut page: Page, outcome: &Outcome) -> Page {
     page = page
         .heading("Candidates")
         .paragraph(&format!(
-            "Each candidate is fitted on the fitting rows and judged on the selecting ones. It is added when the residual falls by \
-             {:.0} % or more, when the mean fall is {:.1} of its standard errors above zero, and when more blocks get better than worse.",
-            100.0 * crate::equation_error::search::LEAST_GAIN,
-            crate::equation_error::search::LEAST_T
+            "Each candidate is fitted on the fitting rows and validated on the selecting ones. It \
+             is added when the residual falls by \
+             {:.0} % or more, when the mean fall is {:.1} of its standard errors above zero, and \
+             when more blocks get better than worse.",
+            100.0 * crate::equation_error::validation::LEAST_GAIN,
+            crate::equation_error::validation::LEAST_T
         ))
-        .table(ranking(outcome), "The best candidates of each round; all of them stand in the result at the end. Generic ones are functions of one variable and have no name.")
+        .table(
+            ranking(outcome),
+            "The best candidates of each round; all are in the result at the \
+            end. Nonparametric ones are functions of one variable.",
+        )
         .heading("Parameters")
-        .table(parameters(outcome), "Parameters of the model with its effects, from the fitting rows; ± is one standard deviation, by blocks.")
+        .table(
+            parameters(outcome),
+            "Parameters of the model with its effects, from the fitting \
+            rows; ± is one standard deviation, by blocks.",
+        )
         .heading("Next experiment")
-        .paragraph(&format!("{} To settle it: {}.", outcome.next_experiment.why, outcome.next_experiment.what));
+        .paragraph(&format!(
+            "{} To settle it: {}.",
+            outcome.next_experiment.why, outcome.next_experiment.what
+        ));
     for note in &outcome.notes {
         page = page.paragraph(&format!("Note: {note}."));
     }
-    page.paragraph(&view.method())
+    page
 }
 
 impl View {
@@ -218,14 +246,19 @@ impl View {
     fn method(&self) -> String {
         match self.channel {
             Channel::Force => format!(
-                "Position and force pass the same zero-phase low-pass (Butterworth, order 4 a pass, {:.0} Hz, forward and backward); \
-                 speed and acceleration are differences of the filtered position; no floor is known without repeated records.",
+                "Position and force pass the same zero-phase low-pass (Butterworth, order 4 a \
+                 pass, {:.0} Hz, forward and backward); \
+                 speed and acceleration are differences of the filtered position; no floor is \
+                 known without repeated records.",
                 self.cut_off
             ),
             Channel::Output => format!(
-                "The output is simulated from the input alone, begun at the measured state of the first row, and compared as \
-                 measured, without a filter. Candidates are screened by the balance of the input up to {:.0} Hz; those marked \
-                 “screened” were not simulated, and their gain is that of the balance. No floor is known without repeated records.",
+                "The output is simulated from the input alone, begun at the measured state of the \
+                 first row, and compared as \
+                 measured, without a filter. Candidates are screened by the balance of the input \
+                 up to {:.0} Hz; those marked \
+                 “screened” were not simulated, and their gain is that of the balance. No floor \
+                 is known without repeated records.",
                 self.cut_off
             ),
         }
@@ -342,80 +375,8 @@ fn left(left: &[Left]) -> Table {
 pub fn what_is_left(left: &Left) -> String {
     match &left.site {
         Some(site) => format!("{}@{site}", left.id),
-        None => format!("generic, of {}", left.id.replace('_', " ")),
+        None => format!("function of {}", left.id.replace('_', " ")),
     }
-}
-
-/// What is drawn of the declared model and of that with what was found, each with its name and
-/// colour: one curve where the two are the same, since the second would hide the first; `with` says
-/// whether effects were found that merely do not act on this channel.
-pub(crate) fn drawn<T: PartialEq>(
-    before: T,
-    after: T,
-    with: bool,
-) -> Vec<(&'static str, Colour, T)> {
-    if before == after {
-        let name = if with { "declared model, and with effects" } else { "declared model" };
-        return vec![(name, Colour::Vermillion, before)];
-    }
-    vec![("declared model", Colour::Vermillion, before), ("with effects", Colour::Blue, after)]
-}
-
-/// Rows in order of a variable, in bins of about a fortieth of them; a bin without rows stands for
-/// a hole that is wider than a twentieth of the range, as between records: no line may lead across
-/// it.
-fn bins(values: &[f64]) -> Vec<Vec<usize>> {
-    let mut order: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_finite()).collect();
-    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let (Some(first), Some(last)) = (order.first(), order.last()) else { return Vec::new() };
-    let hole = HOLE * (values[*last] - values[*first]);
-    let mut bins = Vec::new();
-    for run in order.chunk_by(|a, b| values[*b] - values[*a] <= hole) {
-        if !bins.is_empty() {
-            bins.push(Vec::new());
-        }
-        let parts = (BINS * run.len()).div_ceil(order.len());
-        bins.extend(
-            (0..parts)
-                .map(|part| run[part * run.len() / parts..(part + 1) * run.len() / parts].to_vec()),
-        );
-    }
-    bins
-}
-
-/// Residuals against a variable: mean and standard deviation in some forty bins with about equal
-/// numbers of rows.
-pub(crate) fn banded(
-    what: &str,
-    unit: &str,
-    force: &str,
-    values: &[f64],
-    (before, after): (&[f64], &[f64]),
-    with: bool,
-) -> Figure {
-    let bins = bins(values);
-    // Of a hole not a number, which ends a line.
-    let mean = |bin: &[usize], of: &dyn Fn(usize) -> f64| {
-        bin.iter().map(|i| of(*i)).sum::<f64>() / bin.len() as f64
-    };
-    let x: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| values[i])).collect();
-    let mut figure = Figure::new("", format!("{what} / {unit}"), format!("residual / {force}"))
-        .size(680, 270)
-        .horizontal("", 0.0);
-    for (name, colour, residual) in drawn(before, after, with) {
-        let means: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| residual[i])).collect();
-        let spread =
-            |(bin, m): (&Vec<usize>, &f64)| mean(bin, &|i| (residual[i] - m).powi(2)).sqrt();
-        let spreads: Vec<f64> = bins.iter().zip(&means).map(spread).collect();
-        let edge =
-            |sign: f64| means.iter().zip(&spreads).map(|(m, s)| m + sign * s).collect::<Vec<f64>>();
-        figure = figure
-            .colour(colour)
-            .band("", &x, &edge(-1.0), &edge(1.0))
-            .colour(colour)
-            .line(name, &x, &means);
-    }
-    figure
 }
 
 fn steps(outcome: &Outcome) -> Table {
@@ -453,12 +414,12 @@ pub(crate) fn ranking(outcome: &Outcome) -> Table {
         table = table.row([
             c.round.to_string(),
             if c.generic {
-                format!("generic, of {}", c.id.replace('_', " "))
+                format!("function of {}", c.id.replace('_', " "))
             } else {
                 c.id.clone()
             },
-            format!("{:.1}", c.gain_percent).replace('-', "−"),
-            format!("{:.1}", c.t).replace('-', "−"),
+            format!("{:.1}", c.gain_percent),
+            format!("{:.1}", c.t),
             c.blocks_better.to_string(),
             c.blocks_worse.to_string(),
             if c.accepted { "passes" } else { "no" }.to_owned(),
@@ -503,12 +464,11 @@ pub fn short(value: f64) -> String {
         return format!("{value}");
     }
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    let text = if (1e-4..1e7).contains(&value.abs()) {
+    if (1e-4..1e7).contains(&value.abs()) {
         format!("{value:.digits$}")
     } else {
         format!("{value:.3e}")
-    };
-    text.replace('-', "−")
+    }
 }
 
 #[cfg(test)]
@@ -516,36 +476,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_the_same_with_effects_is_drawn_once() {
-        let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
-        assert_eq!(
-            drawn(&one, &other, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
-            ["declared model", "with effects"]
-        );
-        assert_eq!(
-            drawn(&one, &one, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
-            ["declared model, and with effects"]
-        );
-        assert_eq!(
-            drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
-            ["declared model"]
-        );
-    }
-
-    #[test]
-    fn no_bin_reaches_across_a_hole_and_every_row_is_in_one() {
-        let values: Vec<f64> =
-            (0..400).map(|i| f64::from(i) * 0.01 + if i < 100 { 0.0 } else { 20.0 }).collect();
-        let bins = bins(&values);
-        assert_eq!(bins.iter().filter(|bin| bin.is_empty()).count(), 1);
-        assert_eq!(bins.len(), 41);
-        let mut rows: Vec<usize> = bins.iter().flatten().copied().collect();
-        rows.sort_unstable();
-        assert!(rows.iter().copied().eq(0..400));
-        assert!(
-            bins.iter().all(|bin| bin.iter().all(|i| *i < 100) || bin.iter().all(|i| *i >= 100))
-        );
-        assert!(super::bins(&[]).is_empty());
-        assert_eq!(super::bins(&[2.0, f64::NAN, 2.0]).concat(), [0, 2]);
+    fn numbers_can_be_parsed() {
+        for value in [-0.36261, -1.5e-7, 2.0e9, -20.53] {
+            let parsed: f64 = short(value).parse().unwrap();
+            assert!((parsed / value - 1.0).abs() < 1e-3, "{}", short(value));
+        }
     }
 }

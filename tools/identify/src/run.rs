@@ -15,8 +15,10 @@ use crate::input::Series;
 use crate::outcome::{Outcome, Sight};
 use crate::page::{short, what_is_left};
 use crate::study::{How, Studied, read_mapped, study};
-use crate::write_rig::fitted;
+use crate::write_rig::{Provenance, fitted};
 
+/// File name that stands for standard output.
+const STDOUT: &str = "-";
 /// How often the spinner turns.
 const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
@@ -46,14 +48,16 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             eprintln!("error: {error:#}");
             // A name that no rig file has is a slip of the command line, as it is for `up`.
             let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
-            return Ok(if named { 2 } else { 1 });
+            let mapped = matches!(error.downcast_ref(), Some(IdentifyError::MappedColumn { .. }));
+            return Ok(if named || mapped { 2 } else { 1 });
         }
     };
     let Studied { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
     // What took so long is kept before anything is printed: whoever reads may close the pipe (`|
     // head`).
-    if let Some(path) = &args.json {
+    let json_file = args.json.as_deref().filter(|path| *path != Path::new(STDOUT));
+    if let Some(path) = json_file {
         let file = whole_file(path, &json)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
         file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
@@ -80,11 +84,18 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             Err(error) => failed = failed.or(Some(error)),
         }
     }
-    print_outcome(&outcome, &sentence, &detail);
+    let text = outcome_text(&outcome, &sentence, &detail) + &told.join("\n");
+    let (result, diagnosis) = match args.json.is_some() && json_file.is_none() {
+        true => (json.as_str(), text.trim_end()),
+        false => (text.trim_end(), ""),
+    };
+    writeln!(std::io::stdout(), "{result}")?;
+    if !diagnosis.is_empty() {
+        eprintln!("{diagnosis}");
+    }
     for note in &outcome.notes {
         eprintln!("note: {note}");
     }
-    told.iter().for_each(|line| println!("{line}"));
     failed.map_or(Ok(code), Err)
 }
 
@@ -138,7 +149,8 @@ fn write_rig(
     outcome: &Outcome,
     told: &mut Vec<String>,
 ) -> anyhow::Result<i32> {
-    let written = match fitted(rig.text(), rig.file_name(), outcome) {
+    let provenance = Provenance { date: today(), revision: revision() };
+    let written = match fitted(rig.text(), rig.file_name(), outcome, &provenance) {
         Ok(written) => written,
         Err(error) => {
             eprintln!("error: --write-rig: {error}");
@@ -151,6 +163,18 @@ fn write_rig(
     }
     told.extend(written.left_out.iter().map(|what| format!("not written: {what}")));
     Ok(0)
+}
+
+/// Today's date (UTC).
+fn today() -> String {
+    let now = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
+    now.split('T').next().unwrap_or_default().to_owned()
+}
+
+/// Revision of this program: from the environment at run time or at build time, else its version.
+fn revision() -> String {
+    let built = option_env!("FARREACH_REVISION").unwrap_or(env!("CARGO_PKG_VERSION"));
+    std::env::var("FARREACH_REVISION").unwrap_or_else(|_| built.to_owned())
 }
 
 /// A file that is there whole or not at all, and was not there before.
@@ -234,11 +258,12 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     Ok(())
 }
 
-fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
-    println!("{sentence}\n{detail}");
+/// The result for a reader, line by line.
+fn outcome_text(outcome: &Outcome, sentence: &str, detail: &str) -> String {
+    let mut text = format!("{sentence}\n{detail}\n");
     for s in &outcome.steps {
-        println!(
-            "  {:32} {:6.2} % held out, {:6.2} % all rows",
+        text += &format!(
+            "  {:32} {:6.2} % held out, {:6.2} % all rows\n",
             s.model, s.report_percent, s.all_rows_percent
         );
     }
@@ -246,13 +271,13 @@ fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
         let std = p.std.map_or("–".to_owned(), short);
         let remark =
             if p.sight == Sight::Seen { String::new() } else { format!(" ({})", p.remark()) };
-        println!("  {:32} {:>10} ± {std} {}{remark}", p.name, short(p.fitted), p.unit);
+        text += &format!("  {:32} {:>10} ± {std} {}{remark}\n", p.name, short(p.fitted), p.unit);
     }
     for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)))
     {
         let name = format!("{}: {}", effect.id, p.name);
-        println!(
-            "  {name:32} {:>10} ± {} {}",
+        text += &format!(
+            "  {name:32} {:>10} ± {} {}\n",
             short(p.value),
             p.std.map_or("–".to_owned(), short),
             p.unit
@@ -260,12 +285,13 @@ fn print_outcome(outcome: &Outcome, sentence: &str, detail: &str) {
     }
     for l in &outcome.left {
         let (what, size) = (what_is_left(l), short(l.size));
-        println!(
-            "  left: {what:32} {size:>10} {} rms, {:.1} % of the error",
+        text += &format!(
+            "  left: {what:32} {size:>10} {} rms, {:.1} % of the error\n",
             l.unit, l.gain_percent
         );
     }
-    println!("next: {}", outcome.next_experiment.what);
+    text += &format!("next: {}\n", outcome.next_experiment.what);
+    text
 }
 
 #[cfg(test)]

@@ -1,8 +1,11 @@
 //! From a rig file and records to the verdict: what the command line and other programs call.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
-use recording::record::{self, ColumnNames, SampleColumns};
+use recording::mcap_read::Recording;
+use recording::mcap_write::{START_RECORD, key};
+use recording::record::{self, ColumnNames, Mapping, SampleColumns};
 use report::Page;
 use rig::{AxisUnit, RigFile};
 
@@ -27,7 +30,7 @@ pub struct Studied {
 /// How the work is done.
 #[derive(Clone, Copy, Debug)]
 pub struct How {
-    /// Candidates fitted at a time.
+    /// Threads.
     pub jobs: usize,
     /// Seed of the split into blocks, and of simulated machines.
     pub seed: u64,
@@ -66,7 +69,6 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         return Err(IdentifyError::NotSimulated { file, kind, unit });
     }
     let options = Options {
-        jobs: how.jobs,
         seed: how.seed,
         gear,
         slave_count_rad,
@@ -76,18 +78,71 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
     };
     let begun = from_the_first(records);
     let records = begun.as_deref().unwrap_or(records);
-    let (mut outcome, page) = model.identify(&file, &rig.axis_model(axis), records, options)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(how.jobs)
+        .build()
+        .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
+    let declared = rig.axis_model(axis);
+    let (mut outcome, page) =
+        pool.install(|| model.identify(&file, &declared, records, options))?;
     let (sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {
         let names: Vec<String> =
             rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
         outcome.notes.push(format!(
-            "{file} declares {} already: it took no part, since which effects there are is asked anew of these records",
+            "{file} declares {} already: it is not used, since identify selects effects from \
+             these records alone",
             names.join(", ")
         ));
     }
     outcome.seconds = started.elapsed().as_secs_f64();
     Ok(Studied { outcome, page, sentence, detail })
+}
+
+/// Refuses mappings to columns that the model does not have: they would leave out the intended one.
+fn check_mapping(rig: &RigFile, mapping: &[Mapping]) -> Result<()> {
+    let model = of_kind(rig.model.kind);
+    let unknown = mapping.iter().find(|own| !model.columns().contains(&own.column.as_str()));
+    unknown.map_or(Ok(()), |own| {
+        Err(IdentifyError::MappedColumn {
+            column: own.column.clone(),
+            known: model.columns().join(", "),
+            kind: rig.model.kind.name(),
+        })
+    })
+}
+
+/// A machine as messages describe it.
+fn machine(rig: &RigFile) -> String {
+    let units: BTreeSet<&str> = rig.axes.iter().map(|axis| axis.unit.symbol()).collect();
+    let units: Vec<&str> = units.into_iter().collect();
+    format!("`{}` (a model of kind {}, in {})", rig.name, rig.model.kind.name(), units.join(", "))
+}
+
+/// Checks that a recording of farreach was made on the machine of the rig file: its start records
+/// hold the rig's name and file. Recordings of other programs and older rig files that can no
+/// longer be read are not checked any further.
+fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
+    let recording =
+        Recording::open(path).map_err(|error| IdentifyError::Read(error.to_string()))?;
+    let starts = recording.metadata_records().iter().filter(|(name, _)| name == START_RECORD);
+    for (_, start) in starts {
+        let text = start.get(key::RIG_FILE).and_then(|text| RigFile::parse(text, "rig_file").ok());
+        let found = match (&text, start.get(key::RIG)) {
+            (Some(recorded), _) => machine(recorded),
+            (None, Some(name)) if *name != rig.name => format!("`{name}`"),
+            _ => continue,
+        };
+        if found != machine(rig) {
+            return Err(IdentifyError::OtherMachine {
+                file: path.display().to_string(),
+                rig_file: rig.file_name().to_owned(),
+                expected: machine(rig),
+                found,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Records whose time begins with the first of them: what drifts begins when somebody starts to
@@ -125,8 +180,12 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
         (false, true) => ColumnNames::one_mass_rotary(),
         (false, false) => ColumnNames::one_mass_linear(),
     };
+    check_mapping(rig, &options.mapping)?;
     let file = path.display().to_string();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    if mcap {
+        check_machine(path, rig)?;
+    }
     let read = match (mcap, options.mapping.is_empty()) {
         (false, _) => record::from_csv(path, options),
         (true, true) => record::from_mcap(path, &SampleColumns::new(names), options),
@@ -146,6 +205,8 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use recording::mcap_write::{Start, Writer};
+
     use super::*;
 
     #[test]
@@ -181,6 +242,43 @@ mod tests {
             note.contains("dead.csv, from row") && note.contains("`force_n`: never changes: 1.5"),
             "{note}"
         );
+    }
+
+    fn rig(name: &str) -> RigFile {
+        let path = format!("{}/../../launch/rigs/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        RigFile::load(path).unwrap()
+    }
+
+    #[test]
+    fn a_recording_of_another_machine_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let hydrostatic = rig("hydrostatic");
+        let start = Start::default()
+            .with(key::RIG, &hydrostatic.name)
+            .with(key::RIG_FILE, hydrostatic.text());
+        Writer::create(&path, &start, 0).unwrap().finish(&[]).unwrap();
+        let error = read(&path, &rig("emps")).unwrap_err().to_string();
+        for part in ["run.mcap", "emps.toml", "kind drive, in m", "kind hydrostatic, in rad"] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        // The same machine by another name is another one, too.
+        let text = hydrostatic.text().replacen("name = \"hydrostatic\"", "name = \"second\"", 1);
+        let second = RigFile::parse(&text, "second.toml").unwrap();
+        assert!(read(&path, &second).unwrap_err().to_string().contains("`second`"));
+        assert!(check_machine(&path, &hydrostatic).is_ok());
+    }
+
+    #[test]
+    fn a_mapping_to_an_unknown_column_is_refused_with_the_known_ones() {
+        let options = record::Options {
+            mapping: vec!["slave_tourqe_nm=torque".parse().unwrap()],
+            ..record::Options::default()
+        };
+        let error = read_mapped(Path::new("run.csv"), &rig("hydrostatic"), &options).unwrap_err();
+        assert!(matches!(error, IdentifyError::MappedColumn { .. }), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("slave_tourqe_nm") && text.contains("slave_torque_nm"), "{text}");
     }
 
     #[test]

@@ -22,8 +22,14 @@ use entries::{Entries, entries};
 
 /// What the fit has of its own and the model takes: declared nowhere, and without them the plant
 /// would not be the fitted one.
-const OWN: [(&str, &str); 2] =
-    [(SMOOTHING, "rounds dry friction at rest"), (SMOOTHING_SHAPE, "shape of that rounding")];
+const OWN: [(&str, &str); 2] = [
+    (SMOOTHING, "smooths dry friction near zero speed"),
+    (
+        SMOOTHING_SHAPE,
+        "shape of that \
+        smoothing",
+    ),
+];
 
 /// Standard deviations that a tolerance is.
 const DEVIATIONS: f64 = 5.0;
@@ -66,7 +72,8 @@ pub enum WriteRigError {
     },
     /// It is refused as a rig file, with the fitted values or without.
     #[error(
-        "the rig file is not written, because it could not be used:\n{problems}\nmend these keys in {file} and run identify again"
+        "the rig file is not written, because it could not be used:\n{problems}\nmend these keys \
+         in {file} and run identify again"
     )]
     Refused {
         /// The original.
@@ -80,7 +87,12 @@ pub enum WriteRigError {
 ///
 /// # Errors
 /// [`WriteRigError`]; the text that is returned can be read as a rig file.
-pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, WriteRigError> {
+pub fn fitted(
+    text: &str,
+    file: &str,
+    outcome: &Outcome,
+    provenance: &Provenance,
+) -> Result<Written, WriteRigError> {
     if outcome.verdict == Verdict::Ambiguous {
         let names = |list: &mut dyn Iterator<Item = String>| list.collect::<Vec<_>>().join(" or ");
         let found = names(
@@ -90,7 +102,8 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
             &mut outcome.ambiguous_with.iter().map(|named| format!("{}@{}", named.id, named.site)),
         );
         let what = format!(
-            "no rig file: these records cannot tell {found} from {rivals}, and each would come with parameters of its own"
+            "no rig file: these records cannot distinguish {found} from {rivals}, and each would \
+             come with its own parameters"
         );
         return Ok(Written { text: None, told: String::new(), left_out: vec![what] });
     }
@@ -114,7 +127,7 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
         }
     }
     put_effects(&mut document, &effects);
-    let text = document.to_string();
+    let text = with_provenance(&document.to_string(), outcome, provenance);
     read(&text)?;
     let effects = match effects.len() {
         0 => "no effect".to_owned(),
@@ -129,13 +142,41 @@ pub fn fitted(text: &str, file: &str, outcome: &Outcome) -> Result<Written, Writ
             format!(" (at the {}{over})", unlisted.site)
         });
         left_out.push(format!(
-            "what is left and no listed effect explains{of}; tolerances are as declared, since it may lean on the parameters"
+            "the residual that no listed effect explains{of}; tolerances stay as declared, since \
+             it may bias the parameters"
         ));
     }
     let parameters =
         if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
     let told = format!("{parameters} as fitted, {effects}");
     Ok(Written { text: Some(text), told, left_out })
+}
+
+/// When and by what a rig file is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Provenance {
+    /// Date (UTC), `2026-11-23`.
+    pub date: String,
+    /// Revision of the program.
+    pub revision: String,
+}
+
+/// First words of the lines at the top of a file that tell where its fitted values come from.
+const PROVENANCE: [&str; 4] =
+    ["# Fitted by `farreach identify`", "#   to fit: ", "#   to select: ", "#   to report: "];
+
+/// The text under a header with date, revision and records, in place of an earlier one.
+fn with_provenance(text: &str, outcome: &Outcome, provenance: &Provenance) -> String {
+    let is_old = |line: &&str| PROVENANCE.iter().any(|start| line.starts_with(start));
+    let Provenance { date, revision } = provenance;
+    let roles = [&outcome.records.fit, &outcome.records.select, &outcome.records.report];
+    let mut header = format!("{} on {date}, revision {revision}, to records\n", PROVENANCE[0]);
+    for (start, names) in PROVENANCE[1..].iter().zip(roles) {
+        let names: Vec<String> = names.iter().map(|name| name.replace(['\n', '\r'], " ")).collect();
+        header += &format!("{start}{}\n", names.join(", "));
+    }
+    let kept = text.lines().skip_while(is_old).flat_map(|line| [line, "\n"]);
+    header + &kept.collect::<String>()
 }
 
 /// What a parameter of the fit's own does, where the model takes it.
@@ -181,8 +222,7 @@ fn put_parameter(
     };
     let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
     if table.get(name).is_none() {
-        let comment =
-            own(name).map_or(String::new(), |what| format!("     # the fit's own: {what}"));
+        let comment = own(name).map_or(String::new(), |what| format!("     # estimated: {what}"));
         table.insert(name, Item::Value(number(parameter.fitted).decorated(" ", comment)));
         return Ok(());
     }
@@ -199,21 +239,24 @@ fn put_parameter(
     }
     let entry = item.as_table_like_mut().ok_or_else(|| wrong("something else"))?;
     let same = |value: f64| (value - parameter.fitted).abs() <= 1e-9 * value.abs();
-    if !said(entry, "value").is_some_and(same) {
+    let unchanged = number_of(entry, "value").is_some_and(same);
+    if !unchanged {
         replace(entry, "value", number(parameter.fitted));
     }
     let std = parameter.std.filter(|_| narrow && parameter.identifiable);
     if let Some(std) = std {
-        let (key, most, std) = match said(entry, "tolerance_absolute") {
+        let (key, most, std) = match number_of(entry, "tolerance_absolute") {
             Some(absolute) => ("tolerance_absolute", absolute, std),
             None => {
                 let share = std / parameter.fitted.abs().max(f64::MIN_POSITIVE);
-                ("tolerance", said(entry, "tolerance").unwrap_or(UNSAID), share)
+                ("tolerance", number_of(entry, "tolerance").unwrap_or(UNSAID), share)
             }
         };
         let tolerance = rounded_up((DEVIATIONS * std).clamp(LEAST * most, most)).min(most);
         replace(entry, key, Value::from(tolerance));
-        replace(entry, "source", Value::from("traced"));
+    }
+    if !unchanged || std.is_some() {
+        replace(entry, "source", Value::from("fitted"));
     }
     if let Item::Value(Value::InlineTable(entry)) = item {
         entry.fmt();
@@ -222,7 +265,7 @@ fn put_parameter(
 }
 
 /// A number of an entry.
-fn said(entry: &dyn TableLike, key: &str) -> Option<f64> {
+fn number_of(entry: &dyn TableLike, key: &str) -> Option<f64> {
     let item = entry.get(key)?;
     item.as_float().or(item.as_integer().map(|whole| whole as f64))
 }

@@ -109,7 +109,6 @@ fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyErr
         rig,
         records,
         Options {
-            jobs: 2,
             seed: 1,
             gear: 1.0,
             slave_count_rad: None,

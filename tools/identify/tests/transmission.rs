@@ -3,15 +3,14 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::equation_error::split::Role;
-use identify::prediction_error::candidates::{Candidate, candidates};
+use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::fit::Dataset;
-use identify::prediction_error::free_parameter::free_parameters_of;
 use identify::prediction_error::parametric_bootstrap::{
     ServoGains, parametric_bootstrap, simulated_null,
 };
 use identify::prediction_error::record::{Record, rms, share_out};
+use identify::prediction_error::record_features::record_features;
 use identify::prediction_error::refit::fit_base;
-use identify::prediction_error::screening::record_features;
 use identify::prediction_error::search::{SearchResult, search};
 use identify::prediction_error::selection_round::FittedCandidate;
 use identify::prediction_error::step_refinement::holds_with_finer_steps;

@@ -25,7 +25,8 @@ impl Effect for AmplifierDeadzone {
         "an amplifier that puts out nothing for small commands (dead zone)"
     }
     fn experiment(&self) -> &'static str {
-        "slow triangles of the command through zero with the current measured: the flat part is the dead zone"
+        "slow triangles of the command through zero with the current measured: the flat part is \
+         the dead zone"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

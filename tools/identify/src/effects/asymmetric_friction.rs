@@ -31,7 +31,8 @@ impl Effect for AsymmetricFriction {
         "friction that differs by direction"
     }
     fn experiment(&self) -> &'static str {
-        "strokes both ways at several constant speeds, and the force at rest with the motor free: the slopes give \
+        "strokes both ways at several constant speeds, and the force at rest with the motor free: \
+         the slopes give \
          the viscous difference, and the force at rest parts the Coulomb difference from the offset"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {

@@ -1,4 +1,4 @@
-//! Lost motion: a gap in which no force passes.
+//! Backlash: a gap in which no force passes.
 //!
 //! `F = -stiffness_lost · clamp(x - centre, ±gap/2)` beside the declared `k x`, with
 //! `stiffness_lost` near `k`: inside the gap the spring is missing, outside it begins at the gap's
@@ -22,10 +22,11 @@ impl Effect for Backlash {
         &["line", "master", "slave"]
     }
     fn words(&self) -> &'static str {
-        "lost motion (backlash)"
+        "backlash"
     }
     fn experiment(&self) -> &'static str {
-        "very slow load and unload through zero force, with the position read finely: the flat part is the gap"
+        "very slow load and unload through zero force, with the position read finely: the flat \
+         part is the gap"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

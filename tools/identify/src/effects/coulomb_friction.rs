@@ -25,7 +25,8 @@ impl Effect for CoulombFriction {
         "Coulomb friction"
     }
     fn experiment(&self) -> &'static str {
-        "slow strokes at several constant speeds, both ways: the force that is left at vanishing speed is Coulomb friction"
+        "slow strokes at several constant speeds, both ways: the force that is left at vanishing \
+         speed is Coulomb friction"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -25,7 +25,8 @@ impl Effect for ExtraInertia {
         "mass beyond the declared tolerance"
     }
     fn experiment(&self) -> &'static str {
-        "quick reversals with and without a known mass clamped on: the known mass gives the scale of force"
+        "quick reversals with and without a known mass clamped on: the known mass gives the scale \
+         of force"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

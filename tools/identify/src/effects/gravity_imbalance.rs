@@ -23,7 +23,8 @@ impl Effect for GravityImbalance {
         "a centre of mass off the axis (gravity)"
     }
     fn experiment(&self) -> &'static str {
-        "the same slow stroke with the axis turned by 90°, or upright: gravity follows, a spring does not"
+        "the same slow stroke with the axis turned by 90°, or upright: gravity follows, a spring \
+         does not"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

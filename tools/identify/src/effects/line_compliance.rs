@@ -25,7 +25,8 @@ impl Effect for LineCompliance {
         "compliance in series (a stiffness outside of its declared tolerance)"
     }
     fn experiment(&self) -> &'static str {
-        "slow load and unload in steps, with the position measured on both sides of each clamp: what gives way is the compliance"
+        "slow load and unload in steps, with the position measured on both sides of each clamp: \
+         what gives way is the compliance"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

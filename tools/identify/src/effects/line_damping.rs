@@ -23,7 +23,8 @@ impl Effect for LineDamping {
         "damping in the line beyond the declared tolerance"
     }
     fn experiment(&self) -> &'static str {
-        "sines of the same amplitude at frequencies spaced by factors of two: the loop of a damper grows with frequency, that of a \
+        "sines of the same amplitude at frequencies spaced by factors of two: the loop of a \
+         damper grows with frequency, that of a \
          relaxing branch has a largest one, that of friction stays"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {

@@ -25,7 +25,8 @@ impl Effect for LoadDependentFriction {
         "friction that grows with the load"
     }
     fn experiment(&self) -> &'static str {
-        "the same strokes with two different known loads: Coulomb friction stays, load-dependent friction grows in proportion"
+        "the same strokes with two different known loads: Coulomb friction stays, load-dependent \
+         friction grows in proportion"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -24,7 +24,8 @@ impl Effect for MainsHum {
         "mains frequency in the measured force (hum)"
     }
     fn experiment(&self) -> &'static str {
-        "the same record at rest with the motor's supply off: hum stays, a vibration of the machine does not"
+        "the same record at rest with the motor's supply off: hum stays, a vibration of the \
+         machine does not"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

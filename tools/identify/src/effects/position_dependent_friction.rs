@@ -26,7 +26,8 @@ impl Effect for PositionDependentFriction {
         "friction that varies along the stroke"
     }
     fn experiment(&self) -> &'static str {
-        "the whole stroke at one slow constant speed, both ways, several times: half the difference of the two directions over the \
+        "the whole stroke at one slow constant speed, both ways, several times: half the \
+         difference of the two directions over the \
          position is the friction"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {

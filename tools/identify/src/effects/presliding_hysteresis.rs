@@ -27,7 +27,8 @@ impl Effect for PreslidingHysteresis {
         "presliding friction that builds up over a small travel"
     }
     fn experiment(&self) -> &'static str {
-        "small strokes about one place at two speeds that differ tenfold: presliding follows the travel, smoothing of friction the speed, \
+        "small strokes about one place at two speeds that differ tenfold: presliding follows the \
+         travel, smoothing of friction the speed, \
          a relaxing branch the time"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {

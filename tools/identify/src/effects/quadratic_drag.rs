@@ -25,7 +25,8 @@ impl Effect for QuadraticDrag {
         "drag that grows with the square of speed"
     }
     fn experiment(&self) -> &'static str {
-        "constant speeds up to the highest that the drive can hold, both ways: drag doubles four-fold where speed doubles"
+        "constant speeds up to the highest that the drive can hold, both ways: drag quadruples \
+         when speed doubles"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -26,7 +26,8 @@ impl Effect for StribeckFriction {
         "friction that falls with speed near standstill (Stribeck)"
     }
     fn experiment(&self) -> &'static str {
-        "constant speeds spaced by factors of two down to the slowest that the drive can hold, both ways"
+        "constant speeds spaced by factors of two down to the slowest that the drive can hold, \
+         both ways"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

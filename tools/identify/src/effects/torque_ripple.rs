@@ -29,7 +29,8 @@ impl Effect for TorqueRipple {
         "torque that varies with the motor's angle (ripple)"
     }
     fn experiment(&self) -> &'static str {
-        "the whole stroke at one slow constant speed, both ways, recorded fast enough for ten samples a wave"
+        "the whole stroke at one slow constant speed, both ways, recorded fast enough for ten \
+         samples a wave"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -17,7 +17,8 @@ use super::{Axis, Effect, InverseEffect, Shape, Term, View, waves};
 use crate::input::step_of;
 
 /// The experiment that tells a lag from dead time.
-pub(super) const LAG_OR_DEAD_TIME: &str = "steps of the command with the current measured: a lag begins at once, dead time does not; or sines up to \
+pub(super) const LAG_OR_DEAD_TIME: &str = "steps of the command with the current measured: a lag \
+    begins at once, dead time does not; or sines up to \
      the bandwidth: a lag loses amplitude, dead time only phase";
 
 pub(super) struct TransportDelay;

@@ -28,7 +28,8 @@ impl Effect for ViscoelasticLine {
         "a relaxing branch (viscoelasticity)"
     }
     fn experiment(&self) -> &'static str {
-        "a step that is held for ten times the relaxation, and sines of the same amplitude at frequencies spaced by factors of two"
+        "a step that is held for ten times the relaxation, and sines of the same amplitude at \
+         frequencies spaced by factors of two"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -24,7 +24,8 @@ impl Effect for ViscousFriction {
         "viscous friction beyond the declared tolerance"
     }
     fn experiment(&self) -> &'static str {
-        "strokes at several constant speeds, both ways: the slope of force over speed is the viscous friction"
+        "strokes at several constant speeds, both ways: the slope of force over speed is the \
+         viscous friction"
     }
     fn inverse(&self) -> Option<&dyn InverseEffect> {
         Some(self)

@@ -1,8 +1,8 @@
-//! A first look at large grids of shapes: which points are worth a fit.
+//! Coarse screening of large grids of nonlinear parameters.
 //!
-//! The residual of the model without the new effect is held against the effect's columns row by
-//! row, without the low-pass and without fitting the rest again. Tones are found in the residual's
-//! spectrum. The best few points that are no neighbours go on to the exact fit.
+//! The residual of the model without the new effect is regressed on the effect's columns, without
+//! the low-pass and without refitting the rest. Tones are found in the residual's spectrum. The
+//! best few points that are not neighbours go on to the exact fit.
 
 use super::model::{RegressionModel, Structure, residual};
 use super::split::Block;
@@ -13,9 +13,9 @@ use crate::spectral::periodogram;
 /// Columns of one record, row by row.
 type Columns = Vec<Vec<f64>>;
 
-/// Points that go on.
+/// Points that are fitted exactly.
 const KEPT: usize = 6;
-/// Products of rows and points that a look may cost; beyond, rows are left out evenly.
+/// Largest product of rows and points; beyond it rows are decimated.
 const LARGEST_COST: usize = 20_000_000;
 
 /// The best of the `points` for the one new effect after the settled ones; all of them where there
@@ -113,7 +113,7 @@ fn tones(
             .filter_map(|s| s.get((frequency / s.get(1)?.0).round() as usize).map(|bin| bin.1))
             .sum()
     };
-    // Back and forth through the shape's range: what it cannot take is no line.
+    // Frequencies outside the range of the shape are excluded.
     let allowed = |f: &f64| (shape.at(shape.share(*f)) - f).abs() < 1e-6;
     let mut lines: Vec<(f64, f64)> =
         longest.iter().map(|bin| bin.0).filter(allowed).map(|f| (f, power(f))).collect();

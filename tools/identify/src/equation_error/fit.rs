@@ -18,14 +18,15 @@ const CLUSTER_PERIODS: f64 = 8.0;
 /// A grid with more points than this is looked over first.
 const LARGEST_GRID: usize = 24;
 
-/// What to do with shapes that are known.
+/// What to do with known nonlinear parameters (shapes).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShapeSearch {
-    /// They stay.
+    /// They are held.
     Fixed,
-    /// They are where the refinement begins.
+    /// They are the starting point of the refinement.
     Refine,
-    /// As [`ShapeSearch::Refine`], but nothing is refined: for a first look at what is refined elsewhere.
+    /// As [`ShapeSearch::Refine`], without refinement: for a screening whose winners are refined
+    /// elsewhere.
     GridOnly,
 }
 

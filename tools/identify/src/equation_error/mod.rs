@@ -1,7 +1,7 @@
-//! Models read inversely: the measured motion goes in, the force that it needs comes out, and what
-//! the measured force has beyond that is the residual. Such models are linear in their parameters
-//! but for a few shapes, so fits are exact and fast, and nothing drifts as a free simulation of a
-//! machine without a spring would.
+//! Equation-error method: the force that the measured motion requires is compared with the measured
+//! force. Such models are linear in their parameters except for a few nonlinear ones (shapes), so
+//! that fits are exact and fast, and there is no drift, as in the simulation of a machine without a
+//! spring.
 
 mod coarse_screen;
 pub mod fit;
@@ -10,3 +10,4 @@ pub mod search;
 pub mod signals;
 pub mod spline;
 pub mod split;
+pub mod validation;

@@ -1,22 +1,15 @@
-//! Which effects the records demand, one after the other, judged on rows that took no part in the
-//! fit.
+//! Stepwise selection of effects, validated on rows that took no part in the fit.
 
 use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use super::fit::ShapeSearch;
 use super::model::{Column, Fitted, RegressionModel, Structure};
 use super::spline::{Spline, Variable};
 use super::split::{Block, Role};
+use super::validation::{Validation, mean_squares, validate};
 use crate::effects::{ALL, Effect, InverseEffect};
-
-/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this
-/// share at least. On filtered rows at 200 Hz any test of significance alone would fire on clean
-/// data; size is what protects.
-pub const LEAST_GAIN: f64 = 0.10;
-
-/// And when the mean fall of the blocks' squared residual is this many of its standard errors above
-/// 0.
-pub const LEAST_T: f64 = 2.5;
 
 /// A rival is as good as the winner when its gain (in log error) is at least this share of the
 /// winner's.
@@ -24,23 +17,6 @@ const RIVAL: f64 = 0.9;
 
 /// Most effects that are added: more than three are a fit, not an explanation.
 pub const MOST_EFFECTS: usize = 3;
-
-/// How a candidate did.
-#[derive(Clone, Debug)]
-pub struct Validation {
-    /// Id of the effect, or name of the spline's variable.
-    pub id: &'static str,
-    /// Fall of the root-mean-square residual on the selecting rows, in percent.
-    pub gain_percent: f64,
-    /// Block t of the fall.
-    pub t: f64,
-    /// Blocks on which the residual fell and rose by more than 1 %.
-    pub better: usize,
-    /// See `better`.
-    pub worse: usize,
-    /// Whether it passes.
-    pub accepted: bool,
-}
 
 /// An effect where it sits.
 #[derive(Clone, Copy)]
@@ -53,7 +29,7 @@ pub struct SitedEffect {
     pub site: &'static str,
 }
 
-/// A candidate, fitted beside what is there and judged.
+/// A candidate, fitted beside the current model and validated.
 #[derive(Clone)]
 pub struct FittedCandidate {
     /// The effect.
@@ -80,7 +56,7 @@ pub struct SelectionStep {
     pub ranking: Vec<Validation>,
     /// The effect that was added.
     pub added: SitedEffect,
-    /// Those that did as well and that the winner makes superfluous.
+    /// Rivals: equally good effects that add nothing to the winner.
     pub rivals: Vec<SitedEffect>,
     /// The model with it.
     pub structure: Structure<'static>,
@@ -88,7 +64,7 @@ pub struct SelectionStep {
     pub fitted: Fitted,
 }
 
-/// What is left that no listed effect explains.
+/// A residual that no listed effect explains.
 #[derive(Clone, Debug)]
 pub struct Unlisted {
     /// What it depends on.
@@ -104,7 +80,7 @@ pub struct NonparametricFit {
     pub validation: Validation,
     /// Its table.
     pub unlisted: Unlisted,
-    /// Root mean square of what it puts out over the selecting rows.
+    /// Rms of its force on the selecting rows.
     pub size: f64,
 }
 
@@ -114,10 +90,9 @@ pub struct SearchResult {
     pub base: Fitted,
     /// Effects in the order in which they were added.
     pub steps: Vec<SelectionStep>,
-    /// How the listed candidates did in the last round: none passed, or there was no room for one
-    /// more.
+    /// Listed candidates of the last round, in which none was added.
     pub last_round: Vec<FittedCandidate>,
-    /// How generic functions of one variable did after that, best first.
+    /// Nonparametric functions of one variable, best first.
     pub nonparametric: Vec<NonparametricFit>,
     /// The best of them, where it passes.
     pub unlisted: Option<Unlisted>,
@@ -140,41 +115,13 @@ pub fn of(blocks: &[Block], role: Role) -> Vec<Block> {
     blocks.iter().filter(|b| b.role == role).cloned().collect()
 }
 
-/// Mean squared residual of each block.
-pub fn mean_squares(regression: &RegressionModel, fitted: &Fitted, blocks: &[Block]) -> Vec<f64> {
-    let square = |e: &f64| e * e;
-    blocks
-        .iter()
-        .map(|b| {
-            regression.residual(fitted, b).iter().map(square).sum::<f64>()
-                / b.rows.len().max(1) as f64
-        })
-        .collect()
-}
-
-/// Holds a candidate against what was there, from the mean squared residuals of the selecting
-/// blocks.
-pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
-    let n = before.len() as f64;
-    let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
-    let gain = 1.0 - (sum_after / sum_before.max(f64::MIN_POSITIVE)).sqrt();
-    let fall: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
-    let mean = fall.iter().sum::<f64>() / n;
-    let variance = fall.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    let t = mean / (variance / n).sqrt().max(f64::MIN_POSITIVE);
-    let better = before.iter().zip(after).filter(|(b, a)| a.sqrt() < 0.99 * b.sqrt()).count();
-    let worse = before.iter().zip(after).filter(|(b, a)| a.sqrt() > 1.01 * b.sqrt()).count();
-    let accepted = gain >= LEAST_GAIN && t >= LEAST_T && better > worse;
-    Validation { id, gain_percent: 100.0 * gain, t, better, worse, accepted }
-}
-
 /// Whether the model has that effect already: added, or declared as a parameter.
 fn has(regression: &RegressionModel, added: &[SitedEffect], id: &str) -> bool {
     id == "coulomb_friction" && regression.declares(Column::Sign)
         || added.iter().any(|a| a.effect.id() == id)
 }
 
-/// Candidates that make sense beside the effects that are in the model already.
+/// Returns the candidates that are applicable beside the effects in the model.
 pub fn candidates(
     regression: &RegressionModel,
     added: &[SitedEffect],
@@ -202,7 +149,7 @@ pub fn candidates(
             !regression.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge)
         })
         .collect();
-    // Of two names for the same parameter the one at the nearer site is meant.
+    // Of two effects on the same parameter, the one at the first site is kept.
     let lifted: Vec<_> = list.iter().map(|c| (c.inverse.lifts(), rank(c.site))).collect();
     let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
         lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
@@ -242,7 +189,7 @@ impl SelectionRound<'_> {
         structure.model = Arc::clone(model);
         let mut fitted = regression.fit(&structure, self.fit, &self.now.shapes, self.how)?;
         if structure.effects.iter().any(|e| e.uses_model()) {
-            // The force that the model asks for was that of a model without the effect.
+            // The model force was that of the model without the effect.
             structure.model = Arc::new(regression.force(&structure, &fitted));
             fitted = regression.fit(&structure, self.fit, &fitted.shapes, self.how)?;
         }
@@ -252,29 +199,18 @@ impl SelectionRound<'_> {
         Some(FittedCandidate { sited, validation, structure, fitted, after })
     }
 
-    /// Tries every candidate, `jobs` at a time; best first.
-    pub fn try_all(&self, candidates: &[SitedEffect], jobs: usize) -> Vec<FittedCandidate> {
+    /// Tries every candidate, in parallel on the current thread pool; best first.
+    pub fn try_all(&self, candidates: &[SitedEffect]) -> Vec<FittedCandidate> {
         let before = mean_squares(self.regression, self.now, self.select);
         let model = Arc::new(self.regression.force(self.structure, self.now));
-        let jobs = jobs.max(1);
-        let mut tried: Vec<FittedCandidate> = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..jobs)
-                .map(|job| {
-                    let (before, model) = (&before, &model);
-                    let own = candidates.iter().skip(job).step_by(jobs);
-                    scope.spawn(move || {
-                        own.filter_map(|c| self.attempt(*c, before, model)).collect::<Vec<_>>()
-                    })
-                })
-                .collect();
-            threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
-        });
+        let attempt = |candidate: &SitedEffect| self.attempt(*candidate, &before, &model);
+        let mut tried: Vec<FittedCandidate> = candidates.par_iter().filter_map(attempt).collect();
         tried.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
         tried
     }
 }
 
-/// A candidate as the choice sees it.
+/// A candidate as ranked.
 pub struct RankedCandidate<'a> {
     /// The effect.
     pub sited: SitedEffect,
@@ -291,15 +227,15 @@ impl RankedCandidate<'_> {
     }
 }
 
-/// Numbers that an effect brings along.
+/// Number of parameters of an effect.
 fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
     let terms = sited.inverse.terms(&regression.axis);
     terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&regression.axis).len()
 }
 
-/// Of the candidates that pass, one of those that do about as well as the best: the one with the
-/// fewest numbers, and of these the best. One that it contains as a limit takes its place unless it
-/// is better by as much as an effect must be. `tried` is in the order of gains.
+/// Chooses, of the accepted candidates with about the best gain, the one with the fewest
+/// parameters. A simpler effect that it contains as a limit takes its place unless it improves on
+/// that by as much as an effect must. `tried` is in the order of gains.
 pub fn choose(
     regression: &RegressionModel,
     added: &[SitedEffect],
@@ -320,8 +256,8 @@ pub fn choose(
     )
 }
 
-/// Those that did about as well as the winner with no more numbers, and are no limit of it or it of
-/// them.
+/// Returns candidates with about the winner's gain and no more parameters that are not nested with
+/// it.
 pub fn equally_good(
     regression: &RegressionModel,
     tried: &[RankedCandidate<'_>],
@@ -340,15 +276,14 @@ pub fn equally_good(
         .collect()
 }
 
-/// Those that did about as well as the winner and have nothing to add to it; at most two.
+/// Returns at most two equally good candidates that add nothing to the winner.
 fn rivals(
     round: &SelectionRound<'_>,
     winner: &FittedCandidate,
     near: Vec<SitedEffect>,
-    jobs: usize,
 ) -> Vec<SitedEffect> {
     let beside = SelectionRound { structure: &winner.structure, now: &winner.fitted, ..*round }
-        .try_all(&near, jobs);
+        .try_all(&near);
     let adds = |c: &SitedEffect| {
         beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
     };
@@ -357,7 +292,7 @@ fn rivals(
 
 /// Greedy search: the best accepted candidate is added and all is fitted again, until none passes
 /// or [`MOST_EFFECTS`] are in. `None` where not even the declared model can be fitted.
-pub fn search(regression: &RegressionModel, blocks: &[Block], jobs: usize) -> Option<SearchResult> {
+pub fn search(regression: &RegressionModel, blocks: &[Block]) -> Option<SearchResult> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
     let mut structure = Structure::default();
     let base = regression.fit(&structure, &fit, &[], ShapeSearch::Refine)?;
@@ -374,14 +309,14 @@ pub fn search(regression: &RegressionModel, blocks: &[Block], jobs: usize) -> Op
             select: &select,
             how,
         };
-        let tried = round.try_all(&candidates(regression, &added, &now), jobs);
+        let tried = round.try_all(&candidates(regression, &added, &now));
         let room = steps.len() < MOST_EFFECTS;
         let standings: Vec<RankedCandidate<'_>> =
             tried.iter().map(FittedCandidate::standing).collect();
         let Some(best) = choose(regression, &added, &standings).filter(|_| room) else {
             break tried;
         };
-        let rivals = rivals(&round, &tried[best], equally_good(regression, &standings, best), jobs);
+        let rivals = rivals(&round, &tried[best], equally_good(regression, &standings, best));
         let ranking = tried.iter().map(|t| t.validation.clone()).collect();
         let FittedCandidate { sited, structure: wider, fitted, .. } = tried[best].clone();
         (structure, now) = (wider.clone(), fitted.clone());
@@ -400,7 +335,7 @@ pub fn search(regression: &RegressionModel, blocks: &[Block], jobs: usize) -> Op
     Some(SearchResult { base, steps, last_round, nonparametric, unlisted })
 }
 
-/// Holds generic functions of one variable against what is left; best first.
+/// Fits nonparametric functions of one variable to the residual; best first.
 pub fn nonparametric(round: &SelectionRound<'_>) -> Vec<NonparametricFit> {
     let regression = round.regression;
     let before = mean_squares(regression, round.now, round.select);
@@ -442,7 +377,11 @@ pub fn nonparametric(round: &SelectionRound<'_>) -> Vec<NonparametricFit> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DVector;
+
     use super::*;
+    use crate::effects::{Axis, Term, Units};
+    use crate::regression::Fit;
 
     #[test]
     fn a_gain_on_one_block_alone_is_not_accepted() {
@@ -462,5 +401,64 @@ mod tests {
         let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
         assert!(validate("x", &before, &after).accepted);
         assert!(!validate("x", &after, &before).accepted);
+    }
+
+    struct Panicking;
+
+    impl Effect for Panicking {
+        fn id(&self) -> &'static str {
+            "panicking"
+        }
+        fn sites(&self) -> &'static [&'static str] {
+            &["master"]
+        }
+        fn words(&self) -> &'static str {
+            "nothing"
+        }
+        fn experiment(&self) -> &'static str {
+            "none"
+        }
+    }
+
+    impl InverseEffect for Panicking {
+        fn terms(&self, _: &Axis) -> Vec<Term> {
+            panic!("a defect of an effect")
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "a defect of an effect")]
+    fn a_panic_of_a_candidate_does_not_vanish() {
+        let axis = Axis {
+            units: Units::LINEAR,
+            rotary: false,
+            turn: None,
+            spring: false,
+            commanded: true,
+            positions: (0.0, 1.0),
+            velocity_rms: 1.0,
+            velocity_peak: 1.0,
+            force_rms: 1.0,
+            force_peak: 1.0,
+            seconds: 1.0,
+            cut_off: 40.0,
+        };
+        let regression = RegressionModel {
+            balances: Vec::new(),
+            parameters: Vec::new(),
+            axis,
+            sites: &["master"],
+        };
+        let fit = Fit { coefficients: DVector::zeros(0), at_bound: Vec::new(), squares: 0.0 };
+        let now = Fitted { fit, std: Vec::new(), shapes: vec![0.1], columns: Vec::new() };
+        let round = SelectionRound {
+            regression: &regression,
+            structure: &Structure::default(),
+            now: &now,
+            fit: &[],
+            select: &[],
+            how: ShapeSearch::Refine,
+        };
+        round.try_all(&[SitedEffect { effect: &Panicking, inverse: &Panicking, site: "master" }]);
     }
 }

@@ -1,4 +1,4 @@
-//! NonparametricFit functions of one variable: what a residual looks like that no listed effect explains.
+//! Nonparametric functions of one variable, fitted to a residual that no listed effect explains.
 
 use crate::effects::{Axis, Instant, InverseEffect, Law, Term, View};
 use crate::equation_error::signals::Signals;

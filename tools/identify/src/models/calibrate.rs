@@ -17,7 +17,8 @@ pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, s
     let lost = machines - bootstrap.replicates();
     if lost > 0 {
         study.notes.push(format!(
-            "{lost} of {machines} machines for --calibrate could not be simulated along these records, and count for nothing"
+            "{lost} of {machines} machines for --calibrate could not be simulated along these \
+             records and are not counted"
         ));
     }
     if bootstrap.replicates() == 0 {
@@ -43,7 +44,8 @@ pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, s
     if calibration.withdrawn && study.found.without_last(&study.model).is_none() {
         calibration.withdrawn = false;
         study.notes.push(
-            "chance gives as much, but the model without the effect cannot be simulated: it stays"
+            "the effect is not significant, but the model without it cannot be simulated: it is \
+             kept"
                 .to_owned(),
         );
     }
@@ -65,18 +67,17 @@ pub(super) fn sentence(calibration: &Calibration) -> String {
     match (&calibration.of, calibration.as_much, calibration.probability) {
         (Some(of), Some(as_much), Some(probability)) => {
             let words = super::effect_descriptions::words(&of.id);
-            let taken = if calibration.withdrawn {
-                "; that is too often, and it is taken back"
-            } else {
-                ""
-            };
+            let taken =
+                if calibration.withdrawn { "; the effect is therefore withdrawn" } else { "" };
             format!(
-                "Of {machines} simulated machines without {words} ({}), {as_much} gave as much by chance (p = {probability:.2}){taken}.",
+                "Of {machines} simulated machines without {words} ({}), {as_much} gave at least \
+                 this gain (p = {probability:.2}){taken}.",
                 of.site
             )
         }
         _ => format!(
-            "Of {machines} simulated machines that lack nothing, something was found in {alarms}."
+            "Of {machines} simulated machines without a missing effect, {alarms} gave a false \
+             alarm."
         ),
     }
 }

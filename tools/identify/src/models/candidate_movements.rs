@@ -1,4 +1,4 @@
-//! Movements that a rig can play by itself, as text of a protocol and as a model would make them.
+//! Candidate movements of the next experiment: as protocol text, and as simulated by a model.
 
 use std::f64::consts::TAU;
 
@@ -11,22 +11,21 @@ use crate::equation_error::split::Role;
 use crate::prediction_error::parametric_bootstrap::ServoGains;
 use crate::prediction_error::record::Record;
 
-/// Time that a model is let move for a prediction (s).
+/// Duration of a simulated movement (s).
 pub(super) const PREDICTED_S: f64 = 8.0;
-/// Time that the rig is to move along one trial (s): enough to be cut into stretches that fit,
-/// select and report.
+/// Duration of a played movement (s): long enough to be segmented.
 pub(super) const PLAYED_S: f64 = 24.0;
-/// Time in which a sine comes and goes (s).
+/// Fade-in of a sine (s).
 const FADE_S: f64 = 1.0;
 /// Rise and rest of a step (s).
 const RISE_S: f64 = 0.4;
 const DWELL_S: f64 = 1.1;
-/// Share of the limits that a trial may come to.
-const ROOM: f64 = 0.7;
-/// Time in which the speed of a stroke comes and goes (s).
+/// Largest share of the rig's limits that a movement may use.
+const MARGIN: f64 = 0.7;
+/// Duration of acceleration and deceleration of a stroke (s).
 const EASE_S: f64 = 0.2;
 
-/// What the rig can bear and how it is driven.
+/// The rig's limits and control gains.
 #[derive(Clone, Copy, Debug)]
 pub struct RigCapability {
     /// Range of the handle, and its middle (rad).
@@ -48,8 +47,8 @@ pub struct RigCapability {
 }
 
 impl RigCapability {
-    /// Of a rig with one axis that turns; `None` of any other, and of a model that is no
-    /// transmission.
+    /// Returns the capability of a rig with one rotary axis; `None` for others, and for models that
+    /// are not transmissions.
     pub fn of(rig: &RigFile) -> Option<Self> {
         let [axis] = rig.axes.as_slice() else { return None };
         (axis.unit == AxisUnit::Radian).then_some(())?;
@@ -67,7 +66,7 @@ impl RigCapability {
         })
     }
 
-    /// How the motor is driven along a measured movement of the model's master.
+    /// Servo gains referred to the model's master.
     pub(super) fn servo_gains(&self) -> ServoGains {
         let (position_gain, velocity_gain) = (self.gains.0 / self.gear, self.gains.1 / self.gear);
         ServoGains { position_gain, velocity_gain, volts_max: self.volts_max }
@@ -77,20 +76,20 @@ impl RigCapability {
         0.5 * (self.range.0 + self.range.1)
     }
 
-    /// Whether the rig reaches a movement with room to spare: its amplitude (rad), peak speed
-    /// (rad/s), peak acceleration (rad/s²).
-    fn bears(&self, amplitude: f64, speed: f64, acceleration: f64) -> bool {
+    /// Whether the rig can play a movement with margin: amplitude (rad), peak speed (rad/s), peak
+    /// acceleration (rad/s²).
+    fn can_play(&self, amplitude: f64, speed: f64, acceleration: f64) -> bool {
         let volts = self.model.inertia_v * acceleration
             + self.model.master_friction.peak_v()
             + self.model.slave_friction.peak_v();
-        amplitude <= ROOM * 0.5 * (self.range.1 - self.range.0)
-            && speed <= ROOM * self.speed_max
-            && volts <= ROOM * self.volts_max
+        amplitude <= MARGIN * 0.5 * (self.range.1 - self.range.0)
+            && speed <= MARGIN * self.speed_max
+            && volts <= MARGIN * self.volts_max
     }
 
-    /// How a model moves along a trial from rest, as it would be recorded by instruments without
-    /// noise, nobody at the handle. Position control with the declared friction and inertia in its
-    /// feed-forward: near what the rig does, whatever its laws are.
+    /// Simulates a movement from rest with noise-free sensors and no hand at the handle, under
+    /// position control with feed-forward of the declared friction and inertia, which approximates
+    /// the rig's control.
     pub(super) fn record(&self, movement: Movement, mut plant: Plant) -> Record {
         let step_s = self.control_s / f64::from(self.scans);
         plant = plant.with_longest_step(step_s);
@@ -137,17 +136,19 @@ impl RigCapability {
         .thinned()
     }
 
-    /// A protocol that plays these trials one after the other.
+    /// Returns a protocol that plays these movements one after the other.
     pub(super) fn protocol(&self, name: &str, description: &str, movements: &[Movement]) -> String {
         let degrees = |rad: f64| (rad.to_degrees() * 10.0).round() / 10.0;
         let middle = degrees(self.middle());
         let hold = |label: &str| {
             format!(
-                "[[segments]]\nkind = \"hold\"\nlabel = \"{label}\"\nposition_deg = {middle:?}\nrise_s = 1.0\nduration_s = 2.0\n\n"
+                "[[segments]]\nkind = \"hold\"\nlabel = \"{label}\"\nposition_deg = {middle:?}\n\
+                 rise_s = 1.0\nduration_s = 2.0\n\n"
             )
         };
         let mut text = format!(
-            "# Written by farreach identify --propose-experiment. Nobody at the handle.\n\n[protocol]\nname = \"{name}\"\ndescription = \
+            "# Written by farreach identify --propose-experiment. Nobody at the handle.\n\n\
+             [protocol]\nname = \"{name}\"\ndescription = \
              \"{description}\"\n\n{}",
             hold("to the middle")
         );
@@ -164,14 +165,14 @@ impl RigCapability {
 pub(super) enum Movement {
     /// A sine: amplitude (°), frequency (Hz).
     Sine(f64, f64),
-    /// To and fro at constant speed: amplitude (°), speed (°/s).
+    /// A triangle at constant speed: amplitude (°), speed (°/s).
     Triangle(f64, f64),
-    /// Quick from side to side, and rest there: amplitude (°).
+    /// Fast steps from side to side with dwell: amplitude (°).
     Steps(f64),
 }
 
 impl Movement {
-    /// All that the rig bears.
+    /// Returns all candidates that the rig can play.
     pub(super) fn all(capability: &RigCapability) -> Vec<Self> {
         let mut all = Vec::new();
         for amplitude in [2.0, 5.0, 10.0, 20.0, 40.0, 60.0] {
@@ -184,12 +185,13 @@ impl Movement {
         }
         all.retain(|movement| {
             let (amplitude, speed, acceleration) = movement.peaks();
-            capability.bears(amplitude, speed, acceleration) && movement.period_s() <= PREDICTED_S
+            capability.can_play(amplitude, speed, acceleration)
+                && movement.period_s() <= PREDICTED_S
         });
         all
     }
 
-    /// Time of a movement to and fro (s).
+    /// Period (s).
     fn period_s(self) -> f64 {
         match self {
             Self::Sine(_, frequency) => 1.0 / frequency,
@@ -216,7 +218,8 @@ impl Movement {
             Self::Triangle(amplitude, speed) => {
                 (amplitude.to_radians(), speed.to_radians(), 2.0 * speed.to_radians() / EASE_S)
             }
-            // Minimum jerk: 15/8 of the mean speed, 5.77 of way over time squared.
+            // Minimum jerk: peak speed 15/8 of the mean, peak acceleration 5.77 times distance over
+            // time squared.
             Self::Steps(amplitude) => {
                 let way = 2.0 * amplitude.to_radians();
                 (amplitude.to_radians(), 1.875 * way / RISE_S, 5.78 * way / (RISE_S * RISE_S))
@@ -235,7 +238,7 @@ impl Movement {
             }
             Self::Triangle(amplitude, speed) => {
                 let (amplitude, speed) = (amplitude.to_radians(), speed.to_radians());
-                // From the middle up, then to and fro.
+                // From the middle upward.
                 let way = speed * time_s + amplitude;
                 let place = way.rem_euclid(4.0 * amplitude);
                 match place < 2.0 * amplitude {
@@ -258,7 +261,7 @@ impl Movement {
         }
     }
 
-    /// What it is, in words.
+    /// Returns a description.
     pub(super) fn words(self) -> String {
         match self {
             Self::Sine(amplitude, frequency) => {
@@ -269,7 +272,7 @@ impl Movement {
         }
     }
 
-    /// Whether two trials are of one kind.
+    /// Whether two movements are of one kind.
     pub(super) fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
@@ -279,7 +282,8 @@ impl Movement {
         let label = self.words();
         match self {
             Self::Sine(amplitude, frequency) => format!(
-                "[[segments]]\nkind = \"multisine\"\nlabel = \"{label}\"\nfrequencies_hz = [{frequency:?}]\namplitudes_deg = [{amplitude:?}]\n\
+                "[[segments]]\nkind = \"multisine\"\nlabel = \"{label}\"\nfrequencies_hz = \
+                 [{frequency:?}]\namplitudes_deg = [{amplitude:?}]\n\
                  centre_deg = {middle:?}\nduration_s = {PLAYED_S:?}\nfade_in_s = {FADE_S:?}\n\n"
             ),
             Self::Triangle(amplitude, speed) => {
@@ -289,7 +293,8 @@ impl Movement {
                     let position =
                         middle + if at.is_multiple_of(2) { amplitude } else { -amplitude };
                     format!(
-                        "[[segments]]\nkind = \"ramp\"\nlabel = \"{label}\"\nposition_deg = {position:?}\nspeed_deg_s = {speed:?}\nease_s = \
+                        "[[segments]]\nkind = \"ramp\"\nlabel = \"{label}\"\nposition_deg = \
+                         {position:?}\nspeed_deg_s = {speed:?}\nease_s = \
                          {EASE_S:?}\nduration_s = {duration:?}\n\n"
                     )
                 };
@@ -306,7 +311,8 @@ impl Movement {
                     })
                     .collect();
                 format!(
-                    "[[segments]]\nkind = \"steps\"\nlabel = \"{label}\"\npositions_deg = [{}]\nrise_s = {RISE_S:?}\ndwell_s = {DWELL_S:?}\n\n",
+                    "[[segments]]\nkind = \"steps\"\nlabel = \"{label}\"\npositions_deg = [{}]\n\
+                     rise_s = {RISE_S:?}\ndwell_s = {DWELL_S:?}\n\n",
                     positions.join(", ")
                 )
             }
@@ -325,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn every_trial_is_a_protocol_that_the_rig_plays() {
+    fn every_movement_is_a_protocol_that_the_rig_plays() {
         let rig = rig();
         let capability = RigCapability::of(&rig).unwrap();
         let all = Movement::all(&capability);

@@ -1,14 +1,15 @@
 //! One mass with friction, force in and position out: `m ẍ + c ẋ + offset = force`.
 //!
-//! The model is read inversely. Position and force pass the same zero-phase low-pass
-//! ([`crate::filter`]: order 4 a pass, 40 Hz), velocity and acceleration are five-point differences
-//! of the filtered position, nonlinear columns pass the low-pass once more, as the friction in the
-//! force did, and every fifth sample (at 1 kHz) becomes a row. The first and last 0.1 s are left
-//! out. The residual is what the measured force has beyond the model, in percent of the force's
-//! root mean square. The method is that of Janot, Gautier, Brunot (2019), who publish 4.08 % with
+//! The equation error of the force balance is minimised. Position and force pass the same
+//! zero-phase low-pass ([`crate::filter`]: order 4 a pass, 40 Hz), velocity and acceleration are
+//! five-point differences of the filtered position, nonlinear columns pass the low-pass once more,
+//! as the friction in the force did, and every fifth sample (at 1 kHz) becomes a row. The first and
+//! last 0.1 s are left out. The residual is the measured force minus the model's, in percent of the
+//! force's rms. The method is that of Janot, Gautier, Brunot (2019), who publish 4.08 % with
 //! Coulomb friction and 3.11 % with direction-dependent friction for the EMPS record.
 //!
-//! A free simulation would judge badly: a mass without a spring is a double integrator.
+//! An open-loop simulation would be a poor criterion: a mass without a spring is a double
+//! integrator.
 //!
 //! The offset is positive where the machine needs a positive force to stand still.
 
@@ -34,6 +35,10 @@ const SITES: &[&str] = &["master", "drive", "sensor"];
 const CUT_OFF: CutOff = CutOff { highest: 40.0, share: 0.1 };
 
 impl Model for Drive {
+    fn columns(&self) -> &'static [&'static str] {
+        &["t_s", "force_n", "torque_nm", "motor_v", "position_m", "position_rad"]
+    }
+
     fn identify(
         &self,
         rig_file: &str,

@@ -8,7 +8,7 @@ pub(super) fn words(id: &str) -> &str {
 }
 
 /// An effect's rival of the same name: the records do not tell which of two it is.
-pub(super) const OTHER_ENCODER: &str = "the same of the other encoder";
+pub(super) const OTHER_ENCODER: &str = "the same effect of the other encoder";
 
 /// What a rival of an effect is, in words.
 pub(super) fn rival_words((own, at): (&str, Site), (rival, there): (&str, Site)) -> String {

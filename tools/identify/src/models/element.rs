@@ -1,11 +1,11 @@
 //! A part tested by itself under imposed motion, motion in and force out: `k x + d v + offset =
 //! force`.
 //!
-//! The cable in a testing machine, a seal, a damper, a piece of hose. The model is read inversely,
-//! as that of a drive ([`super::drive`]), but for the low-pass: it ends at 100 Hz, or at 0.15 of
-//! the sampling frequency where that is lower, since only one derivative is taken and hum of the
-//! mains should still be seen. The residual is what the measured force has beyond the model, in
-//! percent of the force's root mean square.
+//! The cable in a testing machine, a seal, a damper, a piece of hose. The equation error is
+//! minimised as for a drive ([`super::drive`]), except for the low-pass: its cut-off is 100 Hz, or
+//! 0.15 of the sampling frequency if that is lower, since only one derivative is taken and mains
+//! hum should remain visible. The residual is the measured force minus the model's, in percent of
+//! the force's rms.
 //!
 //! Signs: the force that must be put on the part to move it; a positive stiffness needs a positive
 //! force at a positive position. The offset is the force at position 0 and at rest. A mass that
@@ -34,6 +34,10 @@ const SITES: &[&str] = &["line", "slave", "sensor"];
 const CUT_OFF: CutOff = CutOff { highest: 100.0, share: 0.15 };
 
 impl Model for Element {
+    fn columns(&self) -> &'static [&'static str] {
+        &["t_s", "position_m", "position_rad", "force_n", "torque_nm"]
+    }
+
     fn identify(
         &self,
         rig_file: &str,

@@ -9,8 +9,9 @@ use super::minor_effects::{left, shift_note, shows};
 use super::next_experiment::OpenQuestion;
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
-use crate::equation_error::search::{FittedCandidate, SearchResult, SitedEffect, Validation, of};
+use crate::equation_error::search::{FittedCandidate, SearchResult, SitedEffect, of};
 use crate::equation_error::split::{Block, Role};
+use crate::equation_error::validation::Validation;
 use crate::outcome::{
     CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable,
     Verdict,

@@ -38,8 +38,7 @@ pub(super) fn study(
     (channel, notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let blocks = blocks(&regression, records, options.seed)?;
-    let found =
-        search(&regression, &blocks, options.jobs).ok_or_else(|| singular(&regression, records))?;
+    let found = search(&regression, &blocks).ok_or_else(|| singular(&regression, records))?;
     Ok(conclude(&Study { regression, blocks, found, channel, notes }))
 }
 
@@ -137,7 +136,8 @@ pub(super) fn check_channels(
         let railed = series.railed(name);
         if railed > 0.001 {
             notes.push(format!(
-                "{}: {name} stands at its extreme for {:.1} % of the rows; where that is the sensor's rail and not \
+                "{}: {name} stands at its extreme for {:.1} % of the rows; where that is the \
+                 sensor's rail and not \
                  the amplifier's, {what} is wrong there",
                 series.file,
                 100.0 * railed
@@ -257,7 +257,8 @@ pub(super) fn blocks(
                 file: records[first.record].file.clone(),
                 found: format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
                 expected: format!(
-                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of {} Hz",
+                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods \
+                     of {} Hz",
                     b.cut_off
                 ),
             })

@@ -3,8 +3,9 @@
 use super::equation_error_parameters::effect_parameters;
 use super::equation_error_result::Study;
 use crate::equation_error::model::RegressionModel;
-use crate::equation_error::search::{Validation, of};
+use crate::equation_error::search::of;
 use crate::equation_error::split::Role;
+use crate::equation_error::validation::Validation;
 use crate::outcome::Left;
 
 /// What makes the error smaller by less than this (%) is not worth a line.
@@ -22,8 +23,9 @@ pub(super) fn shows(c: &Validation) -> bool {
 pub(super) fn shift_note(regression: &RegressionModel, what: &Validation, shift: f64) -> String {
     let sampling = regression.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
     format!(
-        "{}: {shift:.3e} s would make the error smaller by {:.1} %; that is within one and a half sampling periods of {sampling:.3e} s, \
-         which sampling and holding make, and gets no name",
+        "{}: {shift:.3e} s would reduce the error by {:.1} %; that is within one and a half \
+         sampling periods of {sampling:.3e} s, \
+         as sampling and zero-order hold cause, and is not accepted as an effect",
         what.id, what.gain_percent
     )
 }

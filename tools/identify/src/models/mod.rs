@@ -15,7 +15,9 @@ mod next_experiment;
 mod oscillator;
 mod oscillator_outcome;
 mod oscillator_search;
+mod rival_model;
 mod segmentation;
+mod simulated_experiment;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
@@ -40,28 +42,28 @@ pub fn of_kind(kind: ModelKind) -> &'static dyn Model {
     }
 }
 
-/// What the command line asks for.
+/// Options from the command line.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Candidates fitted at a time.
-    pub jobs: usize,
     /// Seed of the split, and of simulated machines.
     pub seed: u64,
-    /// Turns of the model's master per turn of the measured one.
+    /// Turns of the model's master per turn of the measured handle.
     pub gear: f64,
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
-    /// What the rig can play, where it can be simulated.
+    /// The movements that the rig can play, where it can be simulated.
     pub capability: Option<RigCapability>,
-    /// Whether the next experiment is to be found by simulation.
+    /// Whether the next experiment is designed by simulation.
     pub propose: bool,
-    /// Simulated machines that are searched to tell what is found from chance.
+    /// Replicates of the parametric bootstrap.
     pub calibrate: usize,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.
 pub trait Model: Sync {
-    /// The verdict as a sentence, and one that says how far it holds.
+    /// The columns of its records, time first.
+    fn columns(&self) -> &'static [&'static str];
+    /// Returns the verdict as a sentence, and one on its accuracy.
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
         let words =
             |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words());
@@ -69,10 +71,10 @@ pub trait Model: Sync {
         let (_, sentence, detail) = crate::page::sentences(&words, outcome);
         (sentence, detail)
     }
-    /// Holds the declared model of `rig_file` (its name, for messages) against records.
+    /// Identifies the declared model of `rig_file` (its name, for messages) from records.
     ///
     /// # Errors
-    /// Where the declaration or the data cannot be used.
+    /// If the declaration or the data cannot be used.
     fn identify(
         &self,
         rig_file: &str,

@@ -27,48 +27,67 @@ impl OpenQuestion {
             |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
         if let Some((added, rival)) = &self.contested {
             let (added, rival) = (added.effect, rival.effect);
-            let why =
-                format!("These records cannot tell {} from {}.", added.words(), rival.words());
+            let why = format!(
+                "These records cannot distinguish {} from \
+                    {}.",
+                added.words(),
+                rival.words()
+            );
             return make(why, added.experiment());
         }
         if let Some(variable) = self.unlisted {
             let on = variable.name().replace('_', " ");
             return make(
-                format!("Something is left that depends on {on} and has no name here."),
+                format!("A residual remains that depends on {on} and matches no listed effect."),
                 self.along(variable),
             );
         }
         if let Some(name) = &self.unsure {
             let what = match self.spring {
                 false => {
-                    "quick reversals (for the mass) and strokes at several constant speeds (for friction and offset)"
+                    "quick reversals (for the mass) and strokes at several constant speeds (for \
+                     friction and offset)"
                 }
                 true => {
-                    "slow movement over the whole range (for stiffness and offset) and fast movement (for damping and mass)"
+                    "slow movement over the whole range (for stiffness and offset) and fast \
+                     movement (for damping and mass)"
                 }
             };
             return make(
-                format!("These records say no more about {name} than its declaration."),
+                format!("These records do not identify {name} beyond its declaration."),
                 what,
             );
         }
         match &self.last {
             Some(last) if self.records < 3 => make(
-                format!("One run cannot show that {} is the same on another day.", last.effect.words()),
+                format!(
+                    "One run cannot show that {} is the same on another \
+                    day.",
+                    last.effect.words()
+                ),
                 last.effect.experiment(),
             ),
             Some(last) => make(
-                format!("The value of {} could be had more exactly.", last.effect.words()),
+                format!(
+                    "The value of {} could be estimated with less \
+                    variance.",
+                    last.effect.words()
+                ),
                 last.effect.experiment(),
             ),
             None => make(
-                "Nothing is missing that this movement could show; effects that it does not excite stay unseen."
+                "This movement shows no missing effect; effects that it does not excite remain \
+                 undetected."
                     .to_owned(),
                 match self.spring {
                     false => {
-                        "the whole stroke slowly both ways, quick reversals, and a long run with the temperature recorded"
+                        "the whole stroke slowly both ways, quick reversals, and a long run with \
+                         the temperature recorded"
                     }
-                    true => "a larger range, slower and faster movement, and a step that is held for long",
+                    true => {
+                        "a larger range, slower and faster movement, and a step that is held \
+                        for long"
+                    }
                 },
             ),
         }

@@ -1,12 +1,11 @@
 //! Mass, damper and spring, input in and output out: `m ÿ + d ẏ + k y + offset = input`.
 //!
-//! Candidates are screened by the balance of the input ([`crate::equation_error`]): motion and input are
-//! followed four times finer than sampled, with spectral derivatives ([`crate::spectral`]), since
-//! both are band-limited. The best few are then simulated from the input alone
-//! ([`crate::output_error`]), fitted by what the output lacks, and judged by that on rows that took
-//! no part in the fit. All errors are those of the simulation: output measured less simulated, not
-//! filtered. One thing of the output is used beside the fit: position and speed at the first row,
-//! where the simulation begins.
+//! Candidates are screened by the equation error of the input ([`crate::equation_error`]): output
+//! and input are interpolated to four times the sampling rate with spectral derivatives
+//! ([`crate::spectral`]), since both are band-limited. The best few are then simulated from the
+//! input alone, fitted to the output by the output-error method ([`crate::output_error`]) and
+//! validated on rows that took no part in the fit. All errors are unfiltered output errors. Of the
+//! output, only position and speed at the first row enter the simulation, as its initial state.
 //!
 //! The offset is positive where the machine needs a positive input to rest at 0. An output that is
 //! measured from another zero acts as an offset of the input, and beside a cubic spring as a
@@ -35,6 +34,10 @@ pub(super) struct Oscillator;
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
 
 impl Model for Oscillator {
+    fn columns(&self) -> &'static [&'static str] {
+        &["t_s", "input", "output"]
+    }
+
     fn identify(
         &self,
         rig_file: &str,
@@ -67,7 +70,8 @@ impl Model for Oscillator {
         }
         let axis = axis(&balances, Units::VOLTS, true, true);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
-        let advice = "check the units: input and output in the same unit (V), t_s in s, and which of the two is which";
+        let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
+            of the two is which";
         check_scale(
             &regression,
             "output",
@@ -81,7 +85,7 @@ impl Model for Oscillator {
             advice,
         )?;
         let blocks = blocks(&regression, series, options.seed)?;
-        let found = oscillator_search::search(&regression, &records, &blocks, options.jobs)
+        let found = oscillator_search::search(&regression, &records, &blocks)
             .ok_or_else(|| singular(&regression, series))?;
         let study = oscillator_outcome::Study {
             regression: &regression,
@@ -117,7 +121,9 @@ fn prepare(
                 "{sampling:.4} samples a second cannot show an oscillation of {:.4} Hz",
                 0.5 * natural / std::f64::consts::TAU
             ),
-            advice: "record at ten times the natural frequency, or check mass, stiffness and the unit of time".into(),
+            advice: "record at ten times the natural frequency, or check mass, stiffness and the \
+                unit of time"
+                .into(),
         });
     }
     let at = signals.before_rows();

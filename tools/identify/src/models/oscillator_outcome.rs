@@ -10,8 +10,9 @@ use super::minor_effects::{shift_note, shows};
 use super::next_experiment::OpenQuestion;
 use super::oscillator_search::SearchResult;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
-use crate::equation_error::search::{SitedEffect, Validation, of};
+use crate::equation_error::search::{SitedEffect, of};
 use crate::equation_error::split::{Block, Role};
+use crate::equation_error::validation::Validation;
 use crate::outcome::{
     CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict,
 };

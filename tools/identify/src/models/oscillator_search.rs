@@ -1,14 +1,17 @@
 //! The search of an oscillator: screened by the balance of the input, decided by simulation.
 
+use rayon::prelude::*;
+
 use crate::effects::InverseEffect;
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{
-    FittedCandidate, LEAST_T, MOST_EFFECTS, RankedCandidate, SelectionRound, SitedEffect, Unlisted,
-    Validation, candidates, choose, equally_good, nonparametric, of, validate,
+    FittedCandidate, MOST_EFFECTS, RankedCandidate, SelectionRound, SitedEffect, Unlisted,
+    candidates, choose, equally_good, nonparametric, of,
 };
 use crate::equation_error::spline::{Spline, Variable};
 use crate::equation_error::split::{Block, Role};
+use crate::equation_error::validation::{LEAST_T, Validation, validate};
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::output_error::simulation::can_simulate;
 
@@ -57,7 +60,7 @@ pub(super) struct SearchResult {
     pub(super) last_ranking: Vec<(Validation, bool)>,
     /// Those of them that were simulated.
     pub(super) last_simulated: Vec<SimulatedCandidate>,
-    /// NonparametricFit functions: verdict, table, and whether it was simulated.
+    /// Nonparametric functions: verdict, table, and whether it was simulated.
     pub(super) nonparametric: Vec<(Validation, Unlisted, bool)>,
     /// The best of them, where it passes.
     pub(super) unlisted: Option<Unlisted>,
@@ -78,7 +81,6 @@ struct Search<'a> {
     simulation: OutputErrorModel<'a>,
     fit: Vec<Block>,
     select: Vec<Block>,
-    jobs: usize,
 }
 
 impl Search<'_> {
@@ -90,7 +92,7 @@ impl Search<'_> {
             .filter(|t| t.validation.t >= LEAST_T && t.validation.gain_percent > 0.0)
             .take(SIMULATED)
             .collect();
-        let simulate_best = |tried: &FittedCandidate| {
+        let simulate = |tried: &FittedCandidate| {
             let start = from_here(&tried.fitted, now);
             let simulated = self.simulation.fit(&tried.structure, &self.fit, &start, &[])?;
             let after = self.simulation.mean_squares(&simulated, &self.select);
@@ -110,16 +112,8 @@ impl Search<'_> {
                 screened,
             })
         };
-        let jobs = self.jobs.max(1);
-        let mut ranked: Vec<SimulatedCandidate> = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..jobs)
-                .map(|job| {
-                    let own = promising.iter().skip(job).step_by(jobs);
-                    scope.spawn(move || own.filter_map(|t| simulate_best(t)).collect::<Vec<_>>())
-                })
-                .collect();
-            threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
-        });
+        let mut ranked: Vec<SimulatedCandidate> =
+            promising.into_par_iter().filter_map(simulate).collect();
         ranked.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
         ranked
     }
@@ -137,14 +131,14 @@ impl Search<'_> {
             select: &self.select,
             how: ShapeSearch::GridOnly,
         };
-        let beside = self.simulate_best(&round.try_all(&near, self.jobs), &winner.simulated);
+        let beside = self.simulate_best(&round.try_all(&near), &winner.simulated);
         let adds = |c: &SitedEffect| {
             beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
         };
         near.into_iter().filter(|c| !adds(c)).take(2).collect()
     }
 
-    /// NonparametricFit functions, screened, the promising ones simulated.
+    /// Nonparametric functions, screened, the promising ones simulated.
     fn nonparametric(
         &self,
         round: &SelectionRound<'_>,
@@ -223,10 +217,9 @@ pub(super) fn search(
     regression: &RegressionModel,
     records: &[Record],
     blocks: &[Block],
-    jobs: usize,
 ) -> Option<SearchResult> {
     let (fit, select) = (of(blocks, Role::Fit), of(blocks, Role::Select));
-    let search = Search { simulation: OutputErrorModel { regression, records }, fit, select, jobs };
+    let search = Search { simulation: OutputErrorModel { regression, records }, fit, select };
     let mut structure = Structure::default();
     let mut screened = regression.fit(&structure, &search.fit, &[], ShapeSearch::Refine)?;
     let base = search.simulation.fit(&structure, &search.fit, &screened, &[])?;
@@ -248,7 +241,7 @@ pub(super) fn search(
             select: &search.select,
             how,
         };
-        let tried = round.try_all(&list, jobs);
+        let tried = round.try_all(&list);
         let ranked = search.simulate_best(&tried, &now);
         let ranking = ranking(&ranked, &tried);
         let standings: Vec<RankedCandidate<'_>> =

@@ -1,88 +1,91 @@
-//! One long recording of a transmission, cut into the records that a search needs: stretches of
-//! movement that fit, select and report.
+//! Segmentation of a long recording of a transmission into segments of movement that fit, select
+//! and report.
 //!
-//! Where the machine hardly moves nothing is seen, and nothing is taken. What moves is cut into
-//! stretches of about [`LENGTH_S`], each at the end of a stroke on the same side: there the speed
-//! is lowest, which the model cannot know at the start of a stretch, and stretches of a periodic
-//! movement become repeats of one another, from which the floor is told. Roles go round among
-//! stretches of like quickness, so that slow and quick movement fit, select and report.
+//! Rest carries no information and is left out. Movement is cut into segments of about
+//! [`LENGTH_S`], each at the end of a stroke on the same side: there the unknown initial speed is
+//! smallest, and segments of a periodic movement repeat one another, which gives the noise floor.
+//! Roles alternate among segments of similar frequency content, so that slow and fast movement fit,
+//! select and report.
 
 use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
 use crate::naming;
 
-/// Length that stretches are to have (s).
+/// Nominal length of a segment (s).
 pub(super) const LENGTH_S: f64 = 3.0;
-/// Shortest stretch (s).
+/// Shortest segment (s).
 const SHORTEST_S: f64 = 2.2;
-/// How far from where it is due a cut may be moved to the end of a stroke (s).
+/// Largest shift of a cut to the end of a stroke (s).
 const REACH_S: f64 = 0.75;
-/// A window in which movement is asked for (s), and the least of it (rad).
+/// Window in which movement is detected (s), and its least range (rad).
 const WINDOW_S: f64 = 1.0;
 const LEAST_RAD: f64 = 0.05;
-/// Fewest stretches: one to fit, one to select, one to report.
+/// Fewest segments: one per role.
 const FEWEST: usize = 3;
-/// Most stretches: a search takes as long as its records are, and what a longer recording repeats
-/// tells nothing new.
+/// Most segments: the duration of a search grows with its records, and repetition adds little.
 const MOST: usize = 40;
-/// Who does what, in turn.
+/// Roles, in turn.
 const TURN: [Role; 4] = [Role::Fit, Role::Select, Role::Fit, Role::Report];
 
-/// Cuts records that are too few into stretches; records that are enough, or that the caller gave
-/// roles, stay as they are.
+/// Cuts records into segments if there are too few of them; `None` if they suffice or have roles.
 ///
 /// # Errors
-/// Where the records are too few and too short to be cut.
+/// If the records are too few and too short to be cut.
 pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Option<Vec<Series>>> {
     if records.len() >= FEWEST || records.iter().any(|record| record.role.is_some()) {
         return Ok(None);
     }
-    let mut stretches = Vec::new();
+    let mut segments = Vec::new();
     for record in records {
         let (time, (_, master)) = (record.time()?, record.any(&["master_rad"])?);
         record.finite("master_rad")?;
         let Some(step_s) = step_of(time) else { continue };
-        stretches
+        segments
             .extend(cuts(master, step_s).into_iter().map(|rows| segment_of(record, rows, step_s)));
     }
-    if stretches.len() < FEWEST {
-        let (found, moved) = (records.len(), stretches.len());
+    if segments.len() < FEWEST {
+        let (found, moved) = (records.len(), segments.len());
         return Err(IdentifyError::Roles {
             what: format!(
-                "expected three records of a transmission, or one that moves for {:.0} s or more; found {found} with {moved} stretches of \
+                "expected three records of a transmission, or one that moves for {:.0} s or more; \
+                 found {found} with {moved} {} of \
                  movement of {LENGTH_S} s",
-                FEWEST as f64 * LENGTH_S
+                FEWEST as f64 * LENGTH_S,
+                if moved == 1 { "segment" } else { "segments" }
             ),
-            advice: "whole records fit, select and report: give more of them, with movements that differ, or a longer one",
+            advice: "whole records fit, select and report: give more of them, with movements that \
+                differ, or a longer one",
         });
     }
-    // Of stretches of like quickness, the next does the next thing.
-    let mut order: Vec<usize> = (0..stretches.len()).collect();
-    let quick: Vec<f64> = stretches.iter().map(quickness).collect();
+    // Roles alternate within each class of frequency content.
+    let mut order: Vec<usize> = (0..segments.len()).collect();
+    let quick: Vec<f64> = segments.iter().map(mean_frequency).collect();
     order.sort_by(|a, b| bucket(quick[*a]).cmp(&bucket(quick[*b])).then(a.cmp(b)));
-    let found = stretches.len();
+    let found = segments.len();
     if found > MOST {
-        // Evenly over all quickness, and over time within it.
+        // Evenly over frequency content, and over time within a class.
         order = (0..MOST).map(|turn| order[turn * found / MOST]).collect();
         notes.push(format!(
-            "{found} stretches of movement found, {MOST} of them taken, evenly over quick and slow ones and over time"
+            "{found} segments of movement found, {MOST} of them used, evenly over fast and slow \
+             ones and over time"
         ));
     }
     for (turn, at) in order.into_iter().enumerate() {
-        stretches[at].role = Some(TURN[turn % TURN.len()]);
+        segments[at].role = Some(TURN[turn % TURN.len()]);
     }
     notes.push(format!(
-        "{} cut into {} stretches of movement of about {LENGTH_S} s, which fit, select and report in turn: what differs from day to day they \
-         cannot show",
+        "{} cut into {} segments of movement of about {LENGTH_S} s, which fit, select and report \
+         in turn: they cannot show day-to-day \
+         variation",
         records.iter().map(|record| record.file.as_str()).collect::<Vec<_>>().join(" and "),
-        stretches.iter().filter(|stretch| stretch.role.is_some()).count()
+        segments.iter().filter(|segment| segment.role.is_some()).count()
     ));
-    stretches.retain(|stretch| stretch.role.is_some());
-    Ok(Some(stretches))
+    segments.retain(|segment| segment.role.is_some());
+    Ok(Some(segments))
 }
 
-/// Rows of the stretches of one record.
+/// Rows of the segments of one record.
 fn cuts(master: &[f64], step_s: f64) -> Vec<std::ops::Range<usize>> {
     let rows = |seconds: f64| (seconds / step_s).round().max(1.0) as usize;
     let mut found = Vec::new();
@@ -91,7 +94,7 @@ fn cuts(master: &[f64], step_s: f64) -> Vec<std::ops::Range<usize>> {
         while from + rows(SHORTEST_S) < run.end {
             let left = run.end - from;
             let pieces = ((left as f64 * step_s / LENGTH_S).round() as usize).max(1);
-            // The last two share what is left.
+            // The last two share the remainder.
             let due = if pieces > 2 { from + rows(LENGTH_S) } else { from + left / pieces };
             let to = stroke_end(master, due, &run, rows(REACH_S)).unwrap_or(due);
             if to >= from + rows(SHORTEST_S) {
@@ -106,7 +109,7 @@ fn cuts(master: &[f64], step_s: f64) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-/// Runs of rows in which the machine moves: every window of them has some way in it.
+/// Runs of windows in which the machine moves.
 fn moving(master: &[f64], window: usize) -> Vec<std::ops::Range<usize>> {
     let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
     let mut start = 0;
@@ -126,8 +129,8 @@ fn moving(master: &[f64], window: usize) -> Vec<std::ops::Range<usize>> {
     runs
 }
 
-/// The row of the highest position within reach, where it is an end of a stroke and not the edge of
-/// what is looked at.
+/// Returns the row of the highest position within reach, if it is a stroke end and not the edge of
+/// the search interval.
 fn stroke_end(
     master: &[f64],
     due: usize,
@@ -136,17 +139,17 @@ fn stroke_end(
 ) -> Option<usize> {
     let (low, high) = (due.saturating_sub(reach).max(run.start), (due + reach).min(run.end));
     let at = (low..high).max_by(|a, b| master[*a].total_cmp(&master[*b]))?;
-    // An encoder stands still for some rows there: the middle of them.
+    // The middle of the rows with equal counts.
     let last = (at..high).take_while(|row| master[*row] >= master[at]).last()?;
     let first = (low..=at).rev().take_while(|row| master[*row] >= master[at]).last()?;
     let middle = usize::midpoint(first, last);
     (low < first && last + 1 < high).then_some(middle)
 }
 
-/// Root mean square of the way in 20 ms, over that of the position about its mean: a frequency,
-/// about.
-fn quickness(stretch: &Series) -> f64 {
-    let (Some(master), Some(time)) = (stretch.column("master_rad"), stretch.column("t_s")) else {
+/// Rms displacement in 20 ms over the rms position about its mean: proportional to a mean
+/// frequency.
+fn mean_frequency(segment: &Series) -> f64 {
+    let (Some(master), Some(time)) = (segment.column("master_rad"), segment.column("t_s")) else {
         return 0.0;
     };
     let width = step_of(time).map_or(1, |step| (0.02 / step).round().max(1.0) as usize);
@@ -156,9 +159,10 @@ fn quickness(stretch: &Series) -> f64 {
     (way / size.max(f64::MIN_POSITIVE)).sqrt()
 }
 
-/// Quickness by steps of a quarter, so that repeats of a movement stay in the order of time.
-fn bucket(quickness: f64) -> i64 {
-    (quickness.max(1e-9).ln() / 0.25f64.ln_1p()).round() as i64
+/// Class of frequency content, in logarithmic steps of a quarter, so that repeats stay in time
+/// order.
+fn bucket(mean_frequency: f64) -> i64 {
+    (mean_frequency.max(1e-9).ln() / 0.25f64.ln_1p()).round() as i64
 }
 
 fn segment_of(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Series {
@@ -168,7 +172,7 @@ fn segment_of(record: &Series, rows: std::ops::Range<usize>, step_s: f64) -> Ser
     });
     let (from, to) = (rows.start as f64 * step_s, rows.end as f64 * step_s);
     Series {
-        file: naming::stretch(&record.file, from, to),
+        file: naming::segment(&record.file, from, to),
         columns: columns.collect(),
         ..Series::default()
     }
@@ -198,27 +202,27 @@ mod tests {
     #[test]
     fn a_long_recording_becomes_stretches_that_share_all_movements_among_all_roles() {
         let mut notes = Vec::new();
-        let stretches = segment(&[recording()], &mut notes).unwrap().unwrap();
+        let segments = segment(&[recording()], &mut notes).unwrap().unwrap();
         assert_eq!(notes.len(), 1);
-        for stretch in &stretches {
-            let time = stretch.column("t_s").unwrap();
+        for segment in &segments {
+            let time = segment.column("t_s").unwrap();
             let (first, last) = (time[0], time[time.len() - 1]);
             assert!(first >= 0.99 && last < 31.1, "{first} to {last}: rest is left out");
             assert!((2.1..5.0).contains(&(last - first)), "{first} to {last}");
-            assert_eq!(stretch.column("master_rad").unwrap().len(), time.len());
+            assert_eq!(segment.column("master_rad").unwrap().len(), time.len());
         }
-        for pair in stretches.windows(2) {
+        for pair in segments.windows(2) {
             assert!(
                 pair[0].column("t_s").unwrap().last() < pair[1].column("t_s").unwrap().first(),
                 "none overlaps"
             );
         }
-        let of = |role| stretches.iter().filter(|stretch| stretch.role == Some(role)).count();
+        let of = |role| segments.iter().filter(|segment| segment.role == Some(role)).count();
         assert!(
             of(Role::Fit) >= 3 && of(Role::Select) >= 2 && of(Role::Report) >= 1,
-            "{stretches:?}"
+            "{segments:?}"
         );
-        let quick: Vec<_> = stretches
+        let quick: Vec<_> = segments
             .iter()
             .filter(|s| s.column("t_s").unwrap()[0] > 22.5)
             .map(|s| s.role)
@@ -228,15 +232,15 @@ mod tests {
 
     #[test]
     fn a_periodic_movement_is_cut_at_the_same_place_of_its_period() {
-        let stretches = segment(&[recording()], &mut Vec::new()).unwrap().unwrap();
+        let segments = segment(&[recording()], &mut Vec::new()).unwrap().unwrap();
         let whole: Vec<_> =
-            stretches.iter().filter(|s| s.column("t_s").unwrap()[0] < 18.0).collect();
+            segments.iter().filter(|s| s.column("t_s").unwrap()[0] < 18.0).collect();
         assert!(whole.len() >= 4);
-        for stretch in whole {
-            let start = stretch.column("t_s").unwrap()[0];
+        for segment in whole {
+            let start = segment.column("t_s").unwrap()[0];
             let phase = (start - 1.25).rem_euclid(1.0);
             assert!(phase.min(1.0 - phase) < 0.03, "{start} s is no upper end of a stroke");
-            assert!(stretch.column("master_rad").unwrap()[0] > 0.49);
+            assert!(segment.column("master_rad").unwrap()[0] > 0.49);
         }
     }
 
@@ -254,17 +258,17 @@ mod tests {
             }
         }
         let mut notes = Vec::new();
-        let stretches = segment(&[long], &mut notes).unwrap().unwrap();
-        assert_eq!(stretches.len(), MOST);
+        let segments = segment(&[long], &mut notes).unwrap().unwrap();
+        assert_eq!(segments.len(), MOST);
         assert!(
-            notes[0].contains("40 of them taken") && notes[1].contains("into 40 stretches"),
+            notes[0].contains("40 of them used") && notes[1].contains("into 40 segments"),
             "{notes:?}"
         );
         for role in [Role::Fit, Role::Select, Role::Report] {
-            let starts: Vec<f64> = stretches
+            let starts: Vec<f64> = segments
                 .iter()
-                .filter(|stretch| stretch.role == Some(role))
-                .map(|stretch| stretch.column("t_s").unwrap()[0])
+                .filter(|segment| segment.role == Some(role))
+                .map(|segment| segment.column("t_s").unwrap()[0])
                 .collect();
             assert!(starts.len() >= 9, "{role:?}: {}", starts.len());
             let (first, last) = (

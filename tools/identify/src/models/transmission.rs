@@ -1,9 +1,8 @@
 //! Transmissions, hydrostatic or of cables: volts and the hand's torque in, positions of master and
 //! slave out.
 //!
-//! The model is simulated forward and pulled along the records ([`crate::prediction_error`]). Whole records
-//! fit, select and report; where there are too few of them, stretches of them do
-//! ([`super::segmentation`]).
+//! Identified by the prediction-error method ([`crate::prediction_error`]). Whole records fit,
+//! select and report; where there are too few of them, segments do ([`super::segmentation`]).
 
 use report::Page;
 use rig::Model as Declared;
@@ -24,6 +23,10 @@ use crate::prediction_error::transmission_model::TransmissionModel;
 pub(super) struct Transmission;
 
 impl Model for Transmission {
+    fn columns(&self) -> &'static [&'static str] {
+        &USED
+    }
+
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
         let (_, sentence, detail) = transmission_page::sentences(outcome);
         (sentence, detail)
@@ -46,7 +49,7 @@ impl Model for Transmission {
             .map(|series| Record::new(series, options.gear, &mut notes))
             .collect::<Result<Vec<_>>>()?;
         if let Some(cut) = &cut {
-            hold_throughout(&mut laid_out, cut);
+            hand_throughout(&mut laid_out, cut);
         }
         share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
         let mut model =
@@ -58,35 +61,32 @@ impl Model for Transmission {
                         "expected at least three records of a transmission, found {}",
                         model.records.len()
                     ),
-                    advice: "whole records fit, select and report: give more of them, with movements that differ",
+                    advice: "whole records fit, select and report: give more of them, with \
+                        movements that differ",
                 });
             }
         }
         if model.records.iter().all(|record| record.idle) {
             notes.push(
-                "no record has a hand that drives the slave: the torque's scale, and with it every torque, rests on the motor's constant alone".to_owned(),
+                "no record has a hand that drives the slave: the scale of every torque relies on \
+                 the motor constant alone"
+                    .to_owned(),
             );
         }
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(options.jobs)
-            .build()
-            .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
-        let found = pool.install(|| search(&mut model)).ok_or_else(|| lost(&model))?;
+        let found = search(&mut model).ok_or_else(|| lost(&model))?;
         let mut study = Study { model, found, notes, calibration: None };
         if let (1.., Some(capability)) = (options.calibrate, &options.capability) {
-            pool.install(|| {
-                calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed)
-            });
+            calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed);
         }
         let capability = options.capability.filter(|_| options.propose);
-        pool.install(|| transmission_outcome::conclude(&study, capability.as_ref()))
+        transmission_outcome::conclude(&study, capability.as_ref())
             .ok_or_else(|| lost(&study.model))
     }
 }
 
-/// Whoever holds the handle in one stretch of a recording holds it in all of them, however lightly:
-/// what the cell shows is a torque in each.
-fn hold_throughout(records: &mut [Record], stretches: &[Series]) {
+/// A hand in one segment of a recording is assumed in all of its segments, however lightly it acts:
+/// the reading of the torque sensor is then a torque in each.
+fn hand_throughout(records: &mut [Record], stretches: &[Series]) {
     let of = |stretch: &Series| recording_of(&stretch.file).to_owned();
     let held: Vec<String> = records
         .iter()
@@ -99,10 +99,10 @@ fn hold_throughout(records: &mut [Record], stretches: &[Series]) {
     }
 }
 
-/// Columns of a transmission's records that its model knows.
+/// Columns of the model of a transmission.
 const USED: [&str; 5] = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
 
-/// What is there and takes no part: whoever recorded it may think that it does.
+/// Notes columns that are not used.
 fn not_used(records: &[Series]) -> Option<String> {
     let mut names: Vec<&str> = records
         .iter()
@@ -113,7 +113,7 @@ fn not_used(records: &[Series]) -> Option<String> {
     names.sort_unstable();
     names.dedup();
     (!names.is_empty()).then(|| {
-        format!("{} are recorded and take no part: the model has no such signal", names.join(", "))
+        format!("{} are recorded but not used: the model has no such signal", names.join(", "))
     })
 }
 
@@ -158,7 +158,7 @@ mod tests {
         let idle =
             |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
         assert_eq!(idle(&records), [true, false, true, true]);
-        hold_throughout(&mut records, &stretches);
+        hand_throughout(&mut records, &stretches);
         assert_eq!(idle(&records), [false, false, true, true]);
     }
 

@@ -116,7 +116,10 @@ fn table(
     };
     let known = known.cloned().unwrap_or_else(own);
     let of = |node: usize| {
-        let is = |parameter: &FreeParameter| matches!(parameter, FreeParameter::Node { node: own, .. } if *own == node);
+        let is = |parameter: &FreeParameter| match parameter {
+            FreeParameter::Node { node: own, .. } => *own == node,
+            _ => false,
+        };
         let deviation =
             known.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation);
         deviation.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
@@ -135,7 +138,12 @@ fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
     let of = |at: usize, name: &str| {
         let waves: Vec<&(FreeParameter, f64)> = known
             .iter()
-            .filter(|(parameter, _)| matches!(parameter, FreeParameter::Phasor { placed, name: own, .. } if *placed == at && (*own == name || name == "phase")))
+            .filter(|(parameter, _)| match parameter {
+                FreeParameter::Phasor { placed, name: own, .. } => {
+                    *placed == at && (*own == name || name == "phase")
+                }
+                _ => false,
+            })
             .collect();
         if let [(cosine, of_cosine), (sine, of_sine)] = waves[..] {
             let (c, s) = (cosine.value(&last.setting), sine.value(&last.setting));
@@ -146,7 +154,10 @@ fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
         }
         known
             .iter()
-            .find(|(parameter, _)| matches!(parameter, FreeParameter::Effect { placed, name: own, .. } if *placed == at && *own == name))
+            .find(|(parameter, _)| match parameter {
+                FreeParameter::Effect { placed, name: own, .. } => *placed == at && *own == name,
+                _ => false,
+            })
             .map(|(_, deviation)| *deviation)
     };
     study
@@ -283,7 +294,7 @@ fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
         FreeParameter::Effect { placed, name, .. } | FreeParameter::Phasor { placed, name, .. } => {
             of_effect(*placed, name)
         }
-        FreeParameter::Node { .. } => Some("what has no name".to_owned()),
+        FreeParameter::Node { .. } => Some("the nonparametric function".to_owned()),
     }
 }
 
@@ -327,9 +338,13 @@ fn notes(study: &Study) -> Vec<String> {
     let came_back = |id: &str, site: Site| {
         steps.iter().any(|step| (step.added.id, step.added.site) == (id, site))
     };
-    let given_up = study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
-        format!("{id} at the {site} was added, and given up: what came later explained all that it had, or it left far more than repeats differ by")
-    });
+    let given_up =
+        study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
+            format!(
+                "{id} at the {site} was added and removed again: a later effect made it \
+            redundant, or the error stayed far above the repeatability"
+            )
+        });
     study.notes.iter().cloned().chain(given_up).collect()
 }
 
@@ -342,25 +357,32 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
             let step = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
             let names = step.map_or(String::new(), |step| {
                 let own = (step.added.id, step.added.site);
-                let rivals: Vec<String> = step.rivals.iter().map(|rival| rival_words(own, *rival)).collect();
+                let rivals: Vec<String> =
+                    step.rivals.iter().map(|rival| rival_words(own, *rival)).collect();
                 format!("{} from {}", words(step.added.id), rivals.join(" or "))
             });
             make(
-                format!("These records cannot tell {names}."),
-                "slow triangles and quick sines of several amplitudes, with a free handle and with a hand that drives the slave",
+                format!("These records cannot distinguish {names}."),
+                "slow triangles and quick sines of several amplitudes, with a free handle and \
+                 with a hand that drives the slave",
             )
         }
         Verdict::Unlisted => make(
-            "Something is left that no listed effect explains.".to_owned(),
-            "the same movement several times, and movements in which what it depends on varies by itself",
+            "A residual remains that no listed effect explains.".to_owned(),
+            "the same movement several times, and movements in which the variable it depends on \
+             varies independently",
         ),
         _ if study.model.records.iter().all(|record| record.idle) => make(
-            "Without a hand that drives the slave the scale of all torques rests on the motor's constant.".to_owned(),
-            "two records in which a hand drives the slave with about 2 N·m, the torque cell recording",
+            "Without a hand that drives the slave, the scale of all torques relies on the motor \
+             constant."
+                .to_owned(),
+            "two records in which a hand drives the slave with about 2 N·m while the torque \
+             sensor records",
         ),
         _ => make(
-            "Effects that these movements do not excite stay unseen.".to_owned(),
-            "the whole stroke slowly both ways, quick sines of several amplitudes, and a repeat of every movement for the floor",
+            "Effects that these movements do not excite remain undetected.".to_owned(),
+            "the whole stroke slowly both ways, quick sines of several amplitudes, and every \
+             movement repeated, for the noise floor",
         ),
     }
 }

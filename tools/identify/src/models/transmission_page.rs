@@ -11,18 +11,20 @@ use super::transmission_study::Study;
 use crate::equation_error::split::Role;
 use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{drawn, parameters, ranking, short};
+use crate::page::{parameters, ranking, short};
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{LEAST_T, least_beside};
+use crate::residual_figures::drawn;
 
-/// Where something acts whose way of acting is not known.
+/// Where an effect acts.
 fn place(site: &str) -> String {
-    if site == Site::Line.name() {
-        "between master and slave".to_owned()
-    } else {
-        format!("at the {site}")
-    }
+    if site == Site::Line.name() { "in the line".to_owned() } else { format!("at the {site}") }
+}
+
+/// Where an effect of unknown shape acts.
+fn place_unlisted(site: &str) -> String {
+    if site == Site::Line.name() { "between master and slave".to_owned() } else { place(site) }
 }
 
 /// The verdict as a sentence, and one that says how far it holds.
@@ -30,7 +32,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     let names: Vec<String> = outcome
         .effects
         .iter()
-        .map(|effect| format!("{} ({})", words(&effect.id), effect.site))
+        .map(|effect| format!("{} {}", words(&effect.id), place(&effect.site)))
         .collect();
     let list = names.join(", and ");
     let (tone, sentence) = match outcome.verdict {
@@ -41,7 +43,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
             };
             let other = |named: &Named| match itself(named) {
                 true => OTHER_ENCODER.to_owned(),
-                false => format!("{} ({})", words(&named.id), named.site),
+                false => format!("{} {}", words(&named.id), place(&named.site)),
             };
             let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
             (
@@ -51,7 +53,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
         }
         Verdict::None => {
             let fitted = "the declared model, fitted within its tolerances, explains them";
-            (Tone::Good, format!("Nothing is missing that these records could show: {fitted}."))
+            (Tone::Good, format!("These records show no missing effect: {fitted}."))
         }
         Verdict::Unlisted => {
             let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
@@ -61,31 +63,32 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
                     }
                     None => format!(
                         "; it acts {}, and no function of one variable explains it",
-                        place(&unlisted.site)
+                        place_unlisted(&unlisted.site)
                     ),
                 }
             });
-            (Tone::Warning, format!("Something is missing that no listed effect explains{of}."))
+            (
+                Tone::Warning,
+                format!(
+                    "The model lacks something that no listed effect \
+                explains{of}."
+                ),
+            )
         }
     };
     let mut detail = String::from(
-        "On records that took no part in fitting or choosing, the model is pulled along by",
+        "On the reporting records, which took no part in fitting or selection, the innovation rms \
+         is",
     );
     for (index, (channel, error)) in outcome.error.iter().enumerate() {
         let comma = if index == 0 { "" } else { ";" };
-        detail += &match outcome.effects.is_empty() {
-            true => format!("{comma} {} {} of {channel}", short(error.after), error.unit),
-            false => {
-                format!(
-                    "{comma} {} {} of {channel} where it was {}",
-                    short(error.after),
-                    error.unit,
-                    short(error.before)
-                )
-            }
-        };
+        let after = with_unit(error.after, &error.unit);
+        detail += &format!("{comma} {after} of {channel}");
+        if !outcome.effects.is_empty() {
+            detail += &format!(" (before: {})", with_unit(error.before, &error.unit));
+        }
         if let Some(floor) = error.floor {
-            detail += &format!(" (repeats differ by {})", short(floor));
+            detail += &format!(" at a repeatability of {}", with_unit(floor, &error.unit));
         }
     }
     detail.push('.');
@@ -99,9 +102,17 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
                 .map_or(String::new(), |variable| format!(" that depends on {variable}"));
             format!(" at the {}{on}", unlisted.site)
         });
-        detail += &format!(" Something is left{of} and that no listed effect explains.");
+        detail += &format!(" A residual remains{of} that no listed effect explains.");
     }
     (tone, sentence, detail)
+}
+
+/// A value with its unit: small angles in mrad.
+fn with_unit(value: f64, unit: &str) -> String {
+    match unit {
+        "rad" if value.abs() < 0.1 => format!("{} mrad", short(1e3 * value)),
+        _ => format!("{} {unit}", short(value)),
+    }
 }
 
 /// The whole page; `None` where a model cannot be simulated.
@@ -115,20 +126,22 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     let with = !outcome.effects.is_empty();
     let names = labels(model.records.iter().map(|record| record.name.as_str()));
     let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared transmission held against {}", held(&names)))
+        .subtitle(&format!("Declared transmission compared with {}", held(&names)))
         .verdict(tone, &sentence, &detail)
         .table(
             errors(outcome),
-            "Root mean square of the innovation on the reporting records, averaged over 4 ms: what the observer has to pull the model \
-             by. The floor is the difference of records that repeat one another, over √2.",
+            "Root mean square of the innovation (one-step prediction error of the observer) on \
+             the reporting records, averaged over 4 ms. \
+             The floor is the rms difference of repeated records over √2.",
         )
         .heading("Measured against model");
     for (at, index) in report.iter().take(3).enumerate() {
         page = record(page, study, (names[*index], *index), (&before[at], &after[at]), with);
     }
     page = page.heading("What the residual depends on").paragraph(
-        "Mean of the innovation in bins (line) and one standard deviation to either side (band), and its spectrum; reporting records. A \
-         mean that leaves zero is something that the model lacks.",
+        "Mean of the innovation in bins (line) and one standard deviation to either side (band), \
+         and its spectrum; reporting records. A \
+         mean away from zero is something that the model lacks.",
     );
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         page = maps(page, study, &report, channel, (&before, &after), with);
@@ -160,33 +173,51 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         .band("", &column(0), &bound(-1.0), &bound(1.0));
         page = page.figure(
             &figure,
-            "Function of one variable without a name, fitted beside the model (line), and one standard deviation to either side (band).",
+            "Nonparametric function of one variable, fitted beside the model (line), with one \
+             standard deviation to either side (band).",
         );
     }
+    Some(candidates_and_parameters(page, outcome))
+}
+
+/// Candidates, parameters, the next experiment and notes.
+fn candidates_and_parameters(mut page: Page, outcome: &Outcome) -> Page {
     page = page
         .heading("Candidates")
         .paragraph(&format!(
-            "Each candidate is fitted on the fitting records beside all declared parameters, and judged on the selecting ones. It is \
-             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that is \
-             {LEAST_T:.1} of its standard errors above zero, when more records get better than worse, and when no channel gets worse by more than 3 % (for a first effect \
+            "Each candidate is fitted on the fitting records beside all declared parameters, and \
+             validated on the selecting ones. It is \
+             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside \
+             one effect by {:.0} %, beside two by {:.0} %), when that is \
+             {LEAST_T:.1} of its standard errors above zero, when more records get better than \
+             worse, and when no channel gets worse by more than 3 % (for a first effect \
              by a fifth of what all gain). \
-             Records that report decide nothing: of those that repeat a movement it is looked at by how much they differ, which is the floor.",
+             Reporting records decide nothing; only the differences of repeated ones enter, as \
+             the floor.",
             asked(0),
             asked(1),
             asked(2)
         ))
-        .table(ranking(outcome), "All candidates that were fitted, round by round. Generic ones are functions of one variable and have no name.")
+        .table(
+            ranking(outcome),
+            "All candidates that were fitted, round by round. Nonparametric \
+            ones are functions of one variable.",
+        )
         .heading("Parameters")
         .table(
             parameters(outcome),
-            "Parameters of the model with its effects, from the fitting records; ± is one standard deviation, by blocks.",
+            "Parameters of the model with its effects, from the fitting records; ± is one \
+             standard deviation, by blocks.",
         )
         .heading("Next experiment")
-        .paragraph(&format!("{} To settle it: {}.", outcome.next_experiment.why, outcome.next_experiment.what));
+        .paragraph(&format!(
+            "{} To settle it: {}.",
+            outcome.next_experiment.why, outcome.next_experiment.what
+        ));
     for note in &outcome.notes {
         page = page.paragraph(&format!("Note: {note}."));
     }
-    Some(page)
+    page
 }
 
 /// Least gain of an effect beside so many, in percent.
@@ -194,10 +225,12 @@ fn asked(beside: usize) -> f64 {
     -100.0 * (-least_beside(beside)).exp_m1()
 }
 
-/// What is said of the table of places.
-const PLACES: &str = "A torque moves master and slave in a proportion and with a delay that depend on where it acts, and on the frequency. What a torque \
-    at each place leaves unexplained of all that is missing, beyond what repeats differ by: it acts where little is left. Where every place \
-    leaves much, it acts on master and slave together, as all does that gives way between them. Motor and master cannot be told apart by it.";
+/// Caption of the table of places.
+const PLACES: &str = "The frequency response of master and slave to a torque depends on where it \
+    acts. Share of the residual power above the \
+    repeatability that no torque at the place explains: the effect acts where little is left. \
+    Where every place leaves much, it acts \
+    between master and slave. Motor and master cannot be distinguished.";
 
 fn places(unlisted: &UnlistedTable) -> Table {
     unlisted
@@ -267,7 +300,7 @@ fn record(
             });
         page = page.figure(
             &figure.horizontal("", 0.0),
-            &format!("{label}: what the observer pulls the model by, {}.", channel.column()),
+            &format!("{label}: innovation of {}.", channel.column()),
         );
     }
     page

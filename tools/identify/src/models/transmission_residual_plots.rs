@@ -4,9 +4,10 @@
 use report::{Figure, Page, Sheet};
 
 use super::transmission_study::Study;
-use crate::page::{banded, drawn};
+
 use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
+use crate::residual_figures::{banded, drawn};
 use crate::spectral::periodogram;
 
 /// A side that is slower stands still, and turns when it next moves the other way (rad/s).

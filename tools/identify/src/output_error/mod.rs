@@ -1,8 +1,7 @@
-//! Models simulated from their input alone, and fitted by what their output lacks.
+//! Output-error method: models simulated from their input alone and fitted to the measured output.
 //!
-//! For a machine with a spring, whose motion forgets where it began. The equations are those that
-//! [`crate::equation_error`] reads inversely; here they are integrated, so that noise of the output is not
-//! differentiated and the error is that of a prediction.
+//! For machines with a spring, whose initial state decays. The equations are those of
+//! [`crate::equation_error`]; here they are integrated, so that output noise is not differentiated.
 
 pub mod fit;
 pub mod simulation;

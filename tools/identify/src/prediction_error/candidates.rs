@@ -9,7 +9,9 @@ use std::f64::consts::FRAC_PI_2;
 
 use plant::effects::{LIST, Place, Site};
 
+use super::free_parameter::{FreeParameter, Scaling, SearchRange};
 use super::record::PACE_S;
+use super::record_features::RecordFeatures;
 use super::transmission_model::PlacedEffect;
 
 /// Shortest dead time of a line (s): slightly more than one simulation step.
@@ -17,32 +19,6 @@ const LEAST_WAVE_S: f64 = 1.05 * PACE_S;
 
 /// Shortest presliding travel, in counts of that side's encoder.
 const COUNTS_OF_TRAVEL: f64 = 2.0;
-
-/// A free parameter of an effect, with its bounds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SearchRange {
-    /// Its name.
-    pub name: &'static str,
-    /// Least value.
-    pub low: f64,
-    /// Greatest value.
-    pub high: f64,
-    /// Scale on which it is searched.
-    pub scaling: Scaling,
-}
-
-/// The scale on which a parameter is searched, which also sets its finite-difference step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scaling {
-    /// Linear, with steps relative to the value.
-    Linear,
-    /// Logarithmic.
-    Logarithmic,
-    /// Logarithmic, a frequency in time: the step is a small phase over all records.
-    Frequency,
-    /// Logarithmic, waves per turn: the step is a small phase over a movement.
-    SpatialFrequency,
-}
 
 /// A starting point of the search.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,29 +60,6 @@ pub struct Candidate {
     pub starts: Vec<StartPoint>,
 }
 
-/// Features of the records from which starting points are derived.
-#[derive(Clone, Debug, Default)]
-pub struct RecordFeatures {
-    /// Largest motor voltage (V).
-    pub volts: f64,
-    /// Spectral lines in the residuals of master and slave (Hz).
-    pub lines_hz: [Vec<f64>; 2],
-    /// Spectral lines in the torque channel (Hz).
-    pub hum_hz: Vec<f64>,
-    /// Prominent orders of the master's residual over the motor angle (waves per turn of 2π rad).
-    pub orders: Vec<f64>,
-    /// Encoder resolution of master and slave (rad).
-    pub count_rad: [f64; 2],
-    /// Whether the hand torque is measured.
-    pub torque: bool,
-    /// Whether a hand drives the handle in any record.
-    pub hand: bool,
-    /// Whether the torque channel shows magnitudes only.
-    pub rectified: bool,
-    /// Whether the slave's position is measured.
-    pub slave: bool,
-}
-
 const fn free(name: &'static str, low: f64, high: f64) -> SearchRange {
     SearchRange { name, low, high, scaling: Scaling::Linear }
 }
@@ -123,6 +76,21 @@ const fn waves_in_angle(name: &'static str, low: f64, high: f64) -> SearchRange 
     SearchRange { name, low, high, scaling: Scaling::SpatialFrequency }
 }
 
+/// The free parameters of the effect at index `placed`.
+pub fn free_parameters_of(candidate: &Candidate, placed: usize) -> Vec<FreeParameter> {
+    let free = candidate.free.iter().map(|free| FreeParameter::Effect {
+        placed,
+        name: free.name,
+        low: free.low,
+        high: free.high,
+        scaling: free.scaling,
+    });
+    let waves = candidate.phasor.iter().flat_map(|(name, most)| {
+        [0, 1].map(|part| FreeParameter::Phasor { placed, name, most: *most, part })
+    });
+    free.chain(waves).collect()
+}
+
 /// Returns all listed effects at all their sites that records with these features can reveal.
 pub fn candidates(features: &RecordFeatures) -> Vec<Candidate> {
     LIST.iter()
@@ -134,196 +102,10 @@ pub fn candidates(features: &RecordFeatures) -> Vec<Candidate> {
 }
 
 fn candidate(id: &'static str, place: &Place, features: &RecordFeatures) -> Option<Candidate> {
-    let (site, size) = (place.site, place.size);
-    let placed =
-        |values: &[(&'static str, f64)]| PlacedEffect { id, site, values: values.to_vec() };
-    let start = |values: &[(&'static str, f64)]| StartPoint {
-        placed: placed(values),
-        quadrature: None,
-        signed: false,
-    };
-    let signed = |values: &[(&'static str, f64)]| StartPoint { signed: true, ..start(values) };
-    // Amplitude and phase: a starting point spans two directions.
-    let wave = |values: &[(&'static str, f64)]| {
-        let with = |phase: f64| {
-            let mut values = values.to_vec();
-            values.push(("phase", phase));
-            placed(&values)
-        };
-        StartPoint { placed: with(0.0), quadrature: Some(with(FRAC_PI_2)), signed: true }
-    };
-    let sizes = |name: &'static str, factors: &[f64]| -> Vec<StartPoint> {
-        factors.iter().map(|factor| start(&[(name, factor * size)])).collect()
-    };
-    let up_to = |name: &'static str, factor: f64| free(name, 0.0, factor * size);
-    let either = |name: &'static str, factor: f64| free(name, -factor * size, factor * size);
-    let mut amplitude = None;
-    let mut waves = |name: &'static str, most: f64| amplitude = Some((name, most));
-    let (free, starts): (Vec<SearchRange>, Vec<StartPoint>) = match id {
-        "line_compliance" => {
-            (vec![free("compliance_ratio", 0.0, 20.0)], sizes("compliance_ratio", &[0.3, 1.0, 3.0]))
-        }
-        "nonlinear_stiffness" => (
-            vec![free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
-            vec![
-                start(&[("cubic", 0.3)]),
-                start(&[("cubic", 1.5)]),
-                start(&[("cubic", -0.2)]),
-                start(&[("cubic", 0.01), ("even", 0.25)]),
-                start(&[("cubic", 0.01), ("even", -0.25)]),
-            ],
-        ),
-        "viscoelastic_line" => (
-            vec![free("stiffness_ratio", 0.0, 10.0), by_logarithm("relaxation_s", 3e-3, 3.0)],
-            [0.01, 0.03, 0.1, 0.3]
-                .iter()
-                .flat_map(|time| {
-                    [0.2, 1.0]
-                        .map(|ratio| start(&[("stiffness_ratio", ratio), ("relaxation_s", *time)]))
-                })
-                .collect(),
-        ),
-        "leakage" => (
-            vec![by_logarithm("conductance", 0.01 * size, 100.0 * size)],
-            sizes("conductance", &[0.3, 1.0, 4.0]),
-        ),
-        "backlash" => (vec![up_to("gap", 20.0)], sizes("gap", &[0.25, 1.0, 3.0])),
-        // A line's wave must take longer than a simulation step to have any effect.
-        "transport_delay" if site == Site::Line => {
-            (vec![free("delay_s", LEAST_WAVE_S, 0.05)], sizes("delay_s", &[0.6, 1.2, 2.0]))
-        }
-        "transport_delay" => (vec![free("delay_s", 0.0, 0.05)], sizes("delay_s", &[0.2, 0.6, 2.0])),
-        "line_damping" => (vec![up_to("damping", 20.0)], sizes("damping", &[0.3, 1.0, 3.0])),
-        "coulomb_friction" => (vec![up_to("level", 10.0)], sizes("level", &[0.3, 1.0, 3.0])),
-        "viscous_friction" => (vec![up_to("coefficient", 20.0)], sizes("coefficient", &[0.3, 1.0])),
-        "quadratic_drag" => (vec![up_to("coefficient", 20.0)], sizes("coefficient", &[0.3, 1.0])),
-        "stribeck_friction" => (
-            vec![up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
-            [0.1, 0.4, 1.5]
-                .iter()
-                .flat_map(|speed| {
-                    [0.4, 1.0, 2.5]
-                        .map(|level| start(&[("level", level * size), ("speed", *speed)]))
-                })
-                .collect(),
-        ),
-        "asymmetric_friction" => (
-            vec![either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
-            [0.0, 0.1, 0.5]
-                .iter()
-                .map(|time| signed(&[("difference", 0.5 * size), ("viscous_time", *time)]))
-                .collect(),
-        ),
-        "position_dependent_friction" => {
-            waves("amplitude", 1.0);
-            let starts = [1.0, 2.0, 3.0, 5.0]
-                .iter()
-                .map(|order| wave(&[("amplitude", 0.2), ("order", *order)]));
-            // Below one wave per turn, the friction is no longer periodic over the stroke.
-            (vec![waves_in_angle("order", 0.9, 12.0)], starts.collect())
-        }
-        "load_dependent_friction" => {
-            (vec![free("coefficient", 0.0, 0.9)], sizes("coefficient", &[0.3, 1.0, 2.0]))
-        }
-        "presliding_hysteresis" => {
-            // A travel below the encoder's resolution is equivalent to the smoothing of dry
-            // friction.
-            let least = (COUNTS_OF_TRAVEL * features.count_rad[usize::from(site == Site::Slave)])
-                .clamp(5e-4, 0.05);
-            let starts = [0.004, 0.015, 0.06]
-                .map(|travel| f64::max(travel, 1.3 * least))
-                .into_iter()
-                .flat_map(|travel| {
-                    [0.4, 0.95].map(|part| start(&[("part", part), ("travel", travel)]))
-                });
-            (vec![free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)], starts.collect())
-        }
-        "gravity_imbalance" => {
-            waves("torque", 10.0 * size);
-            (Vec::new(), vec![wave(&[("torque", 0.5 * size)])])
-        }
-        "extra_inertia" => (vec![up_to("inertia", 20.0)], sizes("inertia", &[0.3, 1.0])),
-        "hand_impedance" => (
-            vec![
-                free("stiffness", 0.0, 30.0),
-                free("damper_time_s", 0.0, 0.5),
-                free("inertia_time_s", 0.0, 0.2),
-            ],
-            vec![
-                start(&[("stiffness", 0.3), ("damper_time_s", 0.02), ("inertia_time_s", 0.02)]),
-                start(&[("stiffness", 1.0), ("damper_time_s", 0.03), ("inertia_time_s", 0.05)]),
-                start(&[("stiffness", 1.0), ("damper_time_s", 0.1), ("inertia_time_s", 0.0)]),
-            ],
-        ),
-        "torque_ripple" => {
-            waves("amplitude", 10.0 * size);
-            // Low orders show no spectral line among other functions of position.
-            let orders = features.orders.iter().copied().chain([4.0, 5.0, 6.0, 7.0, 8.0]);
-            let starts = orders.map(|order| wave(&[("amplitude", 0.5 * size), ("order", order)]));
-            (vec![waves_in_angle("order", 3.5, 200.0)], starts.collect())
-        }
-        "amplifier_saturation" => (
-            vec![free("limit", 0.2 * features.volts, features.volts)],
-            [0.45, 0.6, 0.75, 0.9]
-                .iter()
-                .map(|share| start(&[("limit", share * features.volts)]))
-                .collect(),
-        ),
-        "amplifier_deadzone" => {
-            (vec![up_to("half_width", 10.0)], sizes("half_width", &[0.5, 1.5, 4.0]))
-        }
-        "amplifier_lag" => (
-            vec![by_logarithm("time_constant", 2e-4, 0.1)],
-            sizes("time_constant", &[0.3, 1.0, 3.0]),
-        ),
-        "thermal_drift" => (
-            vec![free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
-            [10.0, 30.0, 100.0]
-                .iter()
-                .map(|time| signed(&[("excess", 0.3), ("time_constant_s", *time)]))
-                .collect(),
-        ),
-        "periodic_disturbance" => {
-            let lines = &features.lines_hz[usize::from(site == Site::Slave)];
-            waves("amplitude", 10.0 * size);
-            let starts =
-                lines.iter().map(|hz| wave(&[("amplitude", 0.3 * size), ("frequency_hz", *hz)]));
-            (vec![waves_in_time("frequency_hz", 0.3, 120.0)], starts.collect())
-        }
-        "encoder_eccentricity" => {
-            let starts = [0.0, 1.0].iter().flat_map(|master| {
-                [1.0, 2.0].map(|order| {
-                    wave(&[("amplitude", 0.5 * size), ("order", order), ("on_master", *master)])
-                })
-            });
-            waves("amplitude", 10.0 * size);
-            (Vec::new(), starts.collect())
-        }
-        _ if !features.torque => return None,
-        "sensor_offset" => (vec![either("offset", 20.0)], vec![signed(&[("offset", size)])]),
-        "sensor_gain" if features.hand => {
-            (vec![free("error", -0.8, 2.0)], vec![signed(&[("error", size)])])
-        }
-        "sensor_drift" => (vec![either("rate", 20.0)], vec![signed(&[("rate", 0.3 * size)])]),
-        "sensor_crosstalk" => (vec![either("coupling", 20.0)], vec![signed(&[("coupling", size)])]),
-        "mains_hum" => {
-            waves("amplitude", 20.0 * size);
-            let starts = features
-                .hum_hz
-                .iter()
-                .map(|hz| wave(&[("amplitude", size), ("frequency_hz", *hz)]));
-            (vec![waves_in_time("frequency_hz", 15.0, 124.0)], starts.collect())
-        }
-        "rectified_sensor" if features.hand => {
-            let parts: &[f64] =
-                if features.rectified { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };
-            (
-                vec![free("part", 0.0, 1.0)],
-                parts.iter().map(|part| start(&[("part", *part)])).collect(),
-            )
-        }
-        _ => return None,
-    };
+    let of = Search { id, site: place.site, size: place.size, features };
+    let space = of.line().or_else(|| of.friction()).or_else(|| of.load());
+    let space =
+        space.or_else(|| of.drive()).or_else(|| of.disturbance()).or_else(|| of.sensor())?;
     let sizes = match id {
         // A saturation limit falls as the effect grows, and a fully rectified reading does not
         // scale with the rectified share.
@@ -337,17 +119,355 @@ fn candidate(id: &'static str, place: &Place, features: &RecordFeatures) -> Opti
     // then stays at its bound.
     let multi_start = match id {
         "stribeck_friction" => Some(MultiStart::Always),
-        "transport_delay" if site == Site::Line => Some(MultiStart::Always),
+        "transport_delay" if place.site == Site::Line => Some(MultiStart::Always),
         "coulomb_friction" => Some(MultiStart::WhenLocalised),
         _ => None,
     };
-    (!starts.is_empty()).then_some(Candidate {
+    (!space.starts.is_empty()).then_some(Candidate {
         id,
-        site,
-        free,
+        site: place.site,
+        free: space.free,
         sizes,
         multi_start,
-        phasor: amplitude,
-        starts,
+        phasor: space.phasor,
+        starts: space.starts,
     })
+}
+
+/// Free parameters and starting points of an effect.
+#[derive(Default)]
+struct SearchSpace {
+    free: Vec<SearchRange>,
+    phasor: Option<(&'static str, f64)>,
+    starts: Vec<StartPoint>,
+}
+
+impl SearchSpace {
+    fn new(free: Vec<SearchRange>, starts: Vec<StartPoint>) -> Option<Self> {
+        Some(Self { free, phasor: None, starts })
+    }
+
+    fn with_phasor(
+        free: Vec<SearchRange>,
+        (amplitude, most): (&'static str, f64),
+        starts: impl Iterator<Item = StartPoint>,
+    ) -> Option<Self> {
+        Some(Self { free, phasor: Some((amplitude, most)), starts: starts.collect() })
+    }
+}
+
+/// An effect at a site, whose search space is built from its typical size and the records.
+struct Search<'a> {
+    id: &'static str,
+    site: Site,
+    size: f64,
+    features: &'a RecordFeatures,
+}
+
+impl Search<'_> {
+    fn placed(&self, values: &[(&'static str, f64)]) -> PlacedEffect {
+        PlacedEffect { id: self.id, site: self.site, values: values.to_vec() }
+    }
+
+    fn start(&self, values: &[(&'static str, f64)]) -> StartPoint {
+        StartPoint { placed: self.placed(values), quadrature: None, signed: false }
+    }
+
+    fn signed(&self, values: &[(&'static str, f64)]) -> StartPoint {
+        StartPoint { signed: true, ..self.start(values) }
+    }
+
+    /// Amplitude and phase: a starting point spans two directions.
+    fn wave(&self, values: &[(&'static str, f64)]) -> StartPoint {
+        let with = |phase: f64| self.placed(&[values, &[("phase", phase)]].concat());
+        StartPoint { placed: with(0.0), quadrature: Some(with(FRAC_PI_2)), signed: true }
+    }
+
+    fn sizes(&self, name: &'static str, factors: &[f64]) -> Vec<StartPoint> {
+        factors.iter().map(|factor| self.start(&[(name, factor * self.size)])).collect()
+    }
+
+    fn up_to(&self, name: &'static str, factor: f64) -> SearchRange {
+        free(name, 0.0, factor * self.size)
+    }
+
+    fn either(&self, name: &'static str, factor: f64) -> SearchRange {
+        free(name, -factor * self.size, factor * self.size)
+    }
+
+    fn line(&self) -> Option<SearchSpace> {
+        let (free, starts) = match self.id {
+            "line_compliance" => (
+                vec![free("compliance_ratio", 0.0, 20.0)],
+                self.sizes("compliance_ratio", &[0.3, 1.0, 3.0]),
+            ),
+            "nonlinear_stiffness" => (
+                vec![free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
+                vec![
+                    self.start(&[("cubic", 0.3)]),
+                    self.start(&[("cubic", 1.5)]),
+                    self.start(&[("cubic", -0.2)]),
+                    self.start(&[("cubic", 0.01), ("even", 0.25)]),
+                    self.start(&[("cubic", 0.01), ("even", -0.25)]),
+                ],
+            ),
+            "viscoelastic_line" => {
+                let of = |time: &f64| {
+                    [0.2, 1.0].map(|ratio| {
+                        self.start(&[("stiffness_ratio", ratio), ("relaxation_s", *time)])
+                    })
+                };
+                (
+                    vec![
+                        free("stiffness_ratio", 0.0, 10.0),
+                        by_logarithm("relaxation_s", 3e-3, 3.0),
+                    ],
+                    [0.01, 0.03, 0.1, 0.3].iter().flat_map(of).collect(),
+                )
+            }
+            "leakage" => (
+                vec![by_logarithm("conductance", 0.01 * self.size, 100.0 * self.size)],
+                self.sizes("conductance", &[0.3, 1.0, 4.0]),
+            ),
+            "backlash" => (vec![self.up_to("gap", 20.0)], self.sizes("gap", &[0.25, 1.0, 3.0])),
+            // A line's wave must take longer than a simulation step to have any effect.
+            "transport_delay" if self.site == Site::Line => {
+                (vec![free("delay_s", LEAST_WAVE_S, 0.05)], self.sizes("delay_s", &[0.6, 1.2, 2.0]))
+            }
+            "transport_delay" => {
+                (vec![free("delay_s", 0.0, 0.05)], self.sizes("delay_s", &[0.2, 0.6, 2.0]))
+            }
+            "line_damping" => {
+                (vec![self.up_to("damping", 20.0)], self.sizes("damping", &[0.3, 1.0, 3.0]))
+            }
+            _ => return None,
+        };
+        SearchSpace::new(free, starts)
+    }
+
+    fn friction(&self) -> Option<SearchSpace> {
+        let (free, starts) = match self.id {
+            "coulomb_friction" => {
+                (vec![self.up_to("level", 10.0)], self.sizes("level", &[0.3, 1.0, 3.0]))
+            }
+            "viscous_friction" | "quadratic_drag" => {
+                (vec![self.up_to("coefficient", 20.0)], self.sizes("coefficient", &[0.3, 1.0]))
+            }
+            "stribeck_friction" => {
+                let of = |speed: &f64| {
+                    [0.4, 1.0, 2.5]
+                        .map(|level| self.start(&[("level", level * self.size), ("speed", *speed)]))
+                };
+                (
+                    vec![self.up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
+                    [0.1, 0.4, 1.5].iter().flat_map(of).collect(),
+                )
+            }
+            "asymmetric_friction" => {
+                let of = |time: &f64| {
+                    self.signed(&[("difference", 0.5 * self.size), ("viscous_time", *time)])
+                };
+                (
+                    vec![self.either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
+                    [0.0, 0.1, 0.5].iter().map(of).collect(),
+                )
+            }
+            "position_dependent_friction" => {
+                let starts = [1.0, 2.0, 3.0, 5.0]
+                    .iter()
+                    .map(|order| self.wave(&[("amplitude", 0.2), ("order", *order)]));
+                // Below one wave per turn, the friction is no longer periodic over the stroke.
+                let free = vec![waves_in_angle("order", 0.9, 12.0)];
+                return SearchSpace::with_phasor(free, ("amplitude", 1.0), starts);
+            }
+            "load_dependent_friction" => {
+                (vec![free("coefficient", 0.0, 0.9)], self.sizes("coefficient", &[0.3, 1.0, 2.0]))
+            }
+            "presliding_hysteresis" => {
+                // A travel below the encoder's resolution is equivalent to the smoothing of dry
+                // friction.
+                let side = usize::from(self.site == Site::Slave);
+                let least = (COUNTS_OF_TRAVEL * self.features.count_rad[side]).clamp(5e-4, 0.05);
+                let of = |travel: f64| {
+                    [0.4, 0.95].map(|part| self.start(&[("part", part), ("travel", travel)]))
+                };
+                let travels = [0.004, 0.015, 0.06].map(|travel| f64::max(travel, 1.3 * least));
+                (
+                    vec![free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)],
+                    travels.into_iter().flat_map(of).collect(),
+                )
+            }
+            _ => return None,
+        };
+        SearchSpace::new(free, starts)
+    }
+
+    fn load(&self) -> Option<SearchSpace> {
+        let (free, starts) = match self.id {
+            "gravity_imbalance" => {
+                let start = self.wave(&[("torque", 0.5 * self.size)]);
+                let phasor = ("torque", 10.0 * self.size);
+                return SearchSpace::with_phasor(Vec::new(), phasor, [start].into_iter());
+            }
+            "extra_inertia" => {
+                (vec![self.up_to("inertia", 20.0)], self.sizes("inertia", &[0.3, 1.0]))
+            }
+            "hand_impedance" => {
+                let of = |[stiffness, damper, inertia]: [f64; 3]| {
+                    self.start(&[
+                        ("stiffness", stiffness),
+                        ("damper_time_s", damper),
+                        ("inertia_time_s", inertia),
+                    ])
+                };
+                (
+                    vec![
+                        free("stiffness", 0.0, 30.0),
+                        free("damper_time_s", 0.0, 0.5),
+                        free("inertia_time_s", 0.0, 0.2),
+                    ],
+                    [[0.3, 0.02, 0.02], [1.0, 0.03, 0.05], [1.0, 0.1, 0.0]].map(of).to_vec(),
+                )
+            }
+            "thermal_drift" => {
+                let of = |time: &f64| self.signed(&[("excess", 0.3), ("time_constant_s", *time)]);
+                (
+                    vec![free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
+                    [10.0, 30.0, 100.0].iter().map(of).collect(),
+                )
+            }
+            _ => return None,
+        };
+        SearchSpace::new(free, starts)
+    }
+
+    fn drive(&self) -> Option<SearchSpace> {
+        let (free, starts) = match self.id {
+            "torque_ripple" => {
+                // Low orders show no spectral line among other functions of position.
+                let orders = self.features.orders.iter().copied().chain([4.0, 5.0, 6.0, 7.0, 8.0]);
+                let of = |order| self.wave(&[("amplitude", 0.5 * self.size), ("order", order)]);
+                let free = vec![waves_in_angle("order", 3.5, 200.0)];
+                let phasor = ("amplitude", 10.0 * self.size);
+                return SearchSpace::with_phasor(free, phasor, orders.map(of));
+            }
+            "amplifier_saturation" => {
+                let volts = self.features.volts;
+                (
+                    vec![free("limit", 0.2 * volts, volts)],
+                    [0.45, 0.6, 0.75, 0.9]
+                        .iter()
+                        .map(|share| self.start(&[("limit", share * volts)]))
+                        .collect(),
+                )
+            }
+            "amplifier_deadzone" => {
+                (vec![self.up_to("half_width", 10.0)], self.sizes("half_width", &[0.5, 1.5, 4.0]))
+            }
+            "amplifier_lag" => (
+                vec![by_logarithm("time_constant", 2e-4, 0.1)],
+                self.sizes("time_constant", &[0.3, 1.0, 3.0]),
+            ),
+            _ => return None,
+        };
+        SearchSpace::new(free, starts)
+    }
+
+    fn disturbance(&self) -> Option<SearchSpace> {
+        match self.id {
+            "periodic_disturbance" => {
+                let lines = &self.features.lines_hz[usize::from(self.site == Site::Slave)];
+                let of =
+                    |hz: &f64| self.wave(&[("amplitude", 0.3 * self.size), ("frequency_hz", *hz)]);
+                let free = vec![waves_in_time("frequency_hz", 0.3, 120.0)];
+                let phasor = ("amplitude", 10.0 * self.size);
+                SearchSpace::with_phasor(free, phasor, lines.iter().map(of))
+            }
+            "encoder_eccentricity" => {
+                let starts = [0.0, 1.0].iter().flat_map(|master| {
+                    [1.0, 2.0].map(|order| {
+                        self.wave(&[
+                            ("amplitude", 0.5 * self.size),
+                            ("order", order),
+                            ("on_master", *master),
+                        ])
+                    })
+                });
+                SearchSpace::with_phasor(Vec::new(), ("amplitude", 10.0 * self.size), starts)
+            }
+            _ => None,
+        }
+    }
+
+    /// Effects of the torque sensor, of which records without its channel show nothing.
+    fn sensor(&self) -> Option<SearchSpace> {
+        let (features, size) = (self.features, self.size);
+        if !features.torque {
+            return None;
+        }
+        let (free, starts) = match self.id {
+            "sensor_offset" => {
+                (vec![self.either("offset", 20.0)], vec![self.signed(&[("offset", size)])])
+            }
+            "sensor_gain" if features.hand => {
+                (vec![free("error", -0.8, 2.0)], vec![self.signed(&[("error", size)])])
+            }
+            "sensor_drift" => {
+                (vec![self.either("rate", 20.0)], vec![self.signed(&[("rate", 0.3 * size)])])
+            }
+            "sensor_crosstalk" => {
+                (vec![self.either("coupling", 20.0)], vec![self.signed(&[("coupling", size)])])
+            }
+            "mains_hum" => {
+                let of = |hz: &f64| self.wave(&[("amplitude", size), ("frequency_hz", *hz)]);
+                let free = vec![waves_in_time("frequency_hz", 15.0, 124.0)];
+                let phasor = ("amplitude", 20.0 * size);
+                return SearchSpace::with_phasor(free, phasor, features.hum_hz.iter().map(of));
+            }
+            "rectified_sensor" if features.hand => {
+                let parts: &[f64] =
+                    if features.rectified { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };
+                let starts = parts.iter().map(|part| self.start(&[("part", *part)])).collect();
+                (vec![free("part", 0.0, 1.0)], starts)
+            }
+            _ => return None,
+        };
+        SearchSpace::new(free, starts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_listed_effect_is_searched_at_each_of_its_sites() {
+        let features = RecordFeatures {
+            volts: 10.0,
+            lines_hz: [vec![7.0], vec![7.0]],
+            hum_hz: vec![50.0],
+            torque: true,
+            hand: true,
+            slave: true,
+            ..RecordFeatures::default()
+        };
+        let searched = candidates(&features);
+        let listed = LIST.iter().flat_map(|entry| entry.sites.iter().map(move |at| (entry, at)));
+        for (entry, place) in listed {
+            let own = searched.iter().find(|own| (own.id, own.site) == (entry.id, place.site));
+            let own = own.unwrap_or_else(|| {
+                panic!(
+                    "identify does not search {} at {}: give it free parameters and starting \
+                     points \
+                     in prediction_error/candidates.rs",
+                    entry.id, place.site
+                )
+            });
+            for start in &own.starts {
+                assert!(start.placed.effect().is_some(), "{start:?} is no valid effect");
+            }
+            let names = |name: &str| own.starts[0].placed.effect().unwrap().get(name).is_some();
+            assert!(own.free.iter().all(|free| names(free.name)), "{own:?}");
+        }
+    }
 }

@@ -3,7 +3,6 @@
 
 use std::f64::consts::TAU;
 
-use super::candidates::{Candidate, Scaling};
 use super::record::Record;
 use super::transmission_model::{Setting, TransmissionModel};
 
@@ -22,6 +21,32 @@ pub const NODE_BOUND: f64 = 40.0;
 
 /// Phase by which a frequency's perturbation shifts the last record against the first (turns).
 const PHASE_SHIFT: f64 = 0.03;
+
+/// A free parameter of an effect, with its bounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SearchRange {
+    /// Its name.
+    pub name: &'static str,
+    /// Least value.
+    pub low: f64,
+    /// Greatest value.
+    pub high: f64,
+    /// Scale on which it is searched.
+    pub scaling: Scaling,
+}
+
+/// The scale on which a parameter is searched, which also sets its finite-difference step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scaling {
+    /// Linear, with steps relative to the value.
+    Linear,
+    /// Logarithmic.
+    Logarithmic,
+    /// Logarithmic, a frequency in time: the step is a small phase over all records.
+    Frequency,
+    /// Logarithmic, waves per turn: the step is a small phase over a movement.
+    SpatialFrequency,
+}
 
 /// One parameter that a fit varies.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,21 +84,6 @@ pub enum FreeParameter {
         /// Its greatest value, either way.
         most: f64,
     },
-}
-
-/// The free parameters of the effect at index `placed`.
-pub fn free_parameters_of(candidate: &Candidate, placed: usize) -> Vec<FreeParameter> {
-    let free = candidate.free.iter().map(|free| FreeParameter::Effect {
-        placed,
-        name: free.name,
-        low: free.low,
-        high: free.high,
-        scaling: free.scaling,
-    });
-    let waves = candidate.phasor.iter().flat_map(|(name, most)| {
-        [0, 1].map(|part| FreeParameter::Phasor { placed, name, most: *most, part })
-    });
-    free.chain(waves).collect()
 }
 
 impl FreeParameter {
@@ -179,7 +189,7 @@ impl FreeParameter {
     }
 
     /// Returns the value at a normalised position.
-    fn from_normalised(&self, model: &TransmissionModel, place: f64) -> f64 {
+    fn value_at(&self, model: &TransmissionModel, place: f64) -> f64 {
         let (low, high, logarithmic) = self.range(model);
         let within = |low: f64, high: f64| 0.5 * (low + high + place * (high - low));
         if logarithmic { within(low.ln(), high.ln()).exp() } else { within(low, high) }
@@ -192,10 +202,7 @@ impl FreeParameter {
 
     /// Writes the value for an unbounded variable into a setting.
     pub fn set_unbounded(&self, model: &TransmissionModel, setting: &mut Setting, open: f64) {
-        self.assign(
-            setting,
-            self.from_normalised(model, open.sin().clamp(-BOUND_MARGIN, BOUND_MARGIN)),
-        );
+        self.assign(setting, self.value_at(model, open.sin().clamp(-BOUND_MARGIN, BOUND_MARGIN)));
     }
 
     /// Returns the unbounded variable perturbed for a finite difference.

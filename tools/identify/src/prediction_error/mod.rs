@@ -15,6 +15,7 @@
 //! - [`free_parameter`]: the parameters that a fit varies, each within its bounds;
 //! - [`fit`]: Levenberg-Marquardt with one noise variance per record and channel;
 //! - [`candidates`]: the listed effects, their free parameters and starting points;
+//! - [`record_features`]: spectral lines and orders in residuals, for starting points;
 //! - [`screening`]: score test of the candidates against the residual, with the sensitivities to
 //!   the declared parameters projected out;
 //! - [`nonparametric`]: piecewise-linear torques of one variable, which reveal an unlisted effect;
@@ -43,6 +44,7 @@ pub mod nonparametric_search;
 pub mod parametric_bootstrap;
 pub mod probe_torque;
 pub mod record;
+pub mod record_features;
 pub mod rectified_torque;
 pub mod refit;
 pub mod screening;

@@ -80,59 +80,7 @@ impl Record {
                 expected: format!("at least {SHORTEST_S} s of movement"),
             });
         }
-        let channel = |column: &str, found: String, advice: &str| IdentifyError::Channel {
-            file: series.file.clone(),
-            column: column.to_owned(),
-            found,
-            advice: advice.to_owned(),
-        };
-        if step_s > 0.02 {
-            let found = format!("a row every {step_s:.4} s");
-            return Err(channel(
-                "t_s",
-                found,
-                "record at 100 Hz or more: the line's resonance must be seen",
-            ));
-        }
-        for (name, column) in [("master_rad", Some(master)), ("slave_rad", slave)] {
-            let Some(column) = column else { continue };
-            let way = range(column);
-            if way < STILL_RAD {
-                let found = format!("the position never moved (it stays within {way:.2e} rad)");
-                let advice = "no inertia, friction or stiffness can be seen without movement; check the encoder, and move the machine";
-                return Err(channel(name, found, advice));
-            }
-            if peak(column) > FAR_RAD {
-                let found = format!("values up to {:.4e}", peak(column));
-                return Err(channel(
-                    name,
-                    found,
-                    "positions are in rad: these look like counts or degrees",
-                ));
-            }
-        }
-        if peak(volts) > HIGH_V {
-            let found = format!("values up to {:.4e}", peak(volts));
-            return Err(channel(
-                "motor_v",
-                found,
-                "this is the voltage at the amplifier, in V: these look like counts or mV",
-            ));
-        }
-        if range(volts) == 0.0 {
-            let advice = "identify needs what the DAC put out; check the channel";
-            return Err(channel("motor_v", format!("it is {} in all rows", volts[0]), advice));
-        }
-        for (name, column) in [("motor_v", Some(volts)), ("slave_torque_nm", torque)] {
-            let railed = if column.is_some() { series.railed(name) } else { 0.0 };
-            if railed > 0.01 {
-                let share = 100.0 * railed;
-                notes.push(format!(
-                    "{}: {name} stands at its extreme for {share:.1} % of the rows: a clipped channel says less than the truth there",
-                    series.file
-                ));
-            }
-        }
+        check_plausible(series, step_s, notes)?;
         let torque = torque.map(<[f64]>::to_vec);
         let idle = torque.as_ref().is_none_or(|torque| is_idle(torque, volts, step_s));
         let whole = Self {
@@ -227,6 +175,69 @@ impl Record {
             .map(|rows| rows.iter().sum::<f64>() / width as f64)
             .collect()
     }
+}
+
+/// Checks that columns move, are in SI units, and are not clipped.
+fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Result<()> {
+    let (_, volts) = series.any(&["motor_v"])?;
+    let (_, master) = series.any(&["master_rad"])?;
+    let (slave, torque) = (series.column("slave_rad"), series.column("slave_torque_nm"));
+    let channel = |column: &str, found: String, advice: &str| IdentifyError::Channel {
+        file: series.file.clone(),
+        column: column.to_owned(),
+        found,
+        advice: advice.to_owned(),
+    };
+    if step_s > 0.02 {
+        let found = format!("a row every {step_s:.4} s");
+        return Err(channel(
+            "t_s",
+            found,
+            "record at 100 Hz or more: the line's resonance must be seen",
+        ));
+    }
+    for (name, column) in [("master_rad", Some(master)), ("slave_rad", slave)] {
+        let Some(column) = column else { continue };
+        let way = range(column);
+        if way < STILL_RAD {
+            let found = format!("the position never moved (it stays within {way:.2e} rad)");
+            let advice = "no inertia, friction or stiffness can be seen without movement; check \
+                the encoder, and move the machine";
+            return Err(channel(name, found, advice));
+        }
+        if peak(column) > FAR_RAD {
+            let found = format!("values up to {:.4e}", peak(column));
+            return Err(channel(
+                name,
+                found,
+                "positions are in rad: these look like counts or degrees",
+            ));
+        }
+    }
+    if peak(volts) > HIGH_V {
+        let found = format!("values up to {:.4e}", peak(volts));
+        return Err(channel(
+            "motor_v",
+            found,
+            "this is the voltage at the amplifier, in V: these look like counts or mV",
+        ));
+    }
+    if range(volts) == 0.0 {
+        let advice = "identify needs what the DAC put out; check the channel";
+        return Err(channel("motor_v", format!("it is {} in all rows", volts[0]), advice));
+    }
+    for (name, column) in [("motor_v", Some(volts)), ("slave_torque_nm", torque)] {
+        let railed = if column.is_some() { series.railed(name) } else { 0.0 };
+        if railed > 0.01 {
+            let share = 100.0 * railed;
+            notes.push(format!(
+                "{}: {name} stands at its extreme for {share:.1} % of the rows: a clipped channel \
+                 says less than the truth there",
+                series.file
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Assigns roles in turn, separately to records with and without a hand, unless they are `fixed`.

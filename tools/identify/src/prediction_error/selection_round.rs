@@ -4,9 +4,9 @@
 use plant::effects::Site;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, MultiStart, Scaling};
+use super::candidates::{Candidate, MultiStart, free_parameters_of};
 use super::fit::{Dataset, Fitted};
-use super::free_parameter::{AT_BOUND, FreeParameter, free_parameters_of};
+use super::free_parameter::{AT_BOUND, FreeParameter, Scaling};
 use super::localisation::localise;
 use super::screening::{Projection, ScoredCandidate};
 use super::transmission_model::{Residual, Setting, TransmissionModel};

@@ -47,7 +47,6 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
         model,
         records,
         Options {
-            jobs: 2,
             seed: 1,
             gear: 1.0,
             slave_count_rad: None,

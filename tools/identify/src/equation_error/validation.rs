@@ -1,0 +1,56 @@
+//! Validation of a candidate on the selecting blocks.
+
+use super::model::{Fitted, RegressionModel};
+use super::split::Block;
+
+/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this
+/// share at least. On filtered rows at 200 Hz any test of significance alone would fire on clean
+/// data; size is what protects.
+pub const LEAST_GAIN: f64 = 0.10;
+
+/// Least t: mean decrease of the blocks' squared residual over its standard error.
+pub const LEAST_T: f64 = 2.5;
+
+/// Validation of a candidate.
+#[derive(Clone, Debug)]
+pub struct Validation {
+    /// Id of the effect, or name of the spline's variable.
+    pub id: &'static str,
+    /// Fall of the root-mean-square residual on the selecting rows, in percent.
+    pub gain_percent: f64,
+    /// Block t of the fall.
+    pub t: f64,
+    /// Blocks on which the residual fell and rose by more than 1 %.
+    pub better: usize,
+    /// See `better`.
+    pub worse: usize,
+    /// Whether it passes.
+    pub accepted: bool,
+}
+
+/// Mean squared residual of each block.
+pub fn mean_squares(regression: &RegressionModel, fitted: &Fitted, blocks: &[Block]) -> Vec<f64> {
+    let square = |e: &f64| e * e;
+    blocks
+        .iter()
+        .map(|b| {
+            regression.residual(fitted, b).iter().map(square).sum::<f64>()
+                / b.rows.len().max(1) as f64
+        })
+        .collect()
+}
+
+/// Validates a candidate from the mean squared residuals of the selecting blocks before and after.
+pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
+    let n = before.len() as f64;
+    let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
+    let gain = 1.0 - (sum_after / sum_before.max(f64::MIN_POSITIVE)).sqrt();
+    let fall: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
+    let mean = fall.iter().sum::<f64>() / n;
+    let variance = fall.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let t = mean / (variance / n).sqrt().max(f64::MIN_POSITIVE);
+    let better = before.iter().zip(after).filter(|(b, a)| a.sqrt() < 0.99 * b.sqrt()).count();
+    let worse = before.iter().zip(after).filter(|(b, a)| a.sqrt() > 1.01 * b.sqrt()).count();
+    let accepted = gain >= LEAST_GAIN && t >= LEAST_T && better > worse;
+    Validation { id, gain_percent: 100.0 * gain, t, better, worse, accepted }
+}
