@@ -3,25 +3,14 @@
 
 mod common;
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use common::{OFFSET, Tiny, command, fill, sample, start, write_file};
+use common::{OFFSET, Tiny, command, fill, sample, samples, start, write_file};
 use ipc_types::{COMMAND, LossCounters, Message, MotorCommand, SAMPLE, Sample, TOPICS};
 use proptest::prelude::*;
-use recording::mcap_edit::rewrite;
 use recording::mcap_read::{ReadError, Recording, Selection};
 use recording::mcap_write::{FLUSH_NS, SYNC_NS, WriteError, Writer, key};
-
-fn samples(recording: &Recording) -> Vec<Sample> {
-    recording
-        .messages::<Sample>("sample")
-        .unwrap()
-        .filter_map(Result::ok)
-        .map(|r| r.message)
-        .collect()
-}
 
 #[test]
 fn what_was_written_is_read_back_bit_by_bit_with_times_and_metadata() {
@@ -168,14 +157,21 @@ fn a_killed_logger_leaves_everything_up_to_the_last_flush() {
         writer.write_message(&SAMPLE, &sample(i)).unwrap();
         writer.tick(sample(i).time_ns).unwrap();
     }
-    // what SIGKILL does: nothing runs any more, no destructor either
-    std::mem::forget(writer);
-    let recording = Recording::open(&path).unwrap();
+    // The writer still lives: the file is growing, and nothing is lost.
+    let growing = Recording::open(&path).unwrap();
+    assert!(growing.tail().being_written && !growing.tail().complete);
+    assert!(growing.tail().reason.contains("still being written"));
+    assert!(!growing.check().unwrap().data_lost());
+    // What SIGKILL leaves: the file as it is, without the writer's lock.
+    let killed = dir.path().join("killed.mcap");
+    fs::copy(&path, &killed).unwrap();
+    let recording = Recording::open(&killed).unwrap();
     assert!(!recording.ended_cleanly() && !recording.tail().complete);
     let found = samples(&recording);
     assert_eq!(found, (0..found.len() as u64).map(sample).collect::<Vec<_>>());
     let flush_samples = (FLUSH_NS / common::PERIOD_NS) as usize;
     assert!(found.len() > 3000 - flush_samples - 1, "{}", found.len());
+    assert!(!recording.tail().being_written);
     assert!(recording.check().unwrap().data_lost());
 }
 
@@ -281,62 +277,6 @@ fn what_is_no_recording_is_said_plainly() {
     let recording = Recording::open(&dir.path().join("run.mcap")).unwrap();
     let error = recording.messages::<Sample>("smaple").unwrap_err().to_string();
     assert!(error.contains("smaple") && error.contains("sample"), "{error}");
-}
-
-#[test]
-fn a_damaged_chunk_costs_that_chunk_only_and_recover_keeps_the_rest() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("run.mcap");
-    write_file(&path, 6000);
-    let mut bytes = fs::read(&path).unwrap();
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 0x55;
-    fs::write(&path, &bytes).unwrap();
-    let recording = Recording::open(&path).unwrap();
-    let check = recording.check().unwrap();
-    assert_eq!(check.damage.len(), 1, "{:?}", check.damage);
-    let left = samples(&recording);
-    assert!(left.len() > 4000 && left.len() < 6000, "{}", left.len());
-    let of = check.topics.iter().find(|t| t.topic == "sample").unwrap();
-    assert_eq!((of.count + of.gaps, of.gap_places), (6000, 1));
-    assert_eq!(check.ticks.unwrap().missing, of.gaps);
-    assert!(check.data_lost());
-
-    let out = dir.path().join("recovered.mcap");
-    let report = rewrite(&[&recording], None, None, &BTreeMap::new(), &out).unwrap();
-    assert_eq!(report.damaged_chunks, 1);
-    let recovered = Recording::open(&out).unwrap();
-    assert!(recovered.tail().complete && recovered.check().unwrap().damage.is_empty());
-    assert_eq!(samples(&recovered), left);
-    assert_eq!(recovered.metadata(key::RIG), Some("hydrostatic"));
-    assert!(
-        rewrite(&[&recording], None, None, &BTreeMap::new(), &out).is_err(),
-        "never overwrites"
-    );
-}
-
-#[test]
-fn cut_and_merge_are_inverse() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("run.mcap");
-    write_file(&path, 4000);
-    let recording = Recording::open(&path).unwrap();
-    let middle = sample(2500).time_ns + OFFSET as u64;
-    let (a, b) = (dir.path().join("a.mcap"), dir.path().join("b.mcap"));
-    let first = rewrite(&[&recording], None, Some(middle), &BTreeMap::new(), &a).unwrap();
-    let second = rewrite(&[&recording], Some(middle), None, &BTreeMap::new(), &b).unwrap();
-    let total = recording.check().unwrap().messages();
-    assert_eq!(first.messages + second.messages, total);
-    let (a, b) = (Recording::open(&a).unwrap(), Recording::open(&b).unwrap());
-    assert_eq!(samples(&a), (0..2500).map(sample).collect::<Vec<_>>());
-    let merged = dir.path().join("merged.mcap");
-    // the order of the arguments must not matter
-    rewrite(&[&b, &a], None, None, &BTreeMap::new(), &merged).unwrap();
-    let merged = Recording::open(&merged).unwrap();
-    assert_eq!(samples(&merged), (0..4000).map(sample).collect::<Vec<_>>());
-    let check = merged.check().unwrap();
-    assert!(!check.data_lost(), "{check:?}");
-    assert_eq!(merged.channels_of("sample").unwrap().len(), 1);
 }
 
 #[test]

@@ -7,12 +7,15 @@ use clap::{Subcommand, ValueEnum};
 /// Recordings on and off, and what to do with the files.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// What is in a recording.
+    /// What is in a recording: when, which rig, subject and protocol, which topics.
     ///
-    /// Example: farreach rec info run.mcap
+    /// Example: farreach rec info run.mcap --text rig_file > rig.toml
     Info {
         /// The recording.
         file: PathBuf,
+        /// Prints this entry of the metadata alone, such as rig_file or protocol_file.
+        #[arg(long, value_name = "KEY", conflicts_with = "json")]
+        text: Option<String>,
         /// As JSON.
         #[arg(long)]
         json: bool,
@@ -28,7 +31,7 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Copies what can be read of a torn or damaged recording into a sound one.
+    /// Copies what can be read of a torn or damaged recording into a new file.
     ///
     /// Example: farreach rec recover killed.mcap -o mended.mcap
     Recover {
@@ -54,16 +57,16 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Copies a stretch of time.
+    /// Copies an interval of time.
     ///
     /// Example: farreach rec cut run.mcap --from 0.25 --to 0.75 -o middle.mcap
     Cut {
         /// The recording.
         file: PathBuf,
-        /// From here on (s since the first message).
+        /// Start (s since the first message of the recording).
         #[arg(long)]
         from: Option<f64>,
-        /// Up to, but not with, this (s since the first message).
+        /// End, exclusive (s since the first message of the recording).
         #[arg(long)]
         to: Option<f64>,
         /// The new file; never overwritten.
@@ -73,13 +76,17 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Joins recordings in the order of time, such as the parts that a restart of the logger left.
+    /// Joins the parts that a restart of the logger left, in the order of time. Messages that
+    /// several files hold are copied once.
     ///
     /// Example: farreach rec merge run.mcap run.part2.mcap -o whole.mcap
     Merge {
         /// The recordings.
         #[arg(required = true, num_args = 1..)]
         files: Vec<PathBuf>,
+        /// Merges recordings of different rigs or sessions too.
+        #[arg(long)]
+        force: bool,
         /// The new file; never overwritten.
         #[arg(short, long)]
         out: PathBuf,
@@ -87,7 +94,7 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Writes a table: the measured record as `farreach identify` reads it, or all fields of one
+    /// Writes a table: the measured record that `farreach identify` reads, or all fields of one
     /// topic.
     ///
     /// Example: farreach rec export run.mcap --to csv > run.csv
@@ -100,7 +107,7 @@ pub enum Command {
         /// All fields of this topic instead of the measured record.
         #[arg(long)]
         topic: Option<String>,
-        /// Unit of the axis, for the columns' names.
+        /// Unit of the axis, for the names of the columns.
         #[arg(long, value_enum, default_value_t = LengthUnit::Rad)]
         unit: LengthUnit,
         /// Axis, from 0.
@@ -122,8 +129,8 @@ pub enum ExportFormat {
 /// Unit of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LengthUnit {
-    /// An axis that turns: `master_rad`, `slave_rad`, `slave_torque_nm`.
+    /// A rotary axis: `master_rad`, `slave_rad`, `slave_torque_nm`.
     Rad,
-    /// An axis that moves along a line: `master_m`, `slave_m`, `slave_force_n`.
+    /// A linear axis: `master_m`, `slave_m`, `slave_force_n`.
     M,
 }

@@ -5,11 +5,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use recording::mcap_edit::{EditReport, rewrite};
+use recording::mcap_edit::{EditReport, check_related, rewrite};
 use recording::mcap_read::Recording;
 
-use crate::look::grouped;
-use crate::{DATA_LOST, DONE};
+use crate::inspect::grouped;
+use crate::{DATA_LOST, DONE, code_of_tail};
 
 pub(crate) fn recover(
     file: &Path,
@@ -19,8 +19,8 @@ pub(crate) fn recover(
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
-    tell(&report, to, json, true, out)?;
-    Ok(if recording.tail().complete && report.damaged_chunks == 0 { DONE } else { DATA_LOST })
+    report_edit(&report, to, json, true, out)?;
+    Ok(if report.damaged_chunks == 0 { code_of_tail(&recording) } else { DATA_LOST })
 }
 
 pub(crate) fn cut(
@@ -42,7 +42,8 @@ pub(crate) fn cut(
         bail!("--from {from} --to {until}: expected an end after the beginning");
     }
     let recording = Recording::open(file)?;
-    let Some((first, last)) = recording.check()?.span_ns() else {
+    let check = recording.check()?;
+    let (Some(first), Some((_, last))) = (check.origin_ns, check.span_ns()) else {
         bail!("{}: there are no messages to cut", file.display());
     };
     let at = |seconds: f64| first.saturating_add((seconds * 1e9).round() as u64);
@@ -58,12 +59,13 @@ pub(crate) fn cut(
         notes.extend(value.map(|value| (name.to_owned(), value.to_string())));
     }
     let report = rewrite(&[&recording], from.map(at), until.map(at), &notes, to)?;
-    tell(&report, to, json, report.damaged_chunks > 0, out)?;
+    report_edit(&report, to, json, report.damaged_chunks > 0, out)?;
     Ok(if report.damaged_chunks > 0 { DATA_LOST } else { DONE })
 }
 
 pub(crate) fn merge(
     files: &[PathBuf],
+    force: bool,
     to: &Path,
     json: bool,
     out: &mut dyn Write,
@@ -71,16 +73,19 @@ pub(crate) fn merge(
     let recordings =
         files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
     let sources: Vec<&Recording> = recordings.iter().collect();
+    if !force {
+        check_related(&sources)?;
+    }
     let names: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     let report = rewrite(&sources, None, None, &how("merge", &names), to)?;
-    let lost =
-        report.damaged_chunks > 0 || recordings.iter().any(|recording| !recording.tail().complete);
-    tell(&report, to, json, lost, out)?;
+    let lost = report.damaged_chunks > 0
+        || recordings.iter().any(|recording| code_of_tail(recording) == DATA_LOST);
+    report_edit(&report, to, json, lost, out)?;
     Ok(if lost { DATA_LOST } else { DONE })
 }
 
-/// Notes for the new file: what was done to what. Names without folders: those are nobody else's
-/// business.
+/// Notes for the new file: what was done to which files. Names without folders, which say nothing
+/// to others.
 fn how(verb: &str, files: &[&Path]) -> BTreeMap<String, String> {
     let names: Vec<_> = files
         .iter()
@@ -90,7 +95,7 @@ fn how(verb: &str, files: &[&Path]) -> BTreeMap<String, String> {
     BTreeMap::from([("edit".to_owned(), verb.to_owned()), ("sources".to_owned(), names.join(", "))])
 }
 
-fn tell(
+fn report_edit(
     report: &EditReport,
     to: &Path,
     json: bool,
@@ -115,6 +120,9 @@ fn tell(
         )?;
     }
     writeln!(out)?;
+    if report.repeated > 0 {
+        eprintln!("{} messages that several files hold were copied once", grouped(report.repeated));
+    }
     if report.attachments_left_out > 0 {
         eprintln!("{} attachments were not copied", report.attachments_left_out);
     }

@@ -1,15 +1,17 @@
 //! `export`.
 
-use std::fs::OpenOptions;
-use std::io::{self, BufWriter, Write};
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use recording::mcap_read::{Recording, Selection};
 use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recording, write_csv};
 use recording::schema::Layout;
 
-use crate::{DATA_LOST, DONE, ExportFormat, LengthUnit};
+use crate::output::Output;
+use crate::print::{is_text, text_of};
+use crate::{DATA_LOST, ExportFormat, LengthUnit, code_of_tail};
 
 pub(crate) fn export(
     file: &Path,
@@ -18,11 +20,11 @@ pub(crate) fn export(
     unit: LengthUnit,
     axis: usize,
     to: Option<&Path>,
-    stdout: &mut dyn Write,
+    stdout: &mut Output<'_>,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let ExportFormat::Csv = format;
-    let mut code = if recording.tail().complete { DONE } else { DATA_LOST };
+    let mut code = code_of_tail(&recording);
     let record = match topic {
         Some(topic) => {
             recording.channels_of(topic)?;
@@ -45,15 +47,14 @@ pub(crate) fn export(
             Some(record)
         }
     };
-    // Everything that can be wrong with the source is known now: no empty file is left behind.
+    // The source is known to be readable now: no empty file is left behind.
     let mut created;
     let output: &mut dyn Write = match to {
         None => stdout,
         Some(path) => {
-            created =
-                OpenOptions::new().write(true).create_new(true).open(path).with_context(|| {
-                    format!("{}: cannot create; files are never overwritten", path.display())
-                })?;
+            created = File::create_new(path).with_context(|| {
+                format!("{}: cannot create; files are never overwritten", path.display())
+            })?;
             &mut created
         }
     };
@@ -67,9 +68,10 @@ pub(crate) fn export(
     Ok(code)
 }
 
-/// All fields, arrays spread over columns; the log time first.
+/// All fields of a topic, the log time first, arrays spread over columns, a text in one.
 fn whole_topic(recording: &Recording, topic: &str, output: &mut dyn Write) -> anyhow::Result<()> {
     let channels = recording.channels_of(topic)?;
+    let mut table = csv::Writer::from_writer(output);
     let mut header: Option<Layout> = None;
     for message in
         recording.raw(Selection { channels: Some(channels.clone()), ..Selection::default() })
@@ -77,46 +79,46 @@ fn whole_topic(recording: &Recording, topic: &str, output: &mut dyn Write) -> an
         let message = message?;
         let (layout, body) = recording.decode(&message)?;
         match &header {
-            Some(first) if first != layout => anyhow::bail!(
+            Some(first) if first != layout => bail!(
                 "{}: topic {topic} changes its fields within the file: export the parts one by one",
                 recording.path().display()
             ),
             Some(_) => {}
             None => {
-                title(layout, output)?;
+                table.write_record(header_of(layout))?;
                 header = Some(layout.clone());
             }
         }
-        write!(output, "{}", message.log_time_ns())?;
+        let mut row = vec![message.log_time_ns().to_string()];
         for field in &layout.fields {
-            for value in field.read_all(body) {
-                write!(output, ",{value}")?;
+            match text_of(field, layout, body) {
+                Some(text) => row.push(text),
+                None => row.extend(field.read_all(body).map(|value| value.to_string())),
             }
         }
-        writeln!(output)?;
+        table.write_record(row)?;
     }
     if header.is_none()
         && let Some(layout) = channels
             .first()
             .and_then(|id| recording.channels().get(id))
-            .and_then(|c| c.layout.as_ref().ok())
+            .and_then(|channel| channel.layout.as_ref().ok())
     {
-        title(layout, output)?;
+        table.write_record(header_of(layout))?;
     }
+    table.flush()?;
     Ok(())
 }
 
-fn title(layout: &Layout, output: &mut dyn Write) -> io::Result<()> {
-    write!(output, "log_time_ns")?;
+fn header_of(layout: &Layout) -> Vec<String> {
+    let mut names = vec!["log_time_ns".to_owned()];
     for field in &layout.fields {
         match field.array {
-            None => write!(output, ",{}", field.name)?,
-            Some(count) => {
-                for index in 0..count {
-                    write!(output, ",{}_{index}", field.name)?;
-                }
+            Some(count) if !is_text(field, layout) => {
+                names.extend((0..count).map(|index| format!("{}_{index}", field.name)));
             }
+            _ => names.push(field.name.clone()),
         }
     }
-    writeln!(output)
+    names
 }

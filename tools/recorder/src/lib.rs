@@ -1,4 +1,5 @@
-//! `farreach rec`: recordings on and off, and what to do with the files.
+//! `farreach rec`: what is in recordings, whether they are complete, and how to cut, join and export
+//! them.
 //!
 //! A recording is an MCAP file that Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open
 //! as it is.
@@ -6,8 +7,11 @@
 //! ```text
 //! $ farreach rec info run.mcap
 //! run.mcap: 225,601 bytes, 5 chunks, written by farreach 0.1.0
+//!   from 2026-11-23T13:15:03Z, 1.000 s
 //!   rig hydrostatic, profile best-effort, part 1
-//!   ended in good order
+//!   run guided-1hz, subject S07
+//!   axis 0 handle (rad), analog 0 torque (N·m)
+//!   ended cleanly
 //!   topic                 count        rate Hz    first s     last s
 //!   command                 500          500.0      0.000      0.998
 //!   sample                 2000         2000.0      0.000      1.000
@@ -39,77 +43,66 @@
 //! 0,0,1,-0.15297538471219713
 //! ```
 //!
-//! stdout carries the result, stderr the diagnosis. Exit code 0: done; 1: failed; 3: done, but data
-//! is missing.
+//! Standard output carries the result, standard error the diagnosis. Exit code 0: done; 1: failed;
+//! 3: done, but data is missing. It does not depend on who reads the output.
 
 mod args;
 mod edit;
 mod export;
-mod look;
+mod inspect;
+mod names;
+mod output;
 mod print;
 
+use std::io::Write;
+
 pub use args::{Command, ExportFormat, LengthUnit};
+use output::Output;
+use recording::mcap_read::Recording;
 
 /// Everything was done.
 pub const DONE: i32 = 0;
 /// Done, but data is missing.
 pub const DATA_LOST: i32 = 3;
 
-/// Does what the command says, printing to stdout; returns the exit code.
+/// Runs a command, printing to stdout; returns the exit code.
 ///
 /// # Errors
-/// What keeps the command from being done, file named.
+/// What prevents the command, with the file.
 pub fn run(command: &Command) -> anyhow::Result<i32> {
-    let mut stdout = std::io::stdout().lock();
-    match run_to(command, &mut stdout) {
-        // `farreach rec cat run.mcap | head` closes our output: that is how it is meant to end
-        Err(error) if closed_pipe(&error) => Ok(DONE),
-        result => result,
-    }
+    run_to(command, &mut std::io::stdout().lock())
 }
 
-/// The same with another place for the result.
+/// Runs a command, printing to `output`. A reader that closes it (`| head`) is no error.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_to(command: &Command, output: &mut dyn std::io::Write) -> anyhow::Result<i32> {
+pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> {
+    let mut output = Output::new(output);
+    let out = &mut output;
     let code = match command {
-        Command::Info { file, json } => look::info(file, *json, output),
-        Command::Verify { file, json } => look::verify(file, *json, output),
-        Command::Cat { file, topic, json } => print::cat(file, topic, *json, output),
-        Command::Recover { file, out, json } => edit::recover(file, out, *json, output),
-        Command::Cut { file, from, to, out, json } => {
-            edit::cut(file, *from, *to, out, *json, output)
+        Command::Info { file, text: Some(key), .. } => inspect::text(file, key, out),
+        Command::Info { file, json, .. } => inspect::info(file, *json, out),
+        Command::Verify { file, json } => inspect::verify(file, *json, out),
+        Command::Cat { file, topic, json } => print::cat(file, topic, *json, out),
+        Command::Recover { file, out: to, json } => edit::recover(file, to, *json, out),
+        Command::Cut { file, from, to, out: target, json } => {
+            edit::cut(file, *from, *to, target, *json, out)
         }
-        Command::Merge { files, out, json } => edit::merge(files, out, *json, output),
-        Command::Export { file, to, topic, unit, axis, out } => {
-            export::export(file, *to, topic.as_deref(), *unit, *axis, out.as_deref(), output)
+        Command::Merge { files, force, out: to, json } => {
+            edit::merge(files, *force, to, *json, out)
+        }
+        Command::Export { file, to, topic, unit, axis, out: target } => {
+            export::export(file, *to, topic.as_deref(), *unit, *axis, target.as_deref(), out)
         }
     }?;
     output.flush()?;
     Ok(code)
 }
 
-fn closed_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause
-            .downcast_ref::<std::io::Error>()
-            .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
-            || cause
-                .downcast_ref::<serde_json::Error>()
-                .is_some_and(|e| e.io_error_kind() == Some(std::io::ErrorKind::BrokenPipe))
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::closed_pipe;
-
-    #[test]
-    fn a_closed_pipe_is_known_in_any_wrapping() {
-        let pipe = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
-        assert!(closed_pipe(&anyhow::Error::from(pipe()).context("while writing")));
-        assert!(closed_pipe(&anyhow::Error::from(serde_json::Error::io(pipe()))));
-        assert!(!closed_pipe(&anyhow::anyhow!("something else")));
-    }
+/// The exit code by the end of a file: data is missing behind a torn end, not in a recording that
+/// is still being written.
+fn code_of_tail(recording: &Recording) -> i32 {
+    let tail = recording.tail();
+    if tail.complete || tail.being_written { DONE } else { DATA_LOST }
 }

@@ -5,7 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use ipc_types::{COMMAND, Message, MotorCommand, SAMPLE, Sample};
+use ipc_types::{
+    COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, Sample, Severity,
+    event_topic,
+};
 use recorder::{Command, DATA_LOST, DONE};
 use recording::mcap_write::{Start, Writer, key};
 use recording::record::{Options, from_csv};
@@ -62,7 +65,10 @@ fn write(path: &Path, ticks: impl IntoIterator<Item = u64>, end: bool) {
     if end {
         writer.finish(&[]).unwrap();
     } else {
-        std::mem::forget(writer);
+        // A file as a killed logger leaves it: as it is, without the writer's lock.
+        let growing = path.with_extension("growing");
+        fs::rename(path, &growing).unwrap();
+        fs::copy(&growing, path).unwrap();
     }
 }
 
@@ -87,7 +93,7 @@ fn info_and_verify_of_a_sound_recording() {
     let (code, text) = rec(&["info", &dir.text("run.mcap")]);
     assert_eq!(code, DONE);
     for expected in
-        ["rig hydrostatic, profile best-effort, part 1", "ended in good order", "2000.0", "500.0"]
+        ["rig hydrostatic, profile best-effort, part 1", "ended cleanly", "2000.0", "500.0"]
     {
         assert!(text.contains(expected), "{expected}: {text}");
     }
@@ -102,7 +108,7 @@ fn info_and_verify_of_a_sound_recording() {
 }
 
 #[test]
-fn verify_tells_a_killed_logger_and_recover_mends_it() {
+fn verify_reports_a_killed_logger_and_recover_makes_a_new_file() {
     let dir = Folder::new();
     write(&dir.path("killed.mcap"), 0..2000, false);
     let (code, text) = rec(&["verify", &dir.text("killed.mcap")]);
@@ -112,8 +118,8 @@ fn verify_tells_a_killed_logger_and_recover_mends_it() {
     assert_eq!(code, DATA_LOST);
     assert!(text.contains("messages"), "{text}");
     let (code, text) = rec(&["verify", &dir.text("mended.mcap")]);
-    assert_eq!(code, DATA_LOST, "mended, but its end is still missing");
-    assert!(text.contains("not ended in good order"), "{text}");
+    assert_eq!(code, DATA_LOST, "recovered, but its end is still missing");
+    assert!(text.contains("did not end cleanly"), "{text}");
     assert!(
         fails(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")])
             .contains("never overwritten")
@@ -126,9 +132,9 @@ fn verify_counts_what_is_missing() {
     write(&dir.path("holes.mcap"), (0..500).chain(510..1000), true);
     let (code, text) = rec(&["verify", &dir.text("holes.mcap")]);
     assert_eq!(code, DATA_LOST);
-    assert!(text.contains("sample: 990 messages; 10 missing in 1 places"), "{text}");
+    assert!(text.contains("sample: 990 messages; 10 missing in 1 place"), "{text}");
     assert!(
-        text.contains("command: 247 messages; 3 missing in 1 places") || text.contains("2 missing"),
+        text.contains("command: 247 messages; 3 missing in 1 place") || text.contains("2 missing"),
         "{text}"
     );
     let (code, json) = rec(&["verify", &dir.text("holes.mcap"), "--json"]);
@@ -237,7 +243,7 @@ fn export_gives_back_the_record_and_whole_topics() {
     assert!(fails(&["info", &dir.text("no.mcap")]).contains("not an MCAP file"));
 }
 
-/// Takes nothing: the reader at the other end has gone.
+/// A pipe whose reader is gone.
 struct Closed;
 
 impl std::io::Write for Closed {
@@ -250,25 +256,115 @@ impl std::io::Write for Closed {
 }
 
 #[test]
-fn a_closed_pipe_is_passed_on_as_such() {
+fn the_exit_code_does_not_depend_on_the_reader() {
     let dir = Folder::new();
     write(&dir.path("run.mcap"), 0..2000, true);
-    let run = dir.text("run.mcap");
-    for words in [
-        &["cat", &run][..],
-        &["cat", &run, "--json"],
-        &["export", &run, "--to", "csv"],
-        &["info", &run],
-    ] {
-        let line =
-            Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
-        let error = recorder::run_to(&line.command, &mut Closed).unwrap_err();
-        let kind = error.chain().find_map(|cause| {
-            let json = cause
-                .downcast_ref::<serde_json::Error>()
-                .and_then(serde_json::Error::io_error_kind);
-            cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind).or(json)
-        });
-        assert_eq!(kind, Some(std::io::ErrorKind::BrokenPipe), "{words:?}: {error:?}");
+    write(&dir.path("holes.mcap"), (0..500).chain(510..1000), true);
+    write(&dir.path("killed.mcap"), 0..2000, false);
+    for name in ["run.mcap", "holes.mcap", "killed.mcap"] {
+        let file = dir.text(name);
+        for words in [
+            &["cat", &file][..],
+            &["cat", &file, "--json"],
+            &["export", &file, "--to", "csv"],
+            &["export", &file, "--to", "csv", "--topic", "sample"],
+            &["info", &file],
+            &["verify", &file],
+            &["verify", &file, "--json"],
+        ] {
+            let line =
+                Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
+            let code = recorder::run_to(&line.command, &mut Closed).unwrap();
+            assert_eq!(code, rec(words).0, "{words:?}");
+        }
     }
+    assert_eq!(rec(&["verify", &dir.text("holes.mcap")]).0, DATA_LOST);
+}
+
+#[test]
+fn codes_have_names_and_a_text_has_one_column() {
+    let dir = Folder::new();
+    let mut writer = Writer::create(&dir.path("run.mcap"), &Start::default(), 0).unwrap();
+    let (kind, severity) = (EventKind::StateChanged, Severity::Warning);
+    let mut event = Event::new(Process::Watchdog, kind, severity, "why, \"said\" who");
+    event.stamp(1, 2, 0, 5);
+    writer.write_message(&event_topic(Process::Watchdog).unwrap(), &event).unwrap();
+    let mut sample = Sample { gate_state: 1, ..sample(0) };
+    sample.profile = 77;
+    writer.write_message(&SAMPLE, &sample).unwrap();
+    writer.finish(&[]).unwrap();
+    let run = dir.text("run.mcap");
+    let (_, text) = rec(&["cat", &run]);
+    for expected in
+        ["kind=state_changed severity=warning source=watchdog", "gate_state=open", "profile=77"]
+    {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    let (_, text) = rec(&["cat", &run, "--topic", "event/watchdog", "--json"]);
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(value["fields"]["kind"], kind.code());
+    assert_eq!(value["names"]["kind"], "state changed");
+    let (_, text) = rec(&["export", &run, "--to", "csv", "--topic", "event/watchdog"]);
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].ends_with(",segment,text"), "{}", lines[0]);
+    assert!(lines[1].ends_with(",0,\"why, \"\"said\"\" who\""), "{}", lines[1]);
+    assert_eq!(lines.len(), 2);
+}
+
+#[test]
+fn info_says_when_who_and_what() {
+    let dir = Folder::new();
+    let path = dir.path("run.mcap");
+    let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
+        .with(key::RIG, "hydrostatic")
+        .with(key::RIG_FILE, "name = \"hydrostatic\"\n")
+        .with("axis.0.name", "handle")
+        .with("axis.0.unit", "rad")
+        .with("analog.3.name", "torque")
+        .with("analog.3.unit", "N·m");
+    let mut writer = Writer::create(&path, &start, 0).unwrap();
+    let run = [(key::PROTOCOL, "guided"), (key::SUBJECT, "S07"), (key::PROTOCOL_FILE, "text")];
+    writer.write_run(&run.map(|(key, value)| (key.to_owned(), value.to_owned())).into()).unwrap();
+    for i in 0..2001 {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+        writer.tick(sample(i).time_ns).unwrap();
+    }
+    let (code, text) = rec(&["info", path.to_str().unwrap()]);
+    assert_eq!(code, DONE);
+    for expected in [
+        "still being written",
+        "from 2023-11-14T22:13:20Z, ",
+        "rig hydrostatic",
+        "run guided, subject S07",
+        "axis 0 handle (rad), analog 3 torque (N·m)",
+    ] {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    let (code, text) = rec(&["verify", path.to_str().unwrap()]);
+    assert!(code == DONE && text.contains("still being written; so far nothing lost"), "{text}");
+    writer.finish(&[]).unwrap();
+    let (_, text) = rec(&["info", path.to_str().unwrap()]);
+    assert!(text.contains("from 2023-11-14T22:13:20Z, 1.000 s"), "{text}");
+    let entry = |key: &str| rec(&["info", path.to_str().unwrap(), "--text", key]).1;
+    assert_eq!(
+        (entry("rig_file").as_str(), entry("protocol_file").as_str()),
+        ("name = \"hydrostatic\"\n", "text\n")
+    );
+    assert!(
+        fails(&["info", path.to_str().unwrap(), "--text", "x"]).contains("it has analog.3.name")
+    );
+}
+
+#[test]
+fn merge_refuses_different_rigs_unless_forced() {
+    let dir = Folder::new();
+    write(&dir.path("a.mcap"), 0..100, true);
+    let start = Start::default().with(key::RIG, "emps");
+    Writer::create(&dir.path("b.mcap"), &start, 0).unwrap().finish(&[]).unwrap();
+    let (a, b, out) = (dir.text("a.mcap"), dir.text("b.mcap"), dir.text("out.mcap"));
+    let words = ["merge", &a, &b, "-o", &out];
+    let error = fails(&words);
+    assert!(error.contains("a.mcap") && error.contains("rig emps"), "{error}");
+    assert!(!dir.path("out.mcap").exists());
+    assert_eq!(rec(&[&words[..], &["--force"]].concat()).0, DONE);
 }

@@ -72,6 +72,8 @@ pub struct Check {
     pub ticks: Option<Ticks>,
     /// Footer and end mark are there.
     pub complete: bool,
+    /// See [`super::Tail::being_written`].
+    pub being_written: bool,
     /// A recording of farreach's that ended cleanly; `true` for files of other programs.
     pub ended_cleanly: bool,
     /// Log time of the first message since the recording began (ns since 1970): the first of all,
@@ -82,8 +84,7 @@ pub struct Check {
 impl Check {
     /// Whether anything that belongs in the file is missing.
     pub fn data_lost(&self) -> bool {
-        !self.complete
-            || !self.ended_cleanly
+        !(self.complete && self.ended_cleanly || self.being_written)
             || !self.damage.is_empty()
             || self.topics.iter().any(|t| t.gaps > 0 || t.dropped > 0 || t.undecodable > 0)
             || self.ticks.is_some_and(|ticks| ticks.missing > 0)
@@ -216,6 +217,7 @@ impl Recording {
             damage,
             ticks,
             complete: self.tail().complete,
+            being_written: self.tail().being_written,
             ended_cleanly,
             origin_ns: origin_ns.or(first_ns),
         })

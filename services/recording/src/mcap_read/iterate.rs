@@ -22,7 +22,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    fn wants_block(&self, block: &super::block::Block) -> bool {
+    pub(super) fn wants_block(&self, block: &super::block::Block) -> bool {
         let channels = match (&self.channels, &block.channels) {
             (Some(wanted), Some(there)) => there.iter().any(|id| wanted.contains(id)),
             _ => true,
@@ -38,7 +38,7 @@ impl Selection {
         channels && times
     }
 
-    fn wants(&self, head: &super::block::Head) -> bool {
+    pub(super) fn wants(&self, head: &super::block::Head) -> bool {
         self.channels.as_ref().is_none_or(|wanted| wanted.contains(&head.channel))
             && self.from_ns.is_none_or(|from| head.log_time_ns >= from)
             && self.until_ns.is_none_or(|until| head.log_time_ns < until)

@@ -32,6 +32,7 @@ mod check;
 mod iterate;
 mod positions;
 mod scan;
+mod sorted;
 mod summary;
 
 use std::collections::BTreeMap;
@@ -41,6 +42,7 @@ use std::path::{Path, PathBuf};
 pub use block::RawMessage;
 pub use check::{Check, Ticks, TopicCheck};
 pub use iterate::{Messages, RawMessages, Recorded, Selection};
+pub use sorted::Sorted;
 
 use crate::mcap_write::{END_RECORD, RUN_RECORD, START_RECORD, key};
 use crate::schema::{Layout, SchemaError};
@@ -122,7 +124,7 @@ pub struct Channel {
 }
 
 /// How the file ends.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Tail {
     /// Whether footer and end magic are in place.
     pub complete: bool,
@@ -132,6 +134,8 @@ pub struct Tail {
     pub lost: u64,
     /// What is there instead of an end; empty where complete.
     pub reason: String,
+    /// Whether a logger still writes it: the end is yet to come, and nothing is lost.
+    pub being_written: bool,
 }
 
 /// Something within the file that cannot be read, while what follows can.

@@ -1,7 +1,7 @@
 //! Finds the records of a file without decompressing anything.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
@@ -50,8 +50,14 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         return Err(ReadError::NotMcap { path: path.to_owned(), found });
     }
     let mut found = Found::default();
-    let tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
+    let mut tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
     if !tail.complete {
+        // The writer holds a lock for as long as it lives; where locks are not supported, nothing is
+        // known.
+        tail.being_written = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+        if tail.being_written {
+            "the recording is still being written".clone_into(&mut tail.reason);
+        }
         // Without a footer nothing says that what was read of the summary is what was written.
         found.summary = Summary::default();
         if let Some(last) = found.blocks.last_mut() {
@@ -83,8 +89,12 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
 fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Result<Tail> {
     let mut at = mcap::MAGIC.len() as u64;
     let mut data_ended = false;
-    let torn =
-        |at: u64, reason: String| Tail { complete: false, readable: at, lost: bytes - at, reason };
+    let torn = |at: u64, reason: String| Tail {
+        readable: at,
+        lost: bytes - at,
+        reason,
+        ..Tail::default()
+    };
     loop {
         let left = bytes - at;
         if left == 0 {
@@ -175,7 +185,7 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                 reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
                 let end = next + mcap::MAGIC.len() as u64;
                 return Ok(if magic == mcap::MAGIC && end == bytes {
-                    Tail { complete: true, readable: bytes, lost: 0, reason: String::new() }
+                    Tail { complete: true, readable: bytes, ..Tail::default() }
                 } else {
                     torn(next, "the end mark behind the footer is missing or not the last thing in the file".into())
                 });

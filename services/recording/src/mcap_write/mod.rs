@@ -59,6 +59,17 @@ pub const FLUSH_NS: u64 = 300_000_000;
 pub const SYNC_NS: u64 = 900_000_000;
 /// Size at which a chunk is closed even before the flush (bytes, uncompressed).
 pub const CHUNK_BYTES: u64 = 1024 * 1024;
+/// How farreach writes MCAP files.
+pub(crate) fn write_options() -> mcap::WriteOptions {
+    mcap::WriteOptions::new()
+        .compression(Some(mcap::Compression::Lz4))
+        .chunk_size(Some(CHUNK_BYTES))
+        .disable_seeking(true)
+        // Readers decode the topics of this profile as those of a ROS 2 bag.
+        .profile("ros2")
+        .library(concat!("farreach ", env!("CARGO_PKG_VERSION")))
+}
+
 /// What a recording held when it was ended in good order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Summary {
@@ -121,6 +132,8 @@ impl Writer {
                     WriteError::Create { path: path.to_owned(), source }
                 }
             })?;
+        // Tells readers that this file is still growing; a file system without locks cannot.
+        let _ = file.try_lock();
         let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
         // The name itself must survive a crash too. Some file systems cannot sync a directory: then
         // it is theirs to keep.
@@ -142,15 +155,7 @@ impl Writer {
     ) -> Result<Self, WriteError> {
         let shared = Shared::new(output);
         let begin = || -> mcap::McapResult<_> {
-            let mut mcap = mcap::WriteOptions::new()
-                .compression(Some(mcap::Compression::Lz4))
-                .chunk_size(Some(CHUNK_BYTES))
-                .disable_seeking(true)
-                // "ros2" makes readers take the topics for those of a ROS 2 bag, which is how they
-                // decode them
-                .profile("ros2")
-                .library(concat!("farreach ", env!("CARGO_PKG_VERSION")))
-                .create(NoSeek::new(shared.clone()))?;
+            let mut mcap = write_options().create(NoSeek::new(shared.clone()))?;
             let mut metadata = start.metadata.clone();
             metadata.insert(key::FORMAT.to_owned(), "1".to_owned());
             metadata

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex};
 use ipc_types::{
     COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, Sample, Severity,
 };
+use recording::mcap_read::Recording;
 use recording::mcap_write::{Output, Start, Writer, key};
 
 pub const OFFSET: i64 = 1_700_000_000_000_000_000;
@@ -37,6 +38,15 @@ pub fn sample(i: u64) -> Sample {
     s.motor_present = 1;
     s.analog_present = 0b11;
     s
+}
+
+pub fn samples(recording: &Recording) -> Vec<Sample> {
+    recording
+        .messages::<Sample>("sample")
+        .unwrap()
+        .filter_map(Result::ok)
+        .map(|r| r.message)
+        .collect()
 }
 
 pub fn command(i: u64) -> MotorCommand {

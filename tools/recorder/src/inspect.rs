@@ -1,13 +1,30 @@
 //! `info` and `verify`.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
+use std::time::{Duration, UNIX_EPOCH};
 
+use anyhow::bail;
+use ipc_types::{ANALOG, AXES};
 use recording::mcap_read::{Check, Recording};
 use recording::mcap_write::key;
 use serde_json::{Value, json};
 
 use crate::{DATA_LOST, DONE};
+
+/// Prints one entry of the metadata: of the recording, or of a protocol that was played.
+pub(crate) fn text(file: &Path, key: &str, out: &mut dyn Write) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    let records = || recording.metadata_records().iter().map(|(_, entries)| entries);
+    let Some(text) = records().find_map(|entries| entries.get(key)) else {
+        let keys: BTreeSet<&str> = records().flatten().map(|(key, _)| key.as_str()).collect();
+        let keys: Vec<&str> = keys.into_iter().collect();
+        bail!("{}: no metadata `{key}`; it has {}", file.display(), keys.join(", "));
+    };
+    write!(out, "{text}{}", if text.ends_with('\n') { "" } else { "\n" })?;
+    Ok(DONE)
+}
 
 /// A number with thousands set apart.
 pub(crate) fn grouped(number: u64) -> String {
@@ -37,26 +54,25 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         recording.blocks(),
         if recording.library().is_empty() { "an unknown program" } else { recording.library() }
     )?;
-    let about: Vec<String> = [key::RIG, key::PROTOCOL, key::PROFILE, key::PART, key::REVISION]
-        .into_iter()
-        .filter_map(|key| recording.metadata(key).map(|value| format!("{key} {value}")))
-        .collect();
-    if !about.is_empty() {
-        writeln!(out, "  {}", about.join(", "))?;
+    if let (Some(origin), Some((_, last))) = (check.origin_ns, check.span_ns()) {
+        let began = humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_nanos(origin));
+        writeln!(out, "  from {began}, {:.3} s", last.saturating_sub(origin) as f64 * 1e-9)?;
     }
+    about(&recording, out)?;
     if check.complete && check.ended_cleanly {
-        writeln!(out, "  ended in good order")?;
+        writeln!(out, "  ended cleanly")?;
     } else {
         losses(&recording, &check, out)?;
     }
-    let origin = check.span_ns().map_or(0, |span| span.0);
     writeln!(
         out,
         "  {:<18} {:>8} {:>14} {:>10} {:>10}",
         "topic", "count", "rate Hz", "first s", "last s"
     )?;
+    let origin = check.origin_ns.unwrap_or(0);
     for topic in check.topics.iter().filter(|topic| topic.count > 0) {
-        let seconds = |time: u64| (time - origin) as f64 * 1e-9;
+        // negative for events before the recording
+        let seconds = |time: u64| (time as i128 - i128::from(origin)) as f64 * 1e-9;
         let rate = topic.rate_hz().map_or_else(|| "-".to_owned(), |rate| format!("{rate:.1}"));
         writeln!(
             out,
@@ -69,6 +85,39 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         )?;
     }
     Ok(DONE)
+}
+
+/// What the recording says about itself.
+fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
+    let line = |out: &mut dyn Write, entries: Vec<String>| match entries.is_empty() {
+        true => Ok(()),
+        false => writeln!(out, "  {}", entries.join(", ")),
+    };
+    let keys = [
+        key::RIG,
+        key::RIG_NAME,
+        key::SUBJECT,
+        key::PROTOCOL,
+        key::PROFILE,
+        key::HOST_STALL,
+        key::PART,
+        key::REVISION,
+    ];
+    let entry = |key: &str| Some(format!("{} {}", key.replace('_', " "), recording.metadata(key)?));
+    line(out, keys.into_iter().filter_map(entry).collect())?;
+    for run in recording.runs() {
+        let of = |key: &str| run.get(key).map(String::as_str);
+        let subject = of(key::SUBJECT).map(|subject| format!("subject {subject}"));
+        let protocol = of(key::PROTOCOL).map(|protocol| format!("run {protocol}"));
+        line(out, protocol.into_iter().chain(subject).collect())?;
+    }
+    let signal = |kind: &str, index: usize| {
+        let name = recording.metadata(&format!("{kind}.{index}.name"))?;
+        let unit = recording.metadata(&format!("{kind}.{index}.unit"))?;
+        Some(format!("{kind} {index} {name} ({unit})"))
+    };
+    let axes = (0..AXES).filter_map(|index| signal("axis", index));
+    line(out, axes.chain((0..ANALOG).filter_map(|index| signal("analog", index))).collect())
 }
 
 pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
@@ -85,8 +134,9 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
     } else {
         writeln!(
             out,
-            "{}: nothing lost: {} messages, {} topics with data, every checksum right",
+            "{}: {}nothing lost: {} messages, {} topics with data, every checksum right",
             file.display(),
+            if recording.tail().being_written { "still being written; so far " } else { "" },
             grouped(check.messages()),
             check.topics.iter().filter(|topic| topic.count > 0).count()
         )?;
@@ -94,10 +144,14 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
     for topic in &check.topics {
         let mut faults = Vec::new();
         if topic.gaps > 0 {
+            let before = match topic.gaps_before {
+                0 => String::new(),
+                gaps => format!(", {} of them since the part before", grouped(gaps)),
+            };
             faults.push(format!(
-                "{} missing in {} places",
+                "{} missing {}{before}",
                 grouped(topic.gaps),
-                grouped(topic.gap_places)
+                places(topic.gap_places)
             ));
         }
         if topic.dropped > 0 {
@@ -127,7 +181,7 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
         let missing = match (ticks.missing, ticks.holes) {
             (0, _) => "none missing".to_owned(),
             (missing, holes) => {
-                format!("{} missing in {} places", grouped(missing), grouped(holes))
+                format!("{} missing {}", grouped(missing), places(holes))
             }
         };
         let backwards = match ticks.backwards {
@@ -139,14 +193,22 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
     Ok(if lost { DATA_LOST } else { DONE })
 }
 
+fn places(number: u64) -> String {
+    format!("in {} place{}", grouped(number), if number == 1 { "" } else { "s" })
+}
+
 fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io::Result<()> {
     let tail = recording.tail();
     if !tail.complete {
-        writeln!(out, "  {} ({} bytes unreadable)", tail.reason, grouped(tail.lost))?;
+        let lost = match (tail.being_written, tail.lost) {
+            (true, _) => String::new(),
+            (false, lost) => format!(" ({} bytes unreadable)", grouped(lost)),
+        };
+        writeln!(out, "  {}{lost}", tail.reason)?;
     } else if !check.ended_cleanly {
         writeln!(
             out,
-            "  the recording was not ended in good order: it was cut off and mended, or its logger failed"
+            "  the recording did not end cleanly: it was cut off and recovered, or its logger failed"
         )?;
     }
     for damage in &check.damage {
@@ -161,17 +223,27 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         .iter()
         .map(|t| {
             json!({
-                "topic": t.topic, "type": t.schema_name, "count": t.count, "first_ns": t.first_ns, "last_ns": t.last_ns,
-                "rate_hz": t.rate_hz(), "gaps": t.gaps, "gap_places": t.gap_places, "duplicates": t.duplicates,
-                "incarnations": t.incarnations, "dropped": t.dropped, "undecodable": t.undecodable, "problem": t.problem,
+                "topic": t.topic, "type": t.schema_name, "count": t.count,
+                "first_ns": t.first_ns, "last_ns": t.last_ns, "rate_hz": t.rate_hz(), "gaps": t.gaps, "gap_places": t.gap_places,
+                "gaps_before": t.gaps_before, "duplicates": t.duplicates,
+                "incarnations": t.incarnations, "dropped": t.dropped,
+                "undecodable": t.undecodable, "problem": t.problem,
             })
         })
         .collect();
     let damage: Vec<Value> =
         check.damage.iter().map(|d| json!({"offset": d.offset, "what": d.what})).collect();
-    let ticks = check.ticks.map(
-        |t| json!({"first": t.first, "last": t.last, "missing": t.missing, "holes": t.holes, "backwards": t.backwards}),
-    );
+    let ticks = check.ticks.map(|t| {
+        json!({
+            "first": t.first, "last": t.last, "missing": t.missing, "holes": t.holes,
+            "backwards": t.backwards,
+        })
+    });
+    let metadata: Vec<Value> = recording
+        .metadata_records()
+        .iter()
+        .map(|(name, map)| json!({"name": name, "values": map}))
+        .collect();
     json!({
         "file": recording.path().to_string_lossy(),
         "bytes": recording.bytes(),
@@ -184,7 +256,9 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         "damage": damage,
         "ticks": ticks,
         "topics": topics,
-        "metadata": recording.metadata_records().iter().map(|(name, map)| json!({"name": name, "values": map})).collect::<Vec<_>>(),
+        "metadata": metadata,
+        "began_ns": check.origin_ns,
+        "being_written": recording.tail().being_written,
     })
 }
 

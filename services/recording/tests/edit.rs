@@ -1,0 +1,172 @@
+//! Recordings recovered, cut and merged.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use common::{OFFSET, command, sample, samples, start, write_file};
+use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
+use recording::mcap_edit::{EditError, check_related, rewrite};
+use recording::mcap_read::{Recording, Selection};
+use recording::mcap_write::{Position, Start, Writer, key};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
+}
+
+fn log_times(recording: &Recording) -> Vec<u64> {
+    recording.raw(Selection::default()).map(|message| message.unwrap().log_time_ns()).collect()
+}
+
+#[test]
+fn a_damaged_chunk_costs_that_chunk_only_and_recover_keeps_the_rest() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 6000);
+    let mut bytes = fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x55;
+    fs::write(&path, &bytes).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let check = recording.check().unwrap();
+    assert_eq!(check.damage.len(), 1, "{:?}", check.damage);
+    let left = samples(&recording);
+    assert!(left.len() > 4000 && left.len() < 6000, "{}", left.len());
+    let of = check.topics.iter().find(|t| t.topic == "sample").unwrap();
+    assert_eq!((of.count + of.gaps, of.gap_places), (6000, 1));
+    assert_eq!(check.ticks.unwrap().missing, of.gaps);
+    assert!(check.data_lost());
+
+    let out = dir.path().join("recovered.mcap");
+    let report = rewrite(&[&recording], None, None, &BTreeMap::new(), &out).unwrap();
+    assert_eq!(report.damaged_chunks, 1);
+    let recovered = Recording::open(&out).unwrap();
+    assert!(recovered.tail().complete && recovered.check().unwrap().damage.is_empty());
+    assert_eq!(samples(&recovered), left);
+    assert_eq!(recovered.metadata(key::RIG), Some("hydrostatic"));
+    assert!(
+        rewrite(&[&recording], None, None, &BTreeMap::new(), &out).is_err(),
+        "never overwrites"
+    );
+}
+
+#[test]
+fn cut_and_merge_are_inverse() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 4000);
+    let recording = Recording::open(&path).unwrap();
+    let middle = sample(2500).time_ns + OFFSET as u64;
+    let (a, b) = (dir.path().join("a.mcap"), dir.path().join("b.mcap"));
+    let first = rewrite(&[&recording], None, Some(middle), &BTreeMap::new(), &a).unwrap();
+    let second = rewrite(&[&recording], Some(middle), None, &BTreeMap::new(), &b).unwrap();
+    let total = recording.check().unwrap().messages();
+    assert_eq!(first.messages + second.messages, total);
+    let (a, b) = (Recording::open(&a).unwrap(), Recording::open(&b).unwrap());
+    assert_eq!(samples(&a), (0..2500).map(sample).collect::<Vec<_>>());
+    let merged = dir.path().join("merged.mcap");
+    // the order of the arguments must not matter
+    rewrite(&[&b, &a], None, None, &BTreeMap::new(), &merged).unwrap();
+    let merged = Recording::open(&merged).unwrap();
+    assert_eq!(samples(&merged), (0..4000).map(sample).collect::<Vec<_>>());
+    let check = merged.check().unwrap();
+    assert!(!check.data_lost(), "{check:?}");
+    assert_eq!(merged.channels_of("sample").unwrap().len(), 1);
+}
+
+/// A part of a recording in which commands were written before the samples of the same time.
+fn part(path: &Path, start: &Start, ticks: std::ops::Range<u64>, history: &[Event]) {
+    let mut writer = Writer::create(path, start, sample(ticks.start).time_ns).unwrap();
+    for event in history {
+        writer.write_message(&event_topic(Process::Control).unwrap(), event).unwrap();
+    }
+    for i in ticks.clone() {
+        if i % 4 == 0 && i + 8 < ticks.end {
+            writer.write_message(&COMMAND, &command((i + 8) / 4)).unwrap();
+        }
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+        writer.tick(sample(i).time_ns).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+}
+
+#[test]
+fn merged_parts_are_in_the_order_of_time_and_hold_every_message_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let (a, b) = (dir.path().join("a.mcap"), dir.path().join("a.part2.mcap"));
+    let mut event = Event::new(Process::Control, EventKind::ProcessStarted, Severity::Info, "");
+    event.stamp(11, 33, 0, sample(100).time_ns);
+    let mut after = event;
+    after.stamp(11, 33, 1, sample(1010).time_ns);
+    let mut old = event;
+    old.stamp(11, 30, 0, 1_000);
+    part(&a, &start(), 0..1000, &[event]);
+    let continues = [("sample".to_owned(), Position { incarnation: 22, next: 1000 })].into();
+    part(&b, &Start { continues, ..start() }, 1050..2000, &[old, event, after]);
+    let (a, b) = (Recording::open(&a).unwrap(), Recording::open(&b).unwrap());
+    let gaps = |recording: &Recording| {
+        let check = recording.check().unwrap();
+        let of = check.topics.iter().find(|topic| topic.topic == "sample").unwrap();
+        (of.gaps, of.gaps_before, check.data_lost())
+    };
+    assert_eq!((gaps(&a), gaps(&b)), ((0, 0, false), (50, 50, true)));
+    let out = dir.path().join("whole.mcap");
+    let report = rewrite(&[&b, &a], None, None, &BTreeMap::new(), &out).unwrap();
+    assert_eq!(report.repeated, 1);
+    let whole = Recording::open(&out).unwrap();
+    let times = log_times(&whole);
+    assert!(times.is_sorted() && times.len() as u64 == report.messages);
+    assert_eq!(gaps(&whole), (50, 0, true));
+    let check = whole.check().unwrap();
+    assert!(check.topics.iter().all(|topic| topic.duplicates == 0), "{:?}", check.topics);
+    // what happened long before does not shift the beginning
+    assert_eq!(check.origin_ns, Some(sample(0).time_ns + OFFSET as u64));
+}
+
+#[test]
+fn recordings_of_different_rigs_and_sessions_are_not_related() {
+    let dir = tempfile::tempdir().unwrap();
+    let open = |name: &str, start: Start| {
+        let path = dir.path().join(name);
+        part(&path, &start, 0..20, &[]);
+        Recording::open(&path).unwrap()
+    };
+    let of = |rig: &str, session: &str| start().with(key::RIG, rig).with(key::SESSION, session);
+    let one = open("one.mcap", of("hydrostatic", "1"));
+    let part = open("part.mcap", of("hydrostatic", "1"));
+    let later = open("later.mcap", of("hydrostatic", "2"));
+    let other = open("other.mcap", of("emps", "1"));
+    check_related(&[&one, &part]).unwrap();
+    for (second, what) in [(&later, "session"), (&other, "rig")] {
+        let error = check_related(&[&one, &part, second]).unwrap_err();
+        assert!(matches!(&error, EditError::Unrelated { what: found, .. } if *found == what));
+        let text = error.to_string();
+        let name = second.path().file_name().unwrap().to_str().unwrap();
+        assert!(text.contains("one.mcap") && text.contains(name), "{text}");
+    }
+}
+
+/// Two parts that version 0.1.0 wrote, round a logger that was killed.
+#[test]
+fn recordings_of_version_0_1_0_are_read_and_merged() {
+    let parts =
+        ["v0.1.0.mcap", "v0.1.0.part2.mcap"].map(|name| Recording::open(&fixture(name)).unwrap());
+    let [first, second] = &parts;
+    assert_eq!(first.metadata("subject"), Some("S07"));
+    assert!(first.metadata(key::RIG_FILE).unwrap().contains("name = \"hydrostatic\""));
+    assert!(!first.tail().complete && second.ended_cleanly());
+    check_related(&[first, second]).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("whole.mcap");
+    rewrite(&[first, second], None, None, &BTreeMap::new(), &out).unwrap();
+    let whole = Recording::open(&out).unwrap();
+    assert!(log_times(&whole).is_sorted());
+    assert_eq!(samples(&whole).len(), samples(first).len() + samples(second).len());
+    let check = whole.check().unwrap();
+    assert!(check.data_lost() && check.ticks.unwrap().missing > 0);
+    // the second part begins with events from minutes before
+    assert!(check.origin_ns.unwrap() > check.span_ns().unwrap().0);
+}

@@ -1,0 +1,48 @@
+//! The output of a command.
+
+use std::io::{self, Write};
+
+/// Discards what is written once the reader has closed the pipe (`farreach rec verify FILE | head
+/// -1`), so that a command comes to its end and its exit code does not depend on the reader.
+pub(crate) struct Output<'a> {
+    inner: &'a mut dyn Write,
+    closed: bool,
+}
+
+impl<'a> Output<'a> {
+    pub(crate) fn new(inner: &'a mut dyn Write) -> Self {
+        Self { inner, closed: false }
+    }
+
+    /// Whether the reader is gone.
+    pub(crate) fn closed(&self) -> bool {
+        self.closed
+    }
+
+    fn unless_closed<T>(
+        &mut self,
+        done: T,
+        write: impl FnOnce(&mut dyn Write) -> io::Result<T>,
+    ) -> io::Result<T> {
+        if self.closed {
+            return Ok(done);
+        }
+        match write(self.inner) {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                self.closed = true;
+                Ok(done)
+            }
+            result => result,
+        }
+    }
+}
+
+impl Write for Output<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.unless_closed(bytes.len(), |inner| inner.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.unless_closed((), |inner| inner.flush())
+    }
+}
