@@ -6,7 +6,7 @@ use crate::encoder::Encoder;
 use crate::limits::Limits;
 use crate::parameter::Parameter;
 use crate::rates::Rates;
-use crate::read::Section;
+use crate::read::{Keys, Section};
 use crate::torque_channel::TorqueChannel;
 
 /// One degree of freedom: a motor with the master encoder, and the handle that it moves.
@@ -30,8 +30,20 @@ pub struct Axis {
     pub model: Vec<Parameter>,
 }
 
+const KEYS: Keys = &[
+    ("name", "Name on screens."),
+    ("unit", "Unit of its positions: rotary (rad; the file has degrees) or linear (m)."),
+    ("master", "Encoder at the motor; required."),
+    ("slave", "Encoder at the handle, if there is one."),
+    ("torque", "Sensor of the hand's torque, if there is one."),
+    ("limits", "Limits that the watchdog enforces; required."),
+    ("control", "Gains of the control law."),
+    ("model", "Parameters of this axis that differ from [model.parameters]."),
+];
+
 impl Axis {
     pub(crate) fn read(section: Section<'_>, rates: &Rates) -> Self {
+        section.document("[[axes]]", KEYS);
         let name = section.text("name");
         let words = &[("rad", AxisUnit::Radian), ("m", AxisUnit::Metre)];
         let keys = AxisKeys::new(section.word("unit", words).unwrap_or(AxisUnit::Radian));

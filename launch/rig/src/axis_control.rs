@@ -6,7 +6,7 @@ use crate::encoder::Encoder;
 use crate::force::ForceControl;
 use crate::limits::{Limits, VOLTS};
 use crate::rates::Rates;
-use crate::read::{Section, bounds};
+use crate::read::{Keys, Section, bounds};
 use crate::torque_channel::TorqueChannel;
 
 /// Gains and limits of the control law (§ 4.1).
@@ -43,6 +43,23 @@ pub struct Feedforward {
     pub inertia_v: f64,
 }
 
+const KEYS: Keys = &[
+    ("p_v_per_count", "Position gain P of § 4.1; required on an axis in m."),
+    ("d_v_s_per_count", "Velocity gain D of § 4.1; required on an axis in m."),
+    (
+        "velocity_filter_hz",
+        "Cut-off of the low pass of the velocity estimate; at most half the control rate.",
+    ),
+    ("output_limit_v", "The output stays within ± this; `limits.volts_max`, if left out."),
+    ("feedforward", "Printed feed-forward (fig. 4.3A)."),
+    ("ramp_s", "Time in which the reference moves from the measured position to the setpoint."),
+    ("accept_unstable", "Accept gains that the declared transmission would not keep stable."),
+    ("force", "Gains of force control; needs a torque channel."),
+    ("compensation", "Friction compensation."),
+    ("observer", "Disturbance observer; off, if left out."),
+    ("slave", "Loop on the slave's position; off, if left out."),
+];
+
 impl AxisControl {
     pub(crate) fn read(
         section: Section<'_>,
@@ -52,6 +69,7 @@ impl AxisControl {
         limits: &Limits,
         rates: &Rates,
     ) -> Self {
+        section.document("[axes.control]", KEYS);
         let travel = limits.position_max - limits.position_min;
         let gain = |key, printed| {
             let bounds = bounds(0.0, 1.0, "volts per count: § 4.1 has P = 4.5e-3 and D = 7e-4");
@@ -101,8 +119,15 @@ impl AxisControl {
     }
 }
 
+const FEEDFORWARD_KEYS: Keys = &[
+    ("friction_peak_v", "Friction compensation at the turning points of the movement."),
+    ("friction_floor_v", "Friction compensation at peak speed; at most friction_peak_v."),
+    ("inertia_v_per_{rad,m}_s2", "Volts per acceleration: inertia divided by torque per volt."),
+];
+
 impl Feedforward {
     fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+        section.document("[axes.control.feedforward]", FEEDFORWARD_KEYS);
         let inertia = keys.key(&section, |names| names.inertia);
         let (peak, floor) = match keys.unit {
             AxisUnit::Radian => (1.5, 1.2),

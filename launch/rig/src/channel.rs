@@ -2,18 +2,18 @@
 
 use ipc_types::ANALOG;
 
-use crate::read::{Section, Source, bounds};
+use crate::read::{Keys, Section, Source, bounds};
 
 /// One analog input of the card.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
-    /// Input of the card, from 0; also the index in `Sample::analog_v`.
+    /// Input of the card, from 0, and index in `Sample::analog_v`.
     pub index: usize,
     /// Name on screens and in exports.
     pub name: String,
-    /// What it measures.
+    /// Kind of the measured quantity.
     pub kind: ChannelKind,
-    /// Unit of what the sensor measures, for labels (`V`, `mV`, `N·m`).
+    /// Unit of the measured quantity, for labels (`V`, `mV`, `N·m`).
     pub unit: String,
     /// The input's range is ± this (V).
     pub range_v: f64,
@@ -24,9 +24,9 @@ pub struct Channel {
 pub enum ChannelKind {
     /// Torque or force at the handle.
     Torque,
-    /// A muscle's activity.
+    /// Electromyogram.
     Emg,
-    /// Pulses of the scanner.
+    /// Volume pulses of the MRI scanner.
     Trigger,
     /// Anything else.
     Other,
@@ -41,8 +41,17 @@ impl ChannelKind {
     ];
 }
 
+const KEYS: Keys = &[
+    ("index", "Input of the card, from 0."),
+    ("name", "Name on screens and in exports."),
+    ("kind", "What the input measures."),
+    ("unit", "Unit of the measured quantity, for labels; V, if left out."),
+    ("range_v", "The input's range is ± this."),
+];
+
 impl Channel {
     pub(crate) fn read(section: Section<'_>) -> Self {
+        section.document("[[channels]]", KEYS);
         let channel = Self {
             index: section.whole(
                 "index",
@@ -63,7 +72,7 @@ impl Channel {
         channel
     }
 
-    /// No input and no name twice.
+    /// Checks that inputs and names are unique.
     pub(crate) fn check_all(channels: &[Self], source: &Source<'_>) {
         for (at, channel) in channels.iter().enumerate() {
             for (before, other) in channels[..at].iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use crate::axis_unit::AxisUnit;
 use crate::encoder::Encoder;
-use crate::read::{Bounds, Section, bounds};
+use crate::read::{Bounds, Keys, Section, bounds};
 
 /// The feed-forward that the position law adds to its feedback.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -83,8 +83,18 @@ impl Default for SlaveLoop {
 
 const SHARE: Bounds = bounds(0.0, 1.0, "a share from 0 (none) to 1 (all)");
 
+const COMPENSATION_KEYS: Keys = &[
+    ("kind", "The feed-forward; `identified` needs a transmission as the declared model."),
+    ("share", "Share of the model's friction that is compensated."),
+    (
+        "reversal_{deg,m}_s",
+        "Speed within which the compensation of the motor's friction changes sign.",
+    ),
+];
+
 impl Compensation {
     pub(crate) fn read(section: &Section<'_>, unit: AxisUnit) -> Self {
+        section.document("[axes.control.compensation]", COMPENSATION_KEYS);
         let words = &[
             ("printed", CompensationKind::Printed),
             ("identified", CompensationKind::Identified),
@@ -100,15 +110,22 @@ impl Compensation {
             "far below the movement's peak speed, above what the encoder resolves",
         );
         Self {
-            kind: section.word_or_none("kind", words).unwrap_or_default(),
+            kind: section.word_or("kind", words, CompensationKind::default()),
             share: section.number_or("share", 1.0, SHARE),
             reversal_speed: section.number_or(key, speed, speeds) * unit.si_per_file_unit(),
         }
     }
 }
 
+const OBSERVER_KEYS: Keys = &[
+    ("cutoff_hz", "Cut-off of the observer's filter."),
+    ("share", "Share of the estimated disturbance that is compensated."),
+    ("limit_v", "The observer's contribution stays within ± this."),
+];
+
 impl Observer {
     pub(crate) fn read(section: &Section<'_>) -> Self {
+        section.document("[axes.control.observer]", OBSERVER_KEYS);
         let own = Self::default();
         let cutoff = bounds(0.1, 20.0, "below the line's resonance, in Hz");
         Self {
@@ -123,9 +140,19 @@ impl Observer {
     }
 }
 
+const SLAVE_KEYS: Keys = &[
+    ("limit_{deg,m}", "Largest offset of the master's reference; at most half the range."),
+    ("windup_share", "Share of the modelled windup of the line that is added to the reference."),
+    ("proportional_gain", "Reference offset per slave error."),
+    ("integral_gain_per_s", "Reference offset per slave error and time."),
+    ("filter_hz", "Cut-off of the low pass on the slave's error."),
+    ("lead_s", "Time by which the windup and ratio compensation leads the reference."),
+];
+
 impl SlaveLoop {
     /// `travel` is the width of the axis's position range (rad or m).
     pub(crate) fn read(section: &Section<'_>, unit: AxisUnit, travel: f64) -> Self {
+        section.document("[axes.control.slave]", SLAVE_KEYS);
         let (key, limit) = match unit {
             AxisUnit::Radian => ("limit_deg", 20.0),
             AxisUnit::Metre => ("limit_m", 0.02),
@@ -170,8 +197,8 @@ pub struct ControlOptions {
 }
 
 impl ControlOptions {
-    /// Reads the subsections of `control`; `slave` is the slave's encoder, `travel` the width of the
-    /// axis's position range (rad or m).
+    /// Reads the subsections of `control`; `slave` is the slave's encoder, `travel` the width of
+    /// the axis's position range (rad or m).
     pub(crate) fn read(
         control: &Section<'_>,
         unit: AxisUnit,

@@ -3,7 +3,7 @@
 use plant::ParameterError;
 use plant::effects::{Effect, EffectError, LIST, Site, make};
 
-use crate::read::{Section, bounds};
+use crate::read::{Keys, Section, bounds};
 
 /// An effect that measured records showed, with its parameters; those not named keep their
 /// defaults.
@@ -35,6 +35,15 @@ pub enum ModelEffectError {
     Parameter(#[from] ParameterError),
 }
 
+const KEYS: Keys = &[
+    ("id", "Name of the effect."),
+    ("site", "Where it acts."),
+    (
+        "parameters",
+        "Values by name, in the effect's own units; those left out keep their defaults.",
+    ),
+];
+
 impl ModelEffect {
     /// Makes the effect, for a plant.
     ///
@@ -55,6 +64,7 @@ impl ModelEffect {
 
     /// Reads one entry; `None` where it is wrong, which is reported.
     fn read(section: Section<'_>) -> Option<Self> {
+        section.document("[[model.effects]]", KEYS);
         let ids: Vec<(&str, &'static str)> =
             LIST.iter().map(|entry| (entry.id, entry.id)).collect();
         let sites = Site::ALL.map(|site| (site.name(), site));

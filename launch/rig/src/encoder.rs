@@ -1,7 +1,7 @@
 //! Incremental encoders.
 
 use crate::axis_unit::{AxisKeys, AxisUnit};
-use crate::read::{Bounds, Section, bounds};
+use crate::read::{Bounds, Keys, Section, bounds};
 
 /// An incremental encoder.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,9 +35,20 @@ const COUNTS_PER_TURN: Bounds =
 const GEAR: Bounds = bounds(0.05, 50.0, "turns of the motor per turn of the handle");
 const COUNTS_PER_METRE: Bounds = bounds(1e3, 1e10, "counts of one metre; 5e-8 m per count are 2e7");
 
+const KEYS: Keys = &[
+    ("counts_per_turn", "Counts per turn of the encoder, all four edges of each line."),
+    ("counts_per_metre", "Counts per metre, on an axis in m."),
+    ("inverted", "Whether the count falls when the axis moves in its positive direction."),
+    (
+        "turns_per_handle_turn",
+        "Turns of the motor per turn of the handle; master of a rotary axis only.",
+    ),
+];
+
 impl Encoder {
     /// Reads `master` or `slave`; only a `geared` encoder accepts `turns_per_handle_turn`.
     pub(crate) fn read(section: Section<'_>, keys: &AxisKeys, geared: bool) -> Self {
+        section.document("[axes.master] and [axes.slave]", KEYS);
         let key = keys.key(&section, |names| names.counts);
         let counts = section.number(key, keys.choose(COUNTS_PER_TURN, COUNTS_PER_METRE));
         let inverted = section.flag_or("inverted", false);

@@ -1,22 +1,21 @@
-//! Gains of force control (§ 4.2), as the rig file gives them.
+//! Gains of force control (§ 4.2).
 
 use crate::encoder::Encoder;
-use crate::read::{Section, bounds};
+use crate::read::{Keys, Section, bounds};
 use crate::torque_channel::TorqueChannel;
 
-/// Period to which the printed forgetting factor belongs (s): 500 Hz.
+/// Control period of the printed forgetting factor (s): 500 Hz.
 const PRINTED_PERIOD_S: f64 = 2e-3;
 
-/// Cut-off of the low pass behind the second difference of the handle's encoder, from which an
-/// inertia field is computed (Hz). The velocity, whose own low pass is the axis's
-/// `velocity_filter_hz`, comes before: one count of 4,000 a turn, at 500 Hz, is then some 20
-/// rad/s².
+/// Cut-off of the low pass on the handle's acceleration, from which an inertia field is computed
+/// (Hz). It follows the low pass of the velocity (`velocity_filter_hz`); one count of 4,000 per
+/// turn at 500 Hz is then about 20 rad/s².
 pub const ACCELERATION_HZ: f64 = 10.0;
 
 /// Gains of force control (§ 4.2, eq. 4.2.1-4.2.3), in SI and for speeds of the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceControl {
-    /// Magnitude of the torque cell's sensitivity: `v_s` per torque (V/(N·m) or V/N).
+    /// Magnitude of the torque cell's sensitivity (V/(N·m) or V/N).
     pub volts_per_torque: f64,
     /// `P₁` (V/V).
     pub torque_gain: f64,
@@ -34,31 +33,43 @@ pub struct ForceControl {
     pub torque_threshold_v: f64,
     /// Stiffness of the soft stops before both ends (N·m/rad or N/m).
     pub end_stop_stiffness: f64,
-    /// How far before the ends they begin (rad or m).
+    /// Distance from the ends at which they begin (rad or m).
     pub end_stop_way: f64,
 }
 
+const KEYS: Keys = &[
+    ("p1", "Proportional gain P1 of eq. 4.2.2."),
+    ("forgetting", "Forgetting factor beta of eq. 4.2.1, at 500 Hz."),
+    ("offset_slow_v", "Friction offset of eq. 4.2.3 below the threshold speed."),
+    ("offset_fast_v", "Friction offset of eq. 4.2.3 at the threshold speed."),
+    ("threshold_counts_per_s", "Threshold speed C of eq. 4.2.3, in counts/s of the master."),
+    ("p2_v_s_per_count", "Slope P2 of eq. 4.2.3, in V·s/count."),
+    ("torque_threshold_v", "Torque signal below which the offset grows in proportion."),
+    ("end_stop_stiffness", "Stiffness of the soft stops, in N·m/rad (N/m on an axis in m)."),
+];
+
 impl ForceControl {
-    /// Share of the new value in the output after `elapsed_s`, eq. 4.2.1.
+    /// Weight of the new value in the output after `elapsed_s`, eq. 4.2.1.
     pub fn share(&self, elapsed_s: f64) -> f64 {
         1.0 - (1.0 - self.forgetting).powf(elapsed_s / PRINTED_PERIOD_S)
     }
 
-    /// What the output gains per torque of hand and field, the offset left out: `P₁` times the
+    /// Gain from the torque of hand and field to the output, without the offset: `P₁` times the
     /// cell's sensitivity (V/(N·m) or V/N).
     pub fn volts_per_hand_torque(&self) -> f64 {
         self.torque_gain * self.volts_per_torque
     }
 
-    /// The section `control.force` of an axis with a torque cell; `way` is the width of the axis's
+    /// Reads `control.force` of an axis with a torque cell; `travel` is the width of the axis's
     /// range (rad or m), `per_file_unit` the SI value of a degree (or of a metre).
     pub(crate) fn read(
         section: &Section<'_>,
         master: &Encoder,
         torque: &TorqueChannel,
-        way: f64,
+        travel: f64,
         per_file_unit: f64,
     ) -> Self {
+        section.document("[axes.control.force]", KEYS);
         let volts =
             |key, printed, advice| section.number_or(key, printed, bounds(0.0, 5.0, advice));
         let slow = volts("offset_slow_v", 1.5, "eq. 4.2.3 has 1.5 V below the threshold speed");
@@ -66,8 +77,7 @@ impl ForceControl {
         let counts = master.counts_per_unit;
         let threshold = bounds(0.0, 1e9, "C of eq. 4.2.3, in counts/s");
         let slope = bounds(0.0, 1.0, "P2 of eq. 4.2.3, in V·s/count");
-        // A wide axis has room for 10 degrees (of a slide: 0.1 m) at each end, a narrow one for a
-        // twentieth of its way.
+        // 10 degrees (0.1 m on an axis in m) before each end, at most a twentieth of the range.
         let stop = if per_file_unit < 1.0 { 10.0 * per_file_unit } else { 0.1 };
         Self {
             volts_per_torque: torque.volts_per_unit.abs(),
@@ -89,14 +99,14 @@ impl ForceControl {
             torque_threshold_v: section.number_or(
                 "torque_threshold_v",
                 0.02,
-                bounds(1e-3, 5.0, "some times the noise of the torque channel, in V"),
+                bounds(1e-3, 5.0, "several times the noise of the torque channel, in V"),
             ),
             end_stop_stiffness: section.number_or(
                 "end_stop_stiffness",
                 10.0,
                 bounds(0.0, 1e5, "N·m/rad, or N/m on an axis in m"),
             ),
-            end_stop_way: stop.min(0.05 * way),
+            end_stop_way: stop.min(0.05 * travel),
         }
     }
 }

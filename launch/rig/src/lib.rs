@@ -42,6 +42,9 @@ mod simulation;
 mod siso_parameters;
 mod torque_channel;
 
+#[cfg(test)]
+mod pages;
+
 pub use axis::Axis;
 pub use axis_control::{AxisControl, Feedforward};
 pub use axis_unit::AxisUnit;

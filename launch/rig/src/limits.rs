@@ -1,7 +1,7 @@
 //! Limits that the watchdog and the gate enforce.
 
 use crate::axis_unit::AxisKeys;
-use crate::read::{Bounds, Section, bounds};
+use crate::read::{Bounds, Keys, Section, bounds};
 
 /// Limits of an axis, enforced by the watchdog and the gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,8 +35,19 @@ const TORQUE: Bounds =
     bounds(0.1, 20.0, "the value is in N·m; a hand at the handle stays below 20 N·m");
 const FORCE: Bounds = bounds(0.1, 5000.0, "the value is in N");
 
+const KEYS: Keys = &[
+    ("position_min_{deg,m}", "Lowest position of master and slave."),
+    ("position_max_{deg,m}", "Highest position of master and slave."),
+    ("speed_max_{deg,m}_s", "Highest speed in either direction."),
+    ("volts_max", "Largest magnitude of the motor voltage."),
+    ("torque_max_nm", "Largest magnitude of the hand's torque; required with a torque channel."),
+    ("force_max_n", "Largest magnitude of the hand's force, on an axis in m."),
+    ("encoder_jump_counts", "Largest plausible change of an encoder's count between two scans."),
+];
+
 impl Limits {
     pub(crate) fn read(section: Section<'_>, keys: &AxisKeys, torque: bool) -> Self {
+        section.document("[axes.limits]", KEYS);
         let (position, speed) =
             (keys.choose(POSITION_DEG, POSITION_M), keys.choose(SPEED_DEG, SPEED_M));
         let scale = keys.unit.si_per_file_unit();

@@ -5,7 +5,7 @@ use plant::{ParameterInfo, ParameterSet, any, drive};
 use crate::effect::ModelEffect;
 use crate::error::RigError;
 use crate::parameter::Parameter;
-use crate::read::{Section, bounds};
+use crate::read::{Keys, Section, bounds};
 
 /// The model of the rig that the laboratory declares.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,6 +83,13 @@ fn is_motor_parameter(kind: ModelKind, name: &str) -> bool {
     kind == ModelKind::Drive && [FORCE_PER_VOLT.name, MOTOR_TURN.name].contains(&name)
 }
 
+const KEYS: Keys = &[
+    ("kind", "Which equations the model has."),
+    ("parameters", "Declared parameters; those left out have their printed values."),
+    ("effects", "Effects beyond the model's equations."),
+    ("handle_coupling_kg_m2", "Products of inertia of a shared handle, one per pair of axes."),
+];
+
 impl Model {
     /// The declared parameter of that name.
     pub fn parameter(&self, name: &str) -> Option<&Parameter> {
@@ -154,6 +161,7 @@ impl Model {
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
+        section.document("[model]", KEYS);
         let kinds: Vec<_> = ModelKind::all().map(|kind| (kind.name(), kind)).collect();
         let assumed = ModelKind::Transmission(any::Kind::Hydrostatic);
         let kind = section.word("kind", &kinds).unwrap_or(assumed);

@@ -1,6 +1,6 @@
 //! Declared parameters: value, tolerance, source.
 
-use crate::read::{NumberOrSection, Section, bounds};
+use crate::read::{Keys, NumberOrSection, Section, bounds};
 
 /// A declared parameter of a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +42,16 @@ impl ParameterSource {
 /// Tolerance of a parameter that declares none (fraction of the value).
 const TOLERANCE: f64 = 0.25;
 
+const KEYS: Keys = &[
+    ("value", "Nominal value, in the parameter's unit (SI)."),
+    ("tolerance", "Tolerance as a fraction of the value."),
+    (
+        "tolerance_absolute",
+        "Tolerance in the parameter's unit; instead of `tolerance`, for values near 0.",
+    ),
+    ("source", "Where the value comes from."),
+];
+
 impl Parameter {
     /// Half-width of the interval in which the value is believed to lie (SI).
     pub fn spread(&self) -> f64 {
@@ -64,6 +74,7 @@ impl Parameter {
                 source: ParameterSource::Assumed,
             },
             NumberOrSection::Section(section) => {
+                section.document("[model.parameters] and [axes.model], each entry", KEYS);
                 let fraction =
                     bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
                 let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
@@ -72,9 +83,11 @@ impl Parameter {
                     value: section.number("value", value),
                     tolerance: section.number_or("tolerance", TOLERANCE, fraction),
                     tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
-                    source: section
-                        .word_or_none("source", ParameterSource::WORDS)
-                        .unwrap_or(ParameterSource::Assumed),
+                    source: section.word_or(
+                        "source",
+                        ParameterSource::WORDS,
+                        ParameterSource::Assumed,
+                    ),
                 };
                 if section.has("tolerance") && section.has("tolerance_absolute") {
                     let advice = "keep the fraction, or the absolute one for a value near 0";

@@ -34,6 +34,8 @@ use std::path::Path;
 pub use coupled_axes::Companion;
 pub use field::Field;
 pub use matrix::{MATRIX_AXES, Matrix};
+#[cfg(test)]
+pub(crate) use movement::WORDS;
 pub use movement::{
     Centre, Chirp, CsvTrajectory, Free, GuidedSine, Hold, IDENTIFYING_CYCLES, Initialise, Learn,
     LearnLaw, Movement, Multisine, Ramp, Rest, Rhythm, Steps,
@@ -70,6 +72,11 @@ pub struct Protocol {
     file_name: String,
     identity: u64,
 }
+
+const FILE_KEYS: Keys = &[
+    ("protocol", "Name and description."),
+    ("segments", "The segments, in the order of playing; at least one."),
+];
 
 const KEYS: Keys = &[
     ("name", "Name of the protocol."),
@@ -118,9 +125,10 @@ impl Protocol {
         Ok(protocol)
     }
 
-    fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
+    pub(crate) fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
+        root.document("The file", FILE_KEYS);
         let head = root.section("protocol");
-        head.document("protocol", KEYS);
+        head.document("[protocol]", KEYS);
         let name = head.text("name");
         let description = head.text_or_none("description").unwrap_or_default();
         let repeat =

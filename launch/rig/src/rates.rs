@@ -1,13 +1,13 @@
 //! Rates of the periodic processes and their phases within each period.
 
-use crate::read::{Section, Source};
+use crate::read::{Keys, Section, Source};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Two loops closer than this run into each other: a loop takes that long at least (ns).
+/// Least distance of two loops' phases; the shortest loop takes that long (ns).
 const PHASE_GAP_NS: u64 = 20_000;
 
-/// How often each process runs. Each rate divides 1e9, and of any two the slower divides the
+/// Rates of the periodic processes. Each rate divides 1e9, and of any two the slower divides the
 /// faster, so that `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common
 /// origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +21,13 @@ pub struct Rates {
     /// Setpoints (Hz).
     pub experiment_hz: u32,
 }
+
+const RATE_KEYS: Keys = &[
+    ("acquisition_hz", "Scans of the card, and the gate."),
+    ("control_hz", "The control law."),
+    ("watchdog_hz", "The interlocks and the enable line."),
+    ("experiment_hz", "Setpoints."),
+];
 
 impl Rates {
     /// Period of acquisition and of the simulated card (ns).
@@ -44,6 +51,7 @@ impl Rates {
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
+        section.document("[rates]", RATE_KEYS);
         let rate = |key, default, least, most, advice| {
             section.whole_or(key, default, least, most, advice) as u32
         };
@@ -61,7 +69,7 @@ impl Rates {
                 1000,
                 100,
                 5_000,
-                "1000 Hz toggles the enable line in time",
+                "at 1000 Hz the enable line toggles in time",
             ),
             experiment_hz: rate("experiment_hz", 500, 50, 2_000, "the rate of control is enough"),
         };
@@ -78,9 +86,9 @@ impl Rates {
         ]
     }
 
-    /// Of any two rates, the slower divides the faster. One pair is enough to name: the rest mostly
-    /// follows from it.
-    fn check_that_they_divide(&self, source: &Source<'_>) {
+    /// Whether of any two rates the slower divides the faster; reports the first pair only, as the
+    /// others mostly follow from it.
+    fn check_division(&self, source: &Source<'_>) {
         let named = self.named();
         for (index, (key_a, a)) in named.iter().enumerate() {
             for (key_b, b) in &named[index + 1..] {
@@ -109,7 +117,7 @@ impl Rates {
         if !source.is_clean() {
             return;
         }
-        self.check_that_they_divide(source);
+        self.check_division(source);
         if self.control_hz > self.acquisition_hz {
             let expected = format!("at most rates.acquisition_hz ({} Hz)", self.acquisition_hz);
             source.problem(
@@ -127,7 +135,7 @@ impl Rates {
     }
 }
 
-/// The rates on either side of `wrong` that divide `rate` and 1e9 (Hz).
+/// The nearest rates to `wrong` on either side that divide `rate` and 1e9 (Hz).
 fn divisors_near(rate: u32, wrong: u32) -> String {
     let fits = |hz: &u32| rate.is_multiple_of(*hz) && SECOND_NS.is_multiple_of(u64::from(*hz));
     let below = (1..wrong).rev().find(fits);
@@ -136,7 +144,7 @@ fn divisors_near(rate: u32, wrong: u32) -> String {
     near.join(" or ")
 }
 
-/// When within its own period each process runs (ns).
+/// Phase of each process within its own period (ns).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Phases {
     /// The simulated card (ns).
@@ -151,8 +159,17 @@ pub struct Phases {
     pub experiment_ns: u64,
 }
 
+const PHASE_KEYS: Keys = &[
+    ("simulator", "Start of the simulated card within its period, in µs."),
+    ("acquisition", "Start of acquisition, in µs."),
+    ("control", "Start of control, in µs."),
+    ("watchdog", "Start of the watchdog, in µs."),
+    ("experiment", "Start of the experiment process, in µs."),
+];
+
 impl Phases {
     pub(crate) fn read(section: Section<'_>) -> Self {
+        section.document("[phases_us]", PHASE_KEYS);
         let phase = |key, default| {
             section.whole_or(key, default, 0, 20_000, "whole µs, within the loop's own period")
                 * 1000
@@ -168,9 +185,9 @@ impl Phases {
         phases
     }
 
-    /// Each phase lies within its loop's period; simulator, acquisition, control stand in the order
-    /// in which data flow; and no two loops begin within 20 µs of each other. For the last, phases
-    /// are taken modulo the shortest period and round its end: in some period the loops meet there.
+    /// Each phase lies within its loop's period; simulator, acquisition and control follow in the
+    /// order of the data flow; and no two loops begin within 20 µs of each other, with phases taken
+    /// modulo the shortest period, as the loops coincide there in some period.
     pub(crate) fn check(&self, rates: &Rates, source: &Source<'_>) {
         let loops = [
             ("phases_us.simulator", self.simulator_ns, rates.acquisition_period_ns()),
@@ -194,7 +211,7 @@ impl Phases {
             let ((before, earlier, _), (after, later, _)) = (pair[0], pair[1]);
             if later <= earlier {
                 let expected = format!("later than {before} ({} µs)", earlier / 1000);
-                let advice = "data flow from the card over acquisition to control";
+                let advice = "data flow from the card through acquisition to control";
                 source.problem(after, expected, format!("{} µs", later / 1000), advice);
             }
         }

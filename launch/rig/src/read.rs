@@ -24,6 +24,8 @@ pub(crate) struct Source<'a> {
     problems: RefCell<Vec<Problem>>,
     #[cfg(test)]
     pub(crate) documented: RefCell<Vec<Documented>>,
+    #[cfg(test)]
+    pub(crate) tables: RefCell<Vec<(&'static str, Keys)>>,
 }
 
 impl<'a> Source<'a> {
@@ -35,6 +37,8 @@ impl<'a> Source<'a> {
             problems: RefCell::default(),
             #[cfg(test)]
             documented: RefCell::default(),
+            #[cfg(test)]
+            tables: RefCell::default(),
         }
     }
 
@@ -155,7 +159,7 @@ pub(crate) const fn bounds(least: f64, most: f64, advice: &'static str) -> Bound
 pub(crate) type Keys = &'static [(&'static str, &'static str)];
 
 /// Whether `key` is one of the keys that a name in [`Keys`] stands for.
-fn stands_for(name: &str, key: &str) -> bool {
+pub(crate) fn stands_for(name: &str, key: &str) -> bool {
     match name.split_once('{').and_then(|(head, tail)| Some((head, tail.split_once('}')?))) {
         Some((head, (units, tail))) => {
             units.split(',').any(|unit| key == format!("{head}{unit}{tail}"))
@@ -190,6 +194,8 @@ impl<'s> Section<'s> {
     /// Declares the keys of the section. Afterwards only these can be read.
     pub(crate) fn document(&self, section: &'static str, keys: Keys) {
         self.tables.borrow_mut().push((section, keys));
+        #[cfg(test)]
+        self.source.tables.borrow_mut().push((section, keys));
     }
 
     /// Name of the documented section that has the key.
@@ -274,7 +280,7 @@ impl<'s> Section<'s> {
 
     /// A section within this one; empty where it is not in the file.
     pub(crate) fn section(&self, key: &str) -> Section<'s> {
-        self.note(key, "section", "optional");
+        self.note(key, "section", "");
         let value = self.value(key);
         self.section_of(key, value)
     }
@@ -304,6 +310,7 @@ impl<'s> Section<'s> {
 
     /// The sections of a list (`[[key]]`).
     pub(crate) fn sections(&self, key: &str) -> Vec<Section<'s>> {
+        self.note(key, "list of sections", "");
         let Some(value) = self.value(key) else { return Vec::new() };
         let Some(list) = value.get_ref().as_array() else {
             self.problem(

@@ -13,7 +13,7 @@ use crate::error::RigError;
 use crate::identity::identity;
 use crate::model::{Model, ModelKind};
 use crate::rates::{Phases, Rates};
-use crate::read::Section;
+use crate::read::{Keys, Section};
 use crate::simulation::Simulation;
 
 /// A rig as a laboratory declares it.
@@ -42,9 +42,22 @@ pub struct RigFile {
     identity: u64,
 }
 
+const KEYS: Keys = &[
+    ("name", "Name of the rig."),
+    ("description", "Description for people."),
+    ("rates", "Rates of the processes."),
+    ("phases_us", "Phases of the processes."),
+    ("axes", "One to three axes."),
+    ("channels", "Analog inputs, at most 16."),
+    ("model", "The declared model; required."),
+    ("replay", "Column names of measured records."),
+    ("simulation", "Settings of the simulated card."),
+];
+
 impl RigFile {
     /// Reads every section; problems are collected in the section's source.
     pub(crate) fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
+        root.document("The file", KEYS);
         let rates = Rates::read(root.section("rates"));
         let axes: Vec<_> =
             root.sections("axes").into_iter().map(|section| Axis::read(section, &rates)).collect();
@@ -198,8 +211,17 @@ pub struct Replay {
     pub torque: String,
 }
 
+const REPLAY_KEYS: Keys = &[
+    ("time", "Column of the time, in s; `t_s`, if left out."),
+    ("position", "Column of the master's position; `master_rad` or `position_m`."),
+    ("motor_v", "Column of the motor voltage; `motor_v`."),
+    ("slave_position", "Column of the slave's position; `slave_rad` or `slave_m`."),
+    ("torque", "Column of the hand's torque; `slave_torque_nm` or `slave_force_n`."),
+];
+
 impl Replay {
     fn read(section: Section<'_>, unit: AxisUnit) -> Self {
+        section.document("[replay]", REPLAY_KEYS);
         let column =
             |key, default: &str| section.text_or_none(key).unwrap_or_else(|| default.to_owned());
         let (position, slave, torque) = match unit {

@@ -1,14 +1,14 @@
-//! Rig files and protocols that are compiled in, and files asked for by name or by path.
+//! Rig files and protocols that are compiled in, and loading by name or by path.
 
 use std::path::Path;
 
 use crate::protocol::{Protocol, with_overrides};
 use crate::{FileError, RigFile};
 
-/// A file that is compiled in, known by its name without extension.
+/// A file that is compiled in.
 #[derive(Clone, Copy, Debug)]
 pub struct Shipped {
-    /// Its name.
+    /// Its name, without extension.
     pub name: &'static str,
     /// Its text.
     pub text: &'static str,
@@ -16,16 +16,25 @@ pub struct Shipped {
 
 macro_rules! shipped {
     ($folder:literal: $($name:literal),+ $(,)?) => {
-        &[$(Shipped { name: $name, text: include_str!(concat!("../../", $folder, "/", $name, ".toml")) }),+]
+        &[$(Shipped {
+            name: $name,
+            text: include_str!(concat!("../../", $folder, "/", $name, ".toml")),
+        }),+]
     };
 }
 
 /// The rig files of `launch/rigs`.
-pub const RIGS: &[Shipped] = shipped!("rigs": "cable", "element", "emps", "hydrostatic", "hydrostatic-printed", "silverbox", "three-axis", "two-axis");
+pub const RIGS: &[Shipped] = shipped!("rigs":
+    "cable", "element", "emps", "hydrostatic", "hydrostatic-printed", "silverbox", "three-axis",
+    "two-axis",
+);
 /// The protocols of `launch/protocols`.
-pub const PROTOCOLS: &[Shipped] = shipped!("protocols": "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise", "learning", "learning-model-based", "steps", "three-axes");
+pub const PROTOCOLS: &[Shipped] = shipped!("protocols":
+    "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise",
+    "learning", "learning-model-based", "steps", "three-axes",
+);
 
-/// A word without a folder and without an extension names a shipped file.
+/// A word without folder and extension is the name of a shipped file.
 fn is_name(asked: &Path) -> bool {
     asked.components().count() == 1 && asked.extension().is_none()
 }
@@ -49,7 +58,7 @@ fn find(
 /// Reads and checks a rig file: a path, or the name of a shipped one (`hydrostatic`).
 ///
 /// # Errors
-/// [`FileError::NotShipped`], or all that is wrong with the file.
+/// [`FileError::NotShipped`], or every problem in the file.
 pub fn load_rig(asked: &Path) -> Result<RigFile, FileError> {
     match find("rig", RIGS, asked)? {
         Some(shipped) => RigFile::parse(shipped.text, &format!("{}.toml", shipped.name)),
@@ -61,7 +70,7 @@ pub fn load_rig(asked: &Path) -> Result<RigFile, FileError> {
 /// (`guided-1hz`).
 ///
 /// # Errors
-/// [`FileError::NotShipped`], or all that is wrong with the file or the overrides.
+/// [`FileError::NotShipped`], or every problem in the file or the overrides.
 pub fn load_protocol(asked: &Path, overrides: &[String]) -> Result<Protocol, FileError> {
     match find("protocol", PROTOCOLS, asked)? {
         Some(shipped) => {

@@ -1,14 +1,13 @@
-//! What the virtual card adds to the declared model.
+//! Settings of the simulated card beside the declared model.
 
 use plant::sensors::ScannerTrigger;
 
 use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
 use crate::rates::Rates;
-use crate::read::{Section, Source, bounds};
+use crate::read::{Keys, Section, Source, bounds};
 
-/// Defaults for the virtual card: the sensors' noise, the hand at the handle, the seed of all
-/// chance.
+/// Settings of the simulated card: sensor noise, scanner, hard stops, the hand, the random seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Simulation {
     /// Seed of the noise: the same seed gives the same noise.
@@ -28,27 +27,26 @@ pub struct Simulation {
     pub analog_noise_v: f64,
     /// RMS of the simulated EMG of a fully active muscle (V).
     pub emg_rms_v: f64,
-    /// The scanner that pulses on the channels of kind `trigger`; `None` where none runs.
+    /// The scanner that pulses on the channels of kind `trigger`; `None`: no scanner.
     pub scanner: Option<ScannerTrigger>,
-    /// Hard stops that end the handle's travel: below and above (rad or m); `None` where it moves
-    /// without end.
+    /// Lower and upper hard stop of the handle (rad or m); `None`: no stops.
     pub end_stops: Option<(f64, f64)>,
-    /// Who holds the handle.
+    /// The hand at the handle.
     pub hand: Hand,
 }
 
 /// The hand at the slave's handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand {
-    /// Whether there is one.
+    /// What it does.
     pub kind: HandKind,
     /// Inertia (kg·m² or kg).
     pub inertia: f64,
     /// Damping (N·m·s/rad or N·s/m).
     pub damping: f64,
-    /// Stiffness about where the hand wants to be (N·m/rad or N/m).
+    /// Stiffness about the hand's target position (N·m/rad or N/m).
     pub stiffness: f64,
-    /// Amplitude of the movement that a moving hand wants (rad or m).
+    /// Amplitude of a moving hand's target (rad or m).
     pub amplitude: f64,
     /// Its frequency (Hz).
     pub frequency_hz: f64,
@@ -59,25 +57,47 @@ pub struct Hand {
 pub enum HandKind {
     /// Nobody holds the handle.
     Absent,
-    /// A relaxed hand: a spring and a damper (and a mass) that the handle moves.
+    /// A relaxed hand: a mass, a spring and a damper that the handle moves.
     Passive,
-    /// A hand that moves to and fro along a sine: the same spring and damper, about where it wants
-    /// to be.
+    /// A hand whose target follows a sine, with the same spring and damper about it.
     Moving,
 }
 
+const KEYS: Keys = &[
+    ("seed", "Seed of the noise: the same seed gives the same noise."),
+    ("encoder_noise_counts", "Standard deviation of an encoder's reading before it is rounded."),
+    ("torque_noise_v", "Standard deviation of the noise on the torque channel."),
+    ("torque_bandwidth_hz", "Cut-off of the torque cell's low pass."),
+    ("torque_drift_v_per_s", "Steady drift of the torque cell's zero."),
+    ("torque_walk_v_per_sqrt_s", "Random walk of the torque cell's zero."),
+    ("analog_noise_v", "Standard deviation of the noise on every other analog input."),
+    ("emg_rms_v", "RMS of the simulated EMG of a fully active muscle."),
+    ("trigger_repetition_s", "Repetition time of the MRI scanner; 0: no scanner."),
+    ("trigger_pulse_s", "Length of a scanner pulse."),
+    ("trigger_idle_v", "Level between pulses."),
+    ("trigger_pulse_v", "Level during a pulse."),
+    ("end_stop_min_{deg,m}", "Position of the lower hard stop; both stops or none."),
+    ("end_stop_max_{deg,m}", "Position of the upper hard stop."),
+    ("hand", "The simulated hand at the handle."),
+];
+
 impl Simulation {
     pub(crate) fn read(section: Section<'_>, unit: AxisUnit) -> Self {
+        section.document("[simulation]", KEYS);
         let noise =
             |key, default, advice| section.number_or(key, default, bounds(0.0, 1.0, advice));
         let simulation = Self {
             seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
-            encoder_noise_counts: noise("encoder_noise_counts", 0.3, "an encoder's noise is a fraction of a count"),
+            encoder_noise_counts: noise(
+                "encoder_noise_counts",
+                0.3,
+                "an encoder's noise is a fraction of a count",
+            ),
             torque_noise_v: noise("torque_noise_v", 0.002, "in V, standard deviation"),
             torque_bandwidth_hz: section.number_or(
                 "torque_bandwidth_hz",
                 200.0,
-                bounds(0.1, 1e5, "in Hz; an optical cell follows a hand with ease"),
+                bounds(0.1, 1e5, "in Hz; an optical cell is far faster than a hand"),
             ),
             torque_drift_v_per_s: section.number_or(
                 "torque_drift_v_per_s",
@@ -87,7 +107,7 @@ impl Simulation {
             torque_walk_v_per_sqrt_s: section.number_or(
                 "torque_walk_v_per_sqrt_s",
                 0.0,
-                bounds(0.0, 1.0, "in V/√s; a zero that is off by 60 mV (standard deviation) after an hour is 1e-3"),
+                bounds(0.0, 1.0, "in V/√s; 1e-3 is a standard deviation of 60 mV after an hour"),
             ),
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
@@ -99,7 +119,7 @@ impl Simulation {
         simulation
     }
 
-    /// What can only be seen with the other sections at hand.
+    /// Checks the scanner against channels and rates.
     pub(crate) fn check(&self, channels: &[Channel], rates: &Rates, source: &Source<'_>) {
         let Some(scanner) = &self.scanner else { return };
         let key = |name: &str| format!("simulation.{name}");
@@ -146,22 +166,22 @@ impl Simulation {
         }
         if scanner.idle_v == scanner.pulse_v {
             let expected = format!("another level than trigger_idle_v ({} V)", scanner.idle_v);
-            let advice = "nobody sees a pulse that changes nothing";
+            let advice = "a pulse must change the level";
             source.problem(&key("trigger_pulse_v"), expected, scanner.pulse_v, advice);
         }
     }
 }
 
-/// The ends of the handle's travel, both or none.
+/// Reads the hard stops, both or none.
 fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
     let (low, high, most) = match unit {
         AxisUnit::Radian => ("end_stop_min_deg", "end_stop_max_deg", 360.0),
         AxisUnit::Metre => ("end_stop_min_m", "end_stop_max_m", 5.0),
     };
-    let lower =
-        section.number_or_none(low, bounds(-most, 0.0, "the card begins at 0, between the stops"));
-    let upper =
-        section.number_or_none(high, bounds(0.0, most, "the card begins at 0, between the stops"));
+    let lower = section
+        .number_or_none(low, bounds(-most, 0.0, "the simulation starts at 0, between the stops"));
+    let upper = section
+        .number_or_none(high, bounds(0.0, most, "the simulation starts at 0, between the stops"));
     match (lower, upper) {
         (Some(lower), Some(upper)) if lower < upper => {
             Some((lower * unit.si_per_file_unit(), upper * unit.si_per_file_unit()))
@@ -172,7 +192,7 @@ fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
                 high,
                 format!("more than {low}"),
                 "stops at the same place",
-                "leave some way between them",
+                "leave some distance between them",
             );
             None
         }
@@ -189,7 +209,7 @@ fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
     }
 }
 
-/// The scanner's keys; its first volume begins with the card.
+/// Reads the scanner's keys; its first volume begins with the card.
 fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
     let number = |key, default, least, most, advice| {
         section.number_or(key, default, bounds(least, most, advice))
@@ -222,15 +242,24 @@ fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
     (repetition_s > 0.0).then_some(scanner)
 }
 
-/// Shortest time between two volumes that the model of the trigger stands for (s).
+/// Shortest repetition time of the trigger's model (s).
 const SHORTEST_REPETITION_S: f64 = 1e-3;
 
-/// Time in which a moving hand comes to its full amplitude (s).
+/// Time in which a moving hand reaches its full amplitude (s).
 const SETTING_OFF_S: f64 = 1.0;
 
+const HAND_KEYS: Keys = &[
+    ("kind", "What the hand does."),
+    ("inertia", "Inertia, in kg·m² (kg on an axis in m)."),
+    ("damping", "Damping, in N·m·s/rad (N·s/m)."),
+    ("stiffness", "Stiffness about the hand's target position, in N·m/rad (N/m)."),
+    ("amplitude_{deg,m}", "Amplitude of a moving hand's target."),
+    ("frequency_hz", "Frequency of a moving hand's target."),
+];
+
 impl Hand {
-    /// Torque on the handle (N·m or N) at its position and velocity, `time_s` after it set off. A
-    /// moving hand does so gently: its amplitude grows to the full in the first second.
+    /// Torque on the handle (N·m or N) at its position and velocity, `time_s` after the start. The
+    /// amplitude of a moving hand rises within the first second.
     pub fn torque(&self, position: f64, velocity: f64, time_s: f64) -> f64 {
         let (wanted, wanted_velocity) = match self.kind {
             HandKind::Absent => return 0.0,
@@ -253,6 +282,7 @@ impl Hand {
     }
 
     fn read(section: Section<'_>, unit: AxisUnit) -> Self {
+        section.document("[simulation.hand]", HAND_KEYS);
         let words = &[
             ("absent", HandKind::Absent),
             ("passive", HandKind::Passive),
@@ -269,7 +299,7 @@ impl Hand {
             }
         };
         let hand = Self {
-            kind: section.word_or_none("kind", words).unwrap_or(HandKind::Passive),
+            kind: section.word_or("kind", words, HandKind::Passive),
             inertia: positive("inertia", 0.0, 5.0, "kg·m², or kg on an axis in m"),
             damping: positive("damping", 0.05, 100.0, "N·m·s/rad, or N·s/m on an axis in m"),
             stiffness: positive("stiffness", 0.3, 1e4, "N·m/rad, or N/m on an axis in m"),

@@ -3,7 +3,7 @@
 use ipc_types::ANALOG;
 
 use crate::axis_unit::AxisKeys;
-use crate::read::{Bounds, Section, bounds};
+use crate::read::{Bounds, Keys, Section, bounds};
 
 /// The sensor of the torque (or force) that the hand applies at the slave; positive torque drives
 /// the slave in its positive direction.
@@ -31,8 +31,16 @@ impl TorqueChannel {
 
 const SENSITIVITY: Bounds = bounds(-100.0, 100.0, "volts per N·m or N, with the sensor's sign");
 
+const KEYS: Keys = &[
+    ("channel", "Index of the analog input, one of [[channels]]."),
+    ("volts_per_nm", "Sensitivity, with its sign."),
+    ("volts_per_n", "Sensitivity on an axis in m, with its sign."),
+    ("offset_v", "Reading without torque."),
+];
+
 impl TorqueChannel {
     pub(crate) fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+        section.document("[axes.torque]", KEYS);
         let channel =
             section.whole("channel", 0, ANALOG as u64 - 1, "an index of [[channels]]") as usize;
         let key = keys.key(&section, |names| names.sensitivity);

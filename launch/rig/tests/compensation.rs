@@ -125,7 +125,8 @@ fn a_loop_on_a_slave_that_is_not_measured_is_refused() {
 
 #[test]
 fn settings_out_of_range_are_refused_with_their_keys() {
-    let sections = "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\nlimit_deg = 500.0\nfilter = 3.0\n";
+    let sections = "[axes.control.observer]\ncutoff_hz = 200.0\n[axes.control.slave]\n\
+                    limit_deg = 500.0\nfilter = 3.0\n";
     insta::assert_snapshot!(error(
         &with(sections)
             .replace("share = 1.0                     # of the model's", "share = 1.2 #")

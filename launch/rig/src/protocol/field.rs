@@ -44,7 +44,7 @@ pub(super) const FIELD_KEYS: Keys = &[
     ("spring", "Stiffness about the centre, in N·m/rad or N/m; negative drives away from it."),
     ("damper", "Damping, in N·m·s/rad or N·s/m; negative feeds energy into a movement."),
     ("inertia", "Inertia, in kg·m² or kg; negative reduces the machine's apparent inertia."),
-    ("centre_{deg,m}", "Centre of the spring."),
+    ("centre_{deg,m}", "Centre of the spring; 0, if left out."),
     ("wall_min_{deg,m}", "Position of the lower wall; both walls or none."),
     ("wall_max_{deg,m}", "Position of the upper wall."),
     ("wall_stiffness", "Stiffness of the walls, in N·m/rad or N/m."),

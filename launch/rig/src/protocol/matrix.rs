@@ -118,10 +118,7 @@ fn read_centres(
     for (key, bounds, scale) in
         [("centres_deg", CENTRE_DEG, std::f64::consts::PI / 180.0), ("centres_m", CENTRE_M, 1.0)]
     {
-        if !section.has(key) {
-            continue;
-        }
-        let values = section.numbers(key, bounds);
+        let Some(values) = section.numbers_or_none(key, bounds) else { continue };
         if Some(values.len()) != wide {
             let expected = match wide {
                 Some(wide) => format!("{wide} centres, one for each row of the matrix"),

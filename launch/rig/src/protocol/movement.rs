@@ -44,7 +44,7 @@ macro_rules! kinds {
             fn read_kind(word: &str, section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
                 match word {
                     $($word => {
-                        section.document(concat!("segments (kind = \"", $word, "\")"), $kind::KEYS);
+                        section.document(concat!("`kind = \"", $word, "\"`"), $kind::KEYS);
                         Self::$kind($kind::read(section, keys))
                     })+
                     _ => {
@@ -56,7 +56,7 @@ macro_rules! kinds {
             }
         }
 
-        const WORDS: &[(&str, &str)] = &[$(($word, $word)),+];
+        pub(crate) const WORDS: &[(&str, &str)] = &[$(($word, $word)),+];
 
         impl Deref for Movement {
             type Target = dyn SegmentKind;

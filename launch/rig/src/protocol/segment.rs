@@ -36,7 +36,7 @@ const KEYS: Keys = &[
 
 impl Segment {
     pub(super) fn read((index, section): (usize, Section<'_>)) -> Self {
-        section.document("segments", KEYS);
+        section.document("[[segments]]", KEYS);
         let (movement, unit) = Movement::read(&section);
         let (axis, movement, companions) = coupled_axes::read(&section, movement);
         let segment = Self {

@@ -109,8 +109,8 @@ impl Spline {
     }
 }
 
-/// Speeds at the points for a continuous acceleration, 0 at both ends; solves the tridiagonal system
-/// by Thomas's algorithm.
+/// Speeds at the points for a continuous acceleration, 0 at both ends; solves the tridiagonal
+/// system by Thomas's algorithm.
 fn speeds(times_s: &[f64], positions: &[f64]) -> Vec<f64> {
     let count = times_s.len();
     let mut speeds = vec![0.0; count];

@@ -21,8 +21,8 @@ pub(super) struct UnitKeys<'r, 's> {
 }
 
 impl UnitKeys<'_, '_> {
-    /// The key and unit with which `stem` is in the file; the segment's unit, or degrees, where it is
-    /// not.
+    /// The key and unit with which `stem` is in the file; the segment's unit, or degrees, where it
+    /// is not.
     fn key(&mut self, stem: &str) -> (String, AxisUnit) {
         self.key_per(stem, "")
     }

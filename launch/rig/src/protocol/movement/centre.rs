@@ -20,7 +20,7 @@ pub struct Centre {
 
 impl Centre {
     pub(super) const KEYS: Keys = &[
-        ("position_{deg,m}", "Position of the centre."),
+        ("position_{deg,m}", "Position of the centre; 0, if left out."),
         ("rise_s", "Time of the movement there, part of the duration."),
         ("duration_s", "Whole duration."),
     ];

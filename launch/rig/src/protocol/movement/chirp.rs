@@ -30,7 +30,7 @@ impl Chirp {
         ("to_hz", "Frequency at the end."),
         ("sweep", "How the frequency changes with time."),
         ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the movement."),
+        ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
         ("fade_in_s", "Time of the blend from the start position into the movement."),
         ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
     ];

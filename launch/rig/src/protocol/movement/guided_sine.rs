@@ -24,7 +24,7 @@ impl GuidedSine {
         ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
         ("frequency_hz", "Frequency."),
         ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the sine."),
+        ("centre_{deg,m}", "Centre of the sine; 0, if left out."),
         ("fade_in_s", "Time of the blend from the start position into the sine."),
         ("fade_out_s", "Time of the blend from the sine to rest at the centre."),
     ];

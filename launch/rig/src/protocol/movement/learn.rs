@@ -114,7 +114,7 @@ impl Learn {
     pub(super) const KEYS: Keys = &[
         ("amplitude_{deg,m}", "Amplitude of the slave's sine."),
         ("frequency_hz", "Its frequency; a cycle must be a whole number of control periods."),
-        ("centre_{deg,m}", "Its centre."),
+        ("centre_{deg,m}", "Its centre; 0, if left out."),
         ("fade_in_s", "Time of the blend from the start position into the movement."),
         ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
         ("cycles_per_block", "Cycles with the same reference."),

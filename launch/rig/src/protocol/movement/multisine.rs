@@ -26,7 +26,7 @@ impl Multisine {
         ("amplitude_{deg,m}", "Bound of the whole movement, shared equally by the sines."),
         ("seed", "Seed of the random phases: the same seed gives the same phases."),
         ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the movement."),
+        ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
         ("fade_in_s", "Time of the blend from the start position into the movement."),
         ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
     ];

@@ -28,7 +28,7 @@ impl Rhythm {
     pub(super) const KEYS: Keys = &[
         ("frequency_hz", "Full cycles per second; each has two beats."),
         ("amplitude_{deg,m}", "Distance from the centre to each extreme."),
-        ("centre_{deg,m}", "Centre of movement and spring."),
+        ("centre_{deg,m}", "Centre of movement and spring; 0, if left out."),
         ("spring", "Stiffness of the spring, in N·m/rad (N/m on an axis in m)."),
         ("duration_s", "Whole duration."),
     ];
