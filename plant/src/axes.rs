@@ -60,8 +60,8 @@ pub enum CouplingError {
     },
     /// A coupling for each pair of axes is needed.
     #[error(
-        "expected {expected} numbers for the pairs of {axes} axes (first and second, first and third, second and third), \
-         found {found}"
+        "expected {expected} numbers for the pairs of {axes} axes (first and second, first and \
+         third, second and third), found {found}"
     )]
     Pairs {
         /// Number of axes.
@@ -73,9 +73,10 @@ pub enum CouplingError {
     },
     /// The handle would weigh next to nothing, or less, along some direction.
     #[error(
-        "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every direction (for two axes: a coupling \
-         of at most 0.8 times the root of the product of their slaves' inertia), found {found:.3}; make the coupling smaller, \
-         or the handle's own inertia larger"
+        "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every \
+         direction (for two axes: a coupling of at most 0.8 times the root of the product of \
+         their slaves' inertia), found {found:.3}; make the coupling smaller, or the handle's own \
+         inertia larger"
     )]
     TooStrong {
         /// Least eigenvalue of the scaled inertia matrix.

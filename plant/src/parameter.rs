@@ -113,7 +113,8 @@ macro_rules! parameter_set {
     (
         $(#[$meta:meta])*
         pub struct $type:ident {
-            $($(#[$field_meta:meta])* $field:ident: $unit:literal, $minimum:expr, $maximum:expr, $printed:expr, $source:literal;)+
+            $($(#[$field_meta:meta])* $field:ident: $unit:literal, $minimum:expr, $maximum:expr,
+                $printed:expr, $source:literal;)+
         }
         $(state { $($state:ident: $state_type:ty = $initial:expr;)* })?
     ) => {
@@ -127,7 +128,11 @@ macro_rules! parameter_set {
         impl $type {
             /// All parameters with unit, range, printed value and source.
             pub const NAMES: &'static [$crate::ParameterInfo] = &[$($crate::ParameterInfo {
-                name: stringify!($field), unit: $unit, minimum: $minimum, maximum: $maximum, printed: $printed,
+                name: stringify!($field),
+                unit: $unit,
+                minimum: $minimum,
+                maximum: $maximum,
+                printed: $printed,
                 source: $source,
             }),+];
         }

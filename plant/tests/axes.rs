@@ -264,26 +264,39 @@ proptest! {
         let coupling = HandleCoupling::of_pairs(3, &scaled).unwrap();
         let least = coupling.least_eigenvalue(&inertia);
         // Too strong a handle is made as weak as it must be: the matrix shrinks toward no coupling.
-        let share = if least < LEAST_EIGENVALUE { 0.999 * (1.0 - LEAST_EIGENVALUE) / (1.0 - least) } else { 1.0 };
-        let mut plant = coupled(frictions.map(|friction| oil(&axis(friction))).to_vec(), &scaled.map(|pair| share * pair));
+        let share = if least < LEAST_EIGENVALUE {
+            0.999 * (1.0 - LEAST_EIGENVALUE) / (1.0 - least)
+        } else {
+            1.0
+        };
+        let axes = frictions.map(|friction| oil(&axis(friction))).to_vec();
+        let mut plant = coupled(axes, &scaled.map(|pair| share * pair));
         let mut last_dissipated = 0.0;
         for level in levels {
-            let inputs: Vec<_> =
-                (0..3).map(|at| Input { motor_v: 2.0 * level[at], hand_torque_nm: level[3 + at] }).collect();
+            let input = |at: usize| Input {
+                motor_v: 2.0 * level[at],
+                hand_torque_nm: level[3 + at],
+            };
+            let inputs = [0, 1, 2].map(input);
             for _ in 0..60 {
                 plant.step(&inputs, DT_S);
                 let energy = plant.energy();
-                prop_assert!(energy.dissipated_j >= last_dissipated - 1e-9 * energy.throughput_j, "friction gives energy");
+                let least = last_dissipated - 1e-9 * energy.throughput_j;
+                prop_assert!(energy.dissipated_j >= least, "friction gives energy");
                 last_dissipated = energy.dissipated_j;
             }
         }
         let energy = plant.energy();
-        prop_assert!(energy.defect_j().abs() <= 1e-3 * energy.throughput_j, "open {} J of {energy:?}", energy.defect_j());
+        let open = energy.defect_j();
+        prop_assert!(open.abs() <= 1e-3 * energy.throughput_j, "open {open} J of {energy:?}");
     }
 
     /// Left alone the stored energy only falls, at the strongest coupling as well.
     #[test]
-    fn stored_energy_only_falls_without_input(motor_v in prop::array::uniform2(-5.0_f64..5.0), sign in prop::bool::ANY) {
+    fn stored_energy_only_falls_without_input(
+        motor_v in prop::array::uniform2(-5.0_f64..5.0),
+        sign in prop::bool::ANY,
+    ) {
         let coupling = if sign { 0.8 } else { -0.8 } * traced().slave_inertia_kg_m2() * 0.999;
         let mut plant = coupled(vec![oil(&traced()), oil(&traced())], &[coupling]);
         for _ in 0..600 {

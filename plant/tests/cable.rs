@@ -5,10 +5,9 @@
 mod common;
 
 use common::{DT_S, close, effects};
-use plant::cable::{Correction, ImposedMotion, Input, Parameters, Plant, State, Transmission};
-use plant::effects::LIST;
+use plant::ParameterSet;
+use plant::cable::{ImposedMotion, Input, Parameters, Plant, State, Transmission};
 use plant::transmission::TransmissionParameters;
-use plant::{ParameterError, ParameterSet};
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
 
@@ -398,7 +397,8 @@ proptest! {
             for _ in 0..60 {
                 plant.step(Input { motor_v, hand_torque_nm }, DT_S);
                 let energy = plant.energy();
-                prop_assert!(energy.dissipated_j >= last - 1e-6 * energy.throughput_j, "friction gives energy");
+                let least = last - 1e-6 * energy.throughput_j;
+                prop_assert!(energy.dissipated_j >= least, "friction gives energy");
                 last = energy.dissipated_j;
             }
         }
@@ -406,84 +406,6 @@ proptest! {
         prop_assert!(energy.effects_j.abs() < 1e-9 * energy.throughput_j.max(1e-6), "{energy:?}");
         let open = energy.defect_j() / energy.throughput_j;
         prop_assert!(open.abs() <= 1e-3, "open {open} of {energy:?}");
-    }
-}
-
-#[test]
-fn stored_energy_only_falls_without_input() {
-    let mut plant = plain(&Parameters::traced());
-    for _ in 0..600 {
-        plant.step(Input { motor_v: 8.0, hand_torque_nm: 0.0 }, DT_S);
-    }
-    let start = plant.energy().stored_j;
-    let mut last = start;
-    for _ in 0..4000 {
-        plant.step(Input::default(), DT_S);
-        let stored = plant.energy().stored_j;
-        assert!(stored <= last + 1e-3 * start, "{last} {stored} of {start}");
-        last = stored;
-    }
-    assert!(last < 0.1 * start, "{last} of {start}");
-}
-
-#[test]
-fn correction_stays_out_of_the_balance() {
-    let mut plant = plain(&Parameters::traced());
-    for index in 0..4000 {
-        let time = f64::from(index) * DT_S;
-        plant.step(Input { motor_v: 5.0 * (8.0 * time).sin(), hand_torque_nm: 0.0 }, DT_S);
-        plant.correct(Correction {
-            slave_position_rad: 1e-4 * (3.0 * time).sin(),
-            ..Correction::default()
-        });
-    }
-    let energy = plant.energy();
-    assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{energy:?}");
-}
-
-/// Every effect but the one that needs a fluid: the plant stays finite, differs, and the energy is
-/// accounted for.
-#[test]
-fn every_effect_acts_here_too() {
-    let run = |names: &[&str]| {
-        let mut plant = Plant::new(Parameters::traced(), effects(names)).unwrap();
-        let mut readings = Vec::new();
-        for index in 0..4000 {
-            let time = f64::from(index) * DT_S;
-            let input = Input {
-                motor_v: 6.0 * (9.0 * time).sin(),
-                hand_torque_nm: 2.0 * (4.0 * time).cos(),
-            };
-            plant.step(input, DT_S);
-            let reading = plant.reading();
-            readings.push([reading.master_rad, reading.slave_rad, reading.slave_torque_nm]);
-        }
-        (plant, readings)
-    };
-    let (_, without) = run(&[]);
-    for entry in LIST {
-        for place in entry.sites {
-            let name = format!("{}@{}", entry.id, place.site);
-            if entry.id == "leakage" {
-                let error = Plant::new(Parameters::traced(), effects(&[&name])).unwrap_err();
-                assert!(
-                    matches!(error, ParameterError::EffectNotApplicable { id: "leakage", .. }),
-                    "{error}"
-                );
-                continue;
-            }
-            let (with, readings) = run(&[&name]);
-            let change =
-                readings.iter().flatten().zip(without.iter().flatten()).map(|(a, b)| (a - b).abs());
-            let change = change.sum::<f64>() / without.len() as f64;
-            let energy = with.energy();
-            println!(
-                "{name}: {change:.2e}, energy open {:.1e}",
-                energy.defect_j() / energy.throughput_j
-            );
-            assert!(change.is_finite() && change > 1e-5, "{name}: {change}");
-            assert!(energy.defect_j().abs() < 2e-3 * energy.throughput_j, "{name}: {energy:?}");
-        }
     }
 }
 

@@ -140,7 +140,8 @@ fn predicted_plateau_is_longer_than_the_hydrostatic_line_s() {
     let same = hydrostatic_plateau(30.0 / ratio);
     let same_master = hydrostatic_plateau(30.0);
     println!(
-        "cable {cable:?}, hydrostatic for the same rigid slave {same:?}, at 30 deg of the master {same_master:?}"
+        "cable {cable:?}, hydrostatic for the same rigid slave {same:?}, \
+         at 30 deg of the master {same_master:?}"
     );
     close(cable.1, same.1, 0.1);
     assert!(cable.0 > 1.1 * same.0, "{cable:?} {same:?}");
@@ -171,7 +172,8 @@ fn a_heavier_slave_would_not_explain_it() {
     let (peak, gain, cutoff) = peak_and_cutoff(&heavy, 12.0, 0.25, 30.0);
     let (lag, sticking) = (at(&heavy, 1.0, 30.0).lag_s(), cable_plateau(&heavy, 30.0).0);
     println!(
-        "heavy slave: peak {peak} Hz (gain {gain}), cut-off {cutoff} Hz, lag {lag} s, plateau {sticking} s"
+        "heavy slave: peak {peak} Hz (gain {gain}), cut-off {cutoff} Hz, lag {lag} s, \
+         plateau {sticking} s"
     );
     assert!((7.5..=8.5).contains(&peak), "{peak}");
     let hydrostatic = hydrostatic_plateau(30.0 / 0.854).0;
@@ -209,7 +211,8 @@ fn more_cables_raise_the_resonance() {
         let (peak, _, cutoff) = peak_and_cutoff(&tight, 32.0, 1.0, 30.0);
         let (shared_peak, _, shared_cutoff) = peak_and_cutoff(&shared, 26.0, 1.0, 30.0);
         println!(
-            "{count} cables: mode {:.1} Hz; peak {peak} Hz, cut-off {cutoff} Hz, friction {:.3} N m, lag {:.1} ms; shared pretension: \
+            "{count} cables: mode {:.1} Hz; peak {peak} Hz, cut-off {cutoff} Hz, \
+             friction {:.3} N m, lag {:.1} ms; shared pretension: \
              peak {shared_peak} Hz, cut-off {shared_cutoff} Hz, friction {:.3} N m, lag {:.1} ms",
             tight.modes_rad_s()[1] / TAU,
             tight.static_friction_at_motor_nm(),

@@ -4,67 +4,13 @@
 
 mod common;
 
-use common::{close, frictionless, loose, plant};
+use common::close;
+use common::mass::Mass;
 use plant::friction::{
-    self, Asymmetric, Coulomb, Dahl, FrictionLaw, LAWS, LawEntry, Load, LoadDependent, LuGre,
-    OperatingPoint, PositionDependent, StribeckCurve, Viscous, resistance,
+    self, Asymmetric, Coulomb, FrictionLaw, LAWS, LawEntry, Load, LoadDependent, OperatingPoint,
+    PositionDependent, StribeckCurve, Viscous, resistance,
 };
-use plant::hydrostatic::Transmission;
 use proptest::prelude::*;
-
-/// A mass under one law.
-struct Mass {
-    law: Box<dyn FrictionLaw>,
-    inertia: f64,
-    position: f64,
-    velocity: f64,
-    increment: f64,
-    transmitted: f64,
-    /// Work of the force less kinetic energy, since the start, J.
-    lost_and_stored: f64,
-}
-
-impl Mass {
-    fn new(law: Box<dyn FrictionLaw>) -> Self {
-        let (inertia, transmitted) = (2e-3, 0.0);
-        Self {
-            law,
-            inertia,
-            position: 0.0,
-            velocity: 0.0,
-            increment: 0.0,
-            transmitted,
-            lost_and_stored: 0.0,
-        }
-    }
-
-    /// One step; returns what the law lost, J.
-    fn step(&mut self, force: f64, step: f64) -> f64 {
-        let mean = self.velocity + 0.5 * self.increment;
-        let at = OperatingPoint {
-            position: self.position + 0.5 * step * self.velocity,
-            velocity: if mean * self.velocity < 0.0 { 0.0 } else { mean },
-            transmitted: self.transmitted,
-            step,
-        };
-        let mut load = Load { inertia: self.inertia, ..Load::default() };
-        let stored = self.law.stored_j();
-        self.law.contribute(&mut load, &at);
-        load.force += force;
-        let moved = friction::advance(self.velocity, step, &load);
-        self.law.settle(moved.displacement, step);
-        let kinetic = 0.5
-            * self.inertia
-            * (moved.velocity - self.velocity)
-            * (moved.velocity + self.velocity);
-        self.increment = if moved.velocity == 0.0 { 0.0 } else { moved.velocity - self.velocity };
-        self.position += moved.displacement;
-        self.velocity = moved.velocity;
-        let lost_and_stored = force * moved.displacement - kinetic;
-        self.lost_and_stored += lost_and_stored;
-        lost_and_stored - (self.law.stored_j() - stored)
-    }
-}
 
 /// A law with its parameters multiplied: `parts` from 0 to 1 stand for a third to three times the
 /// default.
@@ -168,7 +114,8 @@ proptest! {
             for index in 0..count {
                 let travel = path(index + 1) - path(index);
                 let position = 0.5 * (path(index + 1) + path(index));
-                let at = OperatingPoint { position, velocity: travel / step, transmitted: load, step };
+                let velocity = travel / step;
+                let at = OperatingPoint { position, velocity, transmitted: load, step };
                 let part = resistance(law.as_mut(), &at) * travel;
                 work += part;
                 scale += part.abs();
@@ -184,8 +131,11 @@ proptest! {
         forces in prop::collection::vec(-6.0_f64..6.0, 5..30),
         speed in -5.0_f64..5.0,
     ) {
-        let (mut one, mut other) = (Mass::new(varied(entry, &parts)), Mass::new(varied(entry, &parts)));
-        (one.velocity, other.velocity, one.transmitted, other.transmitted) = (speed, -speed, 2.0, -2.0);
+        let [mut one, mut other] = [1.0, -1.0].map(|sign| Mass {
+            velocity: sign * speed,
+            transmitted: sign * 2.0,
+            ..Mass::new(varied(entry, &parts))
+        });
         for force in forces {
             for _ in 0..50 {
                 one.step(force, 2.5e-4);
@@ -404,145 +354,4 @@ fn load_dependent_friction_saturates() {
     assert_eq!(law.level(0.0), 0.0);
     let straight = LoadDependent { coefficient: 0.2, saturation: f64::INFINITY };
     close(straight.level(70.0), 14.0, 1e-12);
-}
-
-/// Force over a travel at constant speed, from upright bristles.
-fn slide(law: &mut dyn FrictionLaw, speed: f64, travel: f64, steps: usize) -> f64 {
-    let step = travel / speed.abs() / steps as f64;
-    (0..steps).fold(0.0, |_, _| {
-        resistance(law, &OperatingPoint { velocity: speed, step, ..OperatingPoint::default() })
-    })
-}
-
-#[test]
-fn dahl_starts_with_its_stiffness_and_ends_at_its_level() {
-    let mut law = Dahl::new(0.9, 50.0);
-    // The force is the mean of the last step: half a step less than the whole travel.
-    close(slide(&mut law, 0.1, 1e-5, 100), 50.0 * 1e-5 * 0.995, 1e-3);
-    for (speed, steps) in [(0.01, 1000), (30.0, 1000), (-30.0, 1000)] {
-        let mut law = Dahl::new(0.9, 50.0);
-        let travel = 0.02;
-        let middle = travel * (1.0 - 0.5 / 1000.0);
-        let expected = 0.9 * (1.0 - (-50.0 * middle / 0.9_f64).exp());
-        close(slide(&mut law, speed, travel, steps), expected * speed.signum(), 1e-6);
-        close(
-            law.deflection(),
-            speed.signum() * 0.9 / 50.0 * (1.0 - (-50.0 * travel / 0.9_f64).exp()),
-            1e-9,
-        );
-    }
-    // In one coarse step, too, the deflection is exact.
-    let mut law = Dahl::new(0.9, 50.0);
-    close(slide(&mut law, 3.0, 10.0, 1), 0.9, 3e-3);
-}
-
-#[test]
-fn lugre_slides_on_its_stribeck_curve() {
-    for speed in [-20.0, -3.0, 0.01, 0.3, 1.0, 3.0, 10.0_f64] {
-        let mut law = LuGre::default();
-        law.viscous = 0.05;
-        let expected = law.curve().level(speed) * speed.signum() + 0.05 * speed;
-        close(slide(&mut law, speed, 1.0, 4000), expected, 1e-9);
-        // With steps in which the bristles slip many times over.
-        law.reset();
-        close(slide(&mut law, speed, 50.0, 50), expected, 1e-9);
-    }
-}
-
-/// Canudas de Wit et al. 1995, § III: friction lags behind speed, so that it is higher while speed
-/// rises than while it falls; the more, the faster it varies.
-#[test]
-fn lugre_friction_lags_behind_speed() {
-    let loop_width = |frequency: f64| {
-        let mut law = LuGre::default();
-        // Less than g / v, as with the small damping of the paper: more would turn the loop round.
-        law.damping = 0.1;
-        let (parts, step) = (4000, 1.0 / frequency / 4000.0);
-        let mut at_two = [0.0; 2];
-        for index in 0..2 * parts {
-            let angle = std::f64::consts::TAU * f64::from(index) / f64::from(parts);
-            let velocity = 2.0 - 1.5 * angle.cos();
-            let found = resistance(
-                &mut law,
-                &OperatingPoint { velocity, step, ..OperatingPoint::default() },
-            );
-            // Speed 2 rad/s comes a quarter into the last period, rising, and three quarters in,
-            // falling.
-            match index - parts {
-                1000 => at_two[0] = found,
-                3000 => at_two[1] = found,
-                _ => {}
-            }
-        }
-        at_two[0] - at_two[1]
-    };
-    let widths = [0.1, 1.0, 10.0].map(loop_width);
-    println!("friction at 2 rad/s, rising less falling, at 0.1, 1, 10 Hz: {widths:.4?} N m");
-    assert!(
-        widths[0] > 0.0 && widths[1] > 5.0 * widths[0] && widths[2] > 3.0 * widths[1],
-        "{widths:?}"
-    );
-}
-
-/// The effect is the law: a slave on its own with all of its dry friction as bristles moves as a
-/// mass under Dahl's law.
-#[test]
-fn presliding_effect_is_dahl_s_law() {
-    let parameters = plant::hydrostatic::Parameters {
-        slave_static_friction_nm: 2.3,
-        slave_kinetic_friction_nm: 2.3,
-        ..frictionless(loose(plant::hydrostatic::Parameters::printed()))
-    };
-    let mut mass = Mass::new(Box::new(Dahl::new(2.3, 2.3 / 0.02)));
-    mass.inertia = parameters.slave_inertia_kg_m2();
-    let mut slave = plant(parameters, &["presliding_hysteresis@slave=1"]);
-    let mut farthest = 0.0_f64;
-    for index in 0..4000 {
-        let torque = 3.0 * (f64::from(index) * 0.01).sin();
-        slave.step(plant::hydrostatic::Input { motor_v: 0.0, hand_torque_nm: torque }, 0.25e-3);
-        mass.step(torque, 0.25e-3);
-        farthest = farthest.max(mass.position.abs());
-        let difference = (slave.state().slave_position_rad - mass.position).abs();
-        assert!(difference < 1e-4 * farthest.max(1e-3), "{index}: {difference} of {farthest}");
-    }
-    assert!(farthest > 0.1, "{farthest}");
-}
-
-/// Canudas de Wit et al. 1995, § III: the faster the force comes on, the sooner a mass breaks away.
-#[test]
-fn lugre_breaks_away_sooner_the_faster_the_force_comes_on() {
-    let level = |rate: f64| {
-        let mut mass = Mass::new(Box::new(LuGre::default()));
-        // A light mass: the law's own dependence, not that of inertia.
-        mass.inertia = 1e-5;
-        let (step, mut force) = (1e-5, 0.0);
-        loop {
-            force += rate * step;
-            mass.step(force, step);
-            // Away: far beyond the travel in which the bristles give way.
-            if mass.velocity > 3.0 {
-                return force;
-            }
-            assert!(force < 10.0, "never breaks away");
-        }
-    };
-    let levels = [1.0, 10.0, 100.0].map(level);
-    println!("break-away at 1, 10, 100 N m/s: {levels:.3?}");
-    assert!(levels[0] > levels[1] && levels[1] > levels[2], "{levels:?}");
-    let law = LuGre::default();
-    close(levels[0], law.breakaway, 0.02);
-    assert!(levels[2] > law.kinetic, "{levels:?}");
-}
-
-#[test]
-fn a_law_that_is_not_told_its_travel_takes_it_as_expected() {
-    let (mut told, mut untold) = (Dahl::new(1.0, 100.0), Dahl::new(1.0, 100.0));
-    let at = OperatingPoint { velocity: 1.0, step: 1e-3, ..OperatingPoint::default() };
-    for _ in 0..10 {
-        resistance(&mut told, &at);
-        untold.contribute(&mut Load::default(), &at);
-    }
-    untold.contribute(&mut Load::default(), &at);
-    assert_eq!(told.deflection(), untold.deflection());
-    assert!(told.deflection() > 0.0);
 }

@@ -32,8 +32,13 @@ proptest! {
         let half = 0.5 * std::f64::consts::TAU / counts_per_turn;
         prop_assert!((encoder.position(counts) - position).abs() <= half * (1.0 + 1e-9));
         prop_assert_eq!(encoder.counts(encoder.position(counts)), counts);
-        let parameters =
-            TorqueCellParameters { volts_per_nm, offset_v, noise_v: 0.0, bandwidth_hz: f64::INFINITY, limit_v: 100.0 };
+        let parameters = TorqueCellParameters {
+            volts_per_nm,
+            offset_v,
+            noise_v: 0.0,
+            bandwidth_hz: f64::INFINITY,
+            limit_v: 100.0,
+        };
         let mut cell = TorqueCell::new(parameters, 1);
         let volts = cell.read(torque, 0.5e-3);
         prop_assert!((cell.torque_nm(volts) - torque).abs() <= 1e-12 * (1.0 + 1.0 / volts_per_nm));
@@ -58,14 +63,18 @@ proptest! {
 
     /// Edge by edge, decoder and counter card see the same movement.
     #[test]
-    fn decoder_and_counter_agree(moves in prop::collection::vec(-900_i64..900, 1..12), at_zero in -500_i64..500) {
+    fn decoder_and_counter_agree(
+        moves in prop::collection::vec(-900_i64..900, 1..12),
+        at_zero in -500_i64..500,
+    ) {
         let parameters = EncoderCounterParameters {
             counts_per_turn: 400.0,
             bits: 16.0,
             count_at_zero: at_zero as f64,
             ..EncoderCounterParameters::default()
         };
-        let (mut fine, mut coarse) = (EncoderCounter::new(&parameters).unwrap(), EncoderCounter::new(&parameters).unwrap());
+        let counter = || EncoderCounter::new(&parameters).unwrap();
+        let (mut fine, mut coarse) = (counter(), counter());
         let encoder = fine.encoder();
         let mut counts = 0_i64;
         let mut decoder = QuadratureDecoder::new(at_zero, Phases::at(at_zero, 400));

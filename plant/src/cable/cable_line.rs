@@ -3,7 +3,7 @@
 use super::{Element, Parameters};
 use crate::effects::{Link, Side};
 use crate::friction::{Advance, DryFriction, Load, advance};
-use crate::transmission::{Coupling, DeclaredForce, LineLaw, Middle, modes_rad_s};
+use crate::transmission::{Coupling, DeclaredForce, LineLaw, Middle, TransmissionParameters};
 
 /// Direction in which a tension pulls its pulley: by line and end (master, slave).
 const PULL: [[f64; 2]; 2] = [[-1.0, 1.0], [1.0, -1.0]];
@@ -61,7 +61,7 @@ impl LineLaw for CableLine {
     ) -> f64 {
         // Toe, sag and set only soften the cable; the friction between fibres stiffens it.
         let stiffer = stiffness_factor * (1.0 + parameters.fibre_branch_ratio);
-        modes_rad_s(parameters, extra_inertia, stiffer)[3]
+        parameters.changed_modes_rad_s(extra_inertia, stiffer)[3]
     }
 
     fn rest(&mut self, line: usize, end: usize, deflection_m: f64) {

@@ -1,12 +1,12 @@
 //! One piece of cable: imposed elongation to tension, with toe, sag, permanent set and hysteresis.
 //!
 //! ```text
-//! x   = x_e + p                            elongation: elastic part, permanent set
-//! x_e = toe⁻¹(f) - S/f²                    elastic curve f(x_e) > 0; S = n w² ℓ³/24 of n spans (parabola)
+//! x   = x_e + p                      elongation: elastic part, permanent set
+//! x_e = toe⁻¹(f) - S/f²              elastic curve f(x_e) > 0; n parabolic spans, S = n w² ℓ³/24
 //! toe = k x²/(2 x_t) up to x_t, then k (x - x_t/2)
-//! p   = β max(x_e so far)                  fibres that align stay so: second loading is stiffer by 1 + β
-//! z   = κ k (x_e - slip), |z| ≤ φ f        fibres rub under their own tension: hysteresis
-//! T   = f + z ≥ (1 - φ) f ≥ 0              a cable pulls; `k = K/(1 + φ)`, so that loading shows the slope `K`
+//! p   = β max(x_e so far)            aligned fibres stay so: later loading is stiffer by 1 + β
+//! z   = κ k (x_e - slip), |z| ≤ φ f  friction between fibres under their own tension: hysteresis
+//! T   = f + z ≥ (1 - φ) f ≥ 0        a cable pulls; k = K/(1 + φ): loading shows the slope K
 //! ```
 //!
 //! From rest the tension is continuous in the elongation and depends on its path, not on its speed.

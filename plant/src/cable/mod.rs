@@ -7,8 +7,8 @@
 //! pretension `T_0`:
 //!
 //! ```text
-//! x_m,1 = x_0 + a_m q_m - s_1     x_s,1 = x_0 + s_1 - a_s q_s       elongation of the halves of the forward cable
-//! x_m,2 = x_0 - a_m q_m + s_2     x_s,2 = x_0 - s_2 + a_s q_s       of the backward one
+//! x_m,1 = x_0 + a_m q_m - s_1   x_s,1 = x_0 + s_1 - a_s q_s   elongation of the forward cable
+//! x_m,2 = x_0 - a_m q_m + s_2   x_s,2 = x_0 - s_2 + a_s q_s   of the backward one
 //! T     = element(x) + D ẋ ≥ 0                                      § 5.2.1, figs. 5.3, 5.4, § 5.3
 //! I_m q̈_m = τ_m - a_m (T_m,1 - T_m,2) - friction
 //! m_i s̈_i = ±(T_m,i - T_s,i) - friction

@@ -4,7 +4,7 @@ use super::{Element, ElementLaw};
 use crate::effects::LineConstants;
 use crate::friction::StribeckCurve;
 use crate::parameter::parameter_set;
-use crate::transmission::TransmissionParameters;
+use crate::transmission::{TransmissionParameters, least_damping};
 
 parameter_set! {
     /// Constants of the cable transmission, SI.
@@ -33,45 +33,60 @@ parameter_set! {
         /// Stiffness of that friction's branch over the cable's.
         fibre_branch_ratio: "1", 0.0, 10.0, 0.2, "assumed";
         /// Mass of one cable per length.
-        cable_mass_kg_per_m: "kg/m", 1e-6, 1.0, 7.9e-4, "assumed: 1440 kg/m³ · 0.785 mm² · 0.7 filled";
+        cable_mass_kg_per_m: "kg/m", 1e-6, 1.0, 7.9e-4,
+            "assumed: 1440 kg/m³ · 0.785 mm² · 0.7 filled";
         /// Gravity along which the cable sags; 0 for a cable without sag.
         gravity_m_s2: "m/s^2", 0.0, 20.0, 9.81, "standard gravity";
         /// Tension of each cable at rest.
-        pretension_n: "N", 0.1, 2000.0, 60.0, "assumed: half of 47 N friction + 41 N inertia at 8 Hz, and a third more";
+        pretension_n: "N", 0.1, 2000.0, 60.0,
+            "assumed: half of 47 N friction + 41 N inertia at 8 Hz, and a third more";
         /// Damping of each half of a cable.
-        cable_damping_n_s_per_m: "N s/m", 0.0, 1000.0, 0.6, "assumed: loss factor 0.02 of half a cable (1.5e3 N/m) at 8 Hz";
+        cable_damping_n_s_per_m: "N s/m", 0.0, 1000.0, 0.6,
+            "assumed: loss factor 0.02 of half a cable (1.5e3 N/m) at 8 Hz";
         /// Radius of the master's pulley.
-        master_pulley_radius_m: "m", 1e-3, 0.5, 0.010, "assumed: two runs 20 mm apart in a tube 34 mm wide inside";
+        master_pulley_radius_m: "m", 1e-3, 0.5, 0.010,
+            "assumed: two runs 20 mm apart in a tube 34 mm wide inside";
         /// Master angle per slave angle.
         mechanical_ratio: "1", 0.05, 50.0, 6.0, "§ 5.2.3, about 6";
         /// Inertia of motor and master pulley.
-        master_inertia_kg_m2: "kg m^2", 1e-7, 1.0, 4.4e-4, "assumed: disc rotor, 0.35 kg, radius 50 mm";
+        master_inertia_kg_m2: "kg m^2", 1e-7, 1.0, 4.4e-4,
+            "assumed: disc rotor, 0.35 kg, radius 50 mm";
         /// Inertia of slave pulley, torque cell and handle.
-        slave_inertia_kg_m2: "kg m^2", 1e-6, 1.0, 1.89e-3, "assumed: handle of § 3.2.1, 1.6e-3, and POM disc of 60 mm radius, 10 mm thick, 2.9e-4";
+        slave_inertia_kg_m2: "kg m^2", 1e-6, 1.0, 1.89e-3,
+            "assumed: handle of § 3.2.1, 1.6e-3, and POM disc of 60 mm radius, 10 mm thick, 2.9e-4";
         /// Mass of one support's pulley as the cable feels it.
-        support_mass_kg: "kg", 0.0, 1.0, 1.1e-3, "assumed: half of a POM disc of 10 mm radius, 5 mm thick";
+        support_mass_kg: "kg", 0.0, 1.0, 1.1e-3,
+            "assumed: half of a POM disc of 10 mm radius, 5 mm thick";
         /// Motor torque per volt.
-        motor_torque_per_volt_nm: "N m/V", 0.001, 100.0, 0.3, "assumed: 10 V for 3 N m, six times the friction";
+        motor_torque_per_volt_nm: "N m/V", 0.001, 100.0, 0.3,
+            "assumed: 10 V for 3 N m, six times the friction";
         /// Dry friction of the motor itself.
-        motor_coulomb_nm: "N m", 0.0, 50.0, 0.05, "assumed: a tenth of § 5.2.2; § 5.3 has most at the supports";
+        motor_coulomb_nm: "N m", 0.0, 50.0, 0.05,
+            "assumed: a tenth of § 5.2.2; § 5.3 has most at the supports";
         /// Viscous friction of the motor.
         motor_viscous_nm_s: "N m s/rad", 0.0, 10.0, 3.5e-4, "assumed: as in § 3.2.1";
         /// Dry friction of the slave's bearing.
         slave_bearing_nm: "N m", 0.0, 50.0, 0.1, "assumed: 0.017 N m at the motor";
         /// Friction of one cable at one support, saturated.
-        support_friction_limit_n: "N", 0.0, 1e5, 10.2, "§ 5.2.2: (0.475 - 0.05 - 0.1/6) N m / 10 mm over 8 supports, at half saturation";
+        support_friction_limit_n: "N", 0.0, 1e5, 10.2,
+            "§ 5.2.2: (0.475 - 0.05 - 0.1/6) N m / 10 mm over 8 supports, at half saturation";
         /// Tension at which it is half saturated.
-        support_half_tension_n: "N", 0.01, 1e5, 60.0, "assumed: fig. 5.6 bends within the range used";
+        support_half_tension_n: "N", 0.01, 1e5, 60.0,
+            "assumed: fig. 5.6 bends within the range used";
         /// Friction in movement over that at rest.
         kinetic_friction_ratio: "1", 0.0, 1.0, 0.48, "assumed: 1.10/2.30 as in § 3.2.1";
         /// Cable speed over which it falls.
-        stribeck_speed_m_s: "m/s", 1e-4, 100.0, 0.18, "assumed: half of § 3.2.1's 6 rad/s at the slave";
+        stribeck_speed_m_s: "m/s", 1e-4, 100.0, 0.18,
+            "assumed: half of § 3.2.1's 6 rad/s at the slave";
         /// Half the difference between the directions, over the mean; positive for more forward.
-        friction_asymmetry: "1", -1.0, 1.0, 0.061, "§ 5.2.2: 0.025 N m of 0.408 N m at the supports";
+        friction_asymmetry: "1", -1.0, 1.0, 0.061,
+            "§ 5.2.2: 0.025 N m of 0.408 N m at the supports";
         /// Variation of the supports' friction along the stroke.
-        friction_position_amplitude: "1", 0.0, 1.0, 0.1, "assumed: fig. 5.5, less than the hydrostatic's";
+        friction_position_amplitude: "1", 0.0, 1.0, 0.1,
+            "assumed: fig. 5.5, less than the hydrostatic's";
         /// Its angle per cable displacement.
-        friction_position_order_rad_per_m: "rad/m", 0.0, 1e4, 100.0, "assumed: support pulleys of 10 mm radius";
+        friction_position_order_rad_per_m: "rad/m", 0.0, 1e4, 100.0,
+            "assumed: support pulleys of 10 mm radius";
         /// Viscous friction of one support.
         support_viscous_n_s_per_m: "N s/m", 0.0, 1000.0, 0.0, "assumed: dry bearing";
     }
@@ -255,13 +270,13 @@ impl TransmissionParameters for Parameters {
         self.cables * self.cable_damping_n_s_per_m
     }
 
-    fn linear_damping(&self, weakest: &dyn Fn(&dyn Fn(f64) -> f64) -> f64) -> [f64; 3] {
+    fn linear_damping(&self, speed_max: f64) -> [f64; 3] {
         let (master, slave) = (self.master_pulley_radius_m, self.slave_pulley_radius_m());
         let viscous = self.cables * self.support_viscous_n_s_per_m;
         let inner = (self.supports() - 2.0).max(0.0);
         [
             self.motor_viscous_nm_s + 2.0 * viscous * master * master,
-            2.0 * viscous * slave * slave + weakest(&|_| self.slave_bearing_nm),
+            2.0 * viscous * slave * slave + least_damping(speed_max, |_| self.slave_bearing_nm),
             2.0 * viscous * inner,
         ]
     }

@@ -2,9 +2,11 @@
 //!
 //! `v → v - clamp(v, -w, w)`.
 
-use super::{Effect, Moment, Site, effect};
+use super::{Effect, Moment, effect, identity};
 
 effect! {
+    "amplifier_deadzone": "an amplifier that does nothing for small volts";
+    at Drive = 0.1 "V";
     /// An amplifier that does nothing for small volts.
     pub struct AmplifierDeadzone {
         /// Half width `w`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for AmplifierDeadzone {
-    fn id(&self) -> &'static str {
-        "amplifier_deadzone"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
         volts - volts.clamp(-self.half_width, self.half_width)

@@ -2,9 +2,11 @@
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 
-use super::{Effect, LineConstants, Moment, Site, effect};
+use super::{Effect, LineConstants, Moment, effect, identity};
 
 effect! {
+    "amplifier_lag": "an amplifier that follows late";
+    at Drive = 5e-3 "s";
     /// A first-order lag.
     pub struct AmplifierLag {
         /// Time constant `T`.
@@ -16,13 +18,7 @@ effect! {
 }
 
 impl Effect for AmplifierLag {
-    fn id(&self) -> &'static str {
-        "amplifier_lag"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.volts = 0.0;

@@ -2,9 +2,11 @@
 //!
 //! `v → clamp(v, -v_max, v_max)`.
 
-use super::{Effect, Moment, Site, effect};
+use super::{Effect, Moment, effect, identity};
 
 effect! {
+    "amplifier_saturation": "an amplifier that clips";
+    at Drive = 2.0 "V";
     /// An amplifier that clips.
     pub struct AmplifierSaturation {
         /// Largest output `v_max`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for AmplifierSaturation {
-    fn id(&self) -> &'static str {
-        "amplifier_saturation"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
         volts.clamp(-self.limit, self.limit)

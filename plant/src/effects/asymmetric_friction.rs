@@ -4,10 +4,12 @@
 //! total never falls below zero. Beside a declared offset only the viscous part is seen. The rig
 //! has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::{Asymmetric, FrictionLaw};
 
 effect! {
+    "asymmetric_friction": "friction that differs by direction";
+    at Master = 0.2 "N m", Slave = 0.2 "N m";
     /// Friction that differs by direction.
     pub struct AsymmetricFriction {
         /// Half the difference of the dry parts, positive for more forward.
@@ -18,13 +20,7 @@ effect! {
 }
 
 impl Effect for AsymmetricFriction {
-    fn id(&self) -> &'static str {
-        "asymmetric_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);

@@ -6,9 +6,11 @@
 //! The port damping acts only beyond the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead
 //! zone model.
 
-use super::{Effect, End, Link, Moment, Site, effect};
+use super::{Effect, End, Link, Moment, Site, effect, identity};
 
 effect! {
+    "backlash": "backlash";
+    at Line = 1e-3 "m", Master = 0.02 "rad", Slave = 0.02 "rad";
     /// Lost motion.
     pub struct Backlash {
         /// Width of the gap: m at the line, rad at master or slave.
@@ -17,13 +19,7 @@ effect! {
 }
 
 impl Effect for Backlash {
-    fn id(&self) -> &'static str {
-        "backlash"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
         let half = match (self.site, link.end) {

@@ -2,10 +2,12 @@
 //!
 //! `τ_f = c sgn(q̇)`, up to `c` at rest.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::{Coulomb, FrictionLaw};
 
 effect! {
+    "coulomb_friction": "constant friction beyond the declared";
+    at Master = 0.3 "N m", Slave = 0.3 "N m";
     /// Constant friction.
     pub struct CoulombFriction {
         /// Friction.
@@ -14,13 +16,7 @@ effect! {
 }
 
 impl Effect for CoulombFriction {
-    fn id(&self) -> &'static str {
-        "coulomb_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);

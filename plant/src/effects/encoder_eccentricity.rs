@@ -3,9 +3,11 @@
 //! `q → q + a sin(n q + φ)` on the slave's encoder, or on the master's (for a drive: its position)
 //! where `on_master` is 1; once (`n = 1`) or twice a turn.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "encoder_eccentricity": "an encoder disc that does not run true";
+    at Sensor = 0.01 "rad";
     /// A disc that does not run true.
     pub struct EncoderEccentricity {
         /// Amplitude `a`.
@@ -20,13 +22,7 @@ effect! {
 }
 
 impl Effect for EncoderEccentricity {
-    fn id(&self) -> &'static str {
-        "encoder_eccentricity"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         let position =

@@ -9,9 +9,11 @@
 //! The spring acts at the middle of the internal step, which keeps its energy; the damper only
 //! takes. Defaults are assumed: a rubber buffer that yields 0.4° under 3.5 N·m.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, Site, effect, identity};
 
 effect! {
+    "end_stop": "hard stops that end the travel of the handle";
+    at Slave = 500.0 "N m/rad";
     /// Two stiff, damped stops.
     pub struct EndStop {
         /// Stiffness `k`.
@@ -33,13 +35,7 @@ impl EndStop {
 }
 
 impl Effect for EndStop {
-    fn id(&self) -> &'static str {
-        "end_stop"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let inside = load.position_rad.max(self.lower_rad).min(self.upper_rad);

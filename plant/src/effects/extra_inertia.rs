@@ -2,9 +2,11 @@
 //!
 //! `I' = I + J`.
 
-use super::{Effect, Site, effect};
+use super::{Effect, effect, identity};
 
 effect! {
+    "extra_inertia": "inertia beyond the declared";
+    at Master = 1e-3 "kg m^2", Slave = 1e-3 "kg m^2";
     /// Inertia beyond the declared.
     pub struct ExtraInertia {
         /// Added inertia `J`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for ExtraInertia {
-    fn id(&self) -> &'static str {
-        "extra_inertia"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn extra_inertia(&self) -> f64 {
         self.inertia

@@ -2,9 +2,11 @@
 //!
 //! `τ = -m g l sin(q + φ)`; at `φ = 0` it pulls towards zero.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 
 effect! {
+    "gravity_imbalance": "a centre of mass off the axis";
+    at Master = 0.2 "N m", Slave = 0.2 "N m";
     /// A centre of mass off the axis.
     pub struct GravityImbalance {
         /// Largest torque `m g l`.
@@ -15,13 +17,7 @@ effect! {
 }
 
 impl Effect for GravityImbalance {
-    fn id(&self) -> &'static str {
-        "gravity_imbalance"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         load.load.force -= self.torque * (load.position_rad + self.phase).sin();

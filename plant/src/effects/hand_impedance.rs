@@ -4,9 +4,11 @@
 //! inboard of the torque cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b`
 //! and the inertia `J = k t_J²`. Defaults are of the order of a relaxed wrist; assumed.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 
 effect! {
+    "hand_impedance": "spring, damper and mass of a hand that the model leaves out";
+    at Slave = 1.0 "N m/rad";
     /// Spring, damper and mass of a hand.
     pub struct HandImpedance {
         /// Stiffness `k`.
@@ -19,13 +21,7 @@ effect! {
 }
 
 impl Effect for HandImpedance {
-    fn id(&self) -> &'static str {
-        "hand_impedance"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         load.load.force -= self.stiffness * load.position_rad;

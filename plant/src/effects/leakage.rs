@@ -4,9 +4,11 @@
 //! `Δp = 2F/A` and the deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose
 //! area). Laminar gap flow. Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
-use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, effect, identity};
 
 effect! {
+    "leakage": "flow past the seals: slow creep under load";
+    at Line = 1e-12 "m^3/(s Pa)";
     /// Flow past the seals.
     pub struct Leakage {
         /// Conductance `G` of one piston's seal.
@@ -20,13 +22,7 @@ effect! {
 }
 
 impl Effect for Leakage {
-    fn id(&self) -> &'static str {
-        "leakage"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn prepare(&mut self, constants: &dyn LineConstants) {
         // No fluid, no leak.

@@ -3,9 +3,11 @@
 //! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed
 //! `port_damping_n_s_per_m`.
 
-use super::{Effect, LineConstants, Site, effect};
+use super::{Effect, LineConstants, effect, identity};
 
 effect! {
+    "line_damping": "damping beyond the declared";
+    at Line = 20.0 "N s/m";
     /// Damping beyond the declared.
     pub struct LineDamping {
         /// Added damping at each port.
@@ -14,13 +16,7 @@ effect! {
 }
 
 impl Effect for LineDamping {
-    fn id(&self) -> &'static str {
-        "line_damping"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn modify(&self, constants: &mut dyn LineConstants) {
         constants.add_line_damping(self.damping);

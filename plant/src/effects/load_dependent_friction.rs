@@ -3,10 +3,12 @@
 //! `τ_f += μ |τ_line| sgn(q̇)`: seals pressed by the fluid, bearings by the belt; the law of
 //! [`crate::friction::LoadDependent`] without its saturation.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::{FrictionLaw, LoadDependent};
 
 effect! {
+    "load_dependent_friction": "friction that grows with the transmitted torque";
+    at Master = 0.1 "1", Slave = 0.1 "1";
     /// Friction that grows with load.
     pub struct LoadDependentFriction {
         /// Friction per transmitted torque `μ`.
@@ -15,13 +17,7 @@ effect! {
 }
 
 impl Effect for LoadDependentFriction {
-    fn id(&self) -> &'static str {
-        "load_dependent_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);

@@ -2,9 +2,11 @@
 //!
 //! `τ → τ + a sin(2π f t + φ)`.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "mains_hum": "mains frequency in the torque channel";
+    at Sensor = 0.05 "N m";
     /// Mains frequency in the torque channel.
     pub struct MainsHum {
         /// Amplitude `a`.
@@ -17,13 +19,7 @@ effect! {
 }
 
 impl Effect for MainsHum {
-    fn id(&self) -> &'static str {
-        "mains_hum"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
         let angle = std::f64::consts::TAU * self.frequency_hz * moment.time_s + self.phase;

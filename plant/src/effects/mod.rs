@@ -2,8 +2,8 @@
 //!
 //! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
 //! internal step at fixed places. Each effect is a [`ParameterSet`]; its first parameter is its
-//! size, the value behind `=` in `ID[@SITE][=SIZE]`. To add one: a file here, and a line in
-//! [`LIST`].
+//! size, the value after `=` in `ID[@SITE][=SIZE]`. To add one: a file here, `pub mod` and a
+//! line in [`LIST`].
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};
@@ -12,6 +12,7 @@ use std::fmt;
 
 mod constants;
 mod delay_line;
+mod entry;
 mod registry;
 mod sited;
 
@@ -49,8 +50,45 @@ pub mod viscoelastic_line;
 pub mod viscous_friction;
 
 pub use constants::LineConstants;
-pub use registry::{EffectError, Entry, LIST, Place, make, parse};
+pub use entry::{Entry, Place};
+pub(crate) use entry::{effect, identity};
+pub use registry::{EffectError, make, parse};
 pub(crate) use sited::Sited;
+
+/// Every effect, in the order of its kind. Names and sites are an interface.
+pub const LIST: &[Entry] = &[
+    line_compliance::ENTRY,
+    nonlinear_stiffness::ENTRY,
+    viscoelastic_line::ENTRY,
+    leakage::ENTRY,
+    backlash::ENTRY,
+    transport_delay::ENTRY,
+    line_damping::ENTRY,
+    coulomb_friction::ENTRY,
+    viscous_friction::ENTRY,
+    quadratic_drag::ENTRY,
+    stribeck_friction::ENTRY,
+    asymmetric_friction::ENTRY,
+    position_dependent_friction::ENTRY,
+    load_dependent_friction::ENTRY,
+    presliding_hysteresis::ENTRY,
+    gravity_imbalance::ENTRY,
+    extra_inertia::ENTRY,
+    hand_impedance::ENTRY,
+    torque_ripple::ENTRY,
+    amplifier_saturation::ENTRY,
+    amplifier_deadzone::ENTRY,
+    amplifier_lag::ENTRY,
+    thermal_drift::ENTRY,
+    periodic_disturbance::ENTRY,
+    encoder_eccentricity::ENTRY,
+    sensor_offset::ENTRY,
+    sensor_gain::ENTRY,
+    sensor_drift::ENTRY,
+    sensor_crosstalk::ENTRY,
+    mains_hum::ENTRY,
+    rectified_sensor::ENTRY,
+];
 
 /// Where an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -305,28 +343,3 @@ impl Clone for Box<dyn Effect> {
         self.as_ref().boxed_clone()
     }
 }
-
-/// Declares an effect's struct: parameters (the first is its size), inner state, site.
-macro_rules! effect {
-    (
-        $(#[$meta:meta])*
-        pub struct $type:ident {
-            $($(#[$field_meta:meta])* $field:ident: $unit:literal, $minimum:expr, $maximum:expr, $default:expr, $source:literal;)+
-        }
-        $(state { $($state:ident: $state_type:ty = $initial:expr;)* })?
-    ) => {
-        $crate::parameter::parameter_set! {
-            $(#[$meta])*
-            pub struct $type {
-                $($(#[$field_meta])* $field: $unit, $minimum, $maximum, $default, $source;)+
-            }
-            state { site: $crate::effects::Site = $crate::effects::Site::Line; $($($state: $state_type = $initial;)*)? }
-        }
-
-        impl $type {
-            /// The effect at a site, with its default parameters.
-            pub fn at(site: $crate::effects::Site) -> Self { Self { site, ..Self::default() } }
-        }
-    };
-}
-use effect;

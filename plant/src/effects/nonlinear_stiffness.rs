@@ -7,12 +7,14 @@
 //! falls below 5 % of the declared. At the slave only the slave's ends are nonlinear. Source:
 //! polynomial spring (Duffing).
 
-use super::{Demand, Effect, End, LineConstants, Link, Moment, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, effect, identity};
 
 /// Force at the reference deflection, N per line.
 const REFERENCE_N: f64 = 20.0;
 
 effect! {
+    "nonlinear_stiffness": "stiffening or softening of the line";
+    at Line = 0.5 "1", Slave = 0.5 "1";
     /// A spring with even and odd terms.
     pub struct NonlinearStiffness {
         /// Relative stiffening at the reference deflection; negative softens.
@@ -26,13 +28,7 @@ effect! {
 }
 
 impl Effect for NonlinearStiffness {
-    fn id(&self) -> &'static str {
-        "nonlinear_stiffness"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn prepare(&mut self, constants: &dyn LineConstants) {
         self.reference_m = REFERENCE_N / (2.0 * constants.line_stiffness_n_per_m());

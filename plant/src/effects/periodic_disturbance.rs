@@ -2,9 +2,11 @@
 //!
 //! `τ += a sin(2π f t + φ)`: the scanner's gradients shake the table.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 
 effect! {
+    "periodic_disturbance": "a vibration of fixed frequency";
+    at Slave = 0.2 "N m", Master = 0.2 "N m";
     /// A vibration.
     pub struct PeriodicDisturbance {
         /// Amplitude `a`.
@@ -17,13 +19,7 @@ effect! {
 }
 
 impl Effect for PeriodicDisturbance {
-    fn id(&self) -> &'static str {
-        "periodic_disturbance"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let angle = std::f64::consts::TAU * self.frequency_hz * moment.time_s + self.phase;

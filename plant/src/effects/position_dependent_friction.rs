@@ -3,10 +3,12 @@
 //! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction
 //! varies with position"; fig. 5.5 shows it.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::PositionDependent;
 
 effect! {
+    "position_dependent_friction": "friction that varies along the stroke";
+    at Master = 0.3 "1", Slave = 0.3 "1";
     /// Friction that varies along the stroke.
     pub struct PositionDependentFriction {
         /// Relative amplitude `a`.
@@ -19,13 +21,7 @@ effect! {
 }
 
 impl Effect for PositionDependentFriction {
-    fn id(&self) -> &'static str {
-        "position_dependent_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let law = PositionDependent {

@@ -5,10 +5,12 @@
 //! both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40
 //! (1995).
 
-use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
+use super::{Demand, Effect, LineConstants, Moment, SideLoad, effect, identity};
 use crate::friction::Bristle;
 
 effect! {
+    "presliding_hysteresis": "bristles: friction that builds up over a small travel";
+    at Master = 0.5 "1", Slave = 0.5 "1";
     /// A part of the dry friction as bristles.
     pub struct PreslidingHysteresis {
         /// Part of the dry friction that is bristles `p`.
@@ -23,13 +25,7 @@ effect! {
 }
 
 impl Effect for PreslidingHysteresis {
-    fn id(&self) -> &'static str {
-        "presliding_hysteresis"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let dry = load.load.dry;

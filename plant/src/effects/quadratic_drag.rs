@@ -2,9 +2,11 @@
 //!
 //! `τ_f = c |q̇| q̇`: turbulent flow through ports and bends.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 
 effect! {
+    "quadratic_drag": "drag with the square of speed";
+    at Master = 0.005 "N m s^2/rad^2", Slave = 0.005 "N m s^2/rad^2";
     /// Drag with the square of speed.
     pub struct QuadraticDrag {
         /// Coefficient `c`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for QuadraticDrag {
-    fn id(&self) -> &'static str {
-        "quadratic_drag"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let viscous = self.coefficient * load.velocity_rad_s.abs();

@@ -3,9 +3,11 @@
 //! `τ → (1 - r) τ + r |τ|`: 1 is a full rectifier (a reflected intensity on the wrong side of its
 //! maximum).
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "rectified_sensor": "a torque channel that loses its sign";
+    at Sensor = 0.5 "1";
     /// A channel that loses its sign.
     pub struct RectifiedSensor {
         /// Part that is rectified `r`.
@@ -14,13 +16,7 @@ effect! {
 }
 
 impl Effect for RectifiedSensor {
-    fn id(&self) -> &'static str {
-        "rectified_sensor"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm +=

@@ -2,9 +2,11 @@
 //!
 //! `τ → τ + k v_motor`.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "sensor_crosstalk": "motor volts in the torque channel";
+    at Sensor = 0.05 "N m/V";
     /// Motor volts in the torque channel.
     pub struct SensorCrosstalk {
         /// Coupling `k`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for SensorCrosstalk {
-    fn id(&self) -> &'static str {
-        "sensor_crosstalk"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm += self.coupling * reading.motor_v;

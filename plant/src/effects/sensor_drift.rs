@@ -2,9 +2,11 @@
 //!
 //! `τ → τ + d t`, `t` since the start.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "sensor_drift": "a torque cell whose zero wanders";
+    at Sensor = 0.01 "N m/s";
     /// A zero that wanders.
     pub struct SensorDrift {
         /// Drift `d`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for SensorDrift {
-    fn id(&self) -> &'static str {
-        "sensor_drift"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
         reading.slave_torque_nm += self.rate * moment.time_s;

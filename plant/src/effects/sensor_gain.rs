@@ -2,9 +2,11 @@
 //!
 //! `τ → (1 + g) τ`.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "sensor_gain": "a torque cell whose scale is off";
+    at Sensor = 0.1 "1";
     /// A scale that is off.
     pub struct SensorGain {
         /// Relative error `g`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for SensorGain {
-    fn id(&self) -> &'static str {
-        "sensor_gain"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm *= 1.0 + self.error;

@@ -2,9 +2,11 @@
 //!
 //! `τ → τ + o`.
 
-use super::{Effect, Moment, Reading, Site, effect};
+use super::{Effect, Moment, Reading, effect, identity};
 
 effect! {
+    "sensor_offset": "a torque cell whose zero is off";
+    at Sensor = 0.1 "N m";
     /// A zero that is off.
     pub struct SensorOffset {
         /// Offset `o`.
@@ -13,13 +15,7 @@ effect! {
 }
 
 impl Effect for SensorOffset {
-    fn id(&self) -> &'static str {
-        "sensor_offset"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm += self.offset;

@@ -3,10 +3,12 @@
 //! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
 //! Automatica 30 (1994).
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::{FrictionLaw, StribeckCurve};
 
 effect! {
+    "stribeck_friction": "friction that is higher at rest and falls with speed";
+    at Master = 0.5 "N m", Slave = 0.5 "N m";
     /// Extra friction near rest.
     pub struct StribeckFriction {
         /// Extra breakaway `s`.
@@ -17,13 +19,7 @@ effect! {
 }
 
 impl Effect for StribeckFriction {
-    fn id(&self) -> &'static str {
-        "stribeck_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);

@@ -3,9 +3,11 @@
 //! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`,
 //! `t` since the start: more when cold for positive `a`.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 
 effect! {
+    "thermal_drift": "friction or viscosity that drifts with time on the run";
+    at Master = 0.5 "1", Slave = 0.5 "1", Line = 0.5 "1";
     /// Friction that changes as the machine warms.
     pub struct ThermalDrift {
         /// Excess when cold `a`.
@@ -16,13 +18,7 @@ effect! {
 }
 
 impl Effect for ThermalDrift {
-    fn id(&self) -> &'static str {
-        "thermal_drift"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let factor = self.factor(moment);

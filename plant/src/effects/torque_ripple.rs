@@ -2,9 +2,11 @@
 //!
 //! `τ += a sin(n q_m + φ)`: cogging; it is there without current.
 
-use super::{Effect, Moment, Site, effect};
+use super::{Effect, Moment, effect, identity};
 
 effect! {
+    "torque_ripple": "torque that varies with the motor's angle (cogging)";
+    at Drive = 0.1 "N m";
     /// Cogging.
     pub struct TorqueRipple {
         /// Amplitude `a`.
@@ -17,13 +19,7 @@ effect! {
 }
 
 impl Effect for TorqueRipple {
-    fn id(&self) -> &'static str {
-        "torque_ripple"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn motor(&mut self, torque_nm: f64, moment: &Moment) -> f64 {
         torque_nm + self.amplitude * (self.order * moment.master_position_rad + self.phase).sin()

@@ -1,24 +1,32 @@
 //! `transport_delay`: dead time.
 //!
-//! - drive: the amplifier acts on the volts of `T` before;
-//! - sensor: all measured channels (not the motor's volts) are those of `T` before;
-//! - line: a lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` stands
-//!   between the fluid and the slave's spring. With force `f` and speed `v` at its two ends, `f₁(t)
-//!   - Z v₁(t) = f₂(t-T) - Z v₂(t-T)` and `f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)`. It neither makes
-//!   nor loses energy, where a delayed spring force would feed the line's mode. Both ends take the
-//!   speeds that they really have in a step, not extrapolated ones: a wave that goes to and fro
-//!   would grow with each reflection by what the extrapolation is off.
+//! - drive: the amplifier applies the volts commanded `T` earlier;
+//! - sensor: all measured channels (not the motor's volts) lag by `T`;
+//! - line: a lossless transmission line of travel time `T` and wave impedance `Z = √(K m_l)` lies
+//!   between the fluid and the slave's spring. With force `f` and velocity `v` at its two ends:
+//!
+//! ```text
+//! f₁(t) - Z v₁(t) = f₂(t-T) - Z v₂(t-T)
+//! f₂(t) + Z v₂(t) = f₁(t-T) + Z v₁(t-T)
+//! ```
+//!
+//! It conserves energy, whereas a delayed spring force would excite the line's mode. Both ends use
+//! the velocities of the step itself, not extrapolated ones: a reflected wave would grow by the
+//! error of the extrapolation.
 //!
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
 use super::delay_line::DelayLine;
-use super::{Demand, Effect, End, LineConstants, Link, Moment, Reading, Site, effect};
+use super::{Demand, Effect, End, LineConstants, Link, Moment, Reading, Site, effect, identity};
 
 effect! {
+    "transport_delay": "dead time";
+    at Line = 5e-3 "s", Drive = 5e-3 "s", Sensor = 5e-3 "s";
     /// Dead time.
     pub struct TransportDelay {
         /// Dead time `T`.
-        delay_s: "s", 0.0, 1.0, 5e-3, "10 m of pure fluid take 7 ms, which the model's masses and springs stand for";
+        delay_s: "s", 0.0, 1.0, 5e-3,
+            "10 m of pure fluid take 7 ms, which the model's masses and springs stand for";
     }
     state {
         signals: Vec<DelayLine> = Vec::new();
@@ -31,13 +39,7 @@ effect! {
 }
 
 impl Effect for TransportDelay {
-    fn id(&self) -> &'static str {
-        "transport_delay"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn prepare(&mut self, constants: &dyn LineConstants) {
         let signals = match self.site {

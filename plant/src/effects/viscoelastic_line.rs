@@ -3,9 +3,11 @@
 //! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ)
 //! 2K`, slow movement `2K`. Source: standard linear solid (plastic hose).
 
-use super::{Demand, Effect, LineConstants, Link, Moment, Site, effect};
+use super::{Demand, Effect, LineConstants, Link, Moment, effect, identity};
 
 effect! {
+    "viscoelastic_line": "a relaxing branch (Maxwell): stiffness that decays with time";
+    at Line = 0.5 "1";
     /// A relaxing branch beside each spring.
     pub struct ViscoelasticLine {
         /// Stiffness of the branch over the declared, `κ`.
@@ -20,13 +22,7 @@ effect! {
 }
 
 impl Effect for ViscoelasticLine {
-    fn id(&self) -> &'static str {
-        "viscoelastic_line"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.stretch_m = [[0.0; 2]; 2];

@@ -2,10 +2,12 @@
 //!
 //! `τ_f = b q̇`.
 
-use super::{Effect, Moment, SideLoad, Site, effect};
+use super::{Effect, Moment, SideLoad, effect, identity};
 use crate::friction::{FrictionLaw, Viscous};
 
 effect! {
+    "viscous_friction": "friction proportional to speed";
+    at Master = 0.05 "N m s/rad", Slave = 0.05 "N m s/rad";
     /// Friction proportional to speed.
     pub struct ViscousFriction {
         /// Coefficient `b`.
@@ -14,13 +16,7 @@ effect! {
 }
 
 impl Effect for ViscousFriction {
-    fn id(&self) -> &'static str {
-        "viscous_friction"
-    }
-
-    fn site(&self) -> Site {
-        self.site
-    }
+    identity!();
 
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);

@@ -12,13 +12,15 @@ parameter_set! {
     #[derive(Copy, PartialEq)]
     pub struct Asymmetric {
         /// Dry part `c`, mean of the two directions.
-        level: "N m (N)", 0.0, 1e4, 0.95, "§ 5.2.2: 0.9 N m forward, 1.0 N m backward, at the motor";
+        level: "N m (N)", 0.0, 1e4, 0.95,
+            "§ 5.2.2: 0.9 N m forward, 1.0 N m backward, at the motor";
         /// Half the difference `a` of the dry parts, positive for more forward.
         difference: "N m (N)", -1e4, 1e4, -0.05, "§ 5.2.2";
         /// Viscous part `b`, mean of the two directions.
         viscous: "N m s/rad (N s/m)", 0.0, 1e5, 0.0, "§ 5.2.2 measured at 0.008 Hz only";
         /// Half the difference `d` of the viscous parts, positive for more forward.
-        viscous_difference: "N m s/rad (N s/m)", -1e5, 1e5, 0.0, "§ 5.2.2 measured at 0.008 Hz only";
+        viscous_difference: "N m s/rad (N s/m)", -1e5, 1e5, 0.0,
+            "§ 5.2.2 measured at 0.008 Hz only";
     }
 }
 

@@ -59,7 +59,7 @@ laws! {
         "friction proportional to speed",
         "§ 3.2.1 (motor)";
     "stribeck" StribeckCurve symmetric rigid
-        "dry friction that falls smoothly with speed, from breakaway to kinetic (Gaussian or Tustin)",
+        "dry friction that falls smoothly with speed from breakaway to kinetic (Gaussian, Tustin)",
         "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994)";
     "piecewise_linear" Stribeck symmetric rigid
         "dry friction that falls to a corner speed and then rises, in straight lines",

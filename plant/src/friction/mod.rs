@@ -12,7 +12,7 @@
 //! ```
 //! use plant::friction::{self, Coulomb, FrictionLaw, Load, OperatingPoint};
 //!
-//! // A slave of 2 g m² that runs at 10 rad/s into 1 N·m of dry friction stands still after I v² / 2 τ = 0.1 rad.
+//! // A slave of 2 g m² at 10 rad/s under 1 N·m of dry friction stops after I v² / 2 τ = 0.1 rad.
 //! let mut law = Coulomb { level: 1.0 };
 //! let (mut position, mut velocity, step) = (0.0, 10.0, 0.5e-3);
 //! for _ in 0..100 {

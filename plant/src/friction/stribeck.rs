@@ -19,7 +19,8 @@ parameter_set! {
         /// Speed `v_s` at which 1/e of the difference is left.
         speed: "rad/s (m/s)", 1e-4, 100.0, 3.0, "assumed: half the corner speed of § 3.2.1";
         /// Exponent `δ`.
-        exponent: "1", 0.5, 4.0, 2.0, "Armstrong-Hélouvry, Dupont, Canudas de Wit 1994: 1 Tustin, 2 Gaussian";
+        exponent: "1", 0.5, 4.0, 2.0,
+            "Armstrong-Hélouvry, Dupont, Canudas de Wit 1994: 1 Tustin, 2 Gaussian";
     }
 }
 

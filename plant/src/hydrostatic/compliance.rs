@@ -5,9 +5,9 @@
 //!
 //! - the hose wall: the bore widens under pressure, which acts like a fluid of modulus `B_w` in
 //!   series with the oil, `1/B' = 1/B + 1/B_w`. For a tube with open ends (the hose lies loose, its
-//!   ends carry the thrust) Lamé's radial displacement `u = (p r_i/E) [(r_o² + r_i²)/(r_o² - r_i²)
-//!   + ν]` gives `B_w = p A/ΔA = p r_i/(2u)`; for a thin wall that is `E t/d`, Korteweg's formula
-//!   (Timoshenko and Goodier, Theory of Elasticity, § 28);
+//!   ends carry the thrust) Lamé's radial displacement, `u = (p r_i/E) [ν + (r_o² + r_i²)/(r_o² -
+//!   r_i²)]`, gives `B_w = p A/ΔA = p r_i/(2u)`; for a thin wall that is `E t/d`, Korteweg's
+//!   formula (Timoshenko and Goodier, Theory of Elasticity, § 28);
 //! - entrained gas: a volume fraction `φ` at the absolute pressure `p` adds `φ/(n p)`, with `n = 1`
 //!   for slow (isothermal) and up to 1.4 for fast (adiabatic) changes (Merritt, Hydraulic Control
 //!   Systems, 1967, § 2.3);

@@ -5,10 +5,10 @@
 //! angle):
 //!
 //! ```text
-//! F_m,i = 2K (s_i - a_m q_m) + D (ṡ_i - a_m q̇_m)                      eq. 3.1.9
+//! F_m,i = 2K (s_i - a_m q_m) + D (ṡ_i - a_m q̇_m)               eq. 3.1.9
 //! F_s,i = 2K (s_i - a_s q_s) + D (ṡ_i - a_s q̇_s)
-//! m_l s̈_i = -F_lf(ṡ_i) - F_m,i - F_s,i                                eq. 3.1.8
-//! I_m q̈_m = τ_m - τ_mf - r_mp F_mf + a_m (F_m,1 + F_m,2)              eq. 3.1.12, with α (see below)
+//! m_l s̈_i = -F_lf(ṡ_i) - F_m,i - F_s,i                         eq. 3.1.8
+//! I_m q̈_m = τ_m - τ_mf - r_mp F_mf + a_m (F_m,1 + F_m,2)       eq. 3.1.12, with α (see below)
 //! I_s q̈_s = τ_hand - τ_sf + a_s (F_s,1 + F_s,2)
 //! ```
 //!

@@ -4,7 +4,7 @@ use crate::effects::LineConstants;
 use crate::fluid::Pipe;
 use crate::friction::Stribeck;
 use crate::parameter::parameter_set;
-use crate::transmission::{State, TransmissionParameters};
+use crate::transmission::{State, TransmissionParameters, least_damping};
 
 parameter_set! {
     /// Constants of the hydrostatic transmission, SI.
@@ -27,7 +27,8 @@ parameter_set! {
         fluid_density_kg_m3: "kg/m^3", 1.0, 2e4, 847.0, "§ 3.2.1";
         /// Stiffness of the whole line over that of the fluid alone: 1 as printed, about 1/14 as
         /// traced.
-        line_stiffness_factor: "1", 1e-6, 10.0, 1.0, "§ 3.2.2 neglects bulging, belts, entrained gas";
+        line_stiffness_factor: "1", 1e-6, 10.0, 1.0,
+            "§ 3.2.2 neglects bulging, belts, entrained gas";
         /// Thickness of the hose's wall.
         hose_wall_m: "m", 1e-4, 0.1, 0.002, "assumed: not printed";
         /// Young's modulus of the hose's wall; infinite for a rigid one.
@@ -35,7 +36,8 @@ parameter_set! {
         /// Poisson's ratio of the hose's wall.
         hose_wall_poisson_ratio: "1", 0.0, 0.5, 0.4, "assumed: plastics";
         /// Stiffness of the belt between piston and pulley at either end; infinite for a rigid one.
-        belt_stiffness_n_per_m: "N/m", 1.0, f64::INFINITY, f64::INFINITY, "§ 3.2.2 neglects the belts";
+        belt_stiffness_n_per_m: "N/m", 1.0, f64::INFINITY, f64::INFINITY,
+            "§ 3.2.2 neglects the belts";
         /// Volume fraction of gas in the oil at the rest pressure.
         gas_fraction: "1", 0.0, 0.5, 0.0, "not mentioned";
         /// Exponent of the gas: 1 for slow, 1.4 for fast changes.
@@ -65,7 +67,8 @@ parameter_set! {
         /// Damping at the cylinder ports and bends, `D`.
         port_damping_n_s_per_m: "N s/m", 0.0, 1000.0, 0.3, "§ 3.2.1, tuned";
         /// Motor torque per volt.
-        motor_torque_per_volt_nm: "N m/V", 0.01, 100.0, 1.8, "assumed: errata, 1.5 V against 2.74 N m";
+        motor_torque_per_volt_nm: "N m/V", 0.01, 100.0, 1.8,
+            "assumed: errata, 1.5 V against 2.74 N m";
         /// Motor Coulomb friction, constant part of `τ_mf`.
         motor_coulomb_nm: "N m", 0.0, 50.0, 0.767, "§ 3.2.1";
         /// Motor viscous friction, slope of `τ_mf`.
@@ -281,10 +284,10 @@ impl TransmissionParameters for Parameters {
         self.port_damping_n_s_per_m
     }
 
-    fn linear_damping(&self, weakest: &dyn Fn(&dyn Fn(f64) -> f64) -> f64) -> [f64; 3] {
+    fn linear_damping(&self, speed_max: f64) -> [f64; 3] {
         [
             self.motor_viscous_nm_s,
-            weakest(&|speed| self.slave_friction().level(speed)),
+            least_damping(speed_max, |speed| self.slave_friction().level(speed)),
             2.0 * self.pipe().coefficient(0.0),
         ]
     }

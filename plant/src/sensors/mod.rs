@@ -14,8 +14,9 @@
 //! ```
 //! use plant::sensors::{EncoderCounter, EncoderCounterParameters, FilteredDifference, Unwrap};
 //!
-//! // 16 bits wrap after three turns of 20 000 counts; unwrapped, twenty turns in one second are still there.
-//! let mut counter = EncoderCounter::new(&EncoderCounterParameters { bits: 16.0, ..Default::default() })?;
+//! // 16 bits wrap after three turns of 20 000 counts; unwrapping recovers twenty turns.
+//! let parameters = EncoderCounterParameters { bits: 16.0, ..Default::default() };
+//! let mut counter = EncoderCounter::new(&parameters)?;
 //! let (mut unwrap, mut speed) = (Unwrap::new(16), FilteredDifference::new(0.5e-3, 5e-3));
 //! let mut estimate = 0.0;
 //! for tick in 0..=2000 {

@@ -18,8 +18,9 @@ pub struct Speed {
 /// e^{iωT}`:
 ///
 /// ```text
-/// H(ω) = (1 - z⁻¹)/T · a / (1 - (1 - a) z⁻¹)          gain and phase over those of q
-/// lag  = T/2 + T (1 - a)/a = T/2 + T / (e^{T/τ} - 1)    at low frequency; T/2 without filter, near τ for τ ≫ T
+/// H(ω) = (1 - z⁻¹)/T · a / (1 - (1 - a) z⁻¹)           gain and phase over those of q
+/// lag  = T/2 + T (1 - a)/a = T/2 + T / (e^{T/τ} - 1)   at low frequency; T/2 without filter,
+///                                                      near τ for τ ≫ T
 /// ```
 ///
 /// Quantisation by a pitch `δ` (position of one count) leaves noise: at constant speed up to `δ/T`

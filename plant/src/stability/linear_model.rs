@@ -6,8 +6,6 @@ use crate::transmission::TransmissionParameters;
 
 /// Coordinates: master, slave, and the two lines as one, for they move together.
 const COORDINATES: usize = 3;
-/// Speeds at which friction is held against a damper.
-const SPEEDS: u32 = 100;
 /// Positions and speeds of the coordinates, and the torque in the cell.
 pub(super) const STATES: usize = 2 * COORDINATES + 1;
 
@@ -42,13 +40,8 @@ pub struct LinearModel {
 impl LinearModel {
     /// The model of a transmission whose handle turns no faster than `speed_max` (rad/s).
     pub fn new(parameters: &dyn TransmissionParameters, speed_max: f64) -> Self {
-        let weakest = |level: &dyn Fn(f64) -> f64| {
-            let speeds = (1..=SPEEDS).map(|step| speed_max * f64::from(step) / f64::from(SPEEDS));
-            let least = speeds.map(|speed| level(speed) / speed).fold(f64::INFINITY, f64::min);
-            if least.is_finite() { least.max(0.0) } else { 0.0 }
-        };
         let [master, slave] = parameters.inertia_kg_m2();
-        let damping = parameters.linear_damping(&weakest);
+        let damping = parameters.linear_damping(speed_max);
         let mut model = Self {
             mass: [master, slave, 2.0 * parameters.middle_mass_kg()],
             stiffness: Matrix3::zeros(),

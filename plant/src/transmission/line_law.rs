@@ -3,7 +3,6 @@
 use std::fmt;
 
 use super::TransmissionParameters;
-use super::modes::modes_rad_s;
 use crate::effects::{Link, Side};
 use crate::friction::{Advance, Load};
 
@@ -32,7 +31,7 @@ pub trait LineLaw: Clone + fmt::Debug + Send {
         extra_inertia: [f64; 2],
         stiffness_factor: f64,
     ) -> f64 {
-        modes_rad_s(parameters, extra_inertia, 1.0)[3] * stiffness_factor.sqrt()
+        parameters.changed_modes_rad_s(extra_inertia, 1.0)[3] * stiffness_factor.sqrt()
     }
 
     /// Lets a link rest at a deflection (m): its history is forgotten.

@@ -9,8 +9,8 @@ mod parameters;
 mod plant;
 
 pub use line_law::{Coupling, DeclaredForce, LineLaw, Middle};
-pub(crate) use modes::modes_rad_s;
 pub use parameters::TransmissionParameters;
+pub(crate) use parameters::least_damping;
 pub(crate) use plant::PendingStep;
 pub use plant::Plant;
 

@@ -3,24 +3,20 @@
 
 use nalgebra::Matrix4;
 
-use super::TransmissionParameters;
-
 /// Angular frequencies, rad/s, ascending; the first is the rigid-body motion.
 ///
-/// `extra_inertia` (kg·m²) is added to master and slave; the links are `stiffer` by a factor.
-pub(crate) fn modes_rad_s<P: TransmissionParameters + ?Sized>(
-    parameters: &P,
-    extra_inertia: [f64; 2],
-    stiffer: f64,
+/// Pairs are of master and slave: `inertia` (kg·m²), the stiffness between the middle of a line and
+/// either end (N/m), the displacement of the line per angle (m/rad).
+pub(super) fn modes(
+    [master, slave]: [f64; 2],
+    line_kg: f64,
+    half_lines: [f64; 2],
+    displacements: [f64; 2],
 ) -> [f64; 4] {
-    let [master, slave] = parameters.inertia_kg_m2();
-    let line = parameters.middle_mass_kg();
-    let masses = [master + extra_inertia[0], slave + extra_inertia[1], line, line];
-    let half_lines = parameters.half_line_stiffness_n_per_m();
-    let displacements = parameters.displacement_m_per_rad();
+    let masses = [master, slave, line_kg, line_kg];
     let mut stiffness = Matrix4::<f64>::zeros();
     for side in 0..2 {
-        let (displacement, half_line) = (displacements[side], stiffer * half_lines[side]);
+        let (displacement, half_line) = (displacements[side], half_lines[side]);
         for line in [2, 3] {
             stiffness[(side, side)] += half_line * displacement * displacement;
             stiffness[(line, line)] += half_line;

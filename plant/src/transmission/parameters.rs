@@ -1,6 +1,6 @@
 //! What the constants of every transmission provide, whatever its lines are made of.
 
-use super::modes::modes_rad_s;
+use super::modes::modes;
 use crate::effects::LineConstants;
 use crate::{ParameterError, ParameterSet};
 
@@ -27,9 +27,9 @@ pub trait TransmissionParameters: ParameterSet + LineConstants {
     fn link_damping_n_s_per_m(&self) -> f64;
 
     /// Friction as viscous coefficients: of master and slave (N·m·s/rad), and of both lines
-    /// together (N·s/m). `weakest` returns the least ratio of a dry friction (N·m) over its speed
-    /// (rad/s) in the range of speeds considered.
-    fn linear_damping(&self, weakest: &dyn Fn(&dyn Fn(f64) -> f64) -> f64) -> [f64; 3];
+    /// together (N·s/m). Dry friction of the slave counts by [`least_damping`] up to `speed_max`
+    /// (rad/s); other dry friction is left out.
+    fn linear_damping(&self, speed_max: f64) -> [f64; 3];
 
     /// Name of the parameter to which inertia fixed to the handle adds.
     fn handle_inertia(&self) -> &'static str;
@@ -60,7 +60,18 @@ pub trait TransmissionParameters: ParameterSet + LineConstants {
     /// Angular frequencies of the undamped modes, rad/s, ascending; the first is the rigid-body
     /// motion.
     fn modes_rad_s(&self) -> [f64; 4] {
-        modes_rad_s(self, [0.0; 2], 1.0)
+        self.changed_modes_rad_s([0.0; 2], 1.0)
+    }
+
+    /// The modes with inertia (kg·m²) added to master and slave and links `stiffer` by a factor.
+    fn changed_modes_rad_s(&self, extra_inertia: [f64; 2], stiffer: f64) -> [f64; 4] {
+        let [master, slave] = self.inertia_kg_m2();
+        modes(
+            [master + extra_inertia[0], slave + extra_inertia[1]],
+            self.middle_mass_kg(),
+            self.half_line_stiffness_n_per_m().map(|half_line| stiffer * half_line),
+            self.displacement_m_per_rad(),
+        )
     }
 
     /// Adds to a parameter.
@@ -79,4 +90,15 @@ pub trait TransmissionParameters: ParameterSet + LineConstants {
     fn load_handle(&mut self, inertia_kg_m2: f64) -> Result<(), ParameterError> {
         self.add(self.handle_inertia(), inertia_kg_m2)
     }
+}
+
+/// Speeds at which [`least_damping`] compares friction with a damper.
+const SPEEDS: u32 = 100;
+
+/// The weakest damper that a dry friction `level` (N·m over rad/s) is ever equivalent to, up to
+/// `speed_max` (rad/s): the least of friction over speed, N·m·s/rad.
+pub(crate) fn least_damping(speed_max: f64, level: impl Fn(f64) -> f64) -> f64 {
+    let speeds = (1..=SPEEDS).map(|step| speed_max * f64::from(step) / f64::from(SPEEDS));
+    let least = speeds.map(|speed| level(speed) / speed).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least.max(0.0) } else { 0.0 }
 }

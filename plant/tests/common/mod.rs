@@ -1,6 +1,8 @@
 //! Shared by the tests.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod mass;
+
 use plant::effects::Effect;
 use plant::hydrostatic::{Parameters, Plant};
 use plant::transmission::{Input, Transmission};

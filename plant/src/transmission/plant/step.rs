@@ -183,7 +183,7 @@ impl<L: LineLaw> Plant<L> {
         }
         self.count_side(&slave, pending.effect_nm, pending.hand_torque_nm * slave.displacement);
         let mut lines = [slave; 2];
-        for line in 0..2 {
+        for (line, advanced) in lines.iter_mut().enumerate() {
             let middle = Middle {
                 line,
                 step_s: step,
@@ -200,7 +200,7 @@ impl<L: LineLaw> Plant<L> {
                 self.effects.flowed(line, moved.displacement, moment);
             }
             self.count_line::<EFFECTS>(line, &moved, coupling, (sides, step));
-            lines[line] = moved;
+            *advanced = moved;
         }
 
         let state = &mut self.state;

@@ -1,5 +1,5 @@
-/* The hydrostatic transmission without effects, by the scheme of src/hydrostatic/plant.rs, in plain C: what the Rust is
- * measured against. Reads parameters from the command line, in the order of `arguments` in twin.rs; simulates the same
+/* The hydrostatic transmission without effects, by the scheme of src/transmission/plant, in plain C: what the Rust is
+ * measured against. Reads parameters from the command line, in the order of `arguments` in c_reference.rs; simulates the same
  * record several times; prints the nanoseconds of each run and the final state, so that the bench can see that both
  * computed the same. */
 #define _POSIX_C_SOURCE 199309L

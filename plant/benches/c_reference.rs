@@ -38,7 +38,7 @@ fn rust(parameters: &Parameters) -> Result<(f64, Plant), Failure> {
     Ok((began.elapsed().as_nanos() as f64, plant))
 }
 
-/// In the order in which twin.c reads them.
+/// In the order in which c_reference.c reads them.
 fn arguments(parameters: &Parameters, longest_step_s: f64) -> Vec<f64> {
     let [master, slave] = parameters.half_line_stiffness_n_per_m();
     let area = parameters.hose_area_m2;
@@ -123,8 +123,8 @@ fn beside_c(name: &str, parameters: &Parameters, program: &PathBuf) -> Result<()
     let [low, ratio, high] = quartiles(ratios);
     let steps = STEPS as f64 * per_output;
     println!(
-        "{name:<22} {per_output:>3.0} steps each  Rust {:>6.1} ms ({:>5.1} ns a step)  C {:>6.1} ms ({:>5.1} ns)  \
-         ratio {ratio:.2} ({low:.2} to {high:.2})",
+        "{name:<22} {per_output:>3.0} steps each  Rust {:>6.1} ms ({:>5.1} ns a step)  \
+         C {:>6.1} ms ({:>5.1} ns)  ratio {ratio:.2} ({low:.2} to {high:.2})",
         ours * 1e-6,
         ours / steps,
         theirs * 1e-6,
@@ -161,7 +161,8 @@ fn in_batch() -> Result<(), Failure> {
     let [one, all] = rates.map(|rates| quartiles(rates)[1]);
     let cores = std::thread::available_parallelism()?;
     println!(
-        "batch of 64 records of 30 s: {one:.0} a second on one core, {all:.0} on {cores} ({:.2} times)",
+        "batch of 64 records of 30 s: {one:.0} a second on one core, {all:.0} on {cores} \
+         ({:.2} times)",
         all / one
     );
     Ok(())
@@ -169,8 +170,8 @@ fn in_batch() -> Result<(), Failure> {
 
 fn main() -> Result<(), Failure> {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
-    let program = folder.join(format!("twin-{}", std::process::id()));
-    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/twin.c");
+    let program = folder.join(format!("c-reference-{}", std::process::id()));
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/c_reference.c");
     let built = Command::new("cc")
         .args(["-O3", "-std=c11", "-Wall", "-Werror", "-o"])
         .arg(&program)
@@ -178,7 +179,7 @@ fn main() -> Result<(), Failure> {
         .arg("-lm")
         .status()?;
     if !built.success() {
-        return Err("cc could not build twin.c".into());
+        return Err("cc could not build c_reference.c".into());
     }
     let printed = Parameters::printed();
     let result = beside_c("traced, 10 m", &Parameters::traced(), &program)
