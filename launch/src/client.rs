@@ -15,7 +15,7 @@ use crate::control::{Answer, Request, send};
 use crate::run_dir::LastWords;
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};
-use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, leftovers, log};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, process};
 
 /// How long a living launcher may take to answer before it is taken for hung, in s.
 const ANSWER_SECONDS: u64 = 5;
@@ -179,7 +179,7 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
             None => return Err(directory.already_up("of this directory")),
         }
     };
-    let leftovers = leftovers::of(&directory)?;
+    let leftovers = process::leftovers(&directory)?;
     if leftovers.is_empty() {
         directory.clean();
         return Err(not_up());

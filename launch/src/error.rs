@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::identity::ProcessIdentity;
+use crate::status::Leftover;
 use crate::units::UnitError;
-use crate::{Leftover, ProcessIdentity};
 
 /// A unit that could not be brought up.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -11,10 +11,10 @@ use std::process::{Child, Command, Stdio};
 
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open, pidfd_send_signal};
 
-use crate::machine::Exit;
+use crate::lifecycle::Exit;
 use crate::scheduling::ChildSetup;
 use crate::units::Unit;
-use crate::{Config, Error, ProcessIdentity, RunDir, log};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log};
 
 /// In every process's environment: by these two a process is known as the rig's even if no status
 /// names it.
@@ -184,4 +184,22 @@ pub(crate) fn find(run_dir: &RunDir) -> Vec<(String, ProcessIdentity)> {
         }
     }
     found
+}
+
+/// Living processes of a rig whose launcher is dead: those in its last status, and any that it
+/// started without writing it down.
+pub(crate) fn leftovers(run_dir: &RunDir) -> Result<Vec<Leftover>, Error> {
+    let units = run_dir.last_status()?.into_iter().flat_map(|status| status.units);
+    let mut found: Vec<Leftover> = units
+        .filter_map(|unit| {
+            let process = unit.process.filter(ProcessIdentity::is_alive)?;
+            Some(Leftover { unit: unit.name, process })
+        })
+        .collect();
+    for (unit, process) in find(run_dir) {
+        if !found.iter().any(|leftover| leftover.process == process) {
+            found.push(Leftover { unit, process });
+        }
+    }
+    Ok(found)
 }

@@ -139,6 +139,21 @@ pub struct StopReport {
     pub strays: Vec<ProcessIdentity>,
 }
 
+/// A living process of a rig whose launcher is dead.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Leftover {
+    /// Short name of its unit.
+    pub unit: String,
+    /// The process.
+    pub process: ProcessIdentity,
+}
+
+impl std::fmt::Display for Leftover {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{} {}", self.unit, self.process)
+    }
+}
+
 /// Wall clock, in ms since 1970 (UTC).
 pub(crate) fn unix_ms() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);

@@ -1,4 +1,4 @@
-//! The launcher's loop: it joins the [`Machine`] to processes, sockets and files.
+//! The launcher's loop: carries out the [`Lifecycle`]'s actions on processes, and reports events to it.
 
 mod report;
 
@@ -14,8 +14,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::control::{Answer, ControlServer, Request};
 use crate::identity::has_ended;
+use crate::lifecycle::{Action, Exit, Lifecycle, Phase, Policy};
 use crate::log::{self, Journal};
-use crate::machine::{Action, Exit, Machine, Phase, Policy};
 use crate::notify::{NotifySocket, Word};
 use crate::process::{self, Process};
 use crate::run_dir::LastWords;
@@ -86,7 +86,7 @@ pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> 
     config.load_units()?;
     run_dir.create()?;
     let lock = run_dir.lock()?.ok_or_else(|| run_dir.already_up(&config.rig_name))?;
-    let leftovers = crate::leftovers::of(run_dir)?;
+    let leftovers = process::leftovers(run_dir)?;
     let same = run_dir.config()?.is_some_and(|earlier| config.same_processes(&earlier));
     if !leftovers.is_empty() && !same {
         return Err(Error::OtherSettings { rig: config.rig_name.clone(), leftovers });
@@ -99,7 +99,7 @@ pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> 
     Ok(lock)
 }
 
-/// One unit beside its state in the machine.
+/// One unit with its process.
 struct Supervised {
     unit: Unit,
     process: Option<Process>,
@@ -120,7 +120,7 @@ pub(crate) struct Supervisor {
     identity: ProcessIdentity,
     boot_id: String,
     since_unix_ms: u64,
-    machine: Machine,
+    lifecycle: Lifecycle,
     units: Vec<Supervised>,
     notify: NotifySocket,
     control: ControlServer,
@@ -145,7 +145,7 @@ impl Supervisor {
         let pid_line = format!("{} {}\n", identity.pid, identity.start_time);
         run_dir.write(&run_dir.launcher_pid(), pid_line.as_bytes())?;
         let mut supervisor = Self {
-            machine: Machine::new(Policy::of(&units)),
+            lifecycle: Lifecycle::new(Policy::of(&units)),
             units: units
                 .into_iter()
                 .map(|unit| Supervised {
@@ -231,12 +231,12 @@ impl Supervisor {
                 continue;
             };
             let supervised = &mut self.units[index];
-            self.machine.adopt(index, status.state == UnitState::Ready, status.restarts, now);
+            self.lifecycle.adopt(index, status.state == UnitState::Ready, status.restarts, now);
             self.journal.say(&format!("{}: adopted {}", status.name, process.identity));
             supervised.scheduling = Some(Scheduling::read(&supervised.unit, process.identity.pid));
             supervised.process = Some(process);
             supervised.adopted = true;
-            supervised.state = self.machine.state(index);
+            supervised.state = self.lifecycle.state(index);
             supervised.since_unix_ms = status.since_unix_ms;
             supervised.status_text = status.status_text;
         }
@@ -260,25 +260,25 @@ impl Supervisor {
 
     fn run(mut self, signals: Option<&UnixStream>) -> Result<StopReport, Error> {
         loop {
-            let phase = self.machine.phase();
+            let phase = self.lifecycle.phase();
             let now = self.now();
-            let actions = self.machine.tick(now);
+            let actions = self.lifecycle.tick(now);
             let acted = !actions.is_empty();
             for action in actions {
                 self.perform(action);
             }
-            if self.machine.phase() != phase {
+            if self.lifecycle.phase() != phase {
                 self.journal.say(&format!(
                     "rig {}: {:?}",
                     self.config.rig_name,
-                    self.machine.phase()
+                    self.lifecycle.phase()
                 ));
             }
-            let changed = self.follow_states() || acted || self.machine.phase() != phase;
+            let changed = self.follow_states() || acted || self.lifecycle.phase() != phase;
             if changed || self.written.is_none_or(|written| self.now() >= written + STATUS_PERIOD) {
                 self.write_status();
             }
-            if self.machine.phase() == Phase::Down {
+            if self.lifecycle.phase() == Phase::Down {
                 return self.finish();
             }
             if acted {
@@ -318,7 +318,7 @@ impl Supervisor {
                     Err(error) => {
                         self.journal.say(&format!("{}: {error}", supervised.unit.name));
                         let now = self.now();
-                        self.machine.start_refused(index, error.to_string(), now);
+                        self.lifecycle.start_refused(index, error.to_string(), now);
                     }
                 }
                 // At once: whoever comes after a launcher that dies now finds the process here.
@@ -337,7 +337,7 @@ impl Supervisor {
             }
             Action::Kill(index) => {
                 let supervised = &self.units[index];
-                let why = self.machine.reason(index).unwrap_or("it did not stop in time");
+                let why = self.lifecycle.reason(index).unwrap_or("it did not stop in time");
                 self.journal.say(&format!("{}: killed: {why}", supervised.unit.name));
                 if let Some(process) = &supervised.process {
                     process.kill();
@@ -351,7 +351,7 @@ impl Supervisor {
         let now = self.now();
         let status_due = self.written.map_or(now, |written| written + STATUS_PERIOD);
         let due =
-            self.machine.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
+            self.lifecycle.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
         // One millisecond more, so that what is due is due when it wakes.
         let left = due.saturating_sub(now) + Duration::from_millis(1);
         let timeout =
@@ -388,11 +388,11 @@ impl Supervisor {
             for word in words {
                 match word {
                     Word::Ready => {
-                        self.machine.ready(index, now);
+                        self.lifecycle.ready(index, now);
                         let supervised = &mut self.units[index];
                         supervised.scheduling = Some(Scheduling::read(&supervised.unit, pid));
                     }
-                    Word::Alive => self.machine.ping(index, self.units[index].adopted, now),
+                    Word::Alive => self.lifecycle.ping(index, self.units[index].adopted, now),
                     Word::Status(text) => self.units[index].status_text = Some(text),
                 }
             }
@@ -408,13 +408,13 @@ impl Supervisor {
             let Some(process) = self.units[index].process.take() else { continue };
             let exit = process.exit();
             let now = self.now();
-            self.machine.exited(index, exit, now);
+            self.lifecycle.exited(index, exit, now);
             let supervised = &mut self.units[index];
             supervised.last_exit = Some(exit);
             supervised.scheduling = None;
             self.journal.say(&format!("{}: ended: {exit}", supervised.unit.name));
-            if self.machine.phase() == Phase::Stopping {
-                let (asked, killed) = self.machine.stop_of(index).unwrap_or((now, false));
+            if self.lifecycle.phase() == Phase::Stopping {
+                let (asked, killed) = self.lifecycle.stop_of(index).unwrap_or((now, false));
                 self.stopped.push(UnitStop {
                     name: supervised.unit.name.clone(),
                     exit: Some(exit.to_string()),
@@ -451,7 +451,7 @@ impl Supervisor {
             };
         };
         let now = self.now();
-        match self.machine.restart(index, now) {
+        match self.lifecycle.restart(index, now) {
             Err(reason) => Answer::Refused { reason: reason.to_owned() },
             Ok(actions) => {
                 for action in actions {
@@ -465,10 +465,10 @@ impl Supervisor {
     fn stop_all(&mut self, cause: &str) {
         if self.cause.is_none() {
             self.journal.say(&format!("stopping: {cause}"));
-            let broken_off = self.machine.phase() == Phase::BringUp;
+            let broken_off = self.lifecycle.phase() == Phase::BringUp;
             self.cause = Some(cause.to_owned());
             self.broken_off |= broken_off;
         }
-        self.machine.stop_all();
+        self.lifecycle.stop_all();
     }
 }

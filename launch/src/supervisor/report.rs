@@ -1,7 +1,7 @@
 //! What the launcher tells: the status while it runs, the report when all is stopped.
 
 use super::Supervisor;
-use crate::machine::Phase;
+use crate::lifecycle::Phase;
 use crate::status::{RigState, Status, StopReport, UnitStatus, UnitStop, unix_ms};
 use crate::{Error, StartFailure, log};
 
@@ -13,7 +13,7 @@ impl Supervisor {
     pub(super) fn follow_states(&mut self) -> bool {
         let mut changed = false;
         for (index, supervised) in self.units.iter_mut().enumerate() {
-            let state = self.machine.state(index);
+            let state = self.lifecycle.state(index);
             if state != supervised.state {
                 supervised.state = state;
                 supervised.since_unix_ms = unix_ms();
@@ -26,7 +26,7 @@ impl Supervisor {
     pub(super) fn status(&self) -> Status {
         Status {
             rig_name: self.config.rig_name.clone(),
-            state: match self.machine.phase() {
+            state: match self.lifecycle.phase() {
                 Phase::BringUp => RigState::Starting,
                 Phase::Up => RigState::Up,
                 Phase::Stopping => RigState::Stopping,
@@ -47,9 +47,9 @@ impl Supervisor {
                     process: supervised.process.as_ref().map(|process| process.identity),
                     adopted: supervised.adopted && supervised.process.is_some(),
                     since_unix_ms: supervised.since_unix_ms,
-                    restarts: self.machine.restarts(index),
+                    restarts: self.lifecycle.restarts(index),
                     last_exit: supervised.last_exit.map(|exit| exit.to_string()),
-                    restart_reason: self.machine.reason(index).map(str::to_owned),
+                    restart_reason: self.lifecycle.reason(index).map(str::to_owned),
                     scheduling: supervised.scheduling.clone(),
                     status_text: supervised.status_text.clone(),
                     log: self.run_dir.log(&supervised.unit.name),
@@ -75,7 +75,7 @@ impl Supervisor {
     /// All is stopped: tells those who asked, and leaves nothing but the logs.
     pub(super) fn finish(mut self) -> Result<StopReport, Error> {
         self.end_strays();
-        let failure = self.machine.failure().map(|failure| {
+        let failure = self.lifecycle.failure().map(|failure| {
             let unit = &self.units[failure.unit].unit.name;
             let log = self.run_dir.log(unit);
             StartFailure {

@@ -1,83 +1,47 @@
-//! When to start, kill, restart and stop: a pure state machine. Time (monotonic, from any origin)
-//! and what happened go in, [`Action`]s come out; no clock, no process, no file.
+//! Lifecycle of a rig's units: when to start, kill, restart and stop them. A pure state machine:
+//! events with their time (monotonic, any origin) in, [`Action`]s out.
 //!
-//! | what happens | what is done | cleared by |
+//! | event | reaction | cleared by |
 //! |---|---|---|
-//! | no `READY=1` within `TimeoutStartSec=` | kill, restart | a start that succeeds |
-//! | ends before `READY=1` | restart | a start that succeeds |
-//! | no `WATCHDOG=1` for `WatchdogSec=` | kill, restart | by itself |
-//! | ends, and `Restart=` says so | restart | by itself |
-//! | [`START_ATTEMPTS`] failed starts in a row while the rig is being brought up | stop all, report | a person |
-//! | `StartLimitBurst=` starts within `StartLimitIntervalSec=` | given up; all is stopped while being brought up | a person: `restart UNIT` |
-//! | an exit code in `RestartPreventExitStatus=` | given up, as above | a person |
-//! | a unit that this one wants and comes after is not ready | its next start waits (`Gated`) | by itself |
+//! | no `READY=1` within `TimeoutStartSec=` | kill, restart | a successful start |
+//! | exit before `READY=1` | restart | a successful start |
+//! | no `WATCHDOG=1` for `WatchdogSec=` | kill, restart | itself |
+//! | exit, and `Restart=` asks for it | restart | itself |
+//! | [`START_ATTEMPTS`] failed starts in a row during bring-up | stop all, report | a person |
+//! | `StartLimitBurst=` starts within `StartLimitIntervalSec=` | give up (a) | `restart UNIT` |
+//! | an exit code in `RestartPreventExitStatus=` | give up (a) | a person |
+//! | a unit in both `Wants=` and `After=` is not ready | hold the start (`Gated`) | itself |
+//!
+//! (a) During bring-up, giving up one unit stops all.
 //!
 //! The n-th restart in a row waits `RestartSec=` × 2ⁿ, at most [`BACK_OFF_CAP`] (or `RestartSec=`,
-//! if that is longer). A process that was ready for [`HEALTHY_AFTER`] begins again at
-//! `RestartSec=`.
+//! if that is longer). Once a process has been ready for [`HEALTHY_AFTER`], n starts from 0 again.
 
+mod exit;
 mod policy;
 #[cfg(test)]
 mod tests;
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::time::Duration;
 
+pub use exit::Exit;
 pub use policy::Policy;
-use serde::{Deserialize, Serialize};
 
 use crate::status::UnitState;
 use crate::units::Restart;
 
 /// Longest pause before a restart.
 pub const BACK_OFF_CAP: Duration = Duration::from_secs(2);
-/// How long a process must have been ready for its next restart to come at once again.
+/// Time a process must have been ready for the back-off to start anew.
 pub const HEALTHY_AFTER: Duration = Duration::from_secs(2);
-/// How often the start of a unit is tried while the rig is being brought up.
+/// Attempts at starting a unit during bring-up.
 pub const START_ATTEMPTS: u32 = 3;
 
-/// How a process ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Exit {
-    /// It returned this code.
-    Code(i32),
-    /// This signal ended it.
-    Signal(i32),
-    /// It was adopted, so the kernel tells its end but not how.
-    Unknown,
-}
-
-impl Exit {
-    /// Whether it counts as an end in good order: code 0, or a signal that asks politely.
-    pub fn is_clean(self) -> bool {
-        match self {
-            Self::Code(code) => code == 0,
-            Self::Signal(signal) => {
-                [libc::SIGHUP, libc::SIGINT, libc::SIGTERM, libc::SIGPIPE].contains(&signal)
-            }
-            Self::Unknown => false,
-        }
-    }
-}
-
-impl fmt::Display for Exit {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Code(code) => write!(formatter, "exit code {code}"),
-            Self::Signal(signal) => match signal_hook::low_level::signal_name(*signal) {
-                Some(name) => write!(formatter, "signal {signal} ({name})"),
-                None => write!(formatter, "signal {signal}"),
-            },
-            Self::Unknown => write!(formatter, "unknown (the process was adopted)"),
-        }
-    }
-}
-
-/// What the machine wants done.
+/// What the caller must do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Start this unit's process; then, if that failed, call [`Machine::start_refused`].
+    /// Start this unit's process; then, if that failed, call [`Lifecycle::start_refused`].
     Start(usize),
     /// Send the unit's `KillSignal=`.
     AskToStop(usize),
@@ -85,16 +49,16 @@ pub enum Action {
     Kill(usize),
 }
 
-/// Where the whole rig is.
+/// Phase of the whole rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Units are being started for the first time.
     BringUp,
-    /// All have been ready.
+    /// All units have been ready.
     Up,
     /// Units are being stopped.
     Stopping,
-    /// None is left.
+    /// No process is left.
     Down,
 }
 
@@ -103,9 +67,9 @@ pub enum Phase {
 pub struct Failure {
     /// Index of the unit.
     pub unit: usize,
-    /// What happened last.
+    /// The last failure.
     pub reason: String,
-    /// How often it was tried.
+    /// Number of attempts.
     pub attempts: u32,
 }
 
@@ -134,23 +98,23 @@ struct Slot {
 }
 
 impl Slot {
-    /// Not even SIGKILL ended it: it hangs in the kernel. The others must not wait for it.
+    /// SIGKILL did not end it: it hangs in the kernel, and the others must not wait for it.
     fn outlived(&mut self) {
         self.reason = Some("it outlived SIGKILL".to_owned());
         self.state = State::Failed;
     }
 }
 
-/// The state of all units of a rig.
+/// State of all units of a rig.
 #[derive(Debug)]
-pub struct Machine {
+pub struct Lifecycle {
     slots: Vec<Slot>,
     phase: Phase,
     failure: Option<Failure>,
 }
 
-impl Machine {
-    /// All units inactive, to be brought up.
+impl Lifecycle {
+    /// Returns the bring-up of units that are all inactive.
     pub fn new(policies: Vec<Policy>) -> Self {
         let slots = policies
             .into_iter()
@@ -169,8 +133,8 @@ impl Machine {
         Self { slots, phase: Phase::BringUp, failure: None }
     }
 
-    /// Takes a living process over. One that had not been ready gets the time of a start to show a
-    /// sign of life; its `READY=1` may have been lost, so a `WATCHDOG=1` counts as well.
+    /// Adopts a living process. One that was not ready gets `TimeoutStartSec=` to become so; since
+    /// its `READY=1` may have been lost, a `WATCHDOG=1` counts as well.
     pub fn adopt(&mut self, unit: usize, was_ready: bool, restarts: u32, now: Duration) {
         let slot = &mut self.slots[unit];
         slot.restarts = restarts;
@@ -182,12 +146,12 @@ impl Machine {
         };
     }
 
-    /// Where the rig is.
+    /// Phase of the rig.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// Why it could not be brought up.
+    /// Why the rig could not be brought up.
     pub fn failure(&self) -> Option<&Failure> {
         self.failure.as_ref()
     }
@@ -211,17 +175,17 @@ impl Machine {
         self.slots[unit].restarts
     }
 
-    /// Why a unit was, or is to be, started again; or was given up.
+    /// Why a unit was or will be restarted, or was given up.
     pub fn reason(&self, unit: usize) -> Option<&str> {
         self.slots[unit].reason.as_deref()
     }
 
-    /// When a unit was asked to stop, and whether it had to be killed.
+    /// When a unit was asked to stop, and whether it was killed.
     pub fn stop_of(&self, unit: usize) -> Option<(Duration, bool)> {
         self.slots[unit].stop_asked.map(|asked| (asked, self.slots[unit].stop_killed))
     }
 
-    /// `READY=1` came.
+    /// `READY=1` was received.
     pub fn ready(&mut self, unit: usize, now: Duration) {
         let slot = &mut self.slots[unit];
         if let State::Starting { .. } = slot.state {
@@ -230,7 +194,7 @@ impl Machine {
         }
     }
 
-    /// `WATCHDOG=1` came; `adopted` as in [`Machine::adopt`].
+    /// `WATCHDOG=1` was received; `adopted` as in [`Lifecycle::adopt`].
     pub fn ping(&mut self, unit: usize, adopted: bool, now: Duration) {
         if adopted {
             self.ready(unit, now);
@@ -240,7 +204,7 @@ impl Machine {
         }
     }
 
-    /// The process could not be started at all.
+    /// The process could not be spawned.
     pub fn start_refused(&mut self, unit: usize, reason: String, now: Duration) {
         self.slots[unit].failed_starts += 1;
         self.slots[unit].reason = Some(reason);
@@ -275,7 +239,7 @@ impl Machine {
                 if wanted && !slot.policy.prevents(exit) {
                     self.start_again(unit, now);
                 } else if wanted || self.phase == Phase::BringUp {
-                    // While the rig is brought up, those after it would wait for ever.
+                    // During bring-up, the units after it would wait for ever.
                     self.give_up(unit);
                 } else {
                     slot.state = State::Inactive;
@@ -285,11 +249,11 @@ impl Machine {
         }
     }
 
-    /// A person wants this unit started again; it is stopped first if it runs. Clears what was
-    /// counted against it.
+    /// Restarts a unit at a person's request; stops it first if it runs. Resets its back-off and
+    /// start limit.
     ///
     /// # Errors
-    /// While the rig is not up.
+    /// If the rig is not up.
     pub fn restart(&mut self, unit: usize, now: Duration) -> Result<Vec<Action>, &'static str> {
         if self.phase != Phase::Up {
             return Err("the rig is not up: it is being started or stopped");
@@ -316,14 +280,15 @@ impl Machine {
         })
     }
 
-    /// Stop everything, in the reverse of the order of the start.
+    /// Stops all units in the reverse of their start order.
     pub fn stop_all(&mut self) {
         if self.phase != Phase::Down {
             self.phase = Phase::Stopping;
         }
     }
 
-    /// What is due at `now`. Call it after every event, and again at [`Machine::next_deadline`].
+    /// Returns the actions due at `now`. Call it after every event and at
+    /// [`Lifecycle::next_deadline`].
     pub fn tick(&mut self, now: Duration) -> Vec<Action> {
         let mut actions = Vec::new();
         for unit in 0..self.slots.len() {
@@ -337,7 +302,7 @@ impl Machine {
         actions
     }
 
-    /// When [`Machine::tick`] has something to do although nothing happens before.
+    /// Time of the next action if no event comes before.
     pub fn next_deadline(&self) -> Option<Duration> {
         (0..self.slots.len())
             .filter_map(|unit| match self.slots[unit].state {
@@ -354,7 +319,7 @@ impl Machine {
             .min()
     }
 
-    /// Kills what is over its time.
+    /// Kills a process past its deadline.
     fn enforce(&mut self, unit: usize, now: Duration, actions: &mut Vec<Action>) {
         let stopping = self.phase == Phase::Stopping;
         let slot = &mut self.slots[unit];
@@ -397,8 +362,7 @@ impl Machine {
         }
     }
 
-    /// What was ended in good order comes again for those that need it, as `Wants=` has it: nobody
-    /// else would start it.
+    /// Restarts a unit that exited cleanly when a unit that wants it is due, as `Wants=` does.
     fn start_gates(&mut self, now: Duration) {
         for unit in 0..self.slots.len() {
             if !matches!(self.slots[unit].state, State::BackOff { until } if now >= until) {
@@ -478,7 +442,7 @@ impl Machine {
         self.slots[unit].policy.gates.iter().all(|&gate| self.is_ready(gate))
     }
 
-    /// Whether a gate was ended in good order, and is to come again.
+    /// Whether a gate exited cleanly and must be started again.
     fn gates_ended(&self, unit: usize) -> bool {
         self.slots[unit]
             .policy
@@ -487,7 +451,7 @@ impl Machine {
             .any(|&gate| matches!(self.slots[gate].state, State::Inactive))
     }
 
-    /// Plans the next start, or gives up.
+    /// Schedules the next start, or gives up.
     fn start_again(&mut self, unit: usize, now: Duration) {
         let bring_up = self.phase == Phase::BringUp;
         let slot = &mut self.slots[unit];

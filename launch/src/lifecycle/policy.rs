@@ -1,11 +1,11 @@
-//! What the machine needs to know of a unit.
+//! The part of a unit file that governs its lifecycle.
 
 use std::time::Duration;
 
 use super::Exit;
 use crate::units::{Restart, Unit};
 
-/// What the machine needs to know of a unit; other units by index.
+/// The part of a unit file that governs its lifecycle; refers to other units by index.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Policy {
     /// Units started before this one and stopped after it.
