@@ -1,10 +1,12 @@
 //! The command line.
 
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use clap::{Parser, Subcommand};
 use runtime::RigName;
 
+use crate::reference;
 use crate::service::{self, Service};
 
 /// Runs an MRI-compatible master-slave haptic interface in real time.
@@ -16,12 +18,13 @@ use crate::service::{self, Service};
     version,
     long_version = long_version(),
     arg_required_else_help = true,
-    after_help = "Example, a whole session with the simulated rig:\n  farreach up --simulate --record run.mcap\n  \
-    farreach reset && farreach arm\n  farreach run guided-1hz\n  farreach down\n\n\
-    Exit codes: 0 done, 1 failed, 2 usage, 3 done but data was lost"
+    after_help = "Example, a whole session with the simulated rig:\n  \
+        farreach up --simulate --record run.mcap\n  farreach reset && farreach arm\n  \
+        farreach run guided-1hz\n  farreach down\n\n\
+        Exit codes: 0 done, 1 failed, 2 usage, 3 done but data was lost"
 )]
 pub(crate) struct Cli {
-    /// Which rig: several may run on one machine
+    /// Name of the rig: several may run on one computer
     #[arg(
         long,
         global = true,
@@ -45,21 +48,36 @@ fn long_version() -> &'static str {
 enum Command {
     #[command(flatten)]
     Operator(operator::command::Command),
-    /// Holds the declared model against measured records and names what it lacks
+    /// Compares the declared model with measured records and names the effects that it lacks
     Identify(identify::Args),
     /// Redraws the thesis's figures from the models, beside the published values
     Figures(figures::Args),
-    /// Recordings on and off, what is in them, are they whole, tables out of them
+    /// Starts and stops recordings, inspects, verifies, repairs and exports them
     #[command(subcommand)]
     Rec(Rec),
-    /// Looks into a running rig and never disturbs it
+    /// Observes a running rig without disturbing it
     #[command(subcommand)]
     Probe(probe::Command),
-    /// Runs the main job on the embedded simulated rig and reports on it
+    /// Runs a complete session on the built-in simulated rig and reports on it
     Demo(demo::Args),
-    /// One process of a rig (what unit files call)
+    /// Runs one process of a rig (called by the unit files)
     #[command(subcommand)]
     Service(Service),
+    /// Prints a completion script for a shell
+    #[command(
+        after_help = "Example:\n  farreach completions bash > /etc/bash_completion.d/farreach"
+    )]
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Writes a man page for each command into a folder
+    #[command(after_help = "Example:\n  farreach man /usr/local/share/man/man1")]
+    Man {
+        /// Existing folder
+        #[arg(value_name = "DIR")]
+        directory: PathBuf,
+    },
 }
 
 #[derive(Debug, Subcommand)]
@@ -70,16 +88,16 @@ enum Rec {
     File(recorder::Command),
 }
 
-/// Does what was asked; returns the exit code.
+/// Runs the command; returns the exit code.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
     match cli.command {
         Command::Operator(command) => operator::command::run(command, &cli.rig_name),
         Command::Identify(arguments) => {
-            end_with_the_reader();
+            die_on_closed_pipe();
             identify::run(arguments)
         }
         Command::Figures(arguments) => {
-            end_with_the_reader();
+            die_on_closed_pipe();
             figures::run(&arguments)
         }
         Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
@@ -87,12 +105,14 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Probe(command) => probe::run(command, &cli.rig_name),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Service(service) => service::run(service, &cli.rig_name),
+        Command::Completions { shell } => reference::completions(shell),
+        Command::Man { directory } => reference::man(&directory),
     }
 }
 
-/// Lets a closed pipe end the program (`| head`), as it does other Unix tools. For commands that
-/// print with `println!` and look after nothing else.
-fn end_with_the_reader() {
+/// Lets a closed pipe (`| head`) end the program, as with other Unix tools. For commands that print
+/// with `println!` and have nothing to clean up.
+fn die_on_closed_pipe() {
     // SAFETY: called before there is a second thread; the default action is not our code.
     unsafe {
         libc::signal(libc::SIGPIPE, libc::SIG_DFL);

@@ -1,13 +1,13 @@
-//! From errors to what a person reads and a script tests.
+//! Turns errors into messages for people and exit codes for scripts.
 
 use std::io::ErrorKind;
 use std::process::ExitCode;
 
-/// Ends the program: an error goes to standard error, its kind into the exit code.
+/// Ends the program: the message goes to standard error, the kind of error into the exit code.
 pub(crate) fn exit(result: anyhow::Result<i32>) -> ExitCode {
     let code = match result {
         Ok(code) => code,
-        // `farreach ... | head` closes our output: that is how it is meant to end.
+        // `farreach ... | head` closes our output: a normal end.
         Err(error) if is_closed_pipe(&error) => operator::DONE,
         Err(error) => {
             eprintln!("farreach: {}", in_words(&error));
@@ -17,7 +17,7 @@ pub(crate) fn exit(result: anyhow::Result<i32>) -> ExitCode {
     ExitCode::from(u8::try_from(code).unwrap_or(1))
 }
 
-/// The error and its causes, but for those that it names itself already.
+/// The error and its causes, except those that its own message already contains.
 fn in_words(error: &anyhow::Error) -> String {
     error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
         if text.is_empty() {
@@ -30,7 +30,7 @@ fn in_words(error: &anyhow::Error) -> String {
     })
 }
 
-/// An error with an exit code of its own.
+/// An error of usage, which has an exit code of its own.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(crate) struct Usage(pub(crate) String);
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cause_is_told_once() {
+    fn a_cause_is_reported_once() {
         let full = || std::io::Error::from(ErrorKind::StorageFull);
         assert_eq!(
             in_words(&anyhow::Error::new(full()).context("out.json")),

@@ -1,8 +1,9 @@
-//! `farreach`: one binary for everything. Each service is a process of its own (`farreach service
-//! control`); the rest is what people run.
+//! `farreach`: one binary. Each service runs as a process of its own (`farreach service control`);
+//! the other commands are for people.
 
 mod cli;
 mod failure;
+mod reference;
 mod service;
 
 use std::process::ExitCode;

@@ -18,17 +18,18 @@ use crate::failure::Usage;
 /// The processes.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Service {
-    /// Founds the rig's shared memory, holds it open, cleans up after the dead
+    /// Creates the rig's shared memory, holds it open, cleans up after processes that died
     #[command(after_help = "Example:\n  farreach --rig-name bench service keeper")]
     Keeper,
-    /// The virtual card, with the simulated plant behind it
+    /// The simulated card with the simulated plant
     #[command(
-        after_help = "Example:\n  farreach service simulator --rig launch/rigs/hydrostatic.toml --effect sensor_drift"
+        after_help = "Example:\n  farreach service simulator --rig launch/rigs/hydrostatic.toml \
+        --effect sensor_drift"
     )]
     Simulator {
         #[command(flatten)]
         rig: RigArgument,
-        /// Puts an effect into the plant that no model is told of (repeatable)
+        /// Adds an effect to the simulated plant that the declared model lacks (repeatable)
         #[arg(
             long = "effect",
             value_name = "ID[@SITE][=SIZE]",
@@ -38,20 +39,21 @@ pub(crate) enum Service {
         )]
         effects: Vec<String>,
     },
-    /// Reads the card, publishes samples, writes the motor's volts through the gate
+    /// Reads the card, publishes samples, writes motor voltages through the gate
     #[command(
-        after_help = "Example:\n  farreach service acquisition --rig launch/rigs/hydrostatic.toml --card replay --replay run.mcap"
+        after_help = "Example:\n  farreach service acquisition --rig launch/rigs/hydrostatic.toml \
+        --card replay --replay run.mcap"
     )]
     Acquisition {
         #[command(flatten)]
         rig: RigArgument,
-        /// What stands behind it
+        /// The card that it reads and writes
         #[arg(long, value_enum, env = "FARREACH_CARD", hide_env_values = true)]
         card: CardKind,
-        /// The measured record, with --card replay
+        /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
         replay: Option<String>,
-        /// Begins the record again at its end
+        /// Repeats the record from its start
         #[arg(
             long = "loop",
             env = "FARREACH_REPLAY_LOOP",
@@ -65,14 +67,15 @@ pub(crate) enum Service {
         after_help = "Example:\n  farreach service control --rig launch/rigs/hydrostatic.toml"
     )]
     Control(RigArgument),
-    /// Interlocks and the motor's enable line
+    /// The interlocks and the motor's enable line
     #[command(
         after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml"
     )]
     Watchdog(RigArgument),
     /// Writes all topics to disk
     #[command(
-        after_help = "Example:\n  farreach service logger --rig launch/rigs/hydrostatic.toml --record /data/run.mcap"
+        after_help = "Example:\n  farreach service logger --rig launch/rigs/hydrostatic.toml \
+        --record /data/run.mcap"
     )]
     Logger {
         #[command(flatten)]
@@ -80,7 +83,7 @@ pub(crate) enum Service {
         /// Records from the start into this file (absolute path)
         #[arg(long, value_name = "FILE", env = "FARREACH_RECORD", hide_env_values = true)]
         record: Option<String>,
-        /// What the recording shall say about itself (repeatable)
+        /// Metadata of the recording (repeatable)
         #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
         metadata: Vec<(String, String)>,
     },
@@ -91,13 +94,15 @@ pub(crate) enum Service {
     Experiment {
         #[command(flatten)]
         rig: RigArgument,
-        /// Folder of the learnt references; without it they last as long as the rig is up
+        /// Folder of the learned references; without it they last as long as the rig is up
         #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT", hide_env_values = true)]
         learnt: Option<PathBuf>,
     },
-    /// Starts the others and starts them again, where there is no systemd; `farreach up` calls it
+    /// Starts, supervises and restarts the other processes where systemd does not; called by
+    /// `farreach up`
     #[command(
-        after_help = "Example:\n  farreach service launcher --run-dir /dev/shm/farreach-1000-bench/run"
+        after_help = "Example:\n  farreach service launcher \
+        --run-dir /dev/shm/farreach-1000-bench/run"
     )]
     Launcher {
         /// The rig's run directory, with launch.json
@@ -114,24 +119,24 @@ pub(crate) struct RigArgument {
     file: PathBuf,
 }
 
-/// What stands behind acquisition.
+/// The card of acquisition.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum CardKind {
     /// The simulator process
     Simulated,
     /// A measured record
     Replay,
-    /// Nothing: samples without data, volts to nowhere
+    /// No card: samples without data, no output
     Null,
 }
 
-/// `up` sets every variable, if only to nothing.
+/// `up` sets every variable; an empty one counts as absent.
 fn given(text: Option<String>) -> Option<PathBuf> {
     text.filter(|text| !text.is_empty()).map(PathBuf::from)
 }
 
-/// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: no restart mends it,
-/// and exit code 2 tells the service manager so.
+/// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: a restart cannot
+/// help, and exit code 2 tells the service manager so.
 pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
     let rig_name = rig_name.to_string();
     match service {
@@ -140,9 +145,8 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
         Service::Simulator { rig, effects } => {
             let effects = effects.into_iter().filter(|effect| !effect.is_empty()).collect();
             let options = simulator::Options { rig_name, rig_file: rig.file, effects };
-            simulator::run(&options).map_err(|error| match error {
-                SimulatorError::Rig(_) | SimulatorError::Card(_) => usage(&error),
-                other => other.into(),
+            checked(simulator::run(&options), |error| {
+                matches!(error, SimulatorError::Rig(_) | SimulatorError::Card(_))
             })?;
         }
         Service::Acquisition { rig, card, replay, looped } => {
@@ -156,27 +160,18 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
                     acquisition::Card::Replay { record, looped }
                 }
             };
-            acquisition::run(&acquisition::Options { rig_name, rig_file: rig.file, card })
-                .map_err(|error| match error {
-                    AcquisitionError::Rig(_) | AcquisitionError::Replay(_) => usage(&error),
-                    other => other.into(),
-                })?;
-        }
-        Service::Control(rig) => {
-            control::run(&control::Options { rig_name, rig_file: rig.file }).map_err(|error| {
-                match error {
-                    ControlError::Rig(_) => usage(&error),
-                    other => other.into(),
-                }
+            let options = acquisition::Options { rig_name, rig_file: rig.file, card };
+            checked(acquisition::run(&options), |error| {
+                matches!(error, AcquisitionError::Rig(_) | AcquisitionError::Replay(_))
             })?;
         }
+        Service::Control(rig) => {
+            let options = control::Options { rig_name, rig_file: rig.file };
+            checked(control::run(&options), |error| matches!(error, ControlError::Rig(_)))?;
+        }
         Service::Watchdog(rig) => {
-            watchdog::run(&watchdog::Options { rig_name, rig_file: rig.file }).map_err(
-                |error| match error {
-                    WatchdogError::Rig(_) => usage(&error),
-                    other => other.into(),
-                },
-            )?;
+            let options = watchdog::Options { rig_name, rig_file: rig.file };
+            checked(watchdog::run(&options), |error| matches!(error, WatchdogError::Rig(_)))?;
         }
         Service::Logger { rig, record, metadata } => {
             let options = logger::Options {
@@ -185,23 +180,25 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
                 record: given(record),
                 metadata: metadata.into_iter().collect(),
             };
-            logger::run(&options).map_err(|error| match error {
-                LoggerError::Rig(_) => usage(&error),
-                other => other.into(),
-            })?;
+            checked(logger::run(&options), |error| matches!(error, LoggerError::Rig(_)))?;
         }
         Service::Experiment { rig, learnt } => {
             let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
-            experiment::run(&experiment::Options { rig_name, rig_file: rig.file, learnt })
-                .map_err(|error| match error {
-                    ExperimentError::Rig(_) => usage(&error),
-                    other => other.into(),
-                })?;
+            let options = experiment::Options { rig_name, rig_file: rig.file, learnt };
+            checked(experiment::run(&options), |error| matches!(error, ExperimentError::Rig(_)))?;
         }
     }
     Ok(operator::DONE)
 }
 
-fn usage(error: &dyn std::error::Error) -> anyhow::Error {
-    Usage(error.to_string()).into()
+/// Turns the errors that no restart can cure into [`Usage`] errors.
+fn checked<E: std::error::Error + Send + Sync + 'static>(
+    result: Result<(), E>,
+    is_usage: impl Fn(&E) -> bool,
+) -> anyhow::Result<()> {
+    result.map_err(
+        |error| {
+            if is_usage(&error) { Usage(error.to_string()).into() } else { error.into() }
+        },
+    )
 }
