@@ -1,6 +1,7 @@
-//! Golden tests of the command line: what a person reads and a script tests, word for word.
+//! Golden tests of the command line: the exact output that a person reads and a script tests. The
+//! help of each command is in `docs/cli.md`.
 //!
-//! `TRYCMD=overwrite cargo test --test cli` writes them anew; read the difference before it is
+//! `TRYCMD=overwrite cargo test --test cli` rewrites them; read the difference before it is
 //! committed.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 

@@ -100,10 +100,8 @@ pub(crate) enum Service {
     },
     /// Starts, supervises and restarts the other processes where systemd does not; called by
     /// `farreach up`
-    #[command(
-        after_help = "Example:\n  farreach service launcher \
-        --run-dir /dev/shm/farreach-1000-bench/run"
-    )]
+    #[command(after_help = "Example:\n  farreach service launcher \
+        --run-dir /dev/shm/farreach-1000-bench/run")]
     Launcher {
         /// The rig's run directory, with launch.json
         #[arg(long, value_name = "DIR")]

@@ -218,6 +218,7 @@ fn on_the_rig(
             effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
         }),
         record: Some(folder.recording()),
+        profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
     console.doing(|| "starting all processes".to_owned());

@@ -7,47 +7,45 @@ mod work;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ipc_types::Verb;
+use ipc_types::{Profile, Verb};
 use runtime::RigName;
 
 /// The operator's commands.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// Starts all processes of a rig, and waits until they are ready
-    #[command(
-        after_help = "Examples:\n  farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
-        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop"
-    )]
+    /// Starts all processes of a rig and waits until they are ready
+    #[command(after_help = "Examples:\n  \
+        farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
+        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop")]
     Up(UpArguments),
-    /// Stops all processes, motor first, and removes the rig's shared memory
+    /// Removes motor power, stops all processes and removes the rig's shared memory
     #[command(after_help = "Example:\n  farreach --rig-name bench down")]
     Down(Json),
-    /// Who is up, since when, restarts, rates, late ticks, interlocks, recording. Exit code 1 if
-    /// the rig is not up
-    #[command(
-        after_help = "Examples:\n  farreach status --watch\n  farreach status --json | jq .watchdog.state"
-    )]
+    /// Shows processes, restarts, rates, missed periods, interlocks and the recording. Exit code 1
+    /// if the rig is not up
+    #[command(after_help = "Examples:\n  farreach status --watch\n  \
+        farreach status --json | jq .watchdog.state")]
     Status {
-        /// Shows it again each second, until Ctrl-C
+        /// Repeats every second, until Ctrl-C
         #[arg(long)]
         watch: bool,
         #[command(flatten)]
         #[allow(missing_docs)]
         json: Json,
     },
-    /// Clears a fault that no longer stands
+    /// Clears a fault or trip that is no longer active
     #[command(after_help = "Example:\n  farreach reset && farreach arm && farreach enable")]
     Reset(Json),
-    /// Makes ready; only a person does this
+    /// Makes the rig ready to be enabled; only a person does this
     #[command(after_help = "Example:\n  farreach arm")]
     Arm(Json),
     /// Powers the motor
     #[command(after_help = "Example:\n  farreach enable")]
     Enable(Json),
-    /// Takes power and readiness away in good order
+    /// Removes motor power and leaves the armed state, without a trip
     #[command(after_help = "Example:\n  farreach disarm")]
     Disarm(Json),
-    /// Cuts the motor's power at once; stays so until `reset`
+    /// Removes motor power at once and latches until `reset`
     #[command(after_help = "Example:\n  farreach estop")]
     Estop(Json),
     /// Runs a protocol on an armed rig; Ctrl-C stops it: the handle comes to rest
@@ -62,20 +60,20 @@ pub enum Command {
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Recording {
-    /// Begins to record all topics of the rig that is up
+    /// Starts recording all topics of a rig that is up
     #[command(after_help = "Example:\n  farreach rec start S07.mcap --metadata subject=S07")]
     Start {
         /// The new file (MCAP)
         #[arg(value_name = "FILE")]
         file: PathBuf,
-        /// What the recording shall say about itself (repeatable)
+        /// Metadata of the recording (repeatable)
         #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
         metadata: Vec<(String, String)>,
         #[command(flatten)]
         #[allow(missing_docs)]
         json: Json,
     },
-    /// Ends it; returns when everything is on disk. Exit code 3 if messages were lost
+    /// Stops the recording; returns when all is on disk. Exit code 3 if messages were lost
     #[command(after_help = "Example:\n  farreach rec stop && farreach rec verify S07.mcap")]
     Stop(Json),
 }
@@ -83,16 +81,16 @@ pub enum Recording {
 /// Reads `KEY=VALUE`.
 ///
 /// # Errors
-/// Where there is no `=`.
+/// If there is no `=`.
 pub fn key_and_value(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or_else(|| "expected KEY=VALUE".to_owned())?;
     Ok((key.to_owned(), value.to_owned()))
 }
 
-/// For programs.
+/// Output for programs.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Json {
-    /// As JSON
+    /// Prints JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -103,16 +101,16 @@ pub struct UpArguments {
     /// Rig file, or the name of one that comes with farreach
     #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
     pub rig: PathBuf,
-    /// Puts the simulated card behind the rig
+    /// Uses the simulated card
     #[arg(long, conflicts_with = "replay")]
     pub simulate: bool,
-    /// Puts an effect into the simulated plant that no model is told of (repeatable)
+    /// Adds an effect to the simulated plant that the declared model lacks (repeatable)
     #[arg(long = "effect", value_name = "ID[@SITE][=SIZE]", requires = "simulate")]
     pub effects: Vec<String>,
-    /// Puts a measured record (MCAP or CSV) where the card would be
+    /// Replays a measured record (MCAP or CSV) in place of a card
     #[arg(long, value_name = "RECORD")]
     pub replay: Option<PathBuf>,
-    /// Begins the record again at its end
+    /// Repeats the record from its start
     #[arg(long = "loop", requires = "replay")]
     pub looped: bool,
     /// Supervises the processes in this terminal, until Ctrl-C or `farreach down`
@@ -121,9 +119,20 @@ pub struct UpArguments {
     /// Records from the start into this file (MCAP)
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Timing profile (realtime, best-effort) instead of the one that suits the measured stalls of
+    /// this computer; overrides FARREACH_PROFILE
+    #[arg(long, value_name = "PROFILE", value_parser = profile)]
+    pub profile: Option<Profile>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub json: Json,
+}
+
+fn profile(text: &str) -> Result<Profile, String> {
+    let known = Profile::ALL.iter().copied();
+    known.clone().find(|profile| profile.text() == text).ok_or_else(|| {
+        format!("expected {}", known.map(Profile::text).collect::<Vec<_>>().join(" or "))
+    })
 }
 
 /// `farreach run`.
@@ -132,10 +141,10 @@ pub struct RunArguments {
     /// Protocol, or the name of one that comes with farreach
     #[arg(value_name = "PROTOCOL.toml")]
     pub protocol: PathBuf,
-    /// Changes a value of the protocol before it is checked (repeatable)
+    /// Replaces a value of the protocol before it is checked (repeatable)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Whom it is run with; goes into the recording
+    /// Code of the subject; goes into the recording
     #[arg(long, value_name = "ID")]
     pub subject: Option<String>,
     #[command(flatten)]
@@ -143,7 +152,7 @@ pub struct RunArguments {
     pub json: Json,
 }
 
-/// Does what was asked, printing to standard output; returns the exit code.
+/// Runs the command and prints to standard output; returns the exit code.
 ///
 /// # Errors
 /// [`crate::Error`], or that the output could not be written.
@@ -162,7 +171,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
     }
 }
 
-/// Begins or ends a recording; returns the exit code.
+/// Starts or stops a recording; returns the exit code.
 ///
 /// # Errors
 /// [`crate::Error`], or that the output could not be written.

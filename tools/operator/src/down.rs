@@ -9,38 +9,37 @@ use runtime::RigName;
 
 use crate::{Error, RigLink};
 
-/// How long the watchdog may take to answer, and how long the way to it may take. A hung process
-/// must not keep the rig from being stopped, and stopping the watchdog takes the motor's power away
-/// all the same.
+/// How long the watchdog may take to answer, and joining the rig may take. A hung process must not
+/// delay the stop, and stopping the watchdog removes motor power anyway.
 const DISARM_LIMIT: Duration = Duration::from_millis(500);
 const JOIN_LIMIT: Duration = Duration::from_secs(2);
 
-/// What became of the rig's shared memory.
+/// Whether the rig's shared memory was removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cleaning {
-    /// It is gone.
+    /// It was removed.
     Removed,
-    /// Somebody still uses it (a probe); the next start cleans up.
+    /// It was left in place for a living process of the rig that the launcher did not start.
     InUse,
 }
 
-/// What was done.
+/// What [`down`] did.
 #[derive(Clone, Debug)]
 pub struct Down {
     /// Whether the watchdog disarmed; `None` when it could not be asked.
     pub disarmed: Option<bool>,
     /// What was stopped; `None` when nothing ran.
     pub stopped: Option<StopReport>,
-    /// What became of the shared memory.
+    /// Whether the shared memory was removed.
     pub cleaning: Cleaning,
 }
 
-/// Brings a rig down: the watchdog takes the motor's power away, the launcher stops all processes
-/// in order (killing those that hang), the shared memory is removed. Works also when the launcher
-/// is dead, and when nothing runs.
+/// Brings a rig down: the watchdog removes motor power, the launcher stops all processes in order
+/// (killing those that hang), and the shared memory is removed. Also works if the launcher is dead
+/// or nothing runs.
 ///
 /// # Errors
-/// When something lives that cannot be stopped, or the shared memory cannot be removed.
+/// If a process cannot be stopped or the shared memory cannot be removed.
 pub fn down(name: &RigName) -> Result<Down, Error> {
     let run_dir = name.run_directory();
     let disarmed = if launch::status(&run_dir).is_ok() { disarm(name) } else { None };
@@ -53,7 +52,7 @@ pub fn down(name: &RigName) -> Result<Down, Error> {
     Ok(Down { disarmed, stopped, cleaning })
 }
 
-/// Asks on a thread of its own: with a hung process in the rig, joining it may hang as well.
+/// Disarms on a thread of its own: with a hung process in the rig, joining it may hang as well.
 fn disarm(name: &RigName) -> Option<bool> {
     let (sender, answer) = mpsc::channel();
     let name = name.clone();
@@ -62,8 +61,8 @@ fn disarm(name: &RigName) -> Option<bool> {
         .spawn(move || {
             let asked =
                 RigLink::open(&name).and_then(|link| link.verb_within(Verb::Disarm, DISARM_LIMIT));
-            // Nobody listens any more when it took too long.
-            let _told = sender.send(asked.ok());
+            // The receiver is gone if this took too long.
+            let _sent = sender.send(asked.ok());
         })
         .ok()?;
     let answer: VerbAnswer = answer.recv_timeout(JOIN_LIMIT).ok()??;

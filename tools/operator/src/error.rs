@@ -1,4 +1,4 @@
-//! What can go wrong, in words a person can act on.
+//! Errors of this crate, and the exit codes of the commands.
 
 use std::path::PathBuf;
 
@@ -6,11 +6,11 @@ use ipc_types::{Verb, WatchdogState};
 use rig::FileError;
 use runtime::{DomainError, PortError, RequestError};
 
-/// Exit code: everything was done.
+/// Exit code: done.
 pub const DONE: i32 = 0;
-/// Exit code: it was tried and failed.
+/// Exit code: failed.
 pub const FAILED: i32 = 1;
-/// Exit code: it cannot be done as it was asked; nothing was tried.
+/// Exit code: wrong usage; nothing was tried.
 pub const USAGE: i32 = 2;
 /// Exit code: done, but data was lost.
 pub const DATA_LOST: i32 = 3;
@@ -20,37 +20,36 @@ pub const DATA_LOST: i32 = 3;
 pub enum Error {
     /// Neither `--simulate` nor `--replay`.
     #[error(
-        "this build has no driver for a real card; put the simulated one behind the rig (--simulate), \
-         or a measured record (--replay RECORD)"
+        "this build has no driver for a real card; use the simulated card (--simulate) or replay a \
+         measured record (--replay RECORD)"
     )]
     NoCard,
-    /// The rig file, or the protocol, is wrong.
+    /// The rig file or the protocol is invalid.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The simulated card cannot be made: an effect that does not exist, a model that cannot be
-    /// simulated.
+    /// The simulated card cannot be built: an unknown effect, or a model that cannot be simulated.
     #[error(transparent)]
     Card(#[from] simulator::CardError),
     /// The record cannot be replayed on this rig.
     #[error(transparent)]
     Replay(#[from] acquisition::ReplayError),
-    /// A path that is no text cannot be handed on in a variable of the environment.
+    /// The path is not UTF-8 and cannot be passed in an environment variable.
     #[error("{}: expected a path in UTF-8", .0.display())]
     Path(PathBuf),
     /// The system refused.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// Its file or folder.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The launcher could not do it.
+    /// The launcher failed.
     #[error(transparent)]
     Launch(#[from] launch::Error),
-    /// The shared memory could not be made or joined.
+    /// The shared memory could not be created or joined.
     #[error(transparent)]
     Domain(#[from] DomainError),
     /// A topic could not be subscribed to.
@@ -59,10 +58,10 @@ pub enum Error {
     /// A process did not answer.
     #[error(transparent)]
     Request(#[from] RequestError),
-    /// Nothing of that rig runs.
+    /// No process of the rig runs.
     #[error("rig {0} is not up; bring it up first: farreach up")]
     NotUp(String),
-    /// A file that `up` left behind does not read back.
+    /// A file written by `up` cannot be read back.
     #[error("{}: {reason}; bring the rig down and up again", path.display())]
     Launched {
         /// The file.
@@ -70,35 +69,39 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
-    /// The watchdog said no.
+    /// The watchdog refused.
     #[error("{} refused: {reason}", verb.name())]
     Refused {
-        /// What was asked.
+        /// The request.
         verb: Verb,
-        /// Why not.
+        /// Why it was refused.
         reason: String,
         /// Its state.
         state: WatchdogState,
     },
-    /// `run` only enables what a person armed.
+    /// `run` enables only a rig that a person has armed.
     #[error(
-        "the rig is {state}{}; nothing but a person arms: farreach {}",
+        "the rig is {state}{}; a person must {}",
         if cause.is_empty() { String::new() } else { format!(" ({cause})") },
-        if *state == WatchdogState::Disarmed { "arm" } else { "reset, then farreach arm" }
+        if *state == WatchdogState::Disarmed {
+            "arm it (farreach arm)"
+        } else {
+            "reset and arm it (farreach reset, farreach arm)"
+        }
     )]
     NotArmed {
         /// State of the watchdog.
         state: WatchdogState,
-        /// Cause and standing faults, in words.
+        /// Cause and active faults, as text.
         cause: String,
     },
-    /// The watchdog does not say anything.
-    #[error("no word from the watchdog for {0} ms: is it running? (farreach status)")]
+    /// The watchdog is silent.
+    #[error("no message from the watchdog for {0} ms; is it running? (farreach status)")]
     NoWatchdog(u64),
-    /// The runner refused the protocol, or could not go on.
+    /// The experiment process refused the protocol or could not continue it.
     #[error("the experiment process reports: {0}")]
     Experiment(String),
-    /// The logger refused, or could not write.
+    /// The logger refused or could not write.
     #[error("the logger reports: {0}")]
     Logger(String),
     /// Another protocol is being played.

@@ -10,7 +10,7 @@ use ipc_types::{
     WatchdogState,
 };
 use launch::{RigState, UnitState};
-use runtime::{DomainError, Losses, RigName};
+use runtime::{DomainError, HostStall, Losses, RigName};
 use serde::Serialize;
 
 use crate::{Error, RigLink};
@@ -36,6 +36,8 @@ pub struct RigStatus {
     pub session: Option<String>,
     /// Timing profile of the rig.
     pub profile: Option<Profile>,
+    /// Measured stalls of the host, by which the profile was chosen; `null` if a person chose it.
+    pub host_stall: Option<HostStall>,
     /// The card that acquisition reads.
     pub backend: Option<Backend>,
     /// The interlocks.
@@ -305,6 +307,7 @@ impl RigStatus {
     fn add(&mut self, seen: &Observation, recording: Option<RecordingStatus>) {
         self.session = Some(format!("{:016x}", seen.session));
         self.profile = Some(seen.profile);
+        self.host_stall = seen.host_stall;
         self.recording = recording;
         if let Some(token) = &seen.token {
             let tripped = seen.tripped_ns.and_then(|time_ns| {

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use ipc_types::{Backend, Profile};
 use launch::{Config, StopReport};
 use rig::RigFile;
-use runtime::{Domain, RigName, Timeouts};
+use runtime::realtime::{self, PROFILE_VARIABLE};
+use runtime::{Domain, HostStall, RigName, Timeouts};
 
 use crate::Error;
 use crate::files::keep_copy;
@@ -49,7 +50,10 @@ pub struct UpOptions {
     pub card: Option<CardChoice>,
     /// Records from the start into this file.
     pub record: Option<PathBuf>,
-    /// The `farreach` binary that every process is.
+    /// Timing profile; `None` for that of `FARREACH_PROFILE`, or else the one that suits the
+    /// measured stalls of the host.
+    pub profile: Option<Profile>,
+    /// The `farreach` binary, which every process runs.
     pub executable: PathBuf,
 }
 
@@ -64,8 +68,10 @@ pub struct Up {
     pub rig_file: PathBuf,
     /// What stands behind acquisition.
     pub backend: Backend,
-    /// The timing that the machine grants.
+    /// Timing profile of the rig.
     pub profile: Profile,
+    /// Measured stalls of the host; `None` if the profile was chosen by a person.
+    pub host_stall: Option<HostStall>,
     /// The session, drawn at this start.
     pub session: u64,
 }
@@ -85,6 +91,7 @@ pub fn up(options: &UpOptions) -> Result<Up, Error> {
         rig_file: prepared.rig_file,
         backend: prepared.backend,
         profile: domain.profile(),
+        host_stall: domain.host_stall(),
         session: domain.session(),
     })
 }
@@ -188,6 +195,8 @@ fn config(
         options.record.as_deref().map(absolute).transpose()?.unwrap_or_default(),
     ));
     variables.push(("FARREACH_LEARNT", learnt_folder()?));
+    let chosen = options.profile.or_else(realtime::chosen_profile);
+    variables.push((PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())));
     let config =
         Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
     Ok(variables
@@ -228,6 +237,7 @@ mod tests {
             rig: "hydrostatic".into(),
             card,
             record: Some("run.mcap".into()),
+            profile: Some(Profile::BestEffort),
             executable: "/bin/farreach".into(),
         }
     }
@@ -269,5 +279,6 @@ mod tests {
         assert_eq!(config.environment["FARREACH_RECORD"], here.join("run.mcap").to_str().unwrap());
         assert_eq!(config.environment["FARREACH_REPLAY_LOOP"], "true");
         assert_eq!(config.environment["FARREACH_EFFECTS"], "");
+        assert_eq!(config.environment["FARREACH_PROFILE"], "best-effort");
     }
 }

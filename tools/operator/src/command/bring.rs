@@ -11,9 +11,12 @@ use serde_json::json;
 use super::UpArguments;
 use crate::{CardChoice, Cleaning, DONE, Down, Error, Up, UpOptions};
 
-/// What an unprivileged start costs.
+/// The price of the best-effort profile.
 const BEST_EFFORT_COSTS: &str =
     "loops may wake some ms late, power is cut later, and only the simulated card is powered";
+/// Why a rig does not run in real time.
+const NOT_GRANTED: &str = "because real-time scheduling is not granted (rtprio and memlock in \
+                           /etc/security/limits.d grant it)";
 
 pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<i32> {
     let options = options(arguments, rig_name)?;
@@ -32,7 +35,7 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
     if arguments.json.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&json_of(&up))?)?;
     } else {
-        print_up(&mut out, &up, rig_name, options.record.as_ref())?;
+        print_up(&mut out, &up, &options)?;
     }
     Ok(DONE)
 }
@@ -55,6 +58,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         rig: arguments.rig.clone(),
         card,
         record: arguments.record.clone(),
+        profile: arguments.profile,
         executable,
     })
 }
@@ -75,18 +79,16 @@ fn json_of(up: &Up) -> serde_json::Value {
         "run_dir": up.running.run_dir,
         "backend": up.backend,
         "profile": up.profile,
+        "host_stall": up.host_stall,
         "session": format!("{:016x}", up.session),
         "launcher": up.running.launcher.pid,
         "processes": processes,
     })
 }
 
-fn print_up(
-    out: &mut dyn Write,
-    up: &Up,
-    rig_name: &RigName,
-    record: Option<&PathBuf>,
-) -> anyhow::Result<()> {
+fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result<()> {
+    let UpOptions { rig_name, record, .. } = options;
+    let chosen = options.profile.or_else(runtime::realtime::chosen_profile);
     let names: Vec<_> = up.running.status.units.iter().map(|unit| unit.name.as_str()).collect();
     writeln!(
         out,
@@ -97,6 +99,9 @@ fn print_up(
     writeln!(out, "  logs       {}", up.running.run_dir.display())?;
     if let Some(record) = record {
         writeln!(out, "  recording  {}", record.display())?;
+    }
+    if let Some(stall) = up.host_stall {
+        writeln!(out, "  stalls     {stall}, measured over {:?}", runtime::MEASURED_FOR)?;
     }
     let option = match rig_name.as_str() {
         "farreach" => String::new(),
@@ -110,11 +115,15 @@ fn print_up(
         )?,
     }
     if up.profile == Profile::BestEffort {
-        let why = match runtime::realtime::best_effort_wanted() {
-            true => "was asked for (FARREACH_PROFILE)",
-            false => {
-                "since real-time scheduling is not granted (rtprio and memlock in /etc/security/limits.d grant it)"
+        let why = match up.host_stall {
+            Some(stall) if stall.fifo => {
+                "because this computer stalls (--profile realtime overrides)"
             }
+            Some(_) => NOT_GRANTED,
+            None if chosen == Some(Profile::BestEffort) => {
+                "as chosen (--profile, FARREACH_PROFILE)"
+            }
+            None => NOT_GRANTED,
         };
         eprintln!("profile best-effort {why}: {BEST_EFFORT_COSTS}");
     }
@@ -146,7 +155,7 @@ fn print_down(out: &mut dyn Write, down: &Down, rig_name: &RigName) -> anyhow::R
                 writeln!(out, "the watchdog disarmed")?;
             } else {
                 eprintln!(
-                    "the watchdog could not be asked to disarm; stopping it takes the motor's power away"
+                    "the watchdog did not answer the request to disarm; stopping it removes motor power"
                 );
             }
             print_report(out, report)?;
@@ -154,7 +163,7 @@ fn print_down(out: &mut dyn Write, down: &Down, rig_name: &RigName) -> anyhow::R
     }
     if down.cleaning == Cleaning::InUse {
         eprintln!(
-            "the rig's shared memory is still in use (a probe?) and was left in {}; the next start cleans it up",
+            "a process of the rig that farreach did not start is still alive, so that its shared memory stays in {}; end that process and run `farreach down` again",
             rig_name.directory().display()
         );
     }

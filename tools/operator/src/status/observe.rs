@@ -7,7 +7,7 @@ use ipc_types::{
     MotorCommand, Process, Profile, SAMPLE, Sample, TOKEN, WatchdogState, event_topic,
     heartbeat_topic, timing_topic,
 };
-use runtime::{Domain, PortError, clock::now_ns};
+use runtime::{Domain, HostStall, PortError, clock::now_ns};
 
 use crate::link::Subscriber;
 use crate::{Error, RigLink};
@@ -28,6 +28,8 @@ pub struct Observation {
     pub session: u64,
     /// Profile of the rig.
     pub profile: Profile,
+    /// Measured stalls of the host.
+    pub host_stall: Option<HostStall>,
     /// Newest sample.
     pub sample: Option<Sample>,
     /// Newest token.
@@ -167,6 +169,7 @@ impl Observer {
             now_ns: now_ns(),
             session: domain.session(),
             profile: domain.profile(),
+            host_stall: domain.host_stall(),
             sample: self.samples.newest,
             token: self.tokens.newest,
             tripped_ns: self.tripped_ns,

@@ -20,6 +20,9 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
         let session = status.session.as_deref().unwrap_or("unknown");
         lines.push(format!("profile   {profile}, card {backend}, session {session}"));
     }
+    if let Some(stall) = &status.host_stall {
+        lines.push(format!("stalls    {stall}, measured when the rig came up"));
+    }
     if let Some(unread) = &status.unread {
         lines.push(format!("topics    cannot be read: {unread}"));
     }
