@@ -330,7 +330,7 @@ fn private_mounts() -> Option<Command> {
         }
     }
     eprintln!(
-        "SKIPPED: neither root nor user namespaces: full disks and full shared memory took no part in this test"
+        "SKIPPED: neither root nor user namespaces; full disks and shared memory are not tested"
     );
     None
 }
@@ -363,7 +363,8 @@ fn full_or_locked_shared_memory_is_told_and_left_as_it_was() {
         ("8 MiB", "mount -t tmpfs -o size=8m tmpfs /dev/shm", "full"),
         (
             "8 MiB of 256 MiB left",
-            "mount -t tmpfs -o size=256m tmpfs /dev/shm && head -c 248M /dev/zero > /dev/shm/filler",
+            "mount -t tmpfs -o size=256m tmpfs /dev/shm && \
+             head -c 248M /dev/zero > /dev/shm/filler",
             "full",
         ),
         ("read only", "mount -t tmpfs -o ro tmpfs /dev/shm", "writable"),

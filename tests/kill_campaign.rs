@@ -314,7 +314,8 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
         );
         assert!(
             shrunk,
-            "shared memory grew from {:?} {:?}\nto {:?} {:?}\nof the dead, then: {:#?}\nof the dead, now: {:#?}",
+            "shared memory grew from {:?} {:?}\nto {:?} {:?}\n\
+             of the dead, then: {:#?}\nof the dead, now: {:#?}",
             settled.size(),
             settled.kinds(),
             now.size(),

@@ -244,7 +244,8 @@ fn the_measured_emps_record_goes_through_the_rig_unchanged_and_its_friction_is_n
         let held_out: Vec<f64> =
             steps.iter().map(|step| step["report_percent"].as_f64().unwrap()).collect();
         println!(
-            "force residual, all rows {all:.2?} %, held out {held_out:.2?} %; published 4.08 % and 3.11 %"
+            "force residual, all rows {all:.2?} %, held out {held_out:.2?} %; \
+             published 4.08 % and 3.11 %"
         );
         assert_eq!(all.len(), 3);
         // Found: 16.95 %, 3.93 %, 2.91 %; held out 16.90 %, 3.90 %, 2.68 %.

@@ -207,7 +207,8 @@ fn assert_followed(samples: &[Sample], recording: &Recording) {
     let error_deg = (squares / f64::from(count.max(1))).sqrt().to_degrees();
     let [low, high] = span.map(f64::to_degrees);
     println!(
-        "{count} commands led the motor from {low:.1}° to {high:.1}°, {error_deg:.2}° rms off the reference"
+        "{count} commands led the motor from {low:.1}° to {high:.1}°, \
+         {error_deg:.2}° rms off the reference"
     );
     assert!(count > 500, "{count} commands led the motor");
     assert!(high > 0.8 * AMPLITUDE_DEG && low < -0.8 * AMPLITUDE_DEG, "from {low}° to {high}°");

@@ -1,4 +1,4 @@
-//! What the command line calls: `start`, `stop`, `status`, `restart`.
+//! The calls of the command line: `start`, `stop`, `status`, `restart`.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
@@ -12,15 +12,15 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 
 use crate::control::{Answer, Request, send};
-use crate::run_dir::LastWords;
+use crate::run_dir::StartError;
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};
 use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, process};
 
-/// How long a living launcher may take to answer before it is taken for hung, in s.
+/// Time after which a launcher that does not answer counts as hung (s).
 const ANSWER_SECONDS: u64 = 5;
-/// How often `start` looks whether the rig is up.
-const LOOK_PERIOD: Duration = Duration::from_millis(10);
+/// Polling period of `start`.
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// A rig that is up.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,18 +29,18 @@ pub struct Running {
     pub run_dir: PathBuf,
     /// Its launcher's process.
     pub launcher: ProcessIdentity,
-    /// The status at the moment when all units were ready.
+    /// Status when all units had become ready.
     pub status: Status,
 }
 
-/// Starts the launcher in a process and session of its own, and waits until all units are ready.
+/// Starts the launcher as a process in a session of its own and waits until all units are ready.
 ///
 /// Processes that outlived an earlier launcher of this directory are adopted if they were started
-/// with the same configuration. `config.foreground` is not for this call; see [`crate::supervise`].
+/// with the same configuration. Ignores `config.foreground`; see [`crate::supervise`].
 ///
 /// # Errors
-/// When the rig is up already, living processes run with other settings, a unit file is wrong, or a
-/// unit could not be brought up: then all is stopped, and the error has the end of the unit's log.
+/// If the rig is already up, processes with other settings are alive, a unit file is invalid, or a
+/// unit cannot be brought up: then all is stopped, and the error contains the end of its log.
 pub fn start(mut config: Config) -> Result<Running, Error> {
     config.foreground = false;
     let config = config.checked()?;
@@ -68,7 +68,7 @@ pub fn start(mut config: Config) -> Result<Running, Error> {
     let mut child =
         command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
     drop(command);
-    // Reaped whenever it ends, so that a caller that lives longer than the rig keeps no zombie.
+    // Reaps the launcher, so that a caller that outlives the rig keeps no zombie.
     let (sender, ended) = mpsc::channel();
     std::thread::Builder::new()
         .name("launcher-reaper".to_owned())
@@ -85,12 +85,12 @@ fn wait_until_up(
     ended: &mpsc::Receiver<std::io::Result<ExitStatus>>,
 ) -> Result<Running, Error> {
     loop {
-        let outcome = ended.recv_timeout(LOOK_PERIOD);
+        let outcome = ended.recv_timeout(POLL_PERIOD);
         if let Ok(status) = outcome {
             return Err(why_it_ended(run_dir, config, status));
         }
         let Ok(Some(status)) = run_dir.last_status() else { continue };
-        // An earlier launcher's status says `up` as well; this one's has a living launcher.
+        // The status of an earlier launcher may say `up` as well, but that launcher is dead.
         if status.state == RigState::Up && status.launcher.is_alive() {
             return Ok(Running {
                 run_dir: run_dir.path().to_path_buf(),
@@ -102,14 +102,14 @@ fn wait_until_up(
 }
 
 fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitStatus>) -> Error {
-    let words: Option<LastWords> = run_dir.read_json(&run_dir.failure_json()).ok().flatten();
+    let cause: Option<StartError> = run_dir.read_json(&run_dir.failure_json()).ok().flatten();
     let _ = std::fs::remove_file(run_dir.failure_json());
-    match words {
-        Some(LastWords { start_failure: Some(failure), .. }) => Error::Start(failure),
-        Some(LastWords { broken_off: Some(cause), .. }) => {
+    match cause {
+        Some(StartError { start_failure: Some(failure), .. }) => Error::Start(failure),
+        Some(StartError { broken_off: Some(cause), .. }) => {
             Error::BrokenOff { rig: config.rig_name.clone(), cause }
         }
-        Some(words) => Error::Launcher { message: words.message },
+        Some(error) => Error::Launcher { message: error.message },
         None => {
             let exit = status.map_or_else(|error| error.to_string(), |status| status.to_string());
             let tail = log::tail(&run_dir.launcher_log(), 20);
@@ -123,11 +123,11 @@ fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitS
     }
 }
 
-/// What is up in this directory. When the launcher is dead, its last word with what is true of it:
-/// the living are `unsupervised`, the rig is `abandoned`.
+/// Returns the status of the rig in this directory. If the launcher is dead, the rig is `abandoned`
+/// and its living processes are `unsupervised`.
 ///
 /// # Errors
-/// [`Error::NotUp`] when there is neither a launcher nor a living process.
+/// [`Error::NotUp`] if there is neither a launcher nor a living process.
 pub fn status(run_dir: &Path) -> Result<Status, Error> {
     let directory = RunDir::new(run_dir);
     let not_up = || Error::NotUp { run_dir: run_dir.to_path_buf() };
@@ -147,11 +147,11 @@ pub fn status(run_dir: &Path) -> Result<Status, Error> {
     Ok(status)
 }
 
-/// Stops all units in the reverse of the order of their start, and the launcher. Where the launcher
-/// is dead, or hangs, the living are found by pid and start time and stopped by this process.
+/// Stops all units in the reverse of their start order, and the launcher. If the launcher is dead
+/// or hangs, this process stops the living processes, which it finds by pid and start time.
 ///
 /// # Errors
-/// [`Error::NotUp`] when there is nothing to stop.
+/// [`Error::NotUp`] if there is nothing to stop.
 pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
     let path = std::path::absolute(run_dir)
         .map_err(|source| Error::io("make absolute", run_dir, source))?;
@@ -160,10 +160,10 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
         match ask_to_stop(&directory) {
             Ok(report) => return Ok(report),
             Err(Error::Silent { launcher, .. }) => {
-                // It cannot stop anything any more; the motor must not wait for it.
+                // A hung launcher stops nothing, and the motor must not wait for it.
                 launcher.signal(Signal::KILL);
             }
-            // It may have ended by itself, or died, while it was asked.
+            // It may have ended meanwhile.
             Err(_) => {}
         }
     }
@@ -193,8 +193,8 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
     }
 }
 
-/// Without unit files nobody knows an order or a patience: the last started goes first, and at
-/// once.
+/// Kills processes whose unit files are unknown, and with them their stop order and timeouts: last
+/// started first.
 fn kill_leftovers(directory: &RunDir, leftovers: Vec<Leftover>, cause: &str) -> StopReport {
     let status = directory.last_status().ok().flatten();
     let strays: Vec<ProcessIdentity> =
@@ -217,8 +217,8 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
         Answer::Done => {}
         other => return Err(unexpected(&other)),
     }
-    // It takes the units' time. But it writes its status all the while: one that does not has come
-    // to hang since.
+    // A stop takes as long as the units take, but the launcher updates its status meanwhile: one
+    // that does not hangs.
     let updated = || directory.last_status().ok().flatten().map(|status| status.updated_unix_ms);
     let mut before = updated();
     let report = loop {
@@ -229,16 +229,15 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
             Err(error) => return Err(error),
         }
     };
-    // The report is its last word but one: whoever starts the rig next wants it gone.
+    // The launcher still holds the lock: a start right after this needs it gone.
     connection.wait_until_gone();
     Ok(report)
 }
 
-/// Has one unit started again; stopped first if it runs. A unit that had been given up gets a new
-/// chance.
+/// Restarts one unit, also one that had been given up.
 ///
 /// # Errors
-/// When no launcher lives, there is no such unit, or the rig is not up.
+/// If there is no launcher or no such unit, or the rig is not up.
 pub fn restart(run_dir: &Path, unit: &str) -> Result<(), Error> {
     let directory = RunDir::new(run_dir);
     if !directory.is_held()? {
@@ -254,14 +253,14 @@ fn unexpected(answer: &Answer) -> Error {
     Error::Refused {
         reason: match answer {
             Answer::Refused { reason } => reason.clone(),
-            other => format!("it answered something else: {other:?}"),
+            other => format!("unexpected answer: {other:?}"),
         },
     }
 }
 
 struct Connection {
     stream: BufReader<UnixStream>,
-    /// What has come of the next line.
+    /// The part of the next line received so far.
     line: String,
     launcher: ProcessIdentity,
     socket: PathBuf,

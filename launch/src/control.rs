@@ -1,9 +1,10 @@
-//! The control socket: one JSON object a line, question and answer.
+//! The control socket: requests and answers, one JSON object per line.
 //!
 //! ```text
 //! -> {"request":"status"}                     <- {"answer":"status","status":{...}}
 //! -> {"request":"restart","unit":"control"}   <- {"answer":"done"}
-//! -> {"request":"stop"}                       <- {"answer":"done"} and, when all is stopped, {"answer":"stopped","report":{...}}
+//! -> {"request":"stop"}                       <- {"answer":"done"}
+//!                           (all stopped)     <- {"answer":"stopped","report":{...}}
 //! ```
 
 use std::io::{self, Read, Write};
@@ -34,7 +35,7 @@ pub(crate) enum Answer {
     Stopped { report: StopReport },
 }
 
-/// Longest question; who sends more is cut off.
+/// Longest request (bytes); a client that sends more is disconnected.
 const LONGEST: usize = 4096;
 /// Most clients at a time.
 const CLIENTS: usize = 16;
@@ -60,13 +61,13 @@ impl ControlServer {
         Ok(Self { listener, clients: Vec::new() })
     }
 
-    /// What to wait for: the listener, then the clients.
+    /// Descriptors to poll: the listener, then the clients.
     pub(crate) fn handles(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         std::iter::once(self.listener.as_fd())
             .chain(self.clients.iter().map(|client| client.stream.as_fd()))
     }
 
-    /// Accepts whoever is there and reads what they ask: (client, question).
+    /// Accepts waiting clients and reads their requests: (client, request).
     pub(crate) fn receive(&mut self) -> Vec<(usize, Result<Request, String>)> {
         self.clients.retain(|client| !client.gone);
         while let Ok((stream, _)) = self.listener.accept() {
@@ -116,7 +117,7 @@ impl ControlServer {
         }
     }
 
-    /// Tells those who asked for the stop that it is done.
+    /// Sends the report to the clients that requested the stop.
     pub(crate) fn report(&mut self, report: &StopReport) {
         for client in self.clients.iter_mut().filter(|client| client.wants_report) {
             let _ = send(&mut client.stream, &Answer::Stopped { report: report.clone() });
@@ -124,13 +125,13 @@ impl ControlServer {
     }
 }
 
-/// The directory is ours alone; root may come in nevertheless.
+/// Only this user and root may connect: root can enter a directory of mode 0700.
 fn is_ours(stream: &UnixStream) -> bool {
     let own = rustix::process::geteuid();
     sockopt::socket_peercred(stream).is_ok_and(|peer| peer.uid == own || peer.uid.is_root())
 }
 
-/// Writes one line. A client that does not read its answer is cut off rather than waited for.
+/// Writes one line. A client that does not read its answer is disconnected, not waited for.
 pub(crate) fn send<T: Serialize>(stream: &mut UnixStream, value: &T) -> io::Result<()> {
     let mut line = serde_json::to_vec(value)?;
     line.push(b'\n');

@@ -1,4 +1,4 @@
-//! What can go wrong, in words a person can act on.
+//! Errors of this crate.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ pub struct StartFailure {
     pub unit: String,
     /// What happened at the last attempt.
     pub reason: String,
-    /// How often it was tried.
+    /// Number of attempts.
     pub attempts: u32,
     /// Its log file.
     pub log: PathBuf,
@@ -39,7 +39,7 @@ impl std::fmt::Display for StartFailure {
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A unit file has something that is not honoured.
+    /// A unit file contains something that is not supported.
     #[error(transparent)]
     Unit(#[from] UnitError),
     /// The rig's name cannot be an instance name or a directory.
@@ -50,7 +50,7 @@ pub enum Error {
         /// The name found.
         found: String,
     },
-    /// The rig is up.
+    /// The rig is already up.
     #[error(
         "rig {rig} is already up (launcher {launcher}, {since}); bring it down first: farreach down"
     )]
@@ -62,18 +62,19 @@ pub enum Error {
         /// Since when: `since 2026-01-02T03:04:05Z`.
         since: String,
     },
-    /// Processes of an earlier launch live on, and were started with other settings.
+    /// Processes of an earlier launch are alive and were started with other settings.
     #[error(
-        "processes of rig {rig} outlived their launcher and run with other settings ({}); end them first: farreach down",
+        "processes of rig {rig} outlived their launcher and run with other settings ({}); \
+         end them first: farreach down",
         leftovers.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
     )]
     OtherSettings {
         /// The rig.
         rig: String,
-        /// The living.
+        /// The processes.
         leftovers: Vec<Leftover>,
     },
-    /// Nothing of a rig in this directory.
+    /// No rig is up in this directory.
     #[error("no rig is up in {}", run_dir.display())]
     NotUp {
         /// The directory.
@@ -85,42 +86,46 @@ pub enum Error {
     /// The launcher ended before the rig was up.
     #[error("the launcher ended before the rig was up: {message}")]
     Launcher {
-        /// Its own words, or the tail of its log.
+        /// Its own message, or the end of its log.
         message: String,
     },
-    /// Bringing up was ended by a signal or by `stop`.
-    #[error("bringing up rig {rig} was broken off: {cause}; all that had been started was stopped")]
+    /// The start was aborted by a signal or by `stop`.
+    #[error("the start of rig {rig} was aborted: {cause}; all that had been started was stopped")]
     BrokenOff {
         /// The rig.
         rig: String,
-        /// By what.
+        /// What aborted it.
         cause: String,
     },
-    /// The launcher lives, but does not answer.
+    /// The launcher is alive but does not answer.
     #[error("launcher {launcher} did not {what} within {seconds} s")]
     Silent {
         /// Its identity.
         launcher: ProcessIdentity,
         /// What was expected.
         what: &'static str,
-        /// How long that was waited for, in s.
+        /// How long it was waited for (s).
         seconds: u64,
     },
     /// The launcher refused a request.
     #[error("the launcher refused: {reason}")]
     Refused {
-        /// Its words.
+        /// Why.
         reason: String,
     },
-    /// A socket's path would not fit into a socket address.
-    #[error("{} has {length} bytes, and a socket's path has room for 107; choose a shorter run directory", path.display())]
+    /// A socket's path does not fit into a socket address.
+    #[error(
+        "{} has {length} bytes, and a socket's path has room for 107; \
+         choose a shorter run directory",
+        path.display()
+    )]
     PathTooLong {
         /// The path.
         path: PathBuf,
         /// Its length, in bytes.
         length: usize,
     },
-    /// The run directory is someone else's, or others can write to it.
+    /// The run directory belongs to another user, or others can write to it.
     #[error("{}: {found}; expected a directory of your own with mode 0700", path.display())]
     RunDirectory {
         /// The directory.
@@ -128,7 +133,7 @@ pub enum Error {
         /// What is wrong.
         found: String,
     },
-    /// A file of the run directory does not read back.
+    /// A file of the run directory cannot be read back.
     #[error("{}: {message}; if no process of the rig is left, remove it", path.display())]
     File {
         /// The file.
@@ -139,19 +144,19 @@ pub enum Error {
     /// The system refused.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// Its file or folder.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
-    /// The system refused something that has no path.
+    /// The system refused an operation that has no path.
     #[error("cannot {doing}: {source}")]
     System {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
 }

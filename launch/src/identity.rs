@@ -1,4 +1,4 @@
-//! Who a process is: its pid and its start time, so that a recycled pid is not taken for it.
+//! Identity of a process: pid and start time, so that a recycled pid is not mistaken for it.
 
 use std::fmt;
 use std::os::fd::{AsFd, OwnedFd};
@@ -7,7 +7,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 
-/// A process that cannot be mistaken for another one that was given the same pid later.
+/// A process; another one that gets the same pid later has another identity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ProcessIdentity {
     /// Process id.
@@ -23,14 +23,14 @@ impl fmt::Display for ProcessIdentity {
 }
 
 impl ProcessIdentity {
-    /// The living process with this pid; `None` when there is none, or only its zombie.
+    /// The living process with this pid; `None` if there is none or only a zombie.
     pub fn of(pid: i32) -> Option<Self> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         let (state, start_time) = state_and_start_time(&stat)?;
         let dead = match state {
             'X' | 'x' => true,
-            // The first thread is a zombie; the process lives, and holds its files and locks, until
-            // its last has ended.
+            // The first thread is a zombie; the process lives, with its files and locks, until its
+            // last thread has ended.
             'Z' => pidfd_open(Pid::from_raw(pid)?, PidfdFlags::NONBLOCK)
                 .map_or(true, |handle| has_ended(&handle)),
             _ => false,
@@ -48,14 +48,14 @@ impl ProcessIdentity {
         Self::of(self.pid) == Some(*self)
     }
 
-    /// A handle on this very process; `None` when it is gone, or its pid is another's by now.
+    /// A handle to this very process; `None` if it has ended, even if its pid was reused.
     pub fn open(&self) -> Option<OwnedFd> {
         let handle = pidfd_open(Pid::from_raw(self.pid)?, PidfdFlags::NONBLOCK).ok()?;
-        // The handle holds whoever had the pid when it was opened; now that cannot change any more.
+        // The handle refers to whichever process had the pid when it was opened, and cannot change.
         self.is_alive().then_some(handle)
     }
 
-    /// Sends a signal to this very process; `false` when it is gone.
+    /// Sends a signal to this very process; `false` if it has ended.
     pub fn signal(&self, signal: Signal) -> bool {
         self.open().is_some_and(|handle| pidfd_send_signal(&handle, signal).is_ok())
     }
@@ -76,8 +76,8 @@ fn state_and_start_time(stat: &str) -> Option<(char, u64)> {
     Some((state, start_time))
 }
 
-/// Identity of this boot of the machine: start times of another one mean nothing. Empty when it
-/// cannot be read.
+/// Identity of this boot of the computer, within which start times are valid; empty if it cannot be
+/// read.
 pub fn boot_id() -> String {
     std::fs::read_to_string("/proc/sys/kernel/random/boot_id")
         .map(|text| text.trim().to_owned())

@@ -1,8 +1,8 @@
-//! Log files: bounded, and their tails.
+//! Bounded log files.
 //!
 //! A process writes its log file itself, through a descriptor opened for appending: a pipe to the
-//! launcher would kill it when the launcher dies. So a log that has grown too long is copied aside
-//! and cut to nothing in place; lines written between the copy and the cut are lost.
+//! launcher would kill it when the launcher dies. A log that is too long is therefore copied and
+//! truncated in place; lines written between the two are lost.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -11,8 +11,7 @@ use std::path::{Path, PathBuf};
 
 use crate::Error;
 
-/// Longest log, in bytes; one earlier stretch of about that length is kept beside it as
-/// `NAME.log.1`.
+/// Longest log (bytes); the part before is kept as `NAME.log.1`.
 pub(crate) const LIMIT: u64 = 1 << 20;
 
 /// Opens a log for appending.
@@ -25,7 +24,7 @@ pub(crate) fn open(path: &Path) -> Result<File, Error> {
         .map_err(|source| Error::io("open the log", path, source))
 }
 
-/// Copies a log that is longer than `limit` aside and cuts it.
+/// Copies a log longer than `limit` to `NAME.log.1` and truncates it.
 pub(crate) fn rotate(path: &Path, limit: u64) -> io::Result<bool> {
     if fs::metadata(path).map(|metadata| metadata.len()).unwrap_or(0) <= limit {
         return Ok(false);
@@ -41,7 +40,7 @@ fn earlier(path: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// The last lines of a log, at most `lines` and 8 KiB; empty when there is none.
+/// The last lines of a log, at most `lines` and 8 KiB; empty if there is none.
 pub(crate) fn tail(path: &Path, lines: usize) -> String {
     let read = || -> io::Result<Vec<u8>> {
         let mut file = File::open(path)?;
@@ -56,8 +55,7 @@ pub(crate) fn tail(path: &Path, lines: usize) -> String {
     all[all.len().saturating_sub(lines)..].join("\n")
 }
 
-/// The launcher's own log: each line with the time, to `launcher.log` and, if wanted, to standard
-/// error.
+/// The launcher's own log: lines with the time, to `launcher.log` and optionally standard error.
 pub(crate) struct Journal {
     path: PathBuf,
     file: Option<File>,
@@ -73,13 +71,13 @@ impl Journal {
     pub(crate) fn say(&mut self, message: &str) {
         let line = format!("{} {message}\n", crate::status::utc(crate::status::unix_ms()));
         if self.echo {
-            // A terminal that is gone must not stop the launcher.
+            // A closed terminal must not stop the launcher.
             let _ = io::stderr().write_all(line.as_bytes());
         }
         if let Some(file) = &mut self.file
             && file.write_all(line.as_bytes()).is_err()
         {
-            // Disk full, most likely: the rig goes on without a journal.
+            // Most likely the disk is full: the rig continues without this log.
             self.file = None;
         }
         let _ = rotate(&self.path, LIMIT);

@@ -1,4 +1,4 @@
-//! The launcher's end of `sd_notify`: datagrams, each with the sender's pid as the kernel knows it.
+//! The launcher's end of `sd_notify`: datagrams with the sender's pid from the kernel.
 
 use std::io::IoSliceMut;
 use std::mem::MaybeUninit;
@@ -10,9 +10,9 @@ use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg,
 
 use crate::Error;
 
-/// What a process says of itself.
+/// A notification.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Word {
+pub(crate) enum Notification {
     /// `READY=1`
     Ready,
     /// `WATCHDOG=1`
@@ -24,8 +24,8 @@ pub(crate) enum Word {
 pub(crate) struct NotifySocket(UnixDatagram);
 
 impl NotifySocket {
-    /// Binds the path anew. Processes that look the path up for each datagram, as sd_notify does,
-    /// reach this one.
+    /// Binds the path anew. Processes that resolve the path for each datagram, as sd_notify does,
+    /// reach the new socket.
     pub(crate) fn bind(path: &Path) -> Result<Self, Error> {
         let _ = std::fs::remove_file(path);
         let socket = UnixDatagram::bind(path).map_err(|source| Error::io("bind", path, source))?;
@@ -39,8 +39,8 @@ impl NotifySocket {
         self.0.as_fd()
     }
 
-    /// The next datagram: the sender's pid and its words; `None` when there is none.
-    pub(crate) fn receive(&self) -> Option<(i32, Vec<Word>)> {
+    /// The next datagram: the sender's pid and its notifications; `None` if there is none.
+    pub(crate) fn receive(&self) -> Option<(i32, Vec<Notification>)> {
         let mut bytes = [0u8; 4096];
         let mut space =
             [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1), ScmRights(8))];
@@ -54,21 +54,21 @@ impl NotifySocket {
         .ok()?;
         let mut pid = 0;
         for message in ancillary.drain() {
-            // Descriptors that somebody sent along are closed as they are dropped.
+            // Descriptors sent along are closed as they are dropped.
             if let RecvAncillaryMessage::ScmCredentials(credentials) = message {
                 pid = credentials.pid.as_raw_nonzero().get();
             }
         }
-        Some((pid, words(&String::from_utf8_lossy(&bytes[..received.bytes]))))
+        Some((pid, notifications(&String::from_utf8_lossy(&bytes[..received.bytes]))))
     }
 }
 
-fn words(text: &str) -> Vec<Word> {
+fn notifications(text: &str) -> Vec<Notification> {
     text.lines()
         .filter_map(|line| match line.split_once('=')? {
-            ("READY", "1") => Some(Word::Ready),
-            ("WATCHDOG", "1") => Some(Word::Alive),
-            ("STATUS", text) => Some(Word::Status(text.chars().take(200).collect())),
+            ("READY", "1") => Some(Notification::Ready),
+            ("WATCHDOG", "1") => Some(Notification::Alive),
+            ("STATUS", text) => Some(Notification::Status(text.chars().take(200).collect())),
             _ => None,
         })
         .collect()
@@ -79,9 +79,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_understood() {
+    fn known_notifications_are_parsed() {
         let text = "READY=1\nSTATUS=best-effort\nWATCHDOG=1\nMAINPID=4\nnonsense\n";
-        assert_eq!(words(text), [Word::Ready, Word::Status("best-effort".to_owned()), Word::Alive]);
+        assert_eq!(
+            notifications(text),
+            [
+                Notification::Ready,
+                Notification::Status("best-effort".to_owned()),
+                Notification::Alive
+            ]
+        );
     }
 
     #[test]
@@ -91,6 +98,6 @@ mod tests {
         let socket = NotifySocket::bind(&path).unwrap();
         assert_eq!(socket.receive(), None);
         UnixDatagram::unbound().unwrap().send_to(b"WATCHDOG=1\n", &path).unwrap();
-        assert_eq!(socket.receive(), Some((std::process::id() as i32, vec![Word::Alive])));
+        assert_eq!(socket.receive(), Some((std::process::id() as i32, vec![Notification::Alive])));
     }
 }

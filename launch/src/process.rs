@@ -1,5 +1,5 @@
-//! One process of a unit: started or adopted, watched through a pidfd, so that a recycled pid is
-//! never hit.
+//! The process of a unit, started or adopted, and held by a pidfd so that a recycled pid is never
+//! signalled.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,8 +16,7 @@ use crate::scheduling::ChildSetup;
 use crate::units::Unit;
 use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log};
 
-/// In every process's environment: by these two a process is known as the rig's even if no status
-/// names it.
+/// Set in every process's environment: they identify a process of the rig that is in no status.
 const UNIT_VARIABLE: &str = "FARREACH_UNIT";
 const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 
@@ -28,8 +27,8 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    /// Starts the process of a unit: output to its log, a process group of its own, its limits and
-    /// its class.
+    /// Starts the process of a unit with its log, limits and scheduling class, in a process group of
+    /// its own.
     pub(crate) fn start(unit: &Unit, config: &Config, run_dir: &RunDir) -> Result<Self, Error> {
         let log_path = run_dir.log(&unit.name);
         let _ = log::rotate(&log_path, log::LIMIT);
@@ -45,8 +44,7 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(output)
             .stderr(errors)
-            // So that Ctrl-C at a terminal reaches the launcher alone, which then stops them in
-            // their order.
+            // Ctrl-C at a terminal must reach the launcher alone, which stops the units in order.
             .process_group(0);
         if unit.watchdog.is_none() {
             command.env_remove("WATCHDOG_USEC");
@@ -64,7 +62,7 @@ impl Process {
             command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
         let pid = i32::try_from(child.id()).unwrap_or(i32::MAX);
         if let Some(score) = unit.oom_score_adjust {
-            // Refused to lower it without CAP_SYS_RESOURCE; the status says so.
+            // Lowering it needs CAP_SYS_RESOURCE; a refusal is in the status.
             let _ = fs::write(format!("/proc/{pid}/oom_score_adj"), score.to_string());
         }
         // The child is not reaped before `exit`, so its pid is its own until then.
@@ -85,22 +83,22 @@ impl Process {
         let handle = pidfd_open(raw, PidfdFlags::NONBLOCK).map_err(|source| {
             Error::system("open a pidfd (Linux 5.10 or later is needed)", source)
         })?;
-        // A child that has ended already is a zombie, which has no identity; its handle tells.
+        // A child that has already ended is a zombie without identity; its handle shows the end.
         let identity = ProcessIdentity::of(pid).unwrap_or(ProcessIdentity { pid, start_time: 0 });
         Ok((identity, handle))
     }
 
-    /// Takes over a living process that somebody else started; `None` when it is gone.
+    /// Adopts a living process; `None` if it has ended.
     pub(crate) fn adopt(identity: ProcessIdentity) -> Option<Self> {
         Some(Self { identity, handle: identity.open()?, child: None })
     }
 
-    /// Readable when the process has ended.
+    /// Readable once the process has ended.
     pub(crate) fn handle(&self) -> BorrowedFd<'_> {
         self.handle.as_fd()
     }
 
-    /// Sends a signal, and wakes a stopped process so that it can obey.
+    /// Sends a signal, and SIGCONT so that a stopped process can act on it.
     pub(crate) fn ask_to_stop(&self, signal: Signal) {
         let _ = pidfd_send_signal(&self.handle, signal);
         let _ = pidfd_send_signal(&self.handle, Signal::CONT);
@@ -110,13 +108,12 @@ impl Process {
         let _ = pidfd_send_signal(&self.handle, Signal::KILL);
     }
 
-    /// How it ended. Call when [`Process::handle`] is readable. What it left in its process group
-    /// is killed.
+    /// Reaps the process and kills what it left in its process group. Call once
+    /// [`Process::handle`] is readable.
     pub(crate) fn exit(self) -> Exit {
         let Some(mut child) = self.child else { return Exit::Unknown };
         if let Some(group) = Pid::from_raw(self.identity.pid) {
-            // Before the child is reaped: until then nobody else can have its pid, or a group of
-            // that number.
+            // Before the child is reaped: until then its pid and group cannot be reused.
             let _ = kill_process_group(group, Signal::KILL);
         }
         match child.wait() {
@@ -158,8 +155,8 @@ fn environment(
     variables
 }
 
-/// Living processes of this rig by their environment, with their units. It finds one whose launcher
-/// died between starting it and writing that down.
+/// Living processes of this rig by their environment, with their units; also those whose launcher
+/// died before it wrote them down.
 pub(crate) fn find(run_dir: &RunDir) -> Vec<(String, ProcessIdentity)> {
     let mut socket = format!("{SOCKET_VARIABLE}=").into_bytes();
     socket.extend(run_dir.notify_socket().as_os_str().as_bytes());
@@ -171,7 +168,7 @@ pub(crate) fn find(run_dir: &RunDir) -> Vec<(String, ProcessIdentity)> {
         let Some(identity) = ProcessIdentity::of(pid).filter(|identity| identity.pid != own) else {
             continue;
         };
-        // Those of other users cannot be read, and are not ours.
+        // Other users' processes cannot be read, and are not ours.
         let Ok(environment) = fs::read(format!("/proc/{pid}/environ")) else { continue };
         let mut variables = environment.split(|byte| *byte == 0);
         if !variables.clone().any(|variable| variable == socket) {

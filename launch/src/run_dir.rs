@@ -1,12 +1,11 @@
-//! The rig's directory: who holds it, what is in it, who of it is alive.
+//! The rig's run directory: its files, and the lock that the launcher holds.
 
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{FlockOperation, flock};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -17,16 +16,16 @@ use crate::{Config, Error, StartFailure, boot_id};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunDir(PathBuf);
 
-/// Why the launcher ended before the rig was up; its last words to `start`.
+/// Why the launcher ended before the rig was up, for `start`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct LastWords {
+pub(crate) struct StartError {
     pub(crate) message: String,
     pub(crate) start_failure: Option<StartFailure>,
     pub(crate) broken_off: Option<String>,
 }
 
 impl RunDir {
-    /// That directory; it need not exist.
+    /// Names the directory; it need not exist.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self(path.into())
     }
@@ -36,13 +35,12 @@ impl RunDir {
         &self.0
     }
 
-    /// Held locked by the launcher as long as it lives: whoever can lock it knows that there is
-    /// none.
+    /// Locked by the launcher as long as it lives: if it can be locked, there is no launcher.
     pub fn lock_file(&self) -> PathBuf {
         self.0.join("launcher.lock")
     }
 
-    /// Pid and start time of the launcher, separated by a blank.
+    /// Pid and start time of the launcher, separated by a space.
     pub fn launcher_pid(&self) -> PathBuf {
         self.0.join("launcher.pid")
     }
@@ -67,22 +65,22 @@ impl RunDir {
         self.0.join("failure.json")
     }
 
-    /// What every process gets as `NOTIFY_SOCKET`.
+    /// `NOTIFY_SOCKET` of every process.
     pub fn notify_socket(&self) -> PathBuf {
         self.0.join("notify.sock")
     }
 
-    /// Where `stop`, `restart` and `status` ask.
+    /// Socket for `stop`, `restart` and `status`.
     pub fn control_socket(&self) -> PathBuf {
         self.0.join("control.sock")
     }
 
-    /// Output of one unit's process.
+    /// Log of one unit.
     pub fn log(&self, unit: &str) -> PathBuf {
         self.0.join(format!("{unit}.log"))
     }
 
-    /// Makes the directory with mode 0700, or checks that it is ours alone.
+    /// Creates the directory with mode 0700, or checks that it is private to this user.
     pub(crate) fn create(&self) -> Result<(), Error> {
         for socket in [self.notify_socket(), self.control_socket()] {
             let length = socket.as_os_str().len();
@@ -108,11 +106,10 @@ impl RunDir {
         Ok(())
     }
 
-    /// Takes the launcher's lock; `None` when a launcher has it.
+    /// Takes the launcher's lock; `None` if a launcher holds it.
     pub(crate) fn lock(&self) -> Result<Option<File>, Error> {
         let path = self.lock_file();
-        // One who only looks (`is_held`) has it for a moment: a launcher is there only if it stays
-        // locked.
+        // `is_held` locks it for a moment: only a lasting lock is a launcher's.
         let mut tries_left = 10;
         loop {
             let file = OpenOptions::new()
@@ -122,26 +119,26 @@ impl RunDir {
                 .mode(0o600)
                 .open(&path)
                 .map_err(|source| Error::io("open", &path, source))?;
-            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            match file.try_lock() {
                 Ok(()) => {}
-                Err(rustix::io::Errno::WOULDBLOCK) if tries_left > 0 => {
+                Err(TryLockError::WouldBlock) if tries_left > 0 => {
                     tries_left -= 1;
                     std::thread::sleep(std::time::Duration::from_millis(10));
                     continue;
                 }
-                Err(rustix::io::Errno::WOULDBLOCK) => return Ok(None),
-                Err(source) => return Err(Error::io("lock", &path, source)),
+                Err(TryLockError::WouldBlock) => return Ok(None),
+                Err(TryLockError::Error(source)) => return Err(Error::io("lock", &path, source)),
             }
-            // A launcher that ends removes the file while it holds the lock: what was locked may be
-            // no longer there.
+            // A launcher removes the file at its end while it holds the lock: the locked file may
+            // no longer be the one in the directory.
             if self.is_lock_file(&file)? {
                 return Ok(Some(file));
             }
         }
     }
 
-    /// Takes over the lock that `start` holds and hands on as standard input, so that nobody gets
-    /// in between.
+    /// Takes over the lock that `start` holds and passes on as standard input, so that no other
+    /// launcher can take it in between.
     pub(crate) fn inherited_lock(&self) -> Result<Option<OwnedFd>, Error> {
         let stdin = io::stdin();
         let handle = stdin
@@ -152,10 +149,7 @@ impl RunDir {
         if !self.is_lock_file(&file)? {
             return Ok(None);
         }
-        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => Ok(Some(file.into())),
-            Err(_) => Ok(None),
-        }
+        Ok(file.try_lock().is_ok().then(|| file.into()))
     }
 
     fn is_lock_file(&self, file: &File) -> Result<bool, Error> {
@@ -168,11 +162,10 @@ impl RunDir {
         }
     }
 
-    /// Whether a launcher holds this directory. For those who only look: the lock is given back at
-    /// once.
+    /// Whether a launcher holds this directory.
     ///
     /// # Errors
-    /// When the lock file can be neither opened nor locked.
+    /// If the lock file can be neither opened nor locked.
     pub fn is_held(&self) -> Result<bool, Error> {
         let path = self.lock_file();
         let file = match File::open(&path) {
@@ -180,15 +173,15 @@ impl RunDir {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
             Err(source) => return Err(Error::io("open", &path, source)),
         };
-        // Shared, so that two lookers do not take each other for a launcher.
-        match flock(&file, FlockOperation::NonBlockingLockShared) {
+        // Shared, so that two callers do not take each other for a launcher.
+        match file.try_lock_shared() {
             Ok(()) => Ok(false),
-            Err(rustix::io::Errno::WOULDBLOCK) => Ok(true),
-            Err(source) => Err(Error::io("lock", &path, source)),
+            Err(TryLockError::WouldBlock) => Ok(true),
+            Err(TryLockError::Error(source)) => Err(Error::io("lock", &path, source)),
         }
     }
 
-    /// Replaces a file in one step: a reader sees the old one or the new one.
+    /// Replaces a file atomically.
     pub(crate) fn write_json<T: Serialize>(&self, path: &Path, value: &T) -> Result<(), Error> {
         let text = serde_json::to_vec_pretty(value).map_err(|error| Error::File {
             path: path.to_path_buf(),
@@ -205,7 +198,7 @@ impl RunDir {
         fs::rename(&temporary, path).map_err(|source| Error::io("replace", path, source))
     }
 
-    /// Reads a JSON file; `None` when it is not there.
+    /// Reads a JSON file; `None` if it does not exist.
     pub(crate) fn read_json<T: DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, Error> {
         match fs::read(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -221,13 +214,13 @@ impl RunDir {
         self.read_json(&self.launch_json())
     }
 
-    /// The last status written in this boot; who of it is alive has yet to be seen.
+    /// The last status written in this boot of the computer; its processes may have died since.
     pub(crate) fn last_status(&self) -> Result<Option<Status>, Error> {
         let status: Option<Status> = self.read_json(&self.status_json())?;
         Ok(status.filter(|status| status.boot_id == boot_id()))
     }
 
-    /// Who holds this directory, for the message that it is held.
+    /// The error that a launcher holds this directory.
     pub(crate) fn already_up(&self, rig: &str) -> Error {
         let status = self.last_status().ok().flatten();
         let pid = fs::read_to_string(self.launcher_pid()).unwrap_or_default();
@@ -252,8 +245,7 @@ impl RunDir {
             self.lock_file(),
         ];
         for file in files {
-            // Absent is as good as removed, and what cannot be removed is found stale by the next
-            // start.
+            // A file that cannot be removed is recognised as stale by the next start.
             let _ = fs::remove_file(file);
         }
     }

@@ -1,5 +1,5 @@
-//! Scheduling class, cores and limits: asked for between fork and exec, read back from the kernel
-//! afterwards.
+//! Scheduling class, processors and limits: requested between fork and exec, then read back from
+//! the kernel.
 
 use std::fs;
 
@@ -9,21 +9,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::units::{Limit, SchedulingPolicy, Unit};
 
-/// What was asked for and what the kernel granted.
+/// Scheduling requested and granted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Scheduling {
     /// The unit's class and priority.
     pub asked: SchedulingPolicy,
-    /// What the process has, as read back; `None` when it could not be read.
+    /// What the process has; `None` if it could not be read.
     pub granted: Option<SchedulingPolicy>,
-    /// Cores on which it may run, as read back.
+    /// Processors on which it may run.
     pub cores: Vec<usize>,
-    /// What was asked for and refused, in words; empty when all was granted.
+    /// What was refused, as text; empty if all was granted.
     pub refused: Vec<String>,
 }
 
-/// What the child does to itself between fork and exec. Plain numbers: nothing there may allocate
-/// or lock.
+/// What the child sets for itself between fork and exec, where it may neither allocate nor lock:
+/// plain numbers.
 #[derive(Clone, Copy)]
 pub(crate) struct ChildSetup {
     memlock: Option<Limit>,
@@ -45,13 +45,12 @@ impl ChildSetup {
             memlock: unit.limit_memlock,
             rtprio: unit.limit_rtprio,
             policy: unit.scheduling,
-            // On a machine with fewer cores, any core is better than none.
+            // On a computer with fewer processors, any is better than none.
             cores: (cores.count() > 0).then_some(cores),
         }
     }
 
-    /// Asks for everything and goes on without what is refused. System calls only: it runs between
-    /// fork and exec.
+    /// Requests everything and continues without what is refused. System calls only.
     pub(crate) fn apply(&self) {
         raise(Resource::Memlock, self.memlock);
         raise(Resource::Rtprio, self.rtprio);
@@ -60,15 +59,14 @@ impl ChildSetup {
             SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
             SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
         };
-        // Without its class a loop had better be moved to whatever core is free than wait in line
-        // on one.
+        // Without its class, a loop is better off on any free processor than queued on one.
         if let (true, Some(cores)) = (granted, &self.cores) {
             let _ = sched_setaffinity(None, cores);
         }
     }
 }
 
-/// Sets a limit, or as much of it as this user may have.
+/// Sets a limit, or as much of it as this user is allowed.
 fn raise(resource: Resource, limit: Option<Limit>) {
     let Some(limit) = limit else { return };
     let wanted = match limit {
@@ -93,7 +91,7 @@ fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
     unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
 }
 
-/// What the kernel says of a process. The caller sees to it that the pid is still the process's.
+/// Scheduling of a process. The caller ensures that the pid is still that of the process.
 fn granted(pid: i32) -> Option<SchedulingPolicy> {
     let mut parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: the pointer is to a live sched_param that the kernel writes; a pid that is gone gives
@@ -166,9 +164,9 @@ impl Scheduling {
 mod tests {
     #[test]
     fn limits_of_proc() {
-        let text = "Limit                     Soft Limit           Hard Limit           Units     \n\
-                    Max locked memory         8388608              unlimited            bytes     \n\
-                    Max realtime priority     0                    0                    \n";
+        let text = "Limit                     Soft Limit     Hard Limit     Units\n\
+                    Max locked memory         8388608        unlimited      bytes\n\
+                    Max realtime priority     0              0\n";
         assert_eq!(super::soft_limit(text, "Max locked memory"), Some("8388608"));
         assert_eq!(super::soft_limit(text, "Max realtime priority"), Some("0"));
         assert_eq!(super::soft_limit(text, "Max nonsense"), None);

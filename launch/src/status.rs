@@ -1,4 +1,4 @@
-//! What the launcher says of the rig: `status.json`, and the report of a stop.
+//! Status of a rig (`status.json`) and report of a stop.
 
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -13,13 +13,13 @@ use crate::{ProcessIdentity, Scheduling};
 pub enum RigState {
     /// Units are being started for the first time.
     Starting,
-    /// All have been ready; what dies is started again.
+    /// All units have been ready; a process that ends is restarted.
     Up,
     /// Units are being stopped.
     Stopping,
     /// All are stopped.
     Down,
-    /// The launcher is dead; see the units for who lives on.
+    /// The launcher is dead; some units are alive.
     Abandoned,
 }
 
@@ -27,21 +27,21 @@ pub enum RigState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnitState {
-    /// Not started, or ended by itself in good order.
+    /// Not started, or exited cleanly.
     Inactive,
-    /// Started, `READY=1` not yet come.
+    /// Started; `READY=1` not yet received.
     Starting,
     /// Ready.
     Ready,
-    /// Killed by the launcher, its end not yet seen.
+    /// Killed by the launcher; has not ended yet.
     Killing,
     /// Waiting for its next start.
     BackOff,
-    /// Waiting for its next start until a unit that it needs is ready again.
+    /// Waiting until a unit that it needs is ready again.
     Gated,
     /// Asked to stop.
     Stopping,
-    /// Given up; `restart UNIT` tries again.
+    /// Given up; `restart` tries again.
     Failed,
     /// Alive, but its launcher is dead (only in the answer of [`crate::status`]).
     Unsupervised,
@@ -66,19 +66,19 @@ pub struct UnitStatus {
     pub state: UnitState,
     /// Its process, if it has one.
     pub process: Option<ProcessIdentity>,
-    /// Whether the process was taken over from a launcher that died.
+    /// Whether the process was adopted from a launcher that died.
     pub adopted: bool,
-    /// When it came into this state, in ms since 1970 (UTC).
+    /// When it entered this state (ms since 1970, UTC).
     pub since_unix_ms: u64,
     /// Starts after the first.
     pub restarts: u32,
-    /// How the process before this one ended: `exit code 1`, `signal 9 (SIGKILL)`.
+    /// How its predecessor ended: `exit code 1`, `signal 9 (SIGKILL)`.
     pub last_exit: Option<String>,
-    /// Why it was, or is to be, started again.
+    /// Why it was or will be restarted.
     pub restart_reason: Option<String>,
-    /// What scheduling was asked for and what was granted.
+    /// Scheduling requested and granted.
     pub scheduling: Option<Scheduling>,
-    /// The process's own words (`STATUS=`).
+    /// The process's own status (`STATUS=`).
     pub status_text: Option<String>,
     /// Its log file.
     pub log: PathBuf,
@@ -91,11 +91,11 @@ pub struct Status {
     pub rig_name: String,
     /// State.
     pub state: RigState,
-    /// Why it is stopping or broken off.
+    /// Why it is stopping or was aborted.
     pub cause: Option<String>,
     /// The launcher's process.
     pub launcher: ProcessIdentity,
-    /// Boot of the machine in which the start times hold.
+    /// Boot of the computer in which the start times are valid.
     pub boot_id: String,
     /// When the launcher started, in ms since 1970 (UTC).
     pub since_unix_ms: u64,
@@ -117,7 +117,7 @@ impl Status {
 pub struct UnitStop {
     /// Short name.
     pub name: String,
-    /// How its process ended; `None` when there was none to stop.
+    /// How its process ended; `None` if there was none.
     pub exit: Option<String>,
     /// Whether it had to be killed: it did not end within `TimeoutStopSec=`.
     pub killed: bool,
@@ -130,12 +130,11 @@ pub struct UnitStop {
 pub struct StopReport {
     /// Name of the rig.
     pub rig_name: String,
-    /// What asked for it.
+    /// What requested it.
     pub cause: String,
     /// The units.
     pub units: Vec<UnitStop>,
-    /// Processes of the rig that no status knew of (their launcher died while starting them), ended
-    /// as well.
+    /// Processes of the rig in no status (their launcher died while starting them), killed as well.
     pub strays: Vec<ProcessIdentity>,
 }
 

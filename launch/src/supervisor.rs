@@ -1,4 +1,4 @@
-//! The launcher's loop: carries out the [`Lifecycle`]'s actions on processes, and reports events to it.
+//! The launcher's loop: carries out the actions of the [`Lifecycle`] and reports events to it.
 
 mod report;
 
@@ -16,16 +16,16 @@ use crate::control::{Answer, ControlServer, Request};
 use crate::identity::has_ended;
 use crate::lifecycle::{Action, Exit, Lifecycle, Phase, Policy};
 use crate::log::{self, Journal};
-use crate::notify::{NotifySocket, Word};
+use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
-use crate::run_dir::LastWords;
+use crate::run_dir::StartError;
 use crate::status::{StopReport, UnitState, UnitStop, unix_ms};
 use crate::units::{StopSignal, Unit};
 use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, boot_id};
 
 /// `status.json` is written at least this often.
 const STATUS_PERIOD: Duration = Duration::from_millis(200);
-/// Log lengths are looked at this often.
+/// Log lengths are checked this often.
 const ROTATE_PERIOD: Duration = Duration::from_secs(1);
 
 /// Body of `service launcher --run-dir DIR`: reads `launch.json` of that directory and supervises
@@ -49,7 +49,7 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
         Supervisor::open(config, &run_dir, lock)?.until_stopped()
     };
     supervised().map(|_| ()).inspect_err(|error| {
-        let words = LastWords {
+        let cause = StartError {
             message: error.to_string(),
             start_failure: if let Error::Start(failure) = error {
                 Some(failure.clone())
@@ -62,18 +62,17 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
                 None
             },
         };
-        // If that cannot be written, `start` falls back on the log.
-        let _ = run_dir.write_json(&run_dir.failure_json(), &words);
+        // If it cannot be written, `start` shows the log instead.
+        let _ = run_dir.write_json(&run_dir.failure_json(), &cause);
     })
 }
 
-/// Launches in this very process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or
-/// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] does it in a process of its
-/// own.
+/// Launches in this process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or
+/// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] does it in a process of its own.
 ///
 /// # Errors
-/// When the rig is up already, a unit file is wrong, or a unit cannot be brought up (all is stopped
-/// then).
+/// If the rig is already up, a unit file is invalid, or a unit cannot be brought up: then all is
+/// stopped.
 pub fn supervise(config: Config) -> Result<StopReport, Error> {
     let config = config.checked()?;
     let run_dir = RunDir::new(&config.run_dir);
@@ -81,7 +80,7 @@ pub fn supervise(config: Config) -> Result<StopReport, Error> {
     Supervisor::open(config, &run_dir, lock.into())?.until_stopped()
 }
 
-/// Locks the run directory and writes `launch.json`, after a look at who is still alive in it.
+/// Locks the run directory, checks for living processes, and writes `launch.json`.
 pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> {
     config.load_units()?;
     run_dir.create()?;
@@ -126,8 +125,8 @@ pub(crate) struct Supervisor {
     control: ControlServer,
     journal: Journal,
     cause: Option<String>,
-    /// Whether it was asked to stop before all had been ready.
-    broken_off: bool,
+    /// Whether it was asked to stop before all units had been ready.
+    aborted: bool,
     stopped: Vec<UnitStop>,
     strays: Vec<ProcessIdentity>,
     written: Option<Duration>,
@@ -136,7 +135,7 @@ pub(crate) struct Supervisor {
 }
 
 impl Supervisor {
-    /// Opens the sockets and adopts whom an earlier launcher left alive.
+    /// Opens the sockets and adopts the processes that an earlier launcher left alive.
     pub(crate) fn open(config: Config, run_dir: &RunDir, lock: OwnedFd) -> Result<Self, Error> {
         let units = config.load_units()?;
         let identity = ProcessIdentity::own().ok_or_else(|| {
@@ -170,7 +169,7 @@ impl Supervisor {
             boot_id: boot_id(),
             since_unix_ms: unix_ms(),
             cause: None,
-            broken_off: false,
+            aborted: false,
             stopped: Vec::new(),
             strays: Vec::new(),
             written: None,
@@ -209,10 +208,10 @@ impl Supervisor {
         outcome
     }
 
-    /// Stops all and returns; for `stop` where no launcher lives.
+    /// Stops all and returns; for `stop` without a launcher.
     pub(crate) fn stop_now(mut self, cause: &str) -> Result<StopReport, Error> {
         self.stop_all(cause);
-        self.broken_off = false;
+        self.aborted = false;
         self.run(None)
     }
 
@@ -244,7 +243,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Ends processes that carry this rig's marks, but belong to no unit's process that is known.
+    /// Kills processes with this rig's environment that no unit knows.
     fn end_strays(&mut self) {
         for (unit, identity) in process::find(&self.run_dir) {
             let known = self
@@ -252,7 +251,7 @@ impl Supervisor {
                 .iter()
                 .any(|supervised| supervised.unit.name == unit && supervised.process.is_some());
             if !known && identity.signal(Signal::KILL) {
-                self.journal.say(&format!("{unit}: {identity} was in no status: killed"));
+                self.journal.say(&format!("{unit}: {identity} is unknown to the launcher: killed"));
                 self.strays.push(identity);
             }
         }
@@ -282,14 +281,14 @@ impl Supervisor {
                 return self.finish();
             }
             if acted {
-                // A start that was refused is due for more.
+                // A failed start needs its follow-up at once.
                 continue;
             }
             self.wait(signals)?;
-            self.hear_signals(signals);
-            self.hear_notifications();
-            self.see_exits();
-            self.hear_requests();
+            self.receive_signals(signals);
+            self.receive_notifications();
+            self.reap();
+            self.receive_requests();
             if self.now() >= self.rotated + ROTATE_PERIOD {
                 self.rotated = self.now();
                 for supervised in &self.units {
@@ -321,7 +320,7 @@ impl Supervisor {
                         self.lifecycle.start_refused(index, error.to_string(), now);
                     }
                 }
-                // At once: whoever comes after a launcher that dies now finds the process here.
+                // At once, so that the successor of a launcher that dies now finds the process.
                 self.follow_states();
                 self.write_status();
             }
@@ -346,13 +345,13 @@ impl Supervisor {
         }
     }
 
-    /// Sleeps until something happens or is due.
+    /// Sleeps until an event or the next deadline.
     fn wait(&self, signals: Option<&UnixStream>) -> Result<(), Error> {
         let now = self.now();
         let status_due = self.written.map_or(now, |written| written + STATUS_PERIOD);
         let due =
             self.lifecycle.next_deadline().map_or(status_due, |deadline| deadline.min(status_due));
-        // One millisecond more, so that what is due is due when it wakes.
+        // One millisecond more, so that the deadline has passed on waking.
         let left = due.saturating_sub(now) + Duration::from_millis(1);
         let timeout =
             Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
@@ -369,7 +368,7 @@ impl Supervisor {
         }
     }
 
-    fn hear_signals(&mut self, signals: Option<&UnixStream>) {
+    fn receive_signals(&mut self, signals: Option<&UnixStream>) {
         let Some(mut signals) = signals else { return };
         let mut bytes = [0u8; 16];
         if std::io::Read::read(&mut signals, &mut bytes).is_ok_and(|count| count > 0) {
@@ -377,29 +376,31 @@ impl Supervisor {
         }
     }
 
-    fn hear_notifications(&mut self) {
-        while let Some((pid, words)) = self.notify.receive() {
+    fn receive_notifications(&mut self) {
+        while let Some((pid, notifications)) = self.notify.receive() {
             let sender = self.units.iter().position(|supervised| {
                 supervised.process.as_ref().is_some_and(|process| process.identity.pid == pid)
             });
-            // NotifyAccess=main: the word of anybody else does not count.
+            // NotifyAccess=main: messages of other processes are ignored.
             let Some(index) = sender else { continue };
             let now = self.now();
-            for word in words {
-                match word {
-                    Word::Ready => {
+            for notification in notifications {
+                match notification {
+                    Notification::Ready => {
                         self.lifecycle.ready(index, now);
                         let supervised = &mut self.units[index];
                         supervised.scheduling = Some(Scheduling::read(&supervised.unit, pid));
                     }
-                    Word::Alive => self.lifecycle.ping(index, self.units[index].adopted, now),
-                    Word::Status(text) => self.units[index].status_text = Some(text),
+                    Notification::Alive => {
+                        self.lifecycle.ping(index, self.units[index].adopted, now)
+                    }
+                    Notification::Status(text) => self.units[index].status_text = Some(text),
                 }
             }
         }
     }
 
-    fn see_exits(&mut self) {
+    fn reap(&mut self) {
         for index in 0..self.units.len() {
             let Some(process) = &self.units[index].process else { continue };
             if !has_ended(process.handle()) {
@@ -426,7 +427,7 @@ impl Supervisor {
         }
     }
 
-    fn hear_requests(&mut self) {
+    fn receive_requests(&mut self) {
         for (client, request) in self.control.receive() {
             let answer = match request {
                 Err(reason) => Answer::Refused { reason },
@@ -465,9 +466,9 @@ impl Supervisor {
     fn stop_all(&mut self, cause: &str) {
         if self.cause.is_none() {
             self.journal.say(&format!("stopping: {cause}"));
-            let broken_off = self.lifecycle.phase() == Phase::BringUp;
+            let aborted = self.lifecycle.phase() == Phase::BringUp;
             self.cause = Some(cause.to_owned());
-            self.broken_off |= broken_off;
+            self.aborted |= aborted;
         }
         self.lifecycle.stop_all();
     }

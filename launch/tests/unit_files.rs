@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use launch::units::{Limit, Restart, SchedulingPolicy, UnitError, UnitSet, parse_service};
 
-const MINIMAL: &str = "[Service]\nType=notify\nExecStart=/usr/local/bin/farreach service control\nTimeoutStartSec=10s\nTimeoutStopSec=3s\n";
+const MINIMAL: &str = "[Service]\nType=notify\n\
+    ExecStart=/usr/local/bin/farreach service control\nTimeoutStartSec=10s\nTimeoutStopSec=3s\n";
 
 fn parse(text: &str) -> Result<launch::units::Unit, UnitError> {
     parse_service(Path::new("units/farreach-control@.service"), "control", text, "bench")

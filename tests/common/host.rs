@@ -1,6 +1,5 @@
-//! The profile that this host can keep: one that shares its processors may lose them for longer than
-//! a realtime rig tolerates, and every rig of that profile then trips, rightly, whatever a test
-//! does.
+//! The timing profile that this host can keep. A host that shares its processors may stall for
+//! longer than a realtime rig tolerates; such a rig then trips, rightly, in any test.
 
 use std::sync::OnceLock;
 

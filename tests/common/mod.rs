@@ -15,7 +15,6 @@ use std::time::{Duration, Instant};
 
 use ipc_types::Profile;
 use runtime::RigName;
-use rustix::fs::{FlockOperation, flock};
 
 /// The units of a simulated rig.
 pub const WORKERS: [&str; 7] =
@@ -37,7 +36,7 @@ impl TestRig {
         let user = rustix::process::geteuid().as_raw();
         let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
         let turn = OpenOptions::new().create(true).truncate(false).write(true).open(path).unwrap();
-        flock(&turn, FlockOperation::LockExclusive).unwrap();
+        turn.lock().unwrap();
         let name = format!("{tag}-{}", std::process::id()).parse().unwrap();
         let directory = tempfile::tempdir().unwrap();
         let stall = host::stall();
@@ -183,7 +182,8 @@ pub fn told(output: &Output) -> String {
     )
 }
 
-/// The command failed with that code and an error that holds all `parts`; nothing of the rig is left.
+/// The command failed with that code and an error that holds all `parts`, and left nothing of the
+/// rig.
 pub fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str]) {
     assert_eq!(output.status.code(), Some(code), "{}", told(output));
     assert!(output.stdout.is_empty(), "diagnosis goes to stderr: {}", told(output));

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 use runtime::RigName;
 
 use crate::reference;
@@ -105,8 +105,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Probe(command) => probe::run(command, &cli.rig_name),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Service(service) => service::run(service, &cli.rig_name),
-        Command::Completions { shell } => reference::completions(shell),
-        Command::Man { directory } => reference::man(&directory),
+        Command::Completions { shell } => reference::completions(Cli::command(), shell),
+        Command::Man { directory } => reference::man(Cli::command(), &directory),
     }
 }
 

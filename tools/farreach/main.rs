@@ -2,6 +2,8 @@
 //! the other commands are for people.
 
 mod cli;
+#[cfg(test)]
+mod cli_tests;
 mod failure;
 mod reference;
 mod service;

@@ -1,4 +1,4 @@
-//! What the launcher tells: the status while it runs, the report when all is stopped.
+//! The launcher's reports: the status while it runs, and the report of the stop.
 
 use super::Supervisor;
 use crate::lifecycle::Phase;
@@ -9,7 +9,7 @@ use crate::{Error, StartFailure, log};
 const TAIL_LINES: usize = 20;
 
 impl Supervisor {
-    /// Notes which units came into another state; `true` if one did.
+    /// Updates the states of the units; `true` if one changed.
     pub(super) fn follow_states(&mut self) -> bool {
         let mut changed = false;
         for (index, supervised) in self.units.iter_mut().enumerate() {
@@ -58,8 +58,7 @@ impl Supervisor {
         }
     }
 
-    /// Replaces `status.json`. A full disk must not end the launcher: that is written down, and it
-    /// goes on.
+    /// Replaces `status.json`. A full disk does not end the launcher: it is logged once.
     pub(super) fn write_status(&mut self) {
         self.written = Some(self.now());
         if let Err(error) = self.run_dir.write_json(&self.run_dir.status_json(), &self.status()) {
@@ -72,7 +71,7 @@ impl Supervisor {
         }
     }
 
-    /// All is stopped: tells those who asked, and leaves nothing but the logs.
+    /// Reports the completed stop to the clients that requested it; leaves nothing but the logs.
     pub(super) fn finish(mut self) -> Result<StopReport, Error> {
         self.end_strays();
         let failure = self.lifecycle.failure().map(|failure| {
@@ -113,7 +112,7 @@ impl Supervisor {
         self.control.report(&report);
         match failure {
             Some(failure) => Err(Error::Start(failure)),
-            None if self.broken_off => Err(Error::BrokenOff { rig: report.rig_name, cause }),
+            None if self.aborted => Err(Error::BrokenOff { rig: report.rig_name, cause }),
             None => Ok(report),
         }
     }

@@ -1,8 +1,7 @@
-//! Unit files: one parser of exactly the subset that the launcher honours.
+//! Unit files: the parser of exactly the subset that the launcher honours.
 //!
-//! The same files are systemd's and the launcher's. What the launcher would have to ignore, it
-//! refuses: an unknown section, key or value is an error that names file, line, key and what is
-//! supported ([`SUPPORTED`]). Specifiers are `%i` (the rig's name) and `%%`.
+//! systemd and the launcher read the same files. The launcher ignores nothing: an unknown section,
+//! key or value is an error that names file, line, key and what is supported ([`SUPPORTED`]). Specifiers are `%i` (the rig's name) and `%%`.
 //!
 //! Three values say where things are on an installed machine; the launcher puts its own in their
 //! place:
@@ -11,7 +10,9 @@
 //! |---|---|
 //! | first word of `ExecStart=` | [`Config::executable`](crate::Config::executable) |
 //! | `EnvironmentFile=` | [`Config::environment`](crate::Config::environment) |
-//! | `RuntimeDirectory=` and `/run/NAME` of it in `Environment=` | [`Config::run_dir`](crate::Config::run_dir) |
+//! | `RuntimeDirectory=`, also where `Environment=` names it | [`Config::run_dir`] |
+//!
+//! [`Config::run_dir`]: crate::Config::run_dir
 
 mod parse;
 mod set;

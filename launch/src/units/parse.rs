@@ -61,7 +61,10 @@ pub enum UnitError {
         expected: &'static str,
     },
     /// A section that is not honoured.
-    #[error("{}:{line}: section [{section}] is not supported here; supported: {supported}", file.display())]
+    #[error(
+        "{}:{line}: section [{section}] is not supported here; supported: {supported}",
+        file.display()
+    )]
     Section {
         /// The unit file.
         file: PathBuf,
@@ -73,7 +76,10 @@ pub enum UnitError {
         supported: String,
     },
     /// A key that is not honoured in this section.
-    #[error("{}:{line}: key `{key}` in [{section}] is not supported; supported: {supported}", file.display())]
+    #[error(
+        "{}:{line}: key `{key}` in [{section}] is not supported; supported: {supported}",
+        file.display()
+    )]
     Key {
         /// The unit file.
         file: PathBuf,
@@ -87,7 +93,10 @@ pub enum UnitError {
         supported: String,
     },
     /// A key that may stand once stands twice.
-    #[error("{}:{line}: key `{key}` stands here and in line {first}; expected it once", file.display())]
+    #[error(
+        "{}:{line}: key `{key}` is already set in line {first}; expected it once",
+        file.display()
+    )]
     Repeated {
         /// The unit file.
         file: PathBuf,

@@ -30,11 +30,14 @@ fn script() -> &'static Path {
         let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
         let script = directory.join("launch-supervise-child");
         let text = format!(
-            "#!/bin/sh\nLAUNCH_TEST_ARGUMENTS=\"$*\" exec '{}' child_process --exact --ignored --nocapture\n",
+            "#!/bin/sh\nLAUNCH_TEST_ARGUMENTS=\"$*\" \
+             exec '{}' child_process --exact --ignored --nocapture\n",
             std::env::current_exe().unwrap().display()
         );
         let temporary = directory.join(format!("launch-supervise-child.{}", std::process::id()));
-        let mut file = OpenOptions::new().create(true).write(true).truncate(true).mode(0o755).open(&temporary).unwrap();
+        let mut options = OpenOptions::new();
+        options.create(true).write(true).truncate(true).mode(0o755);
+        let mut file = options.open(&temporary).unwrap();
         file.write_all(text.as_bytes()).unwrap();
         drop(file);
         fs::rename(&temporary, &script).unwrap();

@@ -50,7 +50,7 @@ pub enum Command {
     Estop(Json),
     /// Runs a protocol on an armed rig; Ctrl-C stops it: the handle comes to rest
     #[command(after_help = "Examples:\n  farreach run guided-1hz\n  \
-        farreach run launch/protocols/guided-1hz.toml --subject S07 --set segments.0.amplitude_deg=20")]
+        farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20")]
     Run(RunArguments),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]

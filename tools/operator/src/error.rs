@@ -106,8 +106,8 @@ pub enum Error {
     Logger(String),
     /// Another protocol is being played.
     #[error(
-        "protocol {name} is running (segment {segment} of {segments}); wait for its end, or stop it with \
-         `farreach stop`"
+        "protocol {name} is running (segment {segment} of {segments}); wait for its end, or stop \
+         it with `farreach stop`"
     )]
     Busy {
         /// Its name.

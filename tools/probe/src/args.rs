@@ -2,30 +2,29 @@
 
 use clap::{Args, Subcommand};
 
-/// Looks into a running rig and never disturbs it.
+/// Observes a running rig without disturbing it.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// The topics, or the fields of one with their units.
+    /// Lists the topics, or the fields of one with their units
     #[command(after_help = "Example:\n  farreach probe list sample")]
     List {
-        /// Topic whose fields to show.
+        /// Topic whose fields to list
         topic: Option<String>,
-        /// As JSON.
+        /// Prints JSON
         #[arg(long)]
         json: bool,
     },
-    /// Prints the messages of a topic as they come.
-    #[command(
-        after_help = "Example:\n  farreach probe echo sample --count 3 --field tick --field master_position[0]"
-    )]
+    /// Prints the messages of a topic as they arrive
+    #[command(after_help = "Example:\n  \
+        farreach probe echo sample --count 3 --field tick --field master_position[0]")]
     Echo(EchoArgs),
-    /// How often topics are published, and how evenly.
+    /// Measures the rate and the jitter of topics
     #[command(after_help = "Example:\n  farreach probe hz sample command --seconds 2")]
     Hz(RateArgs),
-    /// How long messages are under way.
+    /// Measures the latency of topics
     #[command(after_help = "Example:\n  farreach probe delay sample command --seconds 2")]
     Delay(RateArgs),
-    /// All topics and the timing of all loops: redrawn on a terminal, once in a pipe.
+    /// Shows all topics and the timing of all loops: redrawn on a terminal, once in a pipe
     #[command(after_help = "Example:\n  farreach probe top --seconds 2")]
     Top(TopArgs),
 }
@@ -33,15 +32,15 @@ pub enum Command {
 /// Arguments of `echo`.
 #[derive(Clone, Debug, Args)]
 pub struct EchoArgs {
-    /// Topic, as `farreach probe list` shows it.
+    /// Topic, as listed by `farreach probe list`
     pub topic: String,
-    /// Ends after so many messages.
+    /// Ends after N messages
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
-    /// One JSON object a line; numbers that are not finite as text.
+    /// Prints one JSON object per line; numbers that are not finite as text
     #[arg(long)]
     pub json: bool,
-    /// Only this field, or one element of it: `volts[0]` (repeatable).
+    /// Prints only this field or element, such as `volts[0]` (repeatable)
     #[arg(long = "field", value_name = "FIELD")]
     pub fields: Vec<String>,
 }
@@ -49,12 +48,12 @@ pub struct EchoArgs {
 /// Arguments of `hz` and `delay`.
 #[derive(Clone, Debug, Args)]
 pub struct RateArgs {
-    /// Topics; all where none is given.
+    /// Topics [default: all]
     pub topics: Vec<String>,
-    /// How long to measure (s).
+    /// Duration of the measurement (s)
     #[arg(long, default_value_t = 5.0, value_parser = seconds)]
     pub seconds: f64,
-    /// As JSON.
+    /// Prints JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -62,10 +61,10 @@ pub struct RateArgs {
 /// Arguments of `top`.
 #[derive(Clone, Debug, Args)]
 pub struct TopArgs {
-    /// Time between two pictures (s).
+    /// Time between two updates (s)
     #[arg(long, default_value_t = 1.0, value_parser = seconds)]
     pub seconds: f64,
-    /// Ends after so many pictures; without it, after one in a pipe, by Ctrl-C on a terminal.
+    /// Ends after N updates; without it, after one in a pipe, by Ctrl-C on a terminal
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
 }

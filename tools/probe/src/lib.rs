@@ -1,5 +1,5 @@
-//! `farreach probe`: looks into a running rig and never disturbs it. A probe only subscribes; a
-//! probe that is slow, is stopped or dies costs nobody else anything.
+//! `farreach probe`: observes a running rig. A probe only subscribes: one that is slow, stopped or
+//! killed does not disturb the rig. It ends when the rig goes down.
 //!
 //! ```text
 //! $ farreach probe echo command --count 2 --field sample_tick --field volts
@@ -7,24 +7,23 @@
 //! sample_tick=15299512 volts=[1.2320877536413004,0,0]
 //!
 //! $ farreach probe echo sample --count 1 --json --field tick --field master_position[0]
-//! {"fields":{"master_position[0]":0.05183627878423158,"tick":15299594},"received_ns":7649806954476,"topic":"sample"}
+//! {"fields":{"master_position[0]":0.0518362787,"tick":15299594},"received_ns":7649806954476,...
 //!
 //! $ farreach probe hz sample command --seconds 2
-//! topic                  rate Hz   interval ms: mean        min        max        std    messages   lost
-//! sample                  1999.9               0.500      0.001      1.819      0.042        4000      0
-//! command                  500.0               2.000      0.715      3.286      0.065        1000      0
+//! topic                rate Hz  mean ms      min      max      std messages  lost
+//! sample                1999.9    0.500    0.001    1.819    0.042     4000     0
+//! command                500.0    2.000    0.715    3.286    0.065     1000     0
 //!
-//! $ farreach probe delay sample command --seconds 2
-//! topic                 delay µs                    messages       p50       p99     p99.9       max
-//! sample                published to received here      4001        28      1294      4030      5865
-//! sample                scan to published               4001       122       173       610       737
-//! command               published to received here      1001        27      1180      3932      5865
-//! command               scan to published               1001       242       293       426       465
-//! received here: this probe looks every 100 µs, which is part of the delay; scan to published is the rig's alone
+//! $ farreach probe delay command --seconds 2
+//! topic                latency µs        messages     p50     p99   p99.9     max
+//! command              to received here      1001      27    1180    3932    5865
+//! command              scan to published     1001     242     293     426     465
+//! to received here: from publishing to this probe, which polls every 100 µs
+//! scan to published: within the rig
 //! ```
 //!
-//! `top` shows all of it with the timing of the loops, `list` the topics and their fields with
-//! units. stdout carries the result, stderr the diagnosis.
+//! `top` shows all topics and the timing of the loops, `list` the topics and their fields with
+//! units.
 
 mod args;
 mod attach;
@@ -41,13 +40,13 @@ use runtime::RigName;
 
 pub use args::Command;
 
-/// Everything was done.
+/// Exit code: done.
 pub const DONE: i32 = 0;
 
-/// Does what the command says, printing to stdout; returns the exit code.
+/// Runs the command and prints to standard output; returns the exit code.
 ///
 /// # Errors
-/// No such topic or field, no such rig, or a closed output.
+/// If the topic, the field or the rig does not exist, or the output is closed.
 pub fn run(command: Command, rig: &RigName) -> anyhow::Result<i32> {
     let mut out = std::io::stdout().lock();
     match command {

@@ -31,7 +31,10 @@ fn topics(json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
             .iter()
             .map(|topic| {
                 json!({
-                    "topic": topic.name, "owner": topic.owner.text(), "rate": rate(topic.rate), "bytes": topic.size,
+                    "topic": topic.name,
+                    "owner": topic.owner.text(),
+                    "rate": rate(topic.rate),
+                    "bytes": topic.size,
                     "type": topic.ros_name,
                 })
             })
@@ -60,7 +63,10 @@ fn fields(name: &str, json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
             .iter()
             .map(|field| {
                 json!({
-                    "field": field.name, "type": field.primitive.ros(), "count": field.array, "what": field.doc.trim(),
+                    "field": field.name,
+                    "type": field.primitive.ros(),
+                    "count": field.array,
+                    "what": field.doc.trim(),
                 })
             })
             .collect();

@@ -11,9 +11,9 @@ use crate::attach::{self, Attached};
 use crate::echo::time_of;
 use crate::meter::{Meter, Times};
 
-/// `hz` reads the publishers' own times: how often it looks does not matter (ns).
+/// Polling period of `hz`, which reads the publishers' own times (ns).
 const HZ_PERIOD_NS: u64 = 10 * MILLISECOND_NS;
-/// `delay` cannot tell less than this (ns).
+/// Polling period of `delay`, and its resolution (ns).
 const DELAY_PERIOD_NS: u64 = 100_000;
 
 struct Measured {
@@ -32,7 +32,7 @@ impl Measured {
         while now_ns() < end && !rig.stopping() {
             rig.wait(end)?;
             rig.drain(|index, bytes, received_ns| {
-                // history is not news
+                // Messages from before the measurement do not count.
                 if time_of(bytes) >= begun {
                     meters[index].observe(bytes, received_ns);
                 }
@@ -41,7 +41,7 @@ impl Measured {
         Ok(Self { rig, meters, seconds: (now_ns() - begun) as f64 * 1e-9 })
     }
 
-    /// Topics with messages, or that were asked for: silence is an answer.
+    /// Topics with messages; those named on the command line even if silent.
     fn rows<'a>(
         &'a self,
         args: &'a RateArgs,
@@ -65,7 +65,10 @@ pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow:
                     "messages": meter.count,
                     "lost": lost,
                     "interval_ms": intervals.map(|i| json!({
-                        "mean": i.mean_ms, "min": i.least_ms, "max": i.most_ms, "std": i.deviation_ms,
+                        "mean": i.mean_ms,
+                        "min": i.least_ms,
+                        "max": i.most_ms,
+                        "std": i.deviation_ms,
                     })),
                 })
             })
@@ -75,21 +78,21 @@ pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow:
     }
     writeln!(
         out,
-        "{:<21} {:>8} {:>19} {:>10} {:>10} {:>10} {:>11} {:>6}",
-        "topic", "rate Hz", "interval ms: mean", "min", "max", "std", "messages", "lost"
+        "{:<20} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>5}",
+        "topic", "rate Hz", "mean ms", "min", "max", "std", "messages", "lost"
     )?;
     for (topic, meter, lost) in measured.rows(args) {
         let rate = meter.count as f64 / measured.seconds;
         let intervals = meter.intervals().map_or_else(
-            || format!("{:>19} {:>10} {:>10} {:>10}", "-", "-", "-", "-"),
+            || format!("{:>8} {:>8} {:>8} {:>8}", "-", "-", "-", "-"),
             |i| {
                 format!(
-                    "{:>19.3} {:>10.3} {:>10.3} {:>10.3}",
+                    "{:>8.3} {:>8.3} {:>8.3} {:>8.3}",
                     i.mean_ms, i.least_ms, i.most_ms, i.deviation_ms
                 )
             },
         );
-        writeln!(out, "{topic:<21} {rate:>8.1} {intervals} {:>11} {lost:>6}", meter.count)?;
+        writeln!(out, "{topic:<20} {rate:>7.1} {intervals} {:>8} {lost:>5}", meter.count)?;
     }
     Ok(())
 }
@@ -108,9 +111,12 @@ pub(crate) fn delay(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyh
             .iter()
             .map(|(topic, what, times)| {
                 let [p50, p99, p99_9, max] = times.microseconds();
+                let us = json!({"p50": p50, "p99": p99, "p99_9": p99_9, "max": max});
                 json!({
-                    "topic": topic, "what": what, "messages": times.count(),
-                    "us": (times.count() > 0).then(|| json!({"p50": p50, "p99": p99, "p99_9": p99_9, "max": max})),
+                    "topic": topic,
+                    "what": what,
+                    "messages": times.count(),
+                    "us": (times.count() > 0).then_some(us),
                 })
             })
             .collect();
@@ -119,21 +125,23 @@ pub(crate) fn delay(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyh
     }
     writeln!(
         out,
-        "{:<21} {:<27} {:>8} {:>9} {:>9} {:>9} {:>9}",
-        "topic", "delay µs", "messages", "p50", "p99", "p99.9", "max"
+        "{:<20} {:<17} {:>8} {:>7} {:>7} {:>7} {:>7}",
+        "topic", "latency µs", "messages", "p50", "p99", "p99.9", "max"
     )?;
     for (topic, what, times) in rows {
-        write!(out, "{topic:<21} {what:<27} {:>8}", times.count())?;
+        let what = if what.starts_with("scan") { what } else { "to received here" };
+        write!(out, "{topic:<20} {what:<17} {:>8}", times.count())?;
         if times.count() == 0 {
-            writeln!(out, " {:>9} {:>9} {:>9} {:>9}", "-", "-", "-", "-")?;
+            writeln!(out, " {:>7} {:>7} {:>7} {:>7}", "-", "-", "-", "-")?;
             continue;
         }
         let [p50, p99, p99_9, max] = times.microseconds();
-        writeln!(out, " {p50:>9.0} {p99:>9.0} {p99_9:>9.0} {max:>9.0}")?;
+        writeln!(out, " {p50:>7.0} {p99:>7.0} {p99_9:>7.0} {max:>7.0}")?;
     }
     writeln!(
         out,
-        "received here: this probe looks every {} µs, which is part of the delay; scan to published is the rig's alone",
+        "to received here: from publishing to this probe, which polls every {} µs\n\
+         scan to published: within the rig",
         DELAY_PERIOD_NS / 1000
     )?;
     Ok(())

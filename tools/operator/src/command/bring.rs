@@ -24,7 +24,7 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
     if arguments.foreground {
         let report = crate::up_in_foreground(&options, |rig, backend| {
             eprintln!(
-                "rig {rig_name} ({}, card {backend}) comes up in this terminal; Ctrl-C brings it down",
+                "rig {rig_name} ({}, card {backend}) runs in this terminal; Ctrl-C stops it",
                 rig.name
             );
         })?;
@@ -154,16 +154,15 @@ fn print_down(out: &mut dyn Write, down: &Down, rig_name: &RigName) -> anyhow::R
             if down.disarmed == Some(true) {
                 writeln!(out, "the watchdog disarmed")?;
             } else {
-                eprintln!(
-                    "the watchdog did not answer the request to disarm; stopping it removes motor power"
-                );
+                eprintln!("the watchdog did not answer `disarm`; stopping it removes motor power");
             }
             print_report(out, report)?;
         }
     }
     if down.cleaning == Cleaning::InUse {
         eprintln!(
-            "a process of the rig that farreach did not start is still alive, so that its shared memory stays in {}; end that process and run `farreach down` again",
+            "a process of the rig that its launcher did not start is alive; its shared memory \
+             stays in {}; end that process and run `farreach down` again",
             rig_name.directory().display()
         );
     }

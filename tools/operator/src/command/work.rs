@@ -29,7 +29,10 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
     let mut out = std::io::stdout();
     if as_json {
         let value = json!({
-            "verb": verb.name(), "done": answer.done, "state": answer.state, "reason": answer.reason,
+            "verb": verb.name(),
+            "done": answer.done,
+            "state": answer.state,
+            "reason": answer.reason,
         });
         writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
         return Ok(if answer.done { DONE } else { FAILED });
@@ -173,12 +176,14 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
         RunOutcome::Completed { elapsed_s } => {
             writeln!(
                 out,
-                "completed, {elapsed_s:.1} s; the motor is at 0 V and enabled (farreach disarm takes its power away)"
+                "completed, {elapsed_s:.1} s; the motor is enabled at 0 V (farreach disarm removes \
+                 its power)"
             )
         }
         RunOutcome::Stopped { elapsed_s } => {
             eprintln!(
-                "farreach: stopped after {elapsed_s:.1} s; the handle comes to rest, the motor goes to 0 V and stays enabled"
+                "farreach: stopped after {elapsed_s:.1} s; the handle comes to rest, the motor stays \
+                 enabled at 0 V"
             );
             Ok(())
         }
