@@ -13,9 +13,9 @@
 //! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] goes on
 //! at the beginning of the segment that was interrupted, from where the handle then is.
 
-mod lessons;
+mod ilc;
 mod program;
-mod search;
+mod range_and_beat;
 mod supervision;
 
 use std::collections::VecDeque;
@@ -25,15 +25,15 @@ use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
 use rig::protocol::Movement;
 
 use crate::field::put;
-use crate::lesson::Lesson;
-use crate::range::RangeFinder;
+use crate::ilc_trial::IlcTrials;
+use crate::range_finder::RangeFinder;
 use crate::state::PlayerState;
 use rig::protocol::trajectory::{Point, stopping};
 
-use lessons::HOMEWORK;
-pub use lessons::Homework;
+pub use ilc::IlcJob;
+use ilc::JOBS;
 pub use program::Program;
-pub use search::{Notice, Reason};
+pub use range_and_beat::{Notice, Reason};
 pub use supervision::Permission;
 use supervision::{Supervision, Verdict};
 
@@ -176,9 +176,9 @@ pub struct Player {
     /// The last beat, and when its segment began.
     beat: (u64, u32),
     notice: Option<Notice>,
-    lesson: Option<Lesson>,
-    tickets: u32,
-    homework: VecDeque<Homework>,
+    ilc: Option<IlcTrials>,
+    run_ids: u32,
+    jobs: VecDeque<IlcJob>,
 }
 
 impl Player {
@@ -202,9 +202,9 @@ impl Player {
             finder: None,
             beat: (0, 0),
             notice: None,
-            lesson: None,
-            tickets: 0,
-            homework: VecDeque::with_capacity(HOMEWORK),
+            ilc: None,
+            run_ids: 0,
+            jobs: VecDeque::with_capacity(JOBS),
         }
     }
 
@@ -271,7 +271,7 @@ impl Player {
     }
 
     fn enter(&mut self, program: Arc<Program>, segment: usize, change: Change) {
-        self.end_lesson();
+        self.end_ilc();
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
         (self.end, self.waiting, self.early_s) = (None, false, 0.0);
@@ -349,8 +349,8 @@ impl Player {
         let now_ns = now_ns.max(last_ns);
         self.last_ns = Some(now_ns);
         let paused = now_ns - last_ns > self.settings.lease_ns;
-        if let Some(lesson) = self.lesson.as_mut().filter(|_| !paused) {
-            lesson.advance(now_ns);
+        if let Some(ilc) = self.ilc.as_mut().filter(|_| !paused) {
+            ilc.advance(now_ns);
         }
         let change = self.advance(&program, now_ns, measured, paused);
         let setpoint = self.setpoint(&program, now_ns, measured);
@@ -372,18 +372,18 @@ impl Player {
             Phase::Entering { segment, change } => {
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
-                self.begin_lesson(program, segment, now_ns, matches!(change, Change::Resumed(_)));
+                self.begin_ilc(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
             }
             Phase::Playing { segment, .. } if paused => {
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
-                self.begin_lesson(program, segment, now_ns, true);
+                self.begin_ilc(program, segment, now_ns, true);
                 Some(Change::Resumed(segment as u32))
             }
             Phase::Playing { segment, begun_ns } => {
-                self.keep_beat(program, segment, begun_ns, now_ns);
-                match self.search(program, segment, begun_ns, now_ns, measured) {
+                self.announce_beat(program, segment, begun_ns, now_ns);
+                match self.find_range(program, segment, begun_ns, now_ns, measured) {
                     Some(Ok(())) => self.pass_edge(program, segment, now_ns, measured),
                     Some(Err(change)) => change,
                     None => self.next_segment(program, segment, begun_ns, now_ns, measured),
@@ -392,7 +392,7 @@ impl Player {
             Phase::Stopping { segment, stopped_ns, .. } => {
                 if now_ns - stopped_ns >= self.settings.stop_fade_ns || paused {
                     self.rest = self.hold;
-                    self.end_lesson();
+                    self.end_ilc();
                     self.phase = Phase::Holding { segment, since_ns: now_ns };
                 }
                 None
@@ -428,7 +428,7 @@ impl Player {
             }
             _ => {
                 self.find_axes(program, measured);
-                self.end_lesson();
+                self.end_ilc();
                 self.phase = Phase::Idle;
             }
         }
@@ -446,9 +446,9 @@ impl Player {
         measured: &[f64; AXES],
     ) -> Option<Change> {
         let step = program.steps.get(segment)?;
-        let edge_ns = match &self.lesson {
-            // It may begin with a later block, or wait for its teacher.
-            Some(lesson) => lesson.ends_ns()?,
+        let edge_ns = match &self.ilc {
+            // It may begin with a later block, or wait for its worker.
+            Some(ilc) => ilc.ends_ns()?,
             None => begun_ns + (step.track.duration_s() * 1e9).round() as u64,
         };
         if now_ns < edge_ns {
@@ -475,10 +475,10 @@ impl Player {
         }
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
-            self.begin_lesson(program, segment + 1, edge_ns, false);
+            self.begin_ilc(program, segment + 1, edge_ns, false);
             return Some(Change::Segment(segment as u32 + 1));
         }
-        self.end_lesson();
+        self.end_ilc();
         self.completed = true;
         self.elapsed_s = program.duration_s - self.early_s;
         self.phase = match is_given_away(program, segment) {
@@ -507,13 +507,11 @@ impl Player {
             for (axis, track) in step.tracks() {
                 points[axis] = track.at(self.rest[axis], t);
             }
-            match (step.track.movement(), &self.finder, &self.lesson) {
+            match (step.track.movement(), &self.finder, &self.ilc) {
                 (Movement::Initialise(_), Some((_, finder)), _) => {
                     points[step.axis] = finder.point()
                 }
-                (_, _, Some(lesson)) => {
-                    points[step.axis] = lesson.at(self.last_ns.unwrap_or_default())
-                }
+                (_, _, Some(ilc)) => points[step.axis] = ilc.at(self.last_ns.unwrap_or_default()),
                 _ => {}
             }
         }
@@ -551,7 +549,7 @@ impl Player {
                 for (point, hold) in points.iter_mut().zip(self.hold) {
                     *point = stopping(*point, hold, since, fade);
                 }
-                let mode = if self.lesson.is_some() { Mode::Learning } else { Mode::Position };
+                let mode = if self.ilc.is_some() { Mode::Learning } else { Mode::Position };
                 (segment, points, mode)
             }
             Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),

@@ -1,8 +1,8 @@
 //! The process: samples in, setpoints out, on the grid.
 
-mod classroom;
-mod desk;
+mod ilc_worker;
 mod link;
+mod request_handler;
 mod whole_file;
 
 use std::fs;
@@ -28,16 +28,16 @@ use thiserror::Error;
 use crate::player::{Change, Notice, Permission, Player, Program, Settings};
 use crate::state::PlayerState;
 
-use classroom::Classroom;
-use desk::{Clerk, Current, Desk};
+use ilc_worker::IlcWorker;
 use link::{LoopEnd, Note, Order};
+use request_handler::{Current, RequestHandler, RequestThread};
 
 /// Period of the heartbeat (ns).
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// Name of the state's file.
 const STATE: &str = "experiment.state";
-/// Name of the file with what a lesson knows between two blocks.
-const LESSON: &str = "experiment.lesson";
+/// Name of the file with what a learning run knows between two blocks.
+const ILC_STATE: &str = "experiment.lesson";
 /// Name of the folder of learnt references, where none was given.
 const LEARNT: &str = "learnt";
 
@@ -68,7 +68,7 @@ pub enum ExperimentError {
     #[error("{}: cannot keep the experiment's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
     #[error("the thread that answers requests, or the one that learns, ended")]
-    DeskClosed,
+    ThreadEnded,
 }
 
 /// Runs the experiment process until a signal ends it.
@@ -99,8 +99,8 @@ pub struct Runner {
     taken: u32,
     playing: u32,
     newest: Option<Sample>,
-    desk: Desk,
-    classroom: Classroom,
+    requests: RequestThread,
+    ilc_worker: IlcWorker,
 }
 
 impl Runner {
@@ -134,7 +134,7 @@ impl Runner {
         let settings = Settings::default();
         let mut player = Player::new(settings);
         let session = service.identity().session;
-        let current = match take_up(&file, session, rig, &mut player) {
+        let current = match restore(&file, session, rig, &mut player) {
             Ok(current) => current,
             Err(reason) => {
                 service.event(EventKind::ProtocolStopped, Severity::Error, [0.0; 3], &reason)?;
@@ -142,24 +142,24 @@ impl Runner {
             }
         };
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
-        let (link, desk_end) = link::link();
+        let (link, handler_end) = link::link();
         let fifo = service.domain().fifo();
-        let classroom = Classroom::open(
+        let ilc_worker = IlcWorker::open(
             session,
-            directory.join(LESSON),
+            directory.join(ILC_STATE),
             learnt.clone(),
             fifo,
             link.dropped.clone(),
         )
         .map_err(ServiceError::from)?;
-        // Before the desk opens: who asks at once is told of what is taken up.
+        // Before the request thread starts, so that its first answer knows the restored protocol.
         link.progress.tell(0, &player.status(), 0, false);
-        let clerk = Clerk {
+        let handler = RequestHandler {
             rig: rig.clone(),
             session,
             file,
             learnt,
-            link: desk_end,
+            link: handler_end,
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
             current,
             trouble: String::new(),
@@ -173,7 +173,7 @@ impl Runner {
             setpoints: service.publisher(SETPOINT)?,
             timings: service.publisher(timing)?,
             heartbeats: service.publisher(heartbeat)?,
-            desk: Desk::open(service.domain().name(), clerk)?,
+            requests: RequestThread::open(service.domain().name(), handler)?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
             player,
             settings,
@@ -181,7 +181,7 @@ impl Runner {
             taken: 0,
             playing: 0,
             newest: None,
-            classroom,
+            ilc_worker,
             service,
         })
     }
@@ -194,7 +194,7 @@ impl Runner {
     /// Plays what it is asked to until a signal ends it.
     ///
     /// # Errors
-    /// Those of the ports, and [`ExperimentError::DeskClosed`].
+    /// Those of the ports, and [`ExperimentError::ThreadEnded`].
     pub fn run(mut self) -> Result<(), ExperimentError> {
         let profile = self.service.enter_loop()?;
         let mut events =
@@ -221,8 +221,8 @@ impl Runner {
             meter.record(&wake, end);
             if let Some(timing) = meter.due(&self.grid, end) {
                 self.timings.send(self.losses().told_in(timing))?;
-                if self.desk.is_closed() || self.classroom.is_closed() {
-                    return Err(ExperimentError::DeskClosed);
+                if self.requests.is_closed() || self.ilc_worker.is_closed() {
+                    return Err(ExperimentError::ThreadEnded);
                 }
             }
             self.service.beat();
@@ -238,17 +238,17 @@ impl Runner {
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
-        // Each of them: a lesson wants the slave's place at every step, however late this loop
+        // Each of them: a learning run wants the slave's place at every step, however late this loop
         // wakes.
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
             self.newest = Some(sample);
         }
-        while let Some(lecture) = self.classroom.lecture() {
-            self.player.take_in(lecture);
+        while let Some(result) = self.ilc_worker.result() {
+            self.player.receive(result);
         }
-        while let Some(event) = self.link.events.pop().ok().or_else(|| self.classroom.event()) {
+        while let Some(event) = self.link.events.pop().ok().or_else(|| self.ilc_worker.event()) {
             events.send(event)?;
         }
         self.token = self.tokens.latest()?.or(self.token);
@@ -258,7 +258,7 @@ impl Runner {
                 // Who asked was told that it is not played: nothing may move behind their back.
                 Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
                 Order::Play(number, program, _) => {
-                    // The desk holds this program and the one before it: nothing is freed here.
+                    // The request handler holds this program and the one before: nothing is freed here.
                     // Without permission it ends with the step below.
                     let epoch = self.token.map_or(0, |token| token.epoch);
                     self.player.start(program, epoch);
@@ -289,7 +289,7 @@ impl Runner {
             }
             if let Some(change) = output.change {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
-                // A full ring means that the desk stands still for minutes; then only a restart
+                // A full ring means that the request thread has hung for minutes; then only a restart
                 // resumes too early.
                 if self
                     .link
@@ -301,9 +301,9 @@ impl Runner {
                 }
             }
         }
-        while let Some(homework) = self.player.homework() {
-            if let Some(homework) = self.classroom.give(homework) {
-                self.player.keep_homework(homework);
+        while let Some(job) = self.player.job() {
+            if let Some(job) = self.ilc_worker.give(job) {
+                self.player.return_job(job);
                 break;
             }
         }
@@ -437,7 +437,7 @@ fn tell(
 
 /// Sets the player to what was being played in this session; `None` where nothing was. A file that
 /// cannot be used is moved aside, so that it is told of once.
-fn take_up(
+fn restore(
     file: &Path,
     session: u64,
     rig: &RigFile,

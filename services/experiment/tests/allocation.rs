@@ -1,14 +1,15 @@
-//! What the loop does of a lesson allocates nothing and frees nothing: references and records come
-//! from the teacher and go back.
+//! In a learning run the loop allocates and frees nothing: references and records come from the
+//! worker thread and return to it.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
 
-use experiment::lesson::{Lecture, Spent, Take};
-use experiment::player::{Homework, Player, Program, Settings};
-use experiment::teacher::Teacher;
+use experiment::ilc_trial::{IlcResult, Returned};
+use experiment::ilc_update::IlcUpdater;
+use experiment::player::{IlcJob, Player, Program, Settings};
+use experiment::trial_record::TrialRecord;
 use ipc_types::AXES;
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -56,7 +57,7 @@ fn the_loop_allocates_and_frees_nothing() {
         Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
     let mut player = Player::new(Settings::default());
     player.start(Arc::clone(&program), 1);
-    let mut teacher: Option<Teacher> = None;
+    let mut updater: Option<IlcUpdater> = None;
     let (mut total, mut now_ns, mut blocks, mut ends) = (0, 1_000_000_000u64, 0, 0);
     let mut lag = [0.0; 15];
     while player.is_running() || now_ns == 1_000_000_000 {
@@ -67,35 +68,36 @@ fn the_loop_allocates_and_frees_nothing() {
         lag.rotate_right(1);
         lag[0] = 0.8 * setpoint.position[0];
         counted(&mut total, || player.record(scan_ns, &[lag[14], 0.0, 0.0], true));
-        while let Some(homework) = counted(&mut total, || player.homework()) {
-            let lecture = match homework {
-                Homework::Begin { ticket, program, segment, .. } => {
+        while let Some(job) = counted(&mut total, || player.job()) {
+            let result = match job {
+                IlcJob::Begin { run_id, program, segment, .. } => {
                     let plan = program.plan(segment as usize).unwrap().as_ref().clone();
-                    let made = Teacher::new(plan, segment, None, None).unwrap();
-                    let takes = [(); 2].map(|()| Box::new(Take::new(&made.plan().timetable)));
+                    let made = IlcUpdater::new(plan, segment, None, None).unwrap();
+                    let records =
+                        [(); 2].map(|()| Box::new(TrialRecord::new(&made.plan().schedule)));
                     let (reference, identified) = (made.reference(), made.identified());
-                    teacher = Some(made);
-                    Lecture::Ready { ticket, takes, reference, done: 0, identified }
+                    updater = Some(made);
+                    IlcResult::Ready { run_id, records, reference, done: 0, identified }
                 }
-                Homework::Spent(Spent::Take(mut take)) => {
-                    let marked = teacher.as_mut().unwrap().mark(&take);
-                    assert!(!marked.failed);
-                    blocks += usize::from(take.block > 0);
-                    let ticket = take.ticket;
-                    take.clear();
-                    Lecture::Marked { ticket, take, reference: marked.reference }
+                IlcJob::Returned(Returned::Record(mut record)) => {
+                    let updated = updater.as_mut().unwrap().update(&record);
+                    assert!(!updated.failed);
+                    blocks += usize::from(record.block > 0);
+                    let run_id = record.run_id;
+                    record.clear();
+                    IlcResult::Updated { run_id, record, reference: updated.reference }
                 }
-                Homework::Spent(Spent::Reference(_)) => continue,
-                Homework::End(_) => {
+                IlcJob::Returned(Returned::Reference(_)) => continue,
+                IlcJob::End(_) => {
                     ends += 1;
                     continue;
                 }
             };
-            counted(&mut total, || player.take_in(lecture));
+            counted(&mut total, || player.receive(result));
         }
         now_ns += 2_000_000;
     }
-    assert_eq!((blocks, ends), (10, 2), "both lessons were taught");
+    assert_eq!((blocks, ends), (10, 2), "both learning runs took place");
     assert_eq!(total, 0, "the loop allocated or freed");
     assert!(COUNT.with(Cell::get) > 0, "the counter counts");
 }

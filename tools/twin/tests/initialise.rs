@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use experiment::player::{Change, Notice, Player, Program, Reason, Settings};
-use experiment::range::Range;
+use experiment::range_finder::Range;
 use ipc_types::{AXES, Mode};
 use rig::RigFile;
 use rig::protocol::Protocol;

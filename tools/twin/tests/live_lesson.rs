@@ -1,12 +1,12 @@
-//! Learning as the experiment process does it, without the process: player, lesson and teacher on
+//! Learning as the experiment process does it, without the process: player, lesson and updater on
 //! the twin, in lock step.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::sync::Arc;
 
-use experiment::lesson::{Lecture, Spent};
-use experiment::player::{Homework, Player, Program, Settings};
-use experiment::teacher::{Kept, Teacher};
+use experiment::ilc_trial::{IlcResult, Returned};
+use experiment::ilc_update::{IlcUpdater, Kept};
+use experiment::player::{IlcJob, Player, Program, Settings};
 use ipc_types::{AXES, Event, EventKind, Mode};
 use learning::LearningLaw;
 use learning::store::LearntReference;
@@ -28,15 +28,15 @@ fn program(keys: &str, rig: &RigFile) -> Arc<Program> {
     Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}")))
 }
 
-/// The experiment process without its threads. The teacher answers `late` steps after it was asked.
+/// The experiment process without its threads. The updater answers `late` steps after it was asked.
 struct Live {
     twin: Twin,
     player: Player,
-    teacher: Option<Teacher>,
+    updater: Option<IlcUpdater>,
     loaded: Option<LearntReference>,
     kept: Option<Kept>,
     late: usize,
-    lectures: Vec<(usize, Lecture)>,
+    results: Vec<(usize, IlcResult)>,
     events: Vec<Event>,
     steps: usize,
     /// Seconds in which the motor counts as unpowered.
@@ -53,11 +53,11 @@ impl Live {
         Self {
             twin: Twin::new(rig, &[]).unwrap(),
             player,
-            teacher: None,
+            updater: None,
             loaded: None,
             kept: None,
             late: 3,
-            lectures: Vec::new(),
+            results: Vec::new(),
             events: Vec::new(),
             steps: 0,
             unpowered: 0.0..0.0,
@@ -79,40 +79,40 @@ impl Live {
         }
         let powered = !self.unpowered.contains(&moment.time_s);
         self.player.record(moment.sample.scan_time_ns, &moment.sample.slave_position, powered);
-        self.lectures.iter_mut().for_each(|lecture| lecture.0 = lecture.0.saturating_sub(1));
-        while let Some(at) = self.lectures.iter().position(|lecture| lecture.0 == 0) {
-            let lecture = self.lectures.remove(at).1;
-            self.player.take_in(lecture);
+        self.results.iter_mut().for_each(|result| result.0 = result.0.saturating_sub(1));
+        while let Some(at) = self.results.iter().position(|result| result.0 == 0) {
+            let result = self.results.remove(at).1;
+            self.player.receive(result);
         }
-        while let Some(homework) = self.player.homework() {
-            self.teach(homework);
+        while let Some(job) = self.player.job() {
+            self.teach(job);
         }
         self.steps += 1;
     }
 
-    fn teach(&mut self, homework: Homework) {
-        let lecture = match homework {
-            Homework::Begin { ticket, program, segment, .. } => {
+    fn teach(&mut self, job: IlcJob) {
+        let result = match job {
+            IlcJob::Begin { run_id, program, segment, .. } => {
                 let plan = program.plan(segment as usize).unwrap().as_ref().clone();
-                let teacher =
-                    Teacher::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
-                let lecture = teacher.ready(ticket);
-                self.teacher = Some(teacher);
-                lecture
+                let updater =
+                    IlcUpdater::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
+                let result = updater.ready(run_id);
+                self.updater = Some(updater);
+                result
             }
-            Homework::Spent(Spent::Take(mut take)) => {
-                let marked = self.teacher.as_mut().unwrap().mark(&take);
-                self.events.extend(marked.event.into_iter().chain(marked.ended));
-                let ticket = take.ticket;
-                take.clear();
-                if marked.failed {
-                    self.lectures.push((self.late, Lecture::Failed { ticket }));
+            IlcJob::Returned(Returned::Record(mut record)) => {
+                let updated = self.updater.as_mut().unwrap().update(&record);
+                self.events.extend(updated.event.into_iter().chain(updated.ended));
+                let run_id = record.run_id;
+                record.clear();
+                if updated.failed {
+                    self.results.push((self.late, IlcResult::Failed { run_id }));
                 }
-                Lecture::Marked { ticket, take, reference: marked.reference }
+                IlcResult::Updated { run_id, record, reference: updated.reference }
             }
-            Homework::Spent(Spent::Reference(_)) | Homework::End(_) => return,
+            IlcJob::Returned(Returned::Reference(_)) | IlcJob::End(_) => return,
         };
-        self.lectures.push((self.late, lecture));
+        self.results.push((self.late, result));
     }
 
     fn run(&mut self) {
@@ -226,7 +226,7 @@ fn blocks_without_power_are_not_learnt_from() {
     );
 }
 
-/// A teacher that takes most of a block: the new reference waits for the next block, the block
+/// An update that takes most of a block: the new reference waits for the next block, the block
 /// between is not learnt from.
 #[test]
 fn a_slow_teacher_costs_blocks_and_nothing_else() {
@@ -259,7 +259,7 @@ fn a_restart_goes_on_with_the_next_block() {
     while first.errors().len() < 12 {
         first.step(420_000);
     }
-    let kept = first.teacher.as_ref().unwrap().keep(1, program.identity()).unwrap();
+    let kept = first.updater.as_ref().unwrap().keep(1, program.identity()).unwrap();
     assert_eq!(kept.done, 12);
     let mut second = Live::new(&rig, &program);
     second.kept = Some(kept);
@@ -302,7 +302,7 @@ fn a_kept_reference_is_played_again() {
     let mut live =
         Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
     live.run();
-    let best = live.teacher.as_ref().unwrap().best().unwrap().unwrap();
+    let best = live.updater.as_ref().unwrap().best().unwrap().unwrap();
     let folder = std::env::temp_dir().join(format!("farreach-lesson-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     best.save(folder.join("sine.learnt")).unwrap();

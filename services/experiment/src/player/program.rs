@@ -6,7 +6,7 @@ use ipc_types::AXES;
 use rig::protocol::{Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
-use crate::teacher::Plan;
+use crate::ilc_update::Plan;
 use crate::trajectory::Track;
 
 /// A protocol made ready for one machine.

@@ -143,7 +143,7 @@ pub(super) struct LoopEnd {
 
 /// The ends of the thread that answers.
 #[derive(Debug)]
-pub(super) struct DeskEnd {
+pub(super) struct HandlerEnd {
     pub(super) orders: Producer<Order>,
     pub(super) notes: Consumer<Note>,
     /// To be told to all.
@@ -152,7 +152,7 @@ pub(super) struct DeskEnd {
     pub(super) dropped: Dropped,
 }
 
-pub(super) fn link() -> (LoopEnd, DeskEnd) {
+pub(super) fn link() -> (LoopEnd, HandlerEnd) {
     let (order_in, order_out) = RingBuffer::new(ORDERS);
     let (note_in, note_out) = RingBuffer::new(NOTES);
     let (event_in, event_out) = RingBuffer::new(EVENTS);
@@ -165,7 +165,10 @@ pub(super) fn link() -> (LoopEnd, DeskEnd) {
         progress: Arc::clone(&progress),
         dropped: dropped.clone(),
     };
-    (loop_end, DeskEnd { orders: order_in, notes: note_out, events: event_in, progress, dropped })
+    (
+        loop_end,
+        HandlerEnd { orders: order_in, notes: note_out, events: event_in, progress, dropped },
+    )
 }
 
 #[cfg(test)]

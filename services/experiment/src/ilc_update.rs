@@ -1,6 +1,5 @@
-//! What is done between the blocks of a lesson: the response is identified, references are made
-//! better, and what was learnt is kept. Pure; it takes its time, so it is for another thread than
-//! the loop.
+//! The work between two trials: identifies the response, computes the next reference, and keeps
+//! what was learnt. Pure, but slow: it runs in another thread than the loop.
 
 use std::f64::consts::TAU;
 
@@ -16,16 +15,18 @@ use rig::protocol::trajectory::MIN_JERK_PEAK_SPEED;
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 use serde::{Deserialize, Serialize};
 
-use crate::lesson::{Fault, Lecture, Reference, Take, Timetable};
+use crate::ilc_trial::{IlcResult, Reference};
+use crate::trial_record::{Fault, TrialRecord};
+use crate::trial_schedule::Schedule;
 
 /// A slave that moves by fewer counts than this tells nothing of the response.
 const LEAST_COUNTS: f64 = 2.0;
 
-/// A lesson of a protocol, made ready for one machine.
+/// A learning segment of a protocol, prepared for one machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Its times.
-    pub timetable: Timetable,
+    pub schedule: Schedule,
     /// What its reference belongs to.
     pub belongs: Belongs,
     /// The axis that moves.
@@ -41,7 +42,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// A lesson on an axis of a rig; `None` where [`rig::protocol::Protocol::check_against`]
+    /// A learning run on an axis of a rig; `None` where [`rig::protocol::Protocol::check_against`]
     /// refuses it.
     pub fn new(learn: &Learn, axis: usize, rig: &RigFile) -> Option<Self> {
         let found = rig.axes.get(axis)?;
@@ -57,7 +58,7 @@ impl Plan {
                 centre: learn.centre,
                 feedforward: learn.feedforward,
             },
-            timetable: Timetable {
+            schedule: Schedule {
                 learn: learn.clone(),
                 cycle,
                 step_ns: rig.rates.control_period_ns(),
@@ -73,12 +74,12 @@ impl Plan {
 
     /// What is learnt.
     pub fn learn(&self) -> &Learn {
-        &self.timetable.learn
+        &self.schedule.learn
     }
 
     /// The slave's positions over one cycle (rad or m).
     fn desired(&self) -> Vec<f64> {
-        let (count, learn) = (self.timetable.cycle, self.learn());
+        let (count, learn) = (self.schedule.cycle, self.learn());
         (0..count)
             .map(|n| learn.centre + learn.amplitude * (TAU * n as f64 / count as f64).sin())
             .collect()
@@ -107,7 +108,7 @@ impl Plan {
     }
 }
 
-/// What a restarted process needs to go on with a lesson.
+/// The state with which a restarted process continues a learning run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     /// Session of the rig; what is of another session is history.
@@ -125,11 +126,11 @@ pub struct Kept {
     pub response: Vec<Option<(f64, f64)>>,
 }
 
-/// Why a lesson cannot begin or go on.
+/// Why a learning run cannot begin or go on.
 #[derive(Debug, thiserror::Error)]
-pub enum LessonError {
+pub enum IlcError {
     /// The learner refused.
-    #[error("the lesson cannot begin: {0}")]
+    #[error("learning cannot begin: {0}")]
     Learning(#[from] LearningError),
     /// The kept reference cannot be used.
     #[error("the learnt reference \"{name}\" cannot be used: {source}")]
@@ -146,20 +147,20 @@ pub enum LessonError {
 
 /// What became of a record.
 #[derive(Debug)]
-pub struct Marked {
+pub struct Updated {
     /// A better reference.
     pub reference: Option<Box<Reference>>,
     /// What to tell.
     pub event: Option<Event>,
     /// What else to tell, where learning ended with it.
     pub ended: Option<Event>,
-    /// Whether the lesson cannot go on.
+    /// Whether the learning run cannot go on.
     pub failed: bool,
 }
 
-/// Teaches one lesson.
+/// Updates the reference of one learning run from trial to trial.
 #[derive(Debug)]
-pub struct Teacher {
+pub struct IlcUpdater {
     plan: Plan,
     segment: u32,
     /// A reference to begin with.
@@ -172,19 +173,19 @@ pub struct Teacher {
     learnt: u32,
 }
 
-impl Teacher {
-    /// Begins a lesson: with a loaded reference, or where another process left off.
+impl IlcUpdater {
+    /// Begins a learning run: with a loaded reference, or where another process left off.
     ///
     /// # Errors
-    /// [`LessonError::Learning`].
+    /// [`IlcError::Learning`].
     pub fn new(
         plan: Plan,
         segment: u32,
         loaded: Option<LearntReference>,
         kept: Option<Kept>,
-    ) -> Result<Self, LessonError> {
+    ) -> Result<Self, IlcError> {
         let first = loaded.map_or_else(|| plan.desired(), |loaded| loaded.positions);
-        let mut teacher = Self {
+        let mut updater = Self {
             response: Response::default(),
             learner: None,
             done: 0,
@@ -195,20 +196,20 @@ impl Teacher {
             plan,
         };
         if let Some(kept) = kept {
-            teacher.response = Response::from_parts(&kept.response);
-            teacher.done = kept.done;
-            let law = teacher.law();
-            let desired = teacher.plan.desired();
-            teacher.ended = kept.memory.frozen.is_some();
-            teacher.learner =
-                Some(Learner::recall(&desired, kept.memory, teacher.plan.config(law))?);
-        } else if !teacher.must_identify() {
-            teacher.enrol()?;
+            updater.response = Response::from_parts(&kept.response);
+            updater.done = kept.done;
+            let law = updater.law();
+            let desired = updater.plan.desired();
+            updater.ended = kept.memory.frozen.is_some();
+            updater.learner =
+                Some(Learner::recall(&desired, kept.memory, updater.plan.config(law))?);
+        } else if !updater.must_identify() {
+            updater.create_learner()?;
         }
-        Ok(teacher)
+        Ok(updater)
     }
 
-    /// The lesson.
+    /// The learning run.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -228,12 +229,12 @@ impl Teacher {
         self.learner.is_some()
     }
 
-    /// What the lesson begins with; `ticket` is its number.
-    pub fn ready(&self, ticket: u32) -> Lecture {
-        let empty = || Box::new(Take::new(&self.plan.timetable));
-        Lecture::Ready {
-            ticket,
-            takes: [empty(), empty()],
+    /// What the learning run begins with; `run_id` is its number.
+    pub fn ready(&self, run_id: u32) -> IlcResult {
+        let empty = || Box::new(TrialRecord::new(&self.plan.schedule));
+        IlcResult::Ready {
+            run_id,
+            records: [empty(), empty()],
             reference: self.reference(),
             done: self.done(),
             identified: self.identified(),
@@ -259,8 +260,8 @@ impl Teacher {
     }
 
     /// Looks at a record.
-    pub fn mark(&mut self, take: &Take) -> Marked {
-        if take.block == 0 { self.identify(take) } else { self.block(take) }
+    pub fn update(&mut self, record: &TrialRecord) -> Updated {
+        if record.block == 0 { self.identify(record) } else { self.block(record) }
     }
 
     /// What to keep for a restart; `None` before the first block can begin.
@@ -286,7 +287,7 @@ impl Teacher {
         Some(LearntReference::new(&self.plan.belongs, error, learner.best_reference().to_vec()))
     }
 
-    /// Ends the lesson before its last block; what to tell, if it was not told.
+    /// Ends the learning run before its last block; what to tell, if it was not told.
     pub fn stop(&mut self) -> Option<Event> {
         if self.ended || self.learner.is_none() {
             return None;
@@ -315,7 +316,7 @@ impl Teacher {
         }
     }
 
-    fn enrol(&mut self) -> Result<(), LearningError> {
+    fn create_learner(&mut self) -> Result<(), LearningError> {
         let config = self.plan.config(self.law());
         let mut learner = Learner::from_reference(&self.plan.desired(), &self.first, config)?;
         if self.plan.learn().law == LearnLaw::Keep {
@@ -326,19 +327,19 @@ impl Teacher {
     }
 
     /// The response at each harmonic, from the last cycle of its sine.
-    fn identify(&mut self, take: &Take) -> Marked {
+    fn identify(&mut self, record: &TrialRecord) -> Updated {
         let LearnLaw::ModelBased { harmonics, identify_amplitude, .. } = self.plan.learn().law
         else {
             return self.failed("it was not asked for");
         };
-        if take.fault.is_some() {
+        if record.fault.is_some() {
             return self
                 .failed("the motor had no power; arm and enable, then run the protocol again");
         }
-        let cycle = self.plan.timetable.cycle;
+        let cycle = self.plan.schedule.cycle;
         let mut spectral = Spectral::new(cycle, f64::from(self.plan.belongs.rate_hz));
         let each = cycle * IDENTIFYING_CYCLES as usize;
-        for (index, path) in take.path().chunks_exact(each).take(harmonics as usize).enumerate() {
+        for (index, path) in record.path().chunks_exact(each).take(harmonics as usize).enumerate() {
             let harmonic = index + 1;
             let amplitude = identify_amplitude / (harmonic as f64).sqrt();
             let sine =
@@ -354,34 +355,34 @@ impl Teacher {
         if self.response.known() == 0 {
             return self.failed("the slave did not move, or was not measured");
         }
-        if let Err(error) = self.enrol() {
+        if let Err(error) = self.create_learner() {
             return self.refused(&error.to_string());
         }
         let text = format!("response known at {} of {harmonics} harmonics", self.response.known());
         let mut event = self.event(EventKind::BlockLearnt, Severity::Info, &text);
         (event.b, event.c) = (f64::NAN, f64::NAN);
-        Marked { reference: None, event: Some(event), ended: None, failed: false }
+        Updated { reference: None, event: Some(event), ended: None, failed: false }
     }
 
-    fn failed(&mut self, why: &'static str) -> Marked {
-        self.refused(&LessonError::Identification(why).to_string())
+    fn failed(&mut self, why: &'static str) -> Updated {
+        self.refused(&IlcError::Identification(why).to_string())
     }
 
-    fn refused(&mut self, why: &str) -> Marked {
+    fn refused(&mut self, why: &str) -> Updated {
         self.ended = true;
         let event = self.event(EventKind::LearningEnded, Severity::Error, why);
-        Marked { reference: None, event: None, ended: Some(event), failed: true }
+        Updated { reference: None, event: None, ended: Some(event), failed: true }
     }
 
-    fn block(&mut self, take: &Take) -> Marked {
-        self.done = take.block;
-        let change_s = self.plan.timetable.change_s();
+    fn block(&mut self, record: &TrialRecord) -> Updated {
+        self.done = record.block;
+        let change_s = self.plan.schedule.change_s();
         let Some(learner) = &mut self.learner else {
-            return Marked { reference: None, event: None, ended: None, failed: false };
+            return Updated { reference: None, event: None, ended: None, failed: false };
         };
-        if take.fault.is_none() {
+        if record.fault.is_none() {
             for (step, slave) in
-                take.path().iter().enumerate().filter(|(_, slave)| slave.is_finite())
+                record.path().iter().enumerate().filter(|(_, slave)| slave.is_finite())
             {
                 learner.record(step, *slave);
             }
@@ -403,21 +404,21 @@ impl Teacher {
         }
         let reference = (learner.reference() != before).then(|| copy(learner));
         self.learnt += u32::from(report.step == Step::Learnt);
-        let told = self.told(take, &report);
+        let told = self.told(record, &report);
         let keeps = self.plan.learn().law == LearnLaw::Keep;
         let why = match report.step {
             _ if too_fast => {
                 Some("the change to the next reference would pass the limit on speed".to_owned())
             }
             Step::Frozen(why) if !keeps => Some(self.reason(why)),
-            _ if take.last => Some("all blocks are done".to_owned()),
+            _ if record.last => Some("all blocks are done".to_owned()),
             _ => None,
         };
         let ended = why.filter(|_| !self.ended).map(|why| {
             self.ended = true;
             self.ending(&why)
         });
-        Marked { reference, event: Some(told), ended, failed: false }
+        Updated { reference, event: Some(told), ended, failed: false }
     }
 
     fn reason(&self, why: Frozen) -> String {
@@ -438,8 +439,8 @@ impl Teacher {
         }
     }
 
-    fn told(&self, take: &Take, report: &BlockReport) -> Event {
-        let text = match (take.fault, report.step) {
+    fn told(&self, record: &TrialRecord, report: &BlockReport) -> Event {
+        let text = match (record.fault, report.step) {
             (Some(Fault::NoPower), _) => "not learnt from: the motor had no power".to_owned(),
             (Some(Fault::OldReference), _) => {
                 "not learnt from: the new reference came too late for it".to_owned()
@@ -450,11 +451,11 @@ impl Teacher {
             (None, Step::Frozen(_)) => "measured, not learnt from".to_owned(),
             (None, Step::Learnt) => String::new(),
         };
-        let missing = matches!(report.step, Step::Missing(_)) || take.fault.is_some();
+        let missing = matches!(report.step, Step::Missing(_)) || record.fault.is_some();
         let severity = if missing { Severity::Warning } else { Severity::Info };
         let best = self.learner.as_ref().and_then(Learner::best_error);
         let mut event = self.event(EventKind::BlockLearnt, severity, &text);
-        event.a = f64::from(take.block);
+        event.a = f64::from(record.block);
         event.b = report.settled.map_or(f64::NAN, |error| error.mean_abs);
         event.c = best.unwrap_or(f64::NAN);
         event

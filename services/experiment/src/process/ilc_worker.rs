@@ -1,5 +1,5 @@
-//! The thread that teaches: everything about a lesson that takes time, allocates, or touches the
-//! disk. The loop and it pass each other boxes through rings of one writer and one reader; neither
+//! The worker thread of iterative learning: everything that takes time, allocates or touches the
+//! disk. It and the loop exchange boxes through single-producer, single-consumer rings; neither
 //! waits.
 
 use std::fs;
@@ -13,30 +13,31 @@ use learning::store::LearntReference;
 use rtrb::{Consumer, Producer, RingBuffer};
 use runtime::Worker;
 
-use crate::lesson::{Lecture, Spent, Take};
-use crate::player::{Homework, Program};
-use crate::teacher::{Kept, LessonError, Teacher};
+use crate::ilc_trial::{IlcResult, Returned};
+use crate::ilc_update::{IlcError, IlcUpdater, Kept};
+use crate::player::{IlcJob, Program};
+use crate::trial_record::TrialRecord;
 
 use super::link::{Dropped, EVENTS};
 use super::whole_file;
 
-/// How often it looks for homework: short against the settling cycle of a block.
-const NAP: Duration = Duration::from_millis(2);
-/// Pieces of homework under way: a block brings two or three.
-const HOMEWORK: usize = 64;
+/// Polling period: short against the settling cycle of a block.
+const POLL_PERIOD: Duration = Duration::from_millis(2);
+/// Jobs under way: a block brings two or three.
+const JOBS: usize = 64;
 /// Answers under way: one for each record.
-const LECTURES: usize = 16;
+const RESULTS: usize = 16;
 
 /// The loop's end.
 #[derive(Debug)]
-pub(super) struct Classroom {
-    homework: Producer<Homework>,
-    lectures: Consumer<Lecture>,
+pub(super) struct IlcWorker {
+    jobs: Producer<IlcJob>,
+    results: Consumer<IlcResult>,
     events: Consumer<Event>,
     worker: Worker,
 }
 
-impl Classroom {
+impl IlcWorker {
     /// Starts the thread. `file` is for what a restart needs, `learnt` the folder of learnt
     /// references.
     pub(super) fn open(
@@ -46,39 +47,39 @@ impl Classroom {
         fifo: bool,
         dropped: Dropped,
     ) -> io::Result<Self> {
-        let (homework, homework_out) = RingBuffer::new(HOMEWORK);
-        let (lecture_in, lectures) = RingBuffer::new(LECTURES);
+        let (jobs, job_out) = RingBuffer::new(JOBS);
+        let (result_in, results) = RingBuffer::new(RESULTS);
         let (event_in, events) = RingBuffer::new(EVENTS);
-        let mut room = Room {
+        let mut state = WorkerState {
             session,
             file,
             learnt,
-            homework: homework_out,
-            lectures: lecture_in,
+            jobs: job_out,
+            results: result_in,
             events: event_in,
             dropped,
-            lesson: None,
+            ilc: None,
             unkept: None,
         };
         let worker = Worker::spawn("experiment-learn", move |ending| {
             runtime::realtime::request_helper(fifo);
             while !ending.load(Ordering::Relaxed) {
-                room.work();
-                std::thread::sleep(NAP);
+                state.work();
+                std::thread::sleep(POLL_PERIOD);
             }
-            room.work();
+            state.work();
         })?;
-        Ok(Self { homework, lectures, events, worker })
+        Ok(Self { jobs, results, events, worker })
     }
 
     /// Hands over; returns it where the thread is far behind.
-    pub(super) fn give(&mut self, homework: Homework) -> Option<Homework> {
-        self.homework.push(homework).err().map(|rtrb::PushError::Full(homework)| homework)
+    pub(super) fn give(&mut self, job: IlcJob) -> Option<IlcJob> {
+        self.jobs.push(job).err().map(|rtrb::PushError::Full(job)| job)
     }
 
     /// The next answer.
-    pub(super) fn lecture(&mut self) -> Option<Lecture> {
-        self.lectures.pop().ok()
+    pub(super) fn result(&mut self) -> Option<IlcResult> {
+        self.results.pop().ok()
     }
 
     /// The next thing to be told to all.
@@ -92,46 +93,46 @@ impl Classroom {
     }
 }
 
-/// The lesson that is being taught.
+/// The learning run in progress.
 #[derive(Debug)]
-struct Class {
-    ticket: u32,
+struct ActiveIlc {
+    run_id: u32,
     protocol: u64,
-    teacher: Teacher,
+    updater: IlcUpdater,
     saved: bool,
 }
 
 #[derive(Debug)]
-struct Room {
+struct WorkerState {
     session: u64,
     file: PathBuf,
     learnt: PathBuf,
-    homework: Consumer<Homework>,
-    lectures: Producer<Lecture>,
+    jobs: Consumer<IlcJob>,
+    results: Producer<IlcResult>,
     events: Producer<Event>,
     dropped: Dropped,
-    lesson: Option<Class>,
+    ilc: Option<ActiveIlc>,
     /// What is to be kept for a restart.
     unkept: Option<Kept>,
 }
 
-impl Room {
+impl WorkerState {
     fn work(&mut self) {
-        while let Ok(homework) = self.homework.pop() {
-            match homework {
-                Homework::Begin { ticket, program, segment, resumed } => {
-                    self.begin(ticket, &program, segment, resumed)
+        while let Ok(job) = self.jobs.pop() {
+            match job {
+                IlcJob::Begin { run_id, program, segment, resumed } => {
+                    self.begin(run_id, &program, segment, resumed)
                 }
-                Homework::Spent(Spent::Take(take)) => self.mark(take),
-                Homework::Spent(Spent::Reference(reference)) => drop(reference),
-                Homework::End(lesson) => self.end(lesson.ticket()),
+                IlcJob::Returned(Returned::Record(record)) => self.update(record),
+                IlcJob::Returned(Returned::Reference(reference)) => drop(reference),
+                IlcJob::End(ilc) => self.end(ilc.run_id()),
             }
         }
         self.keep();
     }
 
-    /// Keeps what the lesson knows, once the loop has told all of it: a block that is kept is never
-    /// told again.
+    /// Saves the state of the learning run once the loop has published all its events: a block that
+    /// is saved is never reported again.
     fn keep(&mut self) {
         if self.events.slots() < EVENTS {
             return;
@@ -144,34 +145,34 @@ impl Room {
         }
     }
 
-    fn begin(&mut self, ticket: u32, program: &Program, segment: u32, resumed: bool) {
-        (self.lesson, self.unkept) = (None, None);
-        let kept = if resumed { self.take_up(program.identity(), segment) } else { None };
+    fn begin(&mut self, run_id: u32, program: &Program, segment: u32, resumed: bool) {
+        (self.ilc, self.unkept) = (None, None);
+        let kept = if resumed { self.restore(program.identity(), segment) } else { None };
         if kept.is_none() {
             // Of an earlier run: it must not come back with this one's number.
             let _none = fs::remove_file(&self.file);
         }
         let begun = match program.plan(segment as usize) {
             Some(plan) => load(plan, &self.learnt)
-                .and_then(|loaded| Teacher::new(plan.as_ref().clone(), segment, loaded, kept)),
+                .and_then(|loaded| IlcUpdater::new(plan.as_ref().clone(), segment, loaded, kept)),
             None => return,
         };
         match begun {
-            Ok(teacher) => {
-                let lecture = teacher.ready(ticket);
-                self.lesson =
-                    Some(Class { ticket, protocol: program.identity(), teacher, saved: false });
-                self.say(lecture);
+            Ok(updater) => {
+                let result = updater.ready(run_id);
+                self.ilc =
+                    Some(ActiveIlc { run_id, protocol: program.identity(), updater, saved: false });
+                self.say(result);
             }
             Err(error) => {
                 self.tell(EventKind::ProtocolStopped, Severity::Error, segment, &error.to_string());
-                self.say(Lecture::Failed { ticket });
+                self.say(IlcResult::Failed { run_id });
             }
         }
     }
 
-    /// What an earlier process, or this one before a pause, knew of the lesson.
-    fn take_up(&mut self, protocol: u64, segment: u32) -> Option<Kept> {
+    /// The state that an earlier process, or this one before a pause, saved.
+    fn restore(&mut self, protocol: u64, segment: u32) -> Option<Kept> {
         let found = match fs::read(&self.file) {
             Ok(bytes) => decode(&bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -182,7 +183,11 @@ impl Room {
         let found = found.and_then(|kept| {
             let same =
                 (kept.session, kept.protocol, kept.segment) == (self.session, protocol, segment);
-            if same { Ok(kept) } else { Err("what was kept is of another lesson".to_owned()) }
+            if same {
+                Ok(kept)
+            } else {
+                Err("what was kept belongs to another learning run".to_owned())
+            }
         });
         match found {
             Ok(kept) => {
@@ -198,37 +203,37 @@ impl Room {
         }
     }
 
-    fn mark(&mut self, mut take: Box<Take>) {
-        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == take.ticket) else {
+    fn update(&mut self, mut record: Box<TrialRecord>) {
+        let Some(active) = self.ilc.as_mut().filter(|active| active.run_id == record.run_id) else {
             return;
         };
-        let marked = class.teacher.mark(&take);
-        let ticket = class.ticket;
+        let updated = active.updater.update(&record);
+        let run_id = active.run_id;
         // The reference first: the loop waits for nothing else.
-        take.clear();
-        let lecture = Lecture::Marked { ticket, take, reference: marked.reference };
-        let kept = class.teacher.keep(self.session, class.protocol);
-        self.say(lecture);
-        if marked.failed {
-            self.say(Lecture::Failed { ticket });
+        record.clear();
+        let result = IlcResult::Updated { run_id, record, reference: updated.reference };
+        let kept = active.updater.keep(self.session, active.protocol);
+        self.say(result);
+        if updated.failed {
+            self.say(IlcResult::Failed { run_id });
         }
-        self.publish(marked.event);
+        self.publish(updated.event);
         self.unkept = kept;
-        if marked.ended.is_some() {
-            self.publish(marked.ended);
+        if updated.ended.is_some() {
+            self.publish(updated.ended);
             self.save();
         }
     }
 
-    fn end(&mut self, ticket: u32) {
-        let Some(class) = self.lesson.as_mut().filter(|class| class.ticket == ticket) else {
+    fn end(&mut self, run_id: u32) {
+        let Some(active) = self.ilc.as_mut().filter(|active| active.run_id == run_id) else {
             return;
         };
-        let event = class.teacher.stop();
+        let event = active.updater.stop();
         let stopped = event.is_some();
         self.publish(event);
         if stopped && self.has_better() {
-            let segment = self.lesson.as_ref().map_or(0, |class| class.teacher.segment());
+            let segment = self.ilc.as_ref().map_or(0, |active| active.updater.segment());
             self.tell(
                 EventKind::LearningEnded,
                 Severity::Info,
@@ -238,16 +243,16 @@ impl Room {
         } else {
             self.save();
         }
-        (self.lesson, self.unkept) = (None, None);
+        (self.ilc, self.unkept) = (None, None);
         let _none = fs::remove_file(&self.file);
     }
 
-    /// Whether the file under the lesson's name holds a reference for the same machine and movement
-    /// with a smaller error: half a lesson shall not replace a whole one.
+    /// Whether the file under the learning run's name holds a reference for the same machine and movement
+    /// with a smaller error: half a learning run must not replace a whole one.
     fn has_better(&self) -> bool {
-        let Some(class) = &self.lesson else { return false };
-        let plan = class.teacher.plan();
-        let (Some(name), Some(Ok(best))) = (&plan.learn().save, class.teacher.best()) else {
+        let Some(active) = &self.ilc else { return false };
+        let plan = active.updater.plan();
+        let (Some(name), Some(Ok(best))) = (&plan.learn().save, active.updater.best()) else {
             return false;
         };
         LearntReference::load(path_of(&self.learnt, name), &plan.belongs)
@@ -256,12 +261,12 @@ impl Room {
 
     /// Keeps the best reference under the name that the protocol gives, once.
     fn save(&mut self) {
-        let Some(class) = self.lesson.as_mut().filter(|class| !class.saved) else { return };
-        let learn = class.teacher.plan().learn();
+        let Some(active) = self.ilc.as_mut().filter(|active| !active.saved) else { return };
+        let learn = active.updater.plan().learn();
         let Some(name) = learn.save.clone() else { return };
-        let segment = class.teacher.segment();
-        class.saved = true;
-        let Some(best) = class.teacher.best() else { return };
+        let segment = active.updater.segment();
+        active.saved = true;
+        let Some(best) = active.updater.best() else { return };
         let path = path_of(&self.learnt, &name);
         let done = fs::create_dir_all(&self.learnt)
             .map_err(|error| format!("{}: {error}", self.learnt.display()))
@@ -304,10 +309,10 @@ impl Room {
         }
     }
 
-    fn say(&mut self, lecture: Lecture) {
-        if self.lectures.push(lecture).is_err() {
+    fn say(&mut self, result: IlcResult) {
+        if self.results.push(result).is_err() {
             self.dropped.count();
-            eprintln!("farreach experiment: the loop does not listen to the lesson");
+            eprintln!("farreach experiment: the loop does not take the results of learning");
         }
     }
 }
@@ -318,11 +323,11 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
 }
 
 fn load(
-    plan: &crate::teacher::Plan,
+    plan: &crate::ilc_update::Plan,
     folder: &Path,
-) -> Result<Option<LearntReference>, LessonError> {
+) -> Result<Option<LearntReference>, IlcError> {
     let Some(name) = &plan.learn().load else { return Ok(None) };
-    let refused = |source| LessonError::Load { name: name.clone(), source };
+    let refused = |source| IlcError::Load { name: name.clone(), source };
     LearntReference::load(path_of(folder, name), &plan.belongs).map(Some).map_err(refused)
 }
 
@@ -341,10 +346,10 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
     Ok(())
 }
 
-/// Mark of the file with what a lesson knows, and its version. bincode is unmaintained; the version
+/// Mark of the file with what a learning run knows, and its version. bincode is unmaintained; the version
 /// lets another encoding take its place.
 const MARK: [u8; 6] = *b"FRLS\x01\x00";
-/// No lesson's memory is longer (bytes).
+/// No learning run's memory is longer (bytes).
 const LONGEST: usize = 16 << 20;
 
 /// Writes it whole or not at all.

@@ -45,7 +45,7 @@ pub struct Range {
 
 /// How far the search is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Search {
+pub enum FinderState {
     /// Under way.
     Going,
     /// Done.
@@ -95,7 +95,7 @@ impl RangeFinder {
 
     /// One step, `time_s` after the search began. A position that is not finite counts as not
     /// moved.
-    pub fn step(&mut self, time_s: f64, measured: Measured) -> Search {
+    pub fn step(&mut self, time_s: f64, measured: Measured) -> FinderState {
         let elapsed_s = (time_s - self.last_s).clamp(0.0, 0.1);
         self.last_s = self.last_s.max(time_s);
         self.go_on(elapsed_s);
@@ -117,10 +117,10 @@ impl RangeFinder {
     }
 
     /// An end: the other one comes next, or the search is over.
-    fn end_at(&mut self, measured: Measured, met: bool) -> Search {
+    fn end_at(&mut self, measured: Measured, met: bool) -> FinderState {
         let Some((first, first_met)) = self.first else {
             if !self.how.both {
-                return Search::Found(self.one_sided(measured, met));
+                return FinderState::Found(self.one_sided(measured, met));
             }
             self.first = Some((measured, met));
             self.upward = !self.upward;
@@ -134,9 +134,9 @@ impl RangeFinder {
             Range { lower: measured, upper: first, met: (met, first_met) }
         };
         if range.upper.motor - range.lower.motor < LEAST_LEADS * self.how.lead {
-            return Search::Stuck;
+            return FinderState::Stuck;
         }
-        Search::Found(range)
+        FinderState::Found(range)
     }
 
     /// Where only one end was asked for, the other is where the rig allows.
@@ -149,8 +149,8 @@ impl RangeFinder {
         }
     }
 
-    fn within_time(&self) -> Search {
-        if self.last_s >= self.how.duration_s { Search::TimedOut } else { Search::Going }
+    fn within_time(&self) -> FinderState {
+        if self.last_s >= self.how.duration_s { FinderState::TimedOut } else { FinderState::Going }
     }
 
     /// Moves the reference on: evenly faster to its speed, and evenly slower before its own end.

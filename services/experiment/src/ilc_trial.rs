@@ -1,33 +1,36 @@
-//! A movement that is being learnt, as the real-time loop plays it: which reference is followed
-//! when, and where the slave was.
+//! Iterative learning control of a movement (Arimoto 1984; Bristow, Tharayil and Alleyne 2006), as
+//! the real-time loop plays it: which reference is followed when, and where the slave was.
 //!
 //! ```text
-//! fade in ─> [a sine for each harmonic, three cycles each] ─> block 1 ─> block 2 ─> ... ─> fade out
+//! fade in ─> [a sine for each harmonic, three cycles each] ─> trial 1 ─> trial 2 ─> ... ─> fade out
 //!                       │ the slave's path                      │ the slave's path  ^
-//!                       v                                       v                   │ a better reference
-//!                    teacher ─────────────────────────────── teacher ───────────────┘
+//!                       v                                       v                   │ next reference
+//!                 ilc_update ──────────────────────────── ilc_update ───────────────┘
 //! ```
 //!
-//! What takes time is done by the [`crate::teacher`], elsewhere. The lesson never waits for it:
-//! while the teacher thinks, the old reference goes on. The new one takes its place in the first
-//! settling cycle of the next block, by a minimum-jerk change of half a cycle, so that control
-//! never sees a jump. A reference that comes too late for that waits for the block after, and the
-//! block between is not learnt from.
+//! A trial is one block of a protocol: some settling cycles, then the cycles that are averaged. The
+//! update of the reference takes time and runs in another thread ([`crate::ilc_update`]); the loop
+//! never waits for it but goes on with the old reference. The new one takes over in the first
+//! settling cycle of the next trial, by a minimum-jerk change of half a cycle, so that control
+//! never sees a jump. A reference that arrives too late for that waits for the trial after, and the
+//! trial in between is not learnt from.
 //!
 //! **Time.** Step 0 of the cycle is a multiple of the control period on CLOCK_MONOTONIC, as the
 //! card's scans are: the slave's position at a step is that of the scan at the step's own time, and
-//! the reference is meant for the same instant. Neither the lateness of a loop nor the way of a
-//! setpoint to control enters the error.
+//! the reference is meant for the same instant. Neither the lateness of a loop nor the latency of a
+//! setpoint enters the error.
 //!
-//! Nothing here allocates or frees: references and records come from the teacher, and go back to
-//! it.
+//! Nothing here allocates or frees: references and records come from the worker thread and return
+//! to it.
 
 use std::f64::consts::TAU;
 
 use learning::ReferencePoint;
+use rig::protocol::trajectory::{Point, Weight};
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 
-use rig::protocol::trajectory::{Point, Weight};
+use crate::trial_record::{Fault, TrialRecord};
+use crate::trial_schedule::Schedule;
 
 /// A reference to follow: one cycle.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,137 +41,15 @@ pub struct Reference {
     pub peak_speed: f64,
 }
 
-/// The slave's path over a block, or over the identification.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Take {
-    /// The lesson that it is of.
-    pub ticket: u32,
-    /// Number of the block, from 1; 0 for the identification.
-    pub block: u32,
-    /// First step.
-    from: i64,
-    /// Steps.
-    len: usize,
-    /// The slave's position at each step (rad or m); not a number where it was not measured.
-    pub slave: Vec<f64>,
-    /// Why nothing can be learnt from it.
-    pub fault: Option<Fault>,
-    /// Whether it is the last one.
-    pub last: bool,
-}
-
-/// Why nothing can be learnt from a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The motor had no power for a part of it.
-    NoPower,
-    /// It was played with an older reference than the one that was learnt.
-    OldReference,
-}
-
-impl Take {
-    /// An empty one for the longest record of a lesson.
-    pub fn new(timetable: &Timetable) -> Self {
-        let steps = timetable.block_steps().max(timetable.identifying_steps());
-        Self {
-            ticket: 0,
-            block: 0,
-            from: 0,
-            len: 0,
-            slave: vec![f64::NAN; steps],
-            fault: None,
-            last: false,
-        }
-    }
-
-    /// The slave's positions at the steps of the record (rad or m).
-    pub fn path(&self) -> &[f64] {
-        &self.slave[..self.len.min(self.slave.len())]
-    }
-
-    /// Empties it.
-    pub fn clear(&mut self) {
-        self.slave.fill(f64::NAN);
-        (self.fault, self.last, self.len, self.ticket) = (None, false, 0, 0);
-    }
-
-    fn begin(&mut self, ticket: u32, block: u32, from: i64, len: usize) {
-        (self.ticket, self.block, self.from, self.len) = (ticket, block, from, len);
-    }
-
-    fn end(&self) -> i64 {
-        self.from + self.len as i64
-    }
-
-    fn record(&mut self, step: i64, on_step: bool, slave: f64, powered: bool) {
-        if step < self.from || step >= self.end() {
-            return;
-        }
-        if !powered {
-            self.fault.get_or_insert(Fault::NoPower);
-        }
-        if on_step && let Some(value) = self.slave.get_mut((step - self.from) as usize) {
-            *value = slave;
-        }
-    }
-}
-
-/// The times of a lesson on one machine.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Timetable {
-    /// What is learnt.
-    pub learn: Learn,
-    /// Control steps in a cycle.
-    pub cycle: usize,
-    /// Period of control (ns).
-    pub step_ns: u64,
-    /// Period of the samples (ns).
-    pub sample_ns: u64,
-}
-
-impl Timetable {
-    /// Steps in a block.
-    pub fn block_steps(&self) -> usize {
-        self.cycle * self.learn.cycles_per_block as usize
-    }
-
-    /// Steps of the identification.
-    pub fn identifying_steps(&self) -> usize {
-        self.cycle * self.learn.identifying_cycles() as usize
-    }
-
-    /// Steps in which one reference takes the place of another.
-    pub fn change_steps(&self) -> usize {
-        self.cycle / 2
-    }
-
-    /// The same (s).
-    pub fn change_s(&self) -> f64 {
-        self.change_steps() as f64 * self.step_ns as f64 * 1e-9
-    }
-
-    /// Latest step of a block at which its reference may begin to change: a quarter of a cycle is
-    /// left to settle.
-    fn latest_change(&self) -> i64 {
-        (self.cycle * self.learn.settling_cycles as usize - self.change_steps() - self.cycle / 4)
-            as i64
-    }
-
-    /// How long a record is left open after its end, for samples that come late (steps).
-    fn grace(&self) -> i64 {
-        (self.cycle / 16).clamp(1, 10) as i64
-    }
-}
-
-/// What the teacher says.
+/// A result from the worker thread.
 #[derive(Clone, Debug)]
-pub enum Lecture {
-    /// The lesson can begin.
+pub enum IlcResult {
+    /// The learning run can begin.
     Ready {
-        /// The lesson.
-        ticket: u32,
+        /// The learning run.
+        run_id: u32,
         /// Two empty records.
-        takes: [Box<Take>; 2],
+        records: [Box<TrialRecord>; 2],
         /// What to begin with; `None`: the movement itself.
         reference: Option<Box<Reference>>,
         /// Blocks that were done before.
@@ -177,18 +58,18 @@ pub enum Lecture {
         identified: bool,
     },
     /// A record was looked at.
-    Marked {
-        /// The lesson.
-        ticket: u32,
+    Updated {
+        /// The learning run.
+        run_id: u32,
         /// The record, emptied.
-        take: Box<Take>,
+        record: Box<TrialRecord>,
         /// A better reference.
         reference: Option<Box<Reference>>,
     },
-    /// The lesson cannot go on: it is to be stopped.
+    /// The learning run cannot go on: it is to be stopped.
     Failed {
-        /// The lesson.
-        ticket: u32,
+        /// The learning run.
+        run_id: u32,
     },
 }
 
@@ -205,7 +86,7 @@ enum Source {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Fading in, or waiting for the teacher.
+    /// Fading in, or waiting for the worker thread.
     Waiting,
     Identifying {
         from: i64,
@@ -220,28 +101,28 @@ enum Stage {
     },
 }
 
-/// Things that are to go back to the teacher: at most so many come up in one step.
-pub const SPENT: usize = 8;
+/// Most items that are returned to the worker thread in one step.
+pub const RETURNED: usize = 8;
 
-/// What is to go back to the teacher.
+/// Memory that is returned to the worker thread.
 #[derive(Clone, Debug)]
-pub enum Spent {
+pub enum Returned {
     /// A record to learn from.
-    Take(Box<Take>),
+    Record(Box<TrialRecord>),
     /// A reference that is no longer followed.
     Reference(Box<Reference>),
 }
 
-/// A lesson as it is played.
+/// A learning run as the loop plays it: a sequence of trials.
 #[derive(Clone, Debug)]
-pub struct Lesson {
-    ticket: u32,
-    timetable: Timetable,
+pub struct IlcTrials {
+    run_id: u32,
+    schedule: Schedule,
     start: f64,
     begun_ns: u64,
     origin_ns: u64,
     stage: Stage,
-    /// Blocks done before and whether the response is known, once the teacher is ready; and the
+    /// Blocks done before and whether the response is known, once the worker is ready; and the
     /// step at which it then begins.
     ready: Option<(u32, bool)>,
     starts: i64,
@@ -249,22 +130,22 @@ pub struct Lesson {
     new: Source,
     changes: i64,
     pending: Option<Box<Reference>>,
-    current: Option<Box<Take>>,
-    previous: Option<Box<Take>>,
-    spare: [Option<Box<Take>>; 2],
+    current: Option<Box<TrialRecord>>,
+    previous: Option<Box<TrialRecord>>,
+    spare: [Option<Box<TrialRecord>>; 2],
     in_flight: u32,
-    out: [Option<Spent>; SPENT],
+    out: [Option<Returned>; RETURNED],
 }
 
-impl Lesson {
-    /// A lesson that begins at `begun_ns` (CLOCK_MONOTONIC) with the axis at rest at `start` (rad
+impl IlcTrials {
+    /// A learning run that begins at `begun_ns` (CLOCK_MONOTONIC) with the axis at rest at `start` (rad
     /// or m).
-    pub fn new(ticket: u32, timetable: &Timetable, start: f64, begun_ns: u64) -> Self {
-        let learn = &timetable.learn;
+    pub fn new(run_id: u32, schedule: &Schedule, start: f64, begun_ns: u64) -> Self {
+        let learn = &schedule.learn;
         let faded_ns = begun_ns + (learn.fade_in_s * 1e9).round() as u64;
-        let step_ns = timetable.step_ns.max(1);
+        let step_ns = schedule.step_ns.max(1);
         Self {
-            ticket,
+            run_id,
             start,
             begun_ns,
             origin_ns: faded_ns / step_ns * step_ns,
@@ -279,20 +160,20 @@ impl Lesson {
             previous: None,
             spare: [None, None],
             in_flight: 0,
-            out: [const { None }; SPENT],
+            out: [const { None }; RETURNED],
             // Names are not copied: this is a real-time loop.
-            timetable: Timetable {
+            schedule: Schedule {
                 learn: Learn { save: None, load: None, ..*learn },
-                cycle: timetable.cycle,
+                cycle: schedule.cycle,
                 step_ns,
-                sample_ns: timetable.sample_ns,
+                sample_ns: schedule.sample_ns,
             },
         }
     }
 
     /// Its number.
-    pub fn ticket(&self) -> u32 {
-        self.ticket
+    pub fn run_id(&self) -> u32 {
+        self.run_id
     }
 
     /// The block that is being played, from 1; 0 outside of the blocks.
@@ -302,7 +183,7 @@ impl Lesson {
 
     /// When it ends (ns, CLOCK_MONOTONIC); `None` while nobody knows.
     pub fn ends_ns(&self) -> Option<u64> {
-        let fade_ns = (self.timetable.learn.fade_out_s * 1e9).round() as u64;
+        let fade_ns = (self.schedule.learn.fade_out_s * 1e9).round() as u64;
         if let Stage::Over { from } = self.stage {
             Some(self.time_ns(from) + fade_ns)
         } else {
@@ -310,20 +191,20 @@ impl Lesson {
         }
     }
 
-    /// Something for the teacher.
-    pub fn spent(&mut self) -> Option<Spent> {
+    /// The next item for the worker thread.
+    pub fn returned(&mut self) -> Option<Returned> {
         self.out.iter_mut().find_map(Option::take)
     }
 
-    /// Takes in what the teacher says; what it gave for another lesson goes back.
-    pub fn take_in(&mut self, lecture: Lecture) {
-        match lecture {
-            Lecture::Ready { ticket, takes, reference, done, identified } => {
-                let [first, second] = takes;
-                if ticket != self.ticket || self.ready.is_some() {
+    /// Receives a result; the memory of a result for another run is returned.
+    pub fn receive(&mut self, result: IlcResult) {
+        match result {
+            IlcResult::Ready { run_id, records, reference, done, identified } => {
+                let [first, second] = records;
+                if run_id != self.run_id || self.ready.is_some() {
                     self.give_back(reference);
-                    self.give(Spent::Take(first));
-                    self.give(Spent::Take(second));
+                    self.give(Returned::Record(first));
+                    self.give(Returned::Record(second));
                     return;
                 }
                 self.ready = Some((done, identified));
@@ -331,35 +212,35 @@ impl Lesson {
                 self.pending = reference;
                 self.starts = i64::MIN;
             }
-            Lecture::Marked { ticket, take, reference } => {
-                if ticket != self.ticket {
+            IlcResult::Updated { run_id, record, reference } => {
+                if run_id != self.run_id {
                     self.give_back(reference);
-                    self.give(Spent::Take(take));
+                    self.give(Returned::Record(record));
                     return;
                 }
                 self.in_flight = self.in_flight.saturating_sub(1);
                 match self.spare.iter_mut().find(|spare| spare.is_none()) {
-                    Some(spare) => *spare = Some(take),
-                    None => self.give(Spent::Take(take)),
+                    Some(spare) => *spare = Some(record),
+                    None => self.give(Returned::Record(record)),
                 }
                 if reference.is_some() {
                     let older = std::mem::replace(&mut self.pending, reference);
                     self.give_back(older);
                 }
             }
-            Lecture::Failed { .. } => {}
+            IlcResult::Failed { .. } => {}
         }
     }
 
     /// Takes in where the slave was (rad or m; not a number where it was not measured) at a scan
     /// (ns, CLOCK_MONOTONIC), and whether the motor had power.
     pub fn record(&mut self, scan_ns: u64, slave: f64, powered: bool) {
-        let step_ns = self.timetable.step_ns as i64;
+        let step_ns = self.schedule.step_ns as i64;
         let since = scan_ns as i64 - self.origin_ns as i64;
         let step = (since + step_ns / 2).div_euclid(step_ns);
-        let on_step = 2 * (since - step * step_ns).unsigned_abs() <= self.timetable.sample_ns;
-        for take in [&mut self.current, &mut self.previous].into_iter().flatten() {
-            take.record(step, on_step, slave, powered);
+        let on_step = 2 * (since - step * step_ns).unsigned_abs() <= self.schedule.sample_ns;
+        for record in [&mut self.current, &mut self.previous].into_iter().flatten() {
+            record.record(step, on_step, slave, powered);
         }
     }
 
@@ -373,19 +254,19 @@ impl Lesson {
                 break;
             }
         }
-        let grace = self.timetable.grace();
-        if self.previous.as_ref().is_some_and(|take| step >= take.end() + grace) {
+        let grace = self.schedule.grace();
+        if self.previous.as_ref().is_some_and(|record| step >= record.end() + grace) {
             self.hand_in();
         }
         self.change(step);
     }
 
-    /// The axis at a time (ns, CLOCK_MONOTONIC), that of the newest [`Lesson::advance`].
+    /// The axis at a time (ns, CLOCK_MONOTONIC), that of the newest [`IlcTrials::advance`].
     pub fn at(&self, now_ns: u64) -> Point {
-        let learn = &self.timetable.learn;
+        let learn = &self.schedule.learn;
         let mut point = self.source_at(&self.new, now_ns);
         let changing_s = self.since_s(self.changes, now_ns);
-        let change_s = self.timetable.change_s();
+        let change_s = self.schedule.change_s();
         if changing_s < change_s {
             let old = self.source_at(&self.old, now_ns);
             let peak_speed = old.peak_speed.max(point.peak_speed);
@@ -413,18 +294,18 @@ impl Lesson {
 
     fn time_ns(&self, step: i64) -> u64 {
         (self.origin_ns as i64)
-            .saturating_add(step.saturating_mul(self.timetable.step_ns as i64))
+            .saturating_add(step.saturating_mul(self.schedule.step_ns as i64))
             .max(0) as u64
     }
 
     fn step(&self, now_ns: u64) -> i64 {
-        (now_ns as i64 - self.origin_ns as i64).div_euclid(self.timetable.step_ns as i64)
+        (now_ns as i64 - self.origin_ns as i64).div_euclid(self.schedule.step_ns as i64)
     }
 
     fn since_s(&self, step: i64, now_ns: u64) -> f64 {
         let since_ns = now_ns as i128
             - self.origin_ns as i128
-            - i128::from(step) * i128::from(self.timetable.step_ns);
+            - i128::from(step) * i128::from(self.schedule.step_ns);
         since_ns as f64 * 1e-9
     }
 
@@ -433,7 +314,7 @@ impl Lesson {
         match self.stage {
             Stage::Waiting => {
                 let Some((done, identified)) = self.ready else { return false };
-                let cycle = self.timetable.cycle as i64;
+                let cycle = self.schedule.cycle as i64;
                 if self.starts == i64::MIN {
                     // With the cycle that begins next.
                     self.starts =
@@ -447,14 +328,14 @@ impl Lesson {
                     self.begin_block(from, done + 1);
                 } else {
                     self.stage = Stage::Identifying { from };
-                    self.take_down(0, from, self.timetable.identifying_steps());
+                    self.begin_record(0, from, self.schedule.identifying_steps());
                 }
                 true
             }
             Stage::Identifying { from } => {
-                let end = from + self.timetable.identifying_steps() as i64;
+                let end = from + self.schedule.identifying_steps() as i64;
                 if step < end {
-                    let each = (self.timetable.cycle * IDENTIFYING_CYCLES as usize) as i64;
+                    let each = (self.schedule.cycle * IDENTIFYING_CYCLES as usize) as i64;
                     let harmonic = ((step - from) / each) as u32 + 1;
                     if !matches!(self.new, Source::Sine { harmonic: playing } if playing == harmonic)
                     {
@@ -470,7 +351,7 @@ impl Lesson {
                 true
             }
             Stage::Block { from, number } => {
-                let end = from + self.timetable.block_steps() as i64;
+                let end = from + self.schedule.block_steps() as i64;
                 if step < end {
                     return false;
                 }
@@ -485,7 +366,7 @@ impl Lesson {
         // The settling cycles have passed: what is still open is handed in now.
         self.hand_in();
         self.previous = self.current.take();
-        if number > self.timetable.learn.blocks {
+        if number > self.schedule.learn.blocks {
             self.stage = Stage::Over { from };
             return;
         }
@@ -494,26 +375,26 @@ impl Lesson {
             let source = self.pending.take().map_or(Source::Desired, Source::Learnt);
             self.follow(source, from);
         }
-        self.take_down(number, from, self.timetable.block_steps());
+        self.begin_record(number, from, self.schedule.block_steps());
     }
 
-    fn take_down(&mut self, block: u32, from: i64, len: usize) {
+    fn begin_record(&mut self, block: u32, from: i64, len: usize) {
         self.current = self.spare.iter_mut().find_map(Option::take);
-        if let Some(take) = &mut self.current {
-            take.begin(self.ticket, block, from, len);
-            take.last = block == self.timetable.learn.blocks;
+        if let Some(record) = &mut self.current {
+            record.begin(self.run_id, block, from, len);
+            record.last = block == self.schedule.learn.blocks;
         }
     }
 
-    /// Gives the record before the present one to the teacher.
+    /// Returns the previous record to the worker thread.
     fn hand_in(&mut self) {
-        if let Some(mut take) = self.previous.take() {
+        if let Some(mut record) = self.previous.take() {
             if self.in_flight > 0 {
-                // The teacher has not even said what the block before came to.
-                take.fault.get_or_insert(Fault::OldReference);
+                // The result of the block before has not arrived yet.
+                record.fault.get_or_insert(Fault::OldReference);
             }
             self.in_flight += 1;
-            self.give(Spent::Take(take));
+            self.give(Returned::Record(record));
         }
     }
 
@@ -523,17 +404,17 @@ impl Lesson {
             return;
         }
         match self.stage {
-            Stage::Block { from, .. } if step - from <= self.timetable.latest_change() => {
+            Stage::Block { from, .. } if step - from <= self.schedule.latest_change() => {
                 // One change at a time.
-                if step >= self.changes + self.timetable.change_steps() as i64
+                if step >= self.changes + self.schedule.change_steps() as i64
                     && let Some(reference) = self.pending.take()
                 {
                     self.follow(Source::Learnt(reference), step);
                 }
             }
             Stage::Block { .. } => {
-                if let Some(take) = &mut self.current {
-                    take.fault.get_or_insert(Fault::OldReference);
+                if let Some(record) = &mut self.current {
+                    record.fault.get_or_insert(Fault::OldReference);
                 }
             }
             Stage::Waiting | Stage::Identifying { .. } | Stage::Over { .. } => {}
@@ -543,27 +424,27 @@ impl Lesson {
     fn follow(&mut self, source: Source, from: i64) {
         let older = std::mem::replace(&mut self.new, source);
         if let Source::Learnt(reference) = std::mem::replace(&mut self.old, older) {
-            self.give(Spent::Reference(reference));
+            self.give(Returned::Reference(reference));
         }
         self.changes = from;
     }
 
     fn give_back(&mut self, reference: Option<Box<Reference>>) {
         if let Some(reference) = reference {
-            self.give(Spent::Reference(reference));
+            self.give(Returned::Reference(reference));
         }
     }
 
-    fn give(&mut self, spent: Spent) {
+    fn give(&mut self, returned: Returned) {
         match self.out.iter_mut().find(|place| place.is_none()) {
-            Some(place) => *place = Some(spent),
+            Some(place) => *place = Some(returned),
             // Nobody fetches them: to lose memory is better than to free it in the loop.
-            None => std::mem::forget(spent),
+            None => std::mem::forget(returned),
         }
     }
 
     fn source_at(&self, source: &Source, now_ns: u64) -> Point {
-        let learn = &self.timetable.learn;
+        let learn = &self.schedule.learn;
         let since_s = self.since_s(0, now_ns);
         let sine = |amplitude: f64, times: f64| {
             let omega = TAU * learn.frequency_hz * times;
@@ -586,7 +467,7 @@ impl Lesson {
             },
             Source::Learnt(reference) => {
                 let step = self.step(now_ns);
-                let index = step.rem_euclid(self.timetable.cycle as i64) as usize;
+                let index = step.rem_euclid(self.schedule.cycle as i64) as usize;
                 let Some(point) = reference.points.get(index) else {
                     return Point::at_rest(learn.centre);
                 };

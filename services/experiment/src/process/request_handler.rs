@@ -19,13 +19,13 @@ use runtime::{Domain, RigName, Server, ServiceError, Worker};
 use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
 
-use super::classroom::find_references;
-use super::link::{DeskEnd, Note, Order, Progress};
+use super::ilc_worker::find_references;
+use super::link::{HandlerEnd, Note, Order, Progress};
 use super::whole_file;
 
 /// How often it looks for requests and changes.
-const NAP: Duration = Duration::from_millis(5);
-/// How long the loop may take for an order: it looks at each cycle.
+const POLL_PERIOD: Duration = Duration::from_millis(5);
+/// Longest time for the loop to take an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);
 /// How long a fresh `enable` may take to show in the watchdog's tokens.
 const PERMISSION_LIMIT: Duration = Duration::from_millis(300);
@@ -45,14 +45,14 @@ pub(super) struct Current {
 
 /// What the thread works with.
 #[derive(Debug)]
-pub(super) struct Clerk {
+pub(super) struct RequestHandler {
     pub(super) rig: RigFile,
     pub(super) session: u64,
     /// The state's file.
     pub(super) file: PathBuf,
     /// Folder of the learnt references.
     pub(super) learnt: PathBuf,
-    pub(super) link: DeskEnd,
+    pub(super) link: HandlerEnd,
     pub(super) current: Option<Current>,
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
     /// must not be the loop.
@@ -66,19 +66,20 @@ pub(super) struct Clerk {
 
 /// Runs the thread. Dropping it ends it, after the last change was kept.
 #[derive(Debug)]
-pub(super) struct Desk {
+pub(super) struct RequestThread {
     worker: Worker,
 }
 
-impl Desk {
+impl RequestThread {
     /// Starts the thread; returns when it serves.
-    pub(super) fn open(rig: &RigName, mut clerk: Clerk) -> Result<Self, ServiceError> {
+    pub(super) fn open(rig: &RigName, mut handler: RequestHandler) -> Result<Self, ServiceError> {
         let (ready, wait) = mpsc::channel();
         let name = rig.clone();
-        let worker = Worker::spawn("experiment-desk", move |ending| {
+        let worker = Worker::spawn("experiment-requests", move |ending| {
             let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
                 runtime::realtime::request_helper(domain.fifo());
-                let server = Server::new(&domain.node("experiment-desk")?, &EXPERIMENT_COMMANDS)?;
+                let server =
+                    Server::new(&domain.node("experiment-requests")?, &EXPERIMENT_COMMANDS)?;
                 Ok((domain, server))
             });
             let (_domain, server) = match opened {
@@ -90,15 +91,15 @@ impl Desk {
             };
             let _ = ready.send(Ok(()));
             while !ending.load(Ordering::Relaxed) {
-                clerk.keep_changes();
+                handler.keep_changes();
                 let broken = |error| eprintln!("farreach experiment: request dropped: {error}");
-                if let Err(error) = server.poll(|request| clerk.answer(request), broken) {
+                if let Err(error) = server.poll(|request| handler.answer(request), broken) {
                     eprintln!("farreach experiment: requests are no longer answered: {error}");
                     return;
                 }
-                std::thread::sleep(NAP);
+                std::thread::sleep(POLL_PERIOD);
             }
-            clerk.keep_changes();
+            handler.keep_changes();
         })?;
         // The channel is closed only by a thread that panicked.
         wait.recv().unwrap_or_else(|_| {
@@ -113,7 +114,7 @@ impl Desk {
     }
 }
 
-impl Clerk {
+impl RequestHandler {
     fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
         let result = match request {
             ExperimentRequest::Run { protocol, name, client } => {
@@ -243,7 +244,11 @@ impl Clerk {
         self.wait_until(TAKE_LIMIT, |link| link.progress.read().order == number)
     }
 
-    fn wait_until(&self, limit: Duration, done: impl Fn(&DeskEnd) -> bool) -> Result<(), String> {
+    fn wait_until(
+        &self,
+        limit: Duration,
+        done: impl Fn(&HandlerEnd) -> bool,
+    ) -> Result<(), String> {
         let begun = Instant::now();
         while !done(&self.link) {
             if begun.elapsed() > limit {

@@ -5,7 +5,7 @@ use ipc_types::AXES;
 use rig::protocol::Movement;
 
 use super::{Change, Phase, Player, Program, seconds};
-use crate::range::{Measured, Range, RangeFinder, Search};
+use crate::range_finder::{FinderState, Measured, Range, RangeFinder};
 
 /// Why playing cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +70,7 @@ impl Player {
 
     /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok`
     /// where they are found, a change where playing ends.
-    pub(super) fn search(
+    pub(super) fn find_range(
         &mut self,
         program: &Program,
         segment: usize,
@@ -93,10 +93,10 @@ impl Player {
         let reason = match finder
             .step(seconds(begun_ns, now_ns), Measured { motor: measured[axis], handle })
         {
-            Search::Going => return Some(Err(None)),
-            Search::TimedOut => Reason::NotFound,
-            Search::Stuck => Reason::Stuck,
-            Search::Found(range) => {
+            FinderState::Going => return Some(Err(None)),
+            FinderState::TimedOut => Reason::NotFound,
+            FinderState::Stuck => Reason::Stuck,
+            FinderState::Found(range) => {
                 let (lower, upper) = (range.lower.motor, range.upper.motor);
                 let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
                 self.notice = Some(Notice::Range { axis, range, narrower });
@@ -119,7 +119,7 @@ impl Player {
     }
 
     /// Tells the beat of a rhythm when it is due.
-    pub(super) fn keep_beat(
+    pub(super) fn announce_beat(
         &mut self,
         program: &Program,
         segment: usize,

@@ -1,0 +1,148 @@
+//! The player's side of iterative learning: between the loop, which allocates nothing, and the
+//! worker thread, which does.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use ipc_types::AXES;
+
+use super::{Player, Program};
+use crate::ilc_trial::{IlcResult, IlcTrials, Returned};
+
+/// A job for the worker thread.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
+pub enum IlcJob {
+    /// A segment begins in which something is learnt: the worker answers with [`IlcResult::Ready`]
+    /// or [`IlcResult::Failed`].
+    Begin {
+        /// Number of the learning run.
+        run_id: u32,
+        /// The program, and its segment.
+        program: Arc<Program>,
+        /// Index of the segment.
+        segment: u32,
+        /// Whether it goes on where it was interrupted.
+        resumed: bool,
+    },
+    /// A record to learn from, or a reference that is no longer followed.
+    Returned(Returned),
+    /// The learning run is over, by itself or because somebody stopped it; with all that it still holds.
+    End(IlcTrials),
+}
+
+/// Most jobs that may wait to be fetched.
+pub(super) const JOBS: usize = 32;
+
+impl Player {
+    /// The next job for the worker thread; fetch all of them after each step.
+    pub fn job(&mut self) -> Option<IlcJob> {
+        if let Some(ilc) = &mut self.ilc {
+            while self.jobs.len() < JOBS - 2
+                && let Some(returned) = ilc.returned()
+            {
+                self.jobs.push_back(IlcJob::Returned(returned));
+            }
+        }
+        self.jobs.pop_front()
+    }
+
+    /// Takes back a job that the worker thread could not accept now.
+    pub fn return_job(&mut self, job: IlcJob) {
+        self.jobs.push_front(job);
+    }
+
+    /// Receives a result. A learning run that cannot continue stops the protocol.
+    pub fn receive(&mut self, result: IlcResult) {
+        let of_this = |run_id: u32| self.ilc.as_ref().is_some_and(|ilc| ilc.run_id() == run_id);
+        match result {
+            IlcResult::Failed { run_id } => {
+                if of_this(run_id) {
+                    self.stop();
+                }
+            }
+            result => match &mut self.ilc {
+                Some(ilc) => ilc.receive(result),
+                // Of a learning run that is over.
+                None => give_back(&mut self.jobs, result),
+            },
+        }
+    }
+
+    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns,
+    /// CLOCK_MONOTONIC), and whether the motor had power. Matters to learning runs only.
+    pub fn record(&mut self, scan_ns: u64, slave: &[f64; AXES], powered: bool) {
+        if let Some(ilc) = &mut self.ilc
+            && let Some(step) =
+                self.program.as_ref().and_then(|program| program.steps.get(self.segment as usize))
+        {
+            ilc.record(scan_ns, slave[step.axis], powered);
+        }
+    }
+
+    /// The block of the learning run that is being played, from 1; 0 outside of a learning run's blocks.
+    pub fn block(&self) -> u32 {
+        self.ilc.as_ref().map_or(0, IlcTrials::block)
+    }
+
+    /// Begins the learning run of a segment, if it is one.
+    pub(super) fn begin_ilc(
+        &mut self,
+        program: &Arc<Program>,
+        segment: usize,
+        begun_ns: u64,
+        resumed: bool,
+    ) {
+        self.end_ilc();
+        if let Some(step) = program.steps.get(segment)
+            && let Some(plan) = &step.plan
+        {
+            self.run_ids = self.run_ids.wrapping_add(1);
+            let run_id = self.run_ids;
+            self.ilc = Some(IlcTrials::new(run_id, &plan.schedule, self.rest[step.axis], begun_ns));
+            let program = Arc::clone(program);
+            self.push(IlcJob::Begin { run_id, program, segment: segment as u32, resumed });
+        }
+    }
+
+    pub(super) fn end_ilc(&mut self) {
+        if let Some(ilc) = self.ilc.take() {
+            self.push(IlcJob::End(ilc));
+        }
+    }
+
+    fn push(&mut self, job: IlcJob) {
+        if self.jobs.len() < JOBS {
+            self.jobs.push_back(job);
+        } else {
+            // Nobody fetches it: to lose memory is better than to free it in the loop.
+            std::mem::forget(job);
+        }
+    }
+}
+
+/// Returns the memory of a result that belongs to a finished run.
+fn give_back(jobs: &mut VecDeque<IlcJob>, result: IlcResult) {
+    let mut give = |returned| {
+        if jobs.len() < JOBS {
+            jobs.push_back(IlcJob::Returned(returned));
+        } else {
+            std::mem::forget(returned);
+        }
+    };
+    let reference = match result {
+        IlcResult::Ready { records: [first, second], reference, .. } => {
+            give(Returned::Record(first));
+            give(Returned::Record(second));
+            reference
+        }
+        IlcResult::Updated { record, reference, .. } => {
+            give(Returned::Record(record));
+            reference
+        }
+        IlcResult::Failed { .. } => None,
+    };
+    if let Some(reference) = reference {
+        give(Returned::Reference(reference));
+    }
+}
