@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
-use report::Painter;
 
 use crate::args::Args;
 use crate::error::Result;
@@ -15,6 +14,7 @@ use crate::{folder, page};
 /// Where the figures go where nobody says.
 const FOLDER: &str = "farreach-figures";
 /// Width of a PNG per column, pixels: 85 mm at 600 dots per inch.
+#[cfg(feature = "png")]
 const PNG_WIDTH: u32 = 2008;
 
 /// Runs the command; 0 when done.
@@ -57,13 +57,14 @@ pub fn run(args: &Args) -> anyhow::Result<i32> {
 
 /// The content of every file.
 fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
-    let painter = Painter::new()?;
+    #[cfg(feature = "png")]
+    let painter = report::Painter::new()?;
     let mut files = vec![
         ("index.html".to_owned(), page::page(study, json)?.render()?.into_bytes()),
         ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
         (ERRORS_CSV.to_owned(), study.common.learning.csv().into_bytes()),
     ];
-    // Painting takes as long as a figure's simulations do: on all cores.
+    // Rendering takes as long as a figure's simulations do: on all cores.
     let drawn: Result<Vec<_>> = study
         .drawn
         .par_iter()
@@ -71,9 +72,15 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
             // Up to three panels stand in one column of a journal, more of them in two.
             let columns = if figure.sheet.len() > 3 { 2 } else { 1 };
             let svg = figure.sheet.clone().columns(columns).render_svg()?;
-            let png = painter.png(figure.title, &svg, PNG_WIDTH * columns as u32)?;
-            let name = |ending| format!("figure-{}.{ending}", figure.number);
-            Ok([(name("png"), png), (name("svg"), svg.into_bytes())])
+            let name = |extension| format!("figure-{}.{extension}", figure.number);
+            #[cfg(feature = "png")]
+            let png = (name("png"), painter.png(figure.title, &svg, PNG_WIDTH * columns as u32)?);
+            let svg = (name("svg"), svg.into_bytes());
+            Ok(vec![
+                svg,
+                #[cfg(feature = "png")]
+                png,
+            ])
         })
         .collect();
     files.extend(drawn?.into_iter().flatten());
