@@ -40,6 +40,7 @@ pub mod cable;
 pub mod drive;
 pub mod effects;
 pub mod fluid;
+pub mod fourier;
 pub mod friction;
 pub mod hydrostatic;
 mod parameter;

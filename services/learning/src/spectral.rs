@@ -3,8 +3,9 @@
 use std::fmt;
 use std::sync::Arc;
 
+use plant::fourier::Planner;
 use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealToComplex};
 
 /// Order of the low pass, each way.
 const ORDER: i32 = 2;
@@ -24,9 +25,9 @@ pub struct Spectral {
 impl Spectral {
     /// For cycles of `samples` values taken at `rate_hz` (Hz).
     pub fn new(samples: usize, rate_hz: f64) -> Self {
-        let mut planner = RealFftPlanner::new();
+        let mut planner = Planner::new();
         let (forward, backward) =
-            (planner.plan_fft_forward(samples), planner.plan_fft_inverse(samples));
+            (planner.forward(samples), planner.inverse(samples));
         Self {
             samples,
             base_hz: rate_hz / samples as f64,

@@ -9,7 +9,7 @@
 use std::cell::RefCell;
 use std::f64::consts::{PI, TAU};
 
-use realfft::RealFftPlanner;
+use plant::fourier::Planner;
 use realfft::num_complex::Complex;
 
 /// Samples of the stretch that joins end and start, at most.
@@ -17,13 +17,13 @@ const JOIN: usize = 512;
 
 thread_local! {
     /// Plans are costly and serve every signal of the same length.
-    static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
+    static PLANNER: RefCell<Planner> = RefCell::new(Planner::new());
 }
 
 /// The transform of some rows, at frequencies from 0 to half the sampling frequency; `None` where
 /// it fails.
 pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
-    let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_forward(rows.len()));
+    let plan = PLANNER.with_borrow_mut(|planner| planner.forward(rows.len()));
     let mut bins = plan.make_output_vec();
     plan.process(&mut rows, &mut bins).ok()?;
     Some(bins)
@@ -83,7 +83,7 @@ impl Spectrum {
         weight: impl Fn(f64) -> f64,
     ) -> Option<Vec<f64>> {
         let length = self.length * factor;
-        let plan = PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(length));
+        let plan = PLANNER.with_borrow_mut(|planner| planner.inverse(length));
         let mut bins = plan.make_input_vec();
         let nyquist = self.length / 2;
         for (k, (to, from)) in bins.iter_mut().zip(&self.bins).enumerate() {
