@@ -26,8 +26,7 @@ impl Spectral {
     /// For cycles of `samples` values taken at `rate_hz` (Hz).
     pub fn new(samples: usize, rate_hz: f64) -> Self {
         let mut planner = Planner::new();
-        let (forward, backward) =
-            (planner.forward(samples), planner.inverse(samples));
+        let (forward, backward) = (planner.forward(samples), planner.inverse(samples));
         Self {
             samples,
             base_hz: rate_hz / samples as f64,
