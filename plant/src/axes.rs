@@ -1,20 +1,20 @@
 //! One to three transmissions at one handle.
 //!
-//! Each axis has a transmission of its own. What they share is the handle: its inertia matrix is
-//! constant and symmetric, its diagonal stands in the axes' own constants, and [`HandleCoupling`]
-//! is the rest (a product of inertia, a link that turns about two axes). With the slaves' inertia
-//! `I_i`, the coupling `C` and all other torque on slave `i`, friction included, `τ_i`:
+//! Each axis has its own transmission; they share the handle. Its inertia matrix is constant and
+//! symmetric: the diagonal is in the axes' own constants, [`HandleCoupling`] is the rest (a product
+//! of inertia, a link that turns about two axes). With the slaves' inertia `I_i`, the coupling `C`
+//! and all other torque `τ_i` on slave `i`, friction included:
 //!
 //! ```text
 //! I_i q̈_i + Σ_j C_ij q̈_j = τ_i          (i ≠ j)
 //! ```
 //!
 //! In each internal step the masters move first, then all slaves together, then the lines. The
-//! torque that an axis feels from the others is taken with the accelerations of the same step, so
-//! nothing lags and no energy is made: each slave in turn is moved by [`crate::friction::advance`],
-//! with exact stick, until none changes any more. As each such move is the minimum of a convex
-//! function and the inertia matrix is positive definite, the turns converge to the one solution;
-//! how fast depends on the matrix alone, and [`LEAST_EIGENVALUE`] bounds it.
+//! torque that the others exert on an axis uses the accelerations of the same step, so that it
+//! neither lags nor adds energy: each slave in turn is moved by [`crate::friction::advance`], with
+//! exact stick, until none changes (Gauss-Seidel). As each such move minimises a convex function
+//! and the inertia matrix is positive definite, the iteration converges to the unique solution; its
+//! rate depends on the matrix alone, and [`LEAST_EIGENVALUE`] bounds it.
 //!
 //! ```
 //! use plant::axes::{HandleCoupling, Plant};
@@ -35,30 +35,29 @@ use crate::any;
 use crate::friction::{Advance, Load, advance};
 use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, sub_steps};
 
-/// Most axes.
+/// Maximum number of axes.
 pub const AXES: usize = 3;
-/// Least eigenvalue of the handle's inertia matrix, each row and column divided by the root of its
-/// own axis's inertia. 1 is no coupling, 0 a handle that moves along some direction without any
-/// inertia. With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
+/// Least allowed eigenvalue of the handle's inertia matrix, each row and column divided by the root
+/// of its own axis's inertia: 1 without coupling, 0 for a handle without inertia in some direction.
+/// With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
 pub const LEAST_EIGENVALUE: f64 = 0.2;
-/// Most turns in which the slaves are moved; at the strongest coupling that is allowed, some 60 are
-/// needed.
-const TURNS: usize = 200;
-/// The slaves have moved when none changes its speed by more than this part of the fastest one's...
+/// Maximum number of iterations; about 60 are needed at the strongest coupling allowed.
+const ITERATIONS: usize = 200;
+/// Converged when no slave changes its velocity by more than this part of the fastest one's ...
 const PRECISION: f64 = 1e-13;
-/// ... which counts as at least this, or rounding alone would go on for ever near rest (rad/s).
+/// ... or of this (rad/s), so that rounding errors near rest do not prevent convergence.
 const SLOW_RAD_S: f64 = 0.01;
 
 /// Why transmissions cannot share a handle.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CouplingError {
-    /// No axis, or more than there may be.
+    /// No axis, or more than [`AXES`].
     #[error("expected 1 to {AXES} axes, found {found}; leave some out")]
     Axes {
         /// Number of axes.
         found: usize,
     },
-    /// A coupling for each pair of axes is needed.
+    /// Not one number per pair of axes.
     #[error(
         "expected {expected} numbers for the pairs of {axes} axes (first and second, first and \
          third, second and third), found {found}"
@@ -71,7 +70,7 @@ pub enum CouplingError {
         /// Numbers given.
         found: usize,
     },
-    /// The handle would weigh next to nothing, or less, along some direction.
+    /// The handle would have hardly any inertia, or a negative one, in some direction.
     #[error(
         "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every \
          direction (for two axes: a coupling of at most 0.8 times the root of the product of \
@@ -84,7 +83,7 @@ pub enum CouplingError {
     },
 }
 
-/// What the handle's inertia matrix has beside its diagonal (kg·m²).
+/// The off-diagonal elements of the handle's inertia matrix (kg·m²).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HandleCoupling(Matrix3<f64>);
 
@@ -94,8 +93,8 @@ impl HandleCoupling {
         Self::default()
     }
 
-    /// One number a pair, in kg·m²: first and second axis, first and third, second and third. None
-    /// at all is no coupling.
+    /// From one number per pair, in kg·m²: first and second axis, first and third, second and
+    /// third. An empty slice is no coupling.
     ///
     /// # Errors
     /// [`CouplingError::Axes`], [`CouplingError::Pairs`].
@@ -116,13 +115,13 @@ impl HandleCoupling {
     }
 
     /// Least eigenvalue of the handle's inertia matrix in units of the axes' own inertia (kg·m²);
-    /// NaN where a number is none.
+    /// NaN where a number is not finite.
     pub fn least_eigenvalue(&self, inertia_kg_m2: &[f64]) -> f64 {
         let axes = inertia_kg_m2.len().min(AXES);
         if inertia_kg_m2.iter().chain(self.0.iter()).any(|value| !value.is_finite()) {
             return f64::NAN;
         }
-        // Axes that are not there stand by themselves: their eigenvalue is 1.
+        // Missing axes are uncoupled: their eigenvalue is 1.
         let scaled = Matrix3::from_fn(|row, column| match row == column {
             true => 1.0,
             false if row < axes && column < axes => {
@@ -143,20 +142,20 @@ impl HandleCoupling {
     }
 }
 
-/// One to three transmissions at one handle, moving.
+/// One to three transmissions at one handle, in motion.
 #[derive(Clone, Debug)]
 pub struct Plant {
     axes: Vec<any::Plant>,
     coupling: HandleCoupling,
     coupled: bool,
     longest_step_s: f64,
-    /// Change of the slaves' speeds over the last internal step: where the turns begin.
+    /// Change of the slaves' velocities over the last internal step: start of the iteration.
     increments: [f64; AXES],
     coupled_at_start_j: f64,
 }
 
 impl Plant {
-    /// Puts transmissions to one handle.
+    /// Joins transmissions at one handle.
     ///
     /// # Errors
     /// [`CouplingError`].
@@ -171,8 +170,8 @@ impl Plant {
         let least = coupling.check(&inertia[..axes.len()])?;
         let longest = axes.iter().map(any::Plant::longest_step_s).fold(f64::INFINITY, f64::min);
         let mut plant = Self {
-            // A handle that is lighter in some direction swings faster there, at most by the root
-            // of what it lacks.
+            // A handle with less inertia in some direction oscillates faster there, at most by the
+            // inverse root of the least eigenvalue.
             longest_step_s: longest * least.min(1.0).sqrt(),
             coupled: axes.len() > 1 && coupling.0.iter().any(|&value| value != 0.0),
             axes,
@@ -199,18 +198,18 @@ impl Plant {
         self.longest_step_s
     }
 
-    /// Where an axis is; all zero where there is no such axis.
+    /// Motion of an axis; all zero where there is no such axis.
     pub fn motion(&self, axis: usize) -> Motion {
         self.axes.get(axis).map_or_else(Motion::default, Transmission::motion)
     }
 
-    /// What the instruments of an axis would read; all zero where there is no such axis.
+    /// What the instruments of an axis read; all zero where there is no such axis.
     pub fn reading(&self, axis: usize) -> Reading {
         self.axes.get(axis).map_or_else(Reading::default, Transmission::reading)
     }
 
-    /// Moves all axes on by `dt_s` with their inputs held, one for each axis; an axis without one
-    /// has 0 V and no hand. `dt_s` not positive does nothing. Allocates nothing.
+    /// Advances all axes by `dt_s` (s) with their inputs held, one per axis; an axis without one
+    /// has 0 V and no hand. Does nothing unless `dt_s` is positive. Allocates nothing.
     pub fn step(&mut self, inputs: &[Input], dt_s: f64) {
         let input = |axis: usize| inputs.get(axis).copied().unwrap_or_default();
         if !self.coupled {
@@ -242,8 +241,7 @@ impl Plant {
         }
     }
 
-    /// All slaves over one internal step, each with the torque that the others' accelerations in it
-    /// make.
+    /// Moves all slaves over one internal step, each with the torque of the others' accelerations.
     fn move_slaves(
         &self,
         speeds: &[f64; AXES],
@@ -256,7 +254,7 @@ impl Plant {
             displacement: 0.0,
             dissipated: 0.0,
         });
-        for _ in 0..TURNS {
+        for _ in 0..ITERATIONS {
             let (mut change, mut fastest) = (0.0_f64, SLOW_RAD_S);
             for axis in 0..count {
                 let mut load = loads[axis];
@@ -269,7 +267,7 @@ impl Plant {
                 fastest = fastest.max(moved.velocity.abs()).max(speeds[axis].abs());
                 slaves[axis] = moved;
             }
-            // Not a number passes as well: then nothing is to be gained.
+            // NaN ends the iteration as well.
             if change <= PRECISION * fastest || change.is_nan() {
                 break;
             }
@@ -287,7 +285,7 @@ impl Plant {
             .sum()
     }
 
-    /// Where the energy of all axes went since the start, the handle's coupling included.
+    /// Energy balance of all axes since the start, the handle's coupling included.
     pub fn energy(&self) -> EnergyBalance {
         let start = EnergyBalance {
             stored_j: self.coupled_j() - self.coupled_at_start_j,

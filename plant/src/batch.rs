@@ -1,13 +1,12 @@
-//! Many simulations at once, on all cores: what an identification asks of a plant.
+//! Many simulations in parallel.
 
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 /// Runs `simulate` for every case, in parallel, and returns the results in the cases' order.
 ///
-/// `threads` limits how many run at once; 0 for all cores, 1 for none beside the caller. Each call
-/// gets its own case and makes its own plant, so results do not depend on the number of threads.
-/// Where a pool of that size cannot be made (no more threads are allowed), it runs on the caller's
-/// thread.
+/// `threads` is the number of threads: 0 for one per core, 1 for the caller's own. Results do not
+/// depend on it, as each call gets its own case. If a pool of that size cannot be created, the
+/// cases run on the caller's thread.
 pub fn simulate<Case: Sync, Outcome: Send>(
     cases: &[Case],
     threads: usize,

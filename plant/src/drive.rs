@@ -1,7 +1,8 @@
 //! One mass with friction: `M ẍ = F - F_v ẋ - offset - friction`.
 //!
-//! Dry friction and the rest come as effects, at the sites drive (before the mass), slave or master
-//! (the mass) and sensor. Positions are m and forces N; a rotary drive reads rad and N·m.
+//! Dry friction and other deviations are effects, at the sites drive (before the mass), master or
+//! slave (the mass) and sensor. Positions are in m and forces in N, or in rad and N·m for a rotary
+//! drive.
 
 use crate::effects::{Effect, Moment, Side, SideLoad, Site};
 use crate::friction::{Load, advance};
@@ -32,13 +33,13 @@ pub struct State {
     pub time_s: f64,
     /// Position, m.
     pub position_m: f64,
-    /// Speed, m/s.
+    /// Velocity, m/s.
     pub velocity_m_s: f64,
     /// Force that reaches the mass, N.
     pub force_n: f64,
 }
 
-/// The drive, moving.
+/// The drive in motion.
 #[derive(Clone, Debug)]
 pub struct Plant {
     parameters: Parameters,
@@ -107,19 +108,19 @@ impl Plant {
         &self.state
     }
 
-    /// What the instruments would read: `motor_v` is the commanded force, `master_rad` the
+    /// What the instruments read: `motor_v` is the commanded force, `master_rad` the
     /// position.
     pub fn reading(&self) -> &Reading {
         &self.reading
     }
 
-    /// Puts position and speed.
+    /// Sets position and velocity.
     pub fn set_state(&mut self, state: State) {
         self.state = state;
         self.increment = 0.0;
     }
 
-    /// Moves the drive on by `dt_s` with the force held, N; `dt_s` not positive does nothing.
+    /// Advances by `dt_s` (s) with the force (N) held; does nothing unless `dt_s` is positive.
     pub fn step(&mut self, force_n: f64, dt_s: f64) {
         let (count, step) = sub_steps(dt_s, self.longest_step_s);
         if count == 0 {

@@ -2,7 +2,7 @@
 
 /// End of laminar flow, `Re` (§ 3.1.1).
 pub const LAMINAR_END: f64 = 2000.0;
-/// Start of fully turbulent flow, `Re`; between the two the factor is joined by a straight line.
+/// Start of fully turbulent flow, `Re`; the factor is interpolated linearly between the two.
 pub const TURBULENT_START: f64 = 4000.0;
 
 /// Darcy's friction factor `f`.
@@ -40,7 +40,7 @@ impl Pipe {
     /// A pipe of `length_m`, `diameter_m`, `area_m2` and wall roughness `roughness_m`, full of a
     /// fluid of `viscosity_pa_s` (dynamic) and `density_kg_m3`.
     ///
-    /// Area and diameter are separate because the print contradicts itself there
+    /// Area and diameter are separate because the printed values contradict each other
     /// (`docs/errata.md`).
     pub fn new(
         length_m: f64,
@@ -69,8 +69,8 @@ impl Pipe {
         self.beyond_laminar(reynolds, speed_m_s.abs())
     }
 
-    /// Out of line: the optimiser takes powers and logarithms for so harmless that it computes them
-    /// ahead of the question whether they are needed, in every step.
+    /// Out of line: otherwise the optimiser computes powers and logarithms speculatively in every
+    /// step.
     #[cold]
     #[inline(never)]
     fn beyond_laminar(&self, reynolds: f64, speed_m_s: f64) -> f64 {

@@ -1,15 +1,15 @@
-//! Parameters by name: what a rig file declares and an identification moves.
+//! Parameters by name: declared in a rig file, estimated by an identification.
 
-/// What there is to know about one parameter.
+/// Name, unit, range and source of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterInfo {
     /// Name, as in a rig file: spelled out, with its unit.
     pub name: &'static str,
     /// SI unit, `1` for a ratio.
     pub unit: &'static str,
-    /// Smallest value that the model stands for.
+    /// Smallest value in the range of validity.
     pub minimum: f64,
-    /// Largest value that the model stands for.
+    /// Largest value in the range of validity.
     pub maximum: f64,
     /// Value as printed (or assumed, as `source` says).
     pub printed: f64,
@@ -25,10 +25,10 @@ pub enum ParameterError {
     Unknown {
         /// The name asked for.
         name: String,
-        /// The names that there are, separated by commas.
+        /// The known names, separated by commas.
         known: String,
     },
-    /// Not a number, infinite, or outside what the model stands for.
+    /// Not a number, infinite, or out of range.
     #[error("`{name}` = {value} {unit}: expected {minimum} to {maximum} {unit}")]
     OutOfRange {
         /// The parameter.
@@ -42,7 +42,7 @@ pub enum ParameterError {
         /// Unit of all three.
         unit: &'static str,
     },
-    /// The effect has no meaning in this plant.
+    /// The effect does not apply to this plant.
     #[error("effect `{id}` at site `{site}` does not act on a {model}; leave it out")]
     EffectNotApplicable {
         /// The effect.
@@ -56,12 +56,12 @@ pub enum ParameterError {
 
 /// Access by name, shared by models and effects.
 pub trait ParameterSet {
-    /// All parameters, in a fixed order; none, unless a set says otherwise.
+    /// All parameters, in a fixed order; none by default.
     fn infos(&self) -> &'static [ParameterInfo] {
         &[]
     }
 
-    /// The value of a parameter; `None` where there is none of that name.
+    /// The value of a parameter; `None` if there is none of that name.
     fn get(&self, _name: &str) -> Option<f64> {
         None
     }
@@ -108,7 +108,7 @@ pub(crate) fn unknown(name: &str, infos: &[ParameterInfo]) -> ParameterError {
 }
 
 /// Declares a struct of `f64` parameters with its table and [`ParameterSet`]; `state` adds private
-/// fields that are no parameters.
+/// fields that are not parameters.
 macro_rules! parameter_set {
     (
         $(#[$meta:meta])*

@@ -18,7 +18,7 @@ parameter_set! {
         cable_diameter_m: "m", 1e-4, 0.02, 1e-3, "§ 5.1";
         /// Stiffness of one cable of 9 m, `K`; scales with 1/length and with the section.
         cable_stiffness_n_per_m: "N/m", 10.0, 1e7, 3.725e4, "§ 5.2.1, fig. 5.3";
-        /// Stiffness in place over that: 1 as printed, which no kevlar has (`docs/errata.md`).
+        /// Stiffness in place over that: 1 as printed, too stiff for kevlar (`docs/errata.md`).
         cable_stiffness_factor: "1", 1e-4, 10.0, 1.0, "§ 5.2.1 taken at its word; errata";
         /// Parallel cables in each direction.
         cables: "1", 1.0, 64.0, 1.0, "§ 5.1; ch. 6 asks for more";
@@ -137,7 +137,7 @@ impl Parameters {
             / self.line_length_m
     }
 
-    /// Young's modulus that the stiffness asks of the cable's full section, Pa.
+    /// Young's modulus that corresponds to the stiffness over the cable's full section, Pa.
     pub fn apparent_modulus_pa(&self) -> f64 {
         let area = 0.25 * std::f64::consts::PI * self.cable_diameter_m.powi(2);
         self.single_cable_n_per_m() * self.line_length_m / area

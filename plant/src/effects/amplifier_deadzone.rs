@@ -1,4 +1,4 @@
-//! `amplifier_deadzone`: an amplifier that does nothing for small volts.
+//! `amplifier_deadzone`: an amplifier with a dead zone about 0 V.
 //!
 //! `v → v - clamp(v, -w, w)`.
 
@@ -7,7 +7,7 @@ use super::{Effect, Moment, effect, identity};
 effect! {
     "amplifier_deadzone": "an amplifier that does nothing for small volts";
     at Drive = 0.1 "V";
-    /// An amplifier that does nothing for small volts.
+    /// An amplifier with a dead zone.
     pub struct AmplifierDeadzone {
         /// Half width `w`.
         half_width: "V (N)", 0.0, 1e4, 0.1, "assumed";

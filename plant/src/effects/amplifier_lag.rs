@@ -1,4 +1,4 @@
-//! `amplifier_lag`: an amplifier that follows late.
+//! `amplifier_lag`: a first-order lag in the amplifier.
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 

@@ -1,7 +1,7 @@
-//! `backlash`: lost motion.
+//! `backlash`: a gap in the line or at one side.
 //!
-//! No force while the deflection stays within a gap of width `b`; beyond it the spring acts on what
-//! is left: `x → x - clamp(x, -b/2, b/2)`. At the line the gap is split between both ends, in m of
+//! No force while the deflection stays within a gap of width `b`; beyond it the spring acts on the
+//! rest: `x → x - clamp(x, -b/2, b/2)`. At the line the gap is split between both ends, in m of
 //! fluid displacement; at master or slave it is the play of that side's belt and pulley, in rad.
 //! The port damping acts only beyond the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead
 //! zone model.
@@ -11,7 +11,7 @@ use super::{Effect, End, Link, Moment, Site, effect, identity};
 effect! {
     "backlash": "backlash";
     at Line = 1e-3 "m", Master = 0.02 "rad", Slave = 0.02 "rad";
-    /// Lost motion.
+    /// A gap without force.
     pub struct Backlash {
         /// Width of the gap: m at the line, rad at master or slave.
         gap: "m or rad", 0.0, 1.0, 1e-3, "play of a worn belt or piston rod";

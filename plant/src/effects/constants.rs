@@ -1,8 +1,8 @@
-//! What effects ask of a plant's constants, and change in them, whatever its lines are made of.
+//! The constants of a plant that effects read and change, whatever its lines are made of.
 
 /// The constants of a transmission of two lines, as far as an effect needs them.
 pub trait LineConstants {
-    /// What the plant is called in errors.
+    /// Name of the plant in error messages.
     fn model(&self) -> &'static str;
 
     /// Stiffness `K` of one line from end to end, N/m; each half is a spring of `2K`.

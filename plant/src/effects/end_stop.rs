@@ -1,13 +1,13 @@
 //! `end_stop`: hard stops that end the handle's travel.
 //!
-//! Beyond an end the stop pushes back, `τ = -k (q - q_end)`, and a damper `b = k t_b` brakes what
-//! runs into it; it never holds back what leaves. It acts on the handle's side of the transmission,
-//! and the torque cell does not see it, as it sits between hand and handle. It is part of the
-//! machine that the virtual card simulates (`simulation.end_stop_min_deg`), so it stands in no list
-//! of deviations.
+//! Beyond an end the stop pushes back, `τ = -k (q - q_end)`, and a damper `b = k t_b` brakes the
+//! approach; the stop never pulls. It acts on the slave; the torque cell, between hand and handle,
+//! does not measure it. It is part of the rig that the simulated card simulates
+//! (`simulation.end_stop_min_deg`), not a deviation from the model, and therefore not in
+//! [`LIST`](super::LIST).
 //!
-//! The spring acts at the middle of the internal step, which keeps its energy; the damper only
-//! takes. Defaults are assumed: a rubber buffer that yields 0.4° under 3.5 N·m.
+//! The spring acts at the midpoint of the internal step, which conserves its energy; the damper
+//! only dissipates. Defaults are assumed: a rubber buffer that yields 0.4° under 3.5 N·m.
 
 use super::{Effect, Moment, SideLoad, Site, effect, identity};
 

@@ -3,7 +3,7 @@
 use super::{Effect, Site};
 use crate::ParameterInfo;
 
-/// A site of an effect, with the size that is used where none is given.
+/// A site of an effect, with its default size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The site.
@@ -19,7 +19,7 @@ pub struct Place {
 pub struct Entry {
     /// Its name.
     pub id: &'static str,
-    /// Where it may act; the first is meant where none is named.
+    /// Where it may act; the first is the default.
     pub sites: &'static [Place],
     /// What it is.
     pub what: &'static str,

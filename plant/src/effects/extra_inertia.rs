@@ -1,4 +1,4 @@
-//! `extra_inertia`: inertia beyond the declared.
+//! `extra_inertia`: inertia in addition to the declared.
 //!
 //! `I' = I + J`.
 

@@ -1,4 +1,4 @@
-//! `hand_impedance`: a hand that rests on the handle and that the torque cell does not see.
+//! `hand_impedance`: a hand on the handle that the torque cell does not measure.
 //!
 //! `τ = -k q - b q̇`, and inertia `J`: spring, damper and mass of a limb that holds the slave
 //! inboard of the torque cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b`

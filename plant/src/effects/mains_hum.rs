@@ -1,4 +1,4 @@
-//! `mains_hum`: mains frequency in the torque channel.
+//! `mains_hum`: hum at mains frequency in the torque channel.
 //!
 //! `τ → τ + a sin(2π f t + φ)`.
 

@@ -1,7 +1,7 @@
-//! Deviations from the declared model, put into a plant by name: one file each.
+//! Deviations from the declared model, added to a plant by name: one file each.
 //!
 //! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
-//! internal step at fixed places. Each effect is a [`ParameterSet`]; its first parameter is its
+//! internal step. Each effect is a [`ParameterSet`]; its first parameter is its
 //! size, the value after `=` in `ID[@SITE][=SIZE]`. To add one: a file here, `pub mod` and a
 //! line in [`LIST`].
 
@@ -132,7 +132,7 @@ impl fmt::Display for Site {
     }
 }
 
-/// The middle of an internal step (for sensors, the end of a step).
+/// The midpoint of an internal step (for sensors, the end of a step).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moment {
     /// Time since the start, s.
@@ -150,8 +150,8 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Of an internal step that begins at `time_s`: positions and speeds of master and slave at its
-    /// middle.
+    /// The midpoint of an internal step that begins at `time_s`, from positions and velocities of
+    /// master and slave there.
     #[inline(always)]
     pub(crate) fn middle(time_s: f64, step_s: f64, half: &[f64; 4], mean: &[f64; 4]) -> Self {
         Self {
@@ -185,8 +185,8 @@ pub enum End {
 
 /// The spring and damper between one end of a line's fluid and the piston there (eq. 3.1.9).
 ///
-/// A cable is such a line too: its middle stands for the fluid, its pulley for the piston, and its
-/// force counts from the pretension on.
+/// For a cable read middle for fluid and pulley for piston; its force is relative to the
+/// pretension.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
     /// Which end.
@@ -212,8 +212,8 @@ pub struct Link {
     /// Force on the fluid, against its coordinate, N; equals `force_n` unless an effect stores
     /// momentum between.
     pub fluid_force_n: f64,
-    /// Resistance of the link to the fluid's own speed, N·s/m: adds to the force on the fluid with
-    /// the speed that it really has in the step, where `fluid_velocity_m_s` is extrapolated.
+    /// Damping of the fluid's own velocity, N·s/m: adds to the force on the fluid, implicitly in
+    /// the velocity of the step (`fluid_velocity_m_s` is extrapolated).
     pub fluid_damping_n_s_per_m: f64,
 }
 
@@ -233,7 +233,7 @@ pub struct SideLoad {
 }
 
 impl SideLoad {
-    /// What a friction law asks of the side.
+    /// The operating point of the side, for a friction law.
     pub fn operating_point(&self, moment: &Moment) -> OperatingPoint {
         OperatingPoint {
             position: self.position_rad,
@@ -244,12 +244,12 @@ impl SideLoad {
     }
 }
 
-/// What an effect asks of the integrator.
+/// What an effect requires of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
-    /// By how much the line's stiffness may grow; 1 if it does not.
+    /// Largest factor by which it stiffens the line; 1 if it does not.
     pub stiffness_factor: f64,
-    /// Fastest angular frequency or decay that the effect brings along, rad/s.
+    /// Highest angular frequency or decay rate that the effect adds, rad/s.
     pub rate_rad_s: f64,
 }
 
@@ -259,8 +259,8 @@ impl Default for Demand {
     }
 }
 
-/// A deviation from the declared model. Every hook does nothing unless an effect says otherwise;
-/// none allocates, and each is called exactly once per internal step (per link, line or side).
+/// A deviation from the declared model. Hooks do nothing by default; they must not allocate, and
+/// each is called exactly once per internal step (per link, line or side).
 pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Its name in [`LIST`].
     fn id(&self) -> &'static str;
@@ -271,15 +271,15 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Changes the plant's constants, once, before the first step.
     fn modify(&self, _constants: &mut dyn LineConstants) {}
 
-    /// Takes what it needs from the constants, and clears its inner state; may allocate.
+    /// Prepares for a plant with these constants and clears its inner state; may allocate.
     fn prepare(&mut self, _constants: &dyn LineConstants) {}
 
-    /// Whether it has a meaning in a plant of such lines.
+    /// Whether it applies to a plant with such lines.
     fn applies(&self, _constants: &dyn LineConstants) -> bool {
         true
     }
 
-    /// What it asks of the integrator.
+    /// What it requires of the integrator.
     fn demand(&self) -> Demand {
         Demand::default()
     }
@@ -325,7 +325,7 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     fn sense(&mut self, _reading: &mut Reading, _moment: &Moment) {}
 }
 
-/// Cloning behind a box; implemented for every effect that is `Clone`.
+/// Cloning of boxed effects; implemented for every effect that is `Clone`.
 pub trait CloneEffect {
     /// A copy with its inner state.
     fn boxed_clone(&self) -> Box<dyn Effect>;
@@ -339,7 +339,7 @@ impl<T: Effect + Clone + 'static> CloneEffect for T {
 
 impl Clone for Box<dyn Effect> {
     fn clone(&self) -> Self {
-        // Through the inner value: a box of an effect is no effect itself.
+        // Through the inner value: the box itself does not implement `Effect`.
         self.as_ref().boxed_clone()
     }
 }

@@ -3,7 +3,7 @@
 use super::{Effect, Entry, LIST, Site};
 use crate::ParameterError;
 
-/// `ID[@SITE][=SIZE]` could not be understood.
+/// An effect given as `ID[@SITE][=SIZE]` is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EffectError {
     /// No such effect.

@@ -1,4 +1,4 @@
-//! `sensor_crosstalk`: motor volts that couple into the torque channel.
+//! `sensor_crosstalk`: coupling of the motor's volts into the torque channel.
 //!
 //! `τ → τ + k v_motor`.
 

@@ -1,4 +1,4 @@
-//! `sensor_drift`: a torque cell whose zero wanders.
+//! `sensor_drift`: an offset of the torque cell that drifts.
 //!
 //! `τ → τ + d t`, `t` since the start.
 
@@ -7,7 +7,7 @@ use super::{Effect, Moment, Reading, effect, identity};
 effect! {
     "sensor_drift": "a torque cell whose zero wanders";
     at Sensor = 0.01 "N m/s";
-    /// A zero that wanders.
+    /// An offset that drifts.
     pub struct SensorDrift {
         /// Drift `d`.
         rate: "N m/s", -10.0, 10.0, 0.01, "assumed";

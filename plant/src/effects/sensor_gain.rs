@@ -1,4 +1,4 @@
-//! `sensor_gain`: a torque cell whose scale is off.
+//! `sensor_gain`: a gain error of the torque cell.
 //!
 //! `τ → (1 + g) τ`.
 
@@ -7,7 +7,7 @@ use super::{Effect, Moment, Reading, effect, identity};
 effect! {
     "sensor_gain": "a torque cell whose scale is off";
     at Sensor = 0.1 "1";
-    /// A scale that is off.
+    /// A gain error.
     pub struct SensorGain {
         /// Relative error `g`.
         error: "1", -0.99, 10.0, 0.1, "assumed";

@@ -1,4 +1,4 @@
-//! `sensor_offset`: a torque cell whose zero is off.
+//! `sensor_offset`: an offset of the torque cell.
 //!
 //! `τ → τ + o`.
 
@@ -7,7 +7,7 @@ use super::{Effect, Moment, Reading, effect, identity};
 effect! {
     "sensor_offset": "a torque cell whose zero is off";
     at Sensor = 0.1 "N m";
-    /// A zero that is off.
+    /// A constant offset.
     pub struct SensorOffset {
         /// Offset `o`.
         offset: "N m", -1e3, 1e3, 0.1, "assumed";

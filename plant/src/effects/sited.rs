@@ -12,23 +12,23 @@ pub(crate) struct Sited {
     pub(crate) line: Vec<Box<dyn Effect>>,
     pub(crate) slave: Vec<Box<dyn Effect>>,
     pub(crate) sensor: Vec<Box<dyn Effect>>,
-    /// Inertia that they add to master and slave, kg·m².
+    /// Inertia added to master and slave, kg·m².
     pub(crate) extra_inertia: [f64; 2],
-    /// By how much the lines may grow stiffer.
+    /// Largest factor by which effects stiffen the lines.
     pub(crate) stiffness_factor: f64,
-    /// Fastest rate that they bring along, rad/s.
+    /// Highest rate that effects add, rad/s.
     pub(crate) rate_rad_s: f64,
-    /// Whether there is one that the integrator must ask.
+    /// Whether there is any effect other than of sensors.
     pub(crate) any: bool,
 }
 
 impl Sited {
-    /// Lets all effects change the constants, then prepares and sorts them.
+    /// Lets all effects modify the constants, then prepares them and sorts them by site.
     pub(crate) fn install(
         effects: Vec<Box<dyn Effect>>,
         constants: &mut impl LineConstants,
     ) -> Result<Self, ParameterError> {
-        // All changes of constants first, so that no effect prepares from half-changed ones.
+        // All modifications first, so that every effect prepares from the final constants.
         for effect in &effects {
             effect.check()?;
             if !effect.applies(constants) {
@@ -108,14 +108,14 @@ impl Sited {
             .fold(coefficient, |coefficient, effect| effect.fluid(coefficient, moment))
     }
 
-    /// Tells how far the fluid of a line went, m.
+    /// Reports the displacement of a line's fluid in the step, m.
     pub(crate) fn flowed(&mut self, line: usize, displacement_m: f64, moment: &Moment) {
         for effect in &mut self.line {
             effect.flowed(line, displacement_m, moment);
         }
     }
 
-    /// Tells both sides how far they moved.
+    /// Reports the displacement of both sides in the step.
     pub(crate) fn moved(&mut self, [master, slave]: [f64; 2], moment: &Moment) {
         for (effects, displacement) in [(&mut self.master, master), (&mut self.slave, slave)] {
             for effect in effects {

@@ -1,4 +1,4 @@
-//! What laws with memory have in common: one elastic bristle that slips.
+//! An elastic bristle that slips, common to the laws with memory.
 
 use super::{Load, OperatingPoint};
 
@@ -28,18 +28,18 @@ pub struct Bristle {
     deflection: f64,
     /// Stiffness of the last contribution, N·m/rad or N/m.
     stiffness: f64,
-    /// What is to become of the deflection once the travel of the step is known.
+    /// Update of the deflection, pending the displacement of the step.
     pending: Option<Pending>,
 }
 
-/// A step that was contributed to and whose travel is not yet known.
+/// An update whose displacement is not yet known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pending {
-    /// What remains of the deflection, `exp(-c h)`.
+    /// Remaining part of the deflection, `exp(-c h)`.
     decay: f64,
-    /// What a travel adds to the deflection, its mean over the step.
+    /// Deflection added per displacement, the mean over the step.
     gain: f64,
-    /// The travel that was expected.
+    /// Predicted displacement.
     travel: f64,
 }
 
@@ -55,7 +55,7 @@ impl Bristle {
         at: &OperatingPoint,
     ) {
         if let Some(pending) = self.pending.take() {
-            // Nobody told: as expected.
+            // Without `settle`, as predicted.
             self.apply(pending, pending.travel);
         }
         if level <= 0.0 || stiffness <= 0.0 {
@@ -80,7 +80,7 @@ impl Bristle {
         self.pending = Some(Pending { decay, gain, travel: at.velocity * at.step });
     }
 
-    /// Takes note of the travel of the step, rad or m.
+    /// Updates the deflection by the displacement of the step, rad or m.
     pub fn settle(&mut self, displacement: f64) {
         if let Some(pending) = self.pending.take() {
             self.apply(pending, displacement);

@@ -1,9 +1,9 @@
-//! What acts on one degree of freedom during a step, and how it moved.
+//! Loads on one degree of freedom during a step, and its motion.
 
 /// How dry friction passes through zero speed where it is not exact: odd in the speed, 1 far out,
 /// and of slope 1 over the speed at rest.
 ///
-/// Nobody knows the shape of a real machine's. With `x` for the speed over [`Smoothing::speed`],
+/// The shape is a free parameter of the model. With `x` for the speed over [`Smoothing::speed`],
 /// shape 0 is `x/√(1 + x²)`, shape -1 the long approach `x/(1 + |x|)` and shape 1 the sharp corner
 /// `x/(1 + x⁴)^¼`; between them it is a mixture of its neighbours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,7 +81,7 @@ impl DryFriction {
     }
 }
 
-/// All that acts on one degree of freedom during a step.
+/// Loads on one degree of freedom during a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Force other than friction, N·m or N.
@@ -98,7 +98,7 @@ pub struct Load {
     pub smoothing: Smoothing,
 }
 
-/// What one degree of freedom did during a step.
+/// Motion of one degree of freedom during a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advance {
     /// Speed at the end.

@@ -59,15 +59,15 @@ pub use viscous::Viscous;
 use crate::ParameterSet;
 use std::fmt;
 
-/// Where a degree of freedom is during a step, as far as friction asks.
+/// Operating point of a degree of freedom during a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatingPoint {
     /// Position at the middle of the step, rad or m.
     pub position: f64,
-    /// Mean speed over the step, as far as it is known before it (extrapolated, say), rad/s or m/s.
+    /// Predicted mean speed over the step, rad/s or m/s.
     ///
-    /// The present speed makes a law first order; extrapolated over the last change of speed, it is
-    /// second order.
+    /// The present speed makes a law first order; extrapolation by the last change of speed makes
+    /// it second order.
     pub velocity: f64,
     /// Transmitted load on the degree of freedom, N·m or N; its sign does not matter.
     pub transmitted: f64,
@@ -83,13 +83,12 @@ pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
     /// Adds to a load what friction does over the coming step. Nothing is allocated.
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint);
 
-    /// Takes note of how far the step led, rad or m.
+    /// Updates a law with memory by the displacement of the step, rad or m.
     ///
-    /// Only laws with memory listen. One that is not told takes the travel to have been as
-    /// expected.
+    /// Without this call a law assumes the predicted displacement.
     fn settle(&mut self, _displacement: f64, _step: f64) {}
 
-    /// Forgets what it remembers: bristles stand upright.
+    /// Resets the memory: bristles are undeflected.
     fn reset(&mut self) {}
 
     /// Energy that its bristles hold, J.

@@ -1,8 +1,8 @@
-//! Dry friction spread over a small speed, for estimators that need a slope.
+//! Dry friction smoothed about zero speed, for estimators that need a gradient.
 
 use super::load::{Advance, Load};
 
-/// A speed so many times that over which friction is spread is one of sliding.
+/// Speed above which a mass slides, in multiples of the smoothing speed.
 const SLIDING: f64 = 3.0;
 
 /// Advances one degree of freedom whose friction is smoothed, implicit in the new speed.
@@ -37,7 +37,7 @@ pub(super) fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance
             break;
         }
     }
-    // What the balance leaves for dry friction: its impulse.
+    // The impulse of dry friction, from the balance.
     let dry = sign * (drive - weight * speed) / step;
     let speed = sign * speed;
     let mean = 0.5 * (velocity + speed);

@@ -49,8 +49,7 @@ pub fn advance(velocity: f64, step: f64, load: &Load) -> Advance {
     }
 }
 
-/// What it takes to move one degree of freedom along a given path for one step, from `speed` to
-/// `speed_next`.
+/// Force and work that an imposed motion of one degree of freedom requires in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Driven {
     /// The movement.
@@ -61,7 +60,7 @@ pub(crate) struct Driven {
     pub(crate) work: f64,
 }
 
-/// Moves one degree of freedom by `displacement` in `step` seconds, whatever that takes.
+/// Moves one degree of freedom by an imposed `displacement` in `step` seconds.
 pub(crate) fn impose(
     speed: f64,
     speed_next: f64,

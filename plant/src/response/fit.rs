@@ -2,10 +2,10 @@
 //! response method" of § 3.3.1 and § 3.3.4, whose results are eq. 3.3.1 and 3.3.2).
 //!
 //! `H(s) = (b₁ s + b₀)/(s² + a₁ s + a₀) e^{-s T}`. The start is linear: for a given dead time, `H`
-//! times its denominator is linear in the coefficients; weighted by the last denominator and
-//! repeated, it does not favour high frequencies (Sanathanan and Koerner, IEEE Trans. Autom.
-//! Control 8, 1963). From several dead times Levenberg and Marquardt's method then finds the least
-//! squares of the complex error.
+//! times its denominator is linear in the coefficients; iterated with the weight of the last
+//! denominator, the fit does not favour high frequencies (Sanathanan and Koerner, IEEE Trans.
+//! Autom. Control 8, 1963). Levenberg-Marquardt from several dead times then minimises the squared
+//! complex error.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{Complex, DMatrix, DVector, Dyn, Owned, SVector, U5};
@@ -34,10 +34,10 @@ pub enum FitError {
     /// Fewer points than coefficients.
     #[error("a linear fit has 5 coefficients: give at least 5 frequencies, not {0}")]
     TooFew(usize),
-    /// A frequency, gain or phase is no number, or a frequency is not positive.
+    /// A frequency, gain or phase is not finite, or a frequency is not positive.
     #[error("point {0} of the response is no number, or its frequency is not positive")]
     NotFinite(usize),
-    /// No start led anywhere.
+    /// No start converged.
     #[error("no linear system of second order comes near this response")]
     NotFound,
 }
@@ -70,12 +70,12 @@ impl LinearSystem {
         without.at(frequency_hz).arg() - std::f64::consts::TAU * frequency_hz * self.dead_time_s
     }
 
-    /// Phase as a time, positive for lag, s.
+    /// Phase lag as a time, s.
     pub fn lag_s(&self, frequency_hz: f64) -> f64 {
         -self.phase_rad(frequency_hz) / (std::f64::consts::TAU * frequency_hz)
     }
 
-    /// Gain at rest, `b₀/a₀`.
+    /// Static gain, `b₀/a₀`.
     pub fn low_frequency_gain(&self) -> f64 {
         self.numerator[0] / self.denominator[0]
     }

@@ -6,7 +6,7 @@ pub use fit::{FitError, LinearSystem};
 
 use crate::transmission::{ImposedMotion, Transmission};
 
-/// Slave over master at one frequency: the fundamental, friction and all.
+/// Slave over master at one frequency: the fundamental, friction included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// Frequency, Hz.
@@ -21,7 +21,7 @@ pub struct Response {
 }
 
 impl Response {
-    /// The lag as a time, s.
+    /// Phase lag as a time, s.
     pub fn lag_s(&self) -> f64 {
         -self.phase_rad / (std::f64::consts::TAU * self.frequency_hz)
     }

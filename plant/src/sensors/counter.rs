@@ -1,5 +1,5 @@
-//! What stands behind the encoder: a decoder of its edges, a counter that wraps and latches, and
-//! what undoes the wrap.
+//! The counter card behind an encoder: quadrature decoder, counter with wrap and index latch, and
+//! unwrapping.
 
 use super::{Encoder, Phases};
 use crate::parameter::parameter_set;
@@ -65,8 +65,7 @@ parameter_set! {
     }
 }
 
-/// Counts beyond which a position is no more followed; room for turns and offset is left below the
-/// ends of `i64`.
+/// Largest count followed; leaves room for turns and offset in `i64`.
 const FARTHEST: i64 = 1 << 61;
 
 /// What the counter card returns.
@@ -82,7 +81,7 @@ pub struct CounterReading {
 
 /// An encoder on a counter card. The card's hardware sees every edge, however seldom it is read.
 ///
-/// A position that is no number leaves the counter where it is.
+/// A position that is not finite leaves the counter unchanged.
 #[derive(Clone, Debug)]
 pub struct EncoderCounter {
     encoder: Encoder,
@@ -94,8 +93,7 @@ pub struct EncoderCounter {
 }
 
 impl EncoderCounter {
-    /// A counter that has seen nothing yet: its first reading is that of the position, without a
-    /// latch.
+    /// A counter before its first reading, which returns the position without a latch.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`].

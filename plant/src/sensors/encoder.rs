@@ -13,8 +13,7 @@ impl Encoder {
         Self { counts_per_unit: counts / std::f64::consts::TAU }
     }
 
-    /// Counts at a position, rad (or m). Saturates at the ends of `i64`; a position that is no
-    /// number reads 0.
+    /// Counts at a position, rad (or m). Saturates at the ends of `i64`; NaN reads 0.
     pub fn counts(&self, position: f64) -> i64 {
         (position * self.counts_per_unit).floor() as i64
     }

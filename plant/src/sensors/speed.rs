@@ -1,14 +1,13 @@
-//! Speed from counts, with a lag that is known: whoever controls on it can reckon with it.
+//! Velocity estimates from counts, with a known lag.
 
 use super::Encoder;
 
-/// A speed and how old it is.
+/// A velocity estimate and its lag.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Speed {
     /// Speed, rad/s (m/s).
     pub velocity: f64,
-    /// How far it lies behind: under constant acceleration it is the true speed of that long ago,
-    /// s.
+    /// Lag, s: under constant acceleration the estimate is the true velocity that long ago.
     pub lag_s: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The transmission as a linear system: what stays of it when dry friction is left out.
+//! The transmission as a linear system, dry friction left out.
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
@@ -9,7 +9,7 @@ const COORDINATES: usize = 3;
 /// Positions and speeds of the coordinates, and the torque in the cell.
 pub(super) const STATES: usize = 2 * COORDINATES + 1;
 
-/// A hand at the handle: what it adds to it, about where it wants to be.
+/// Impedance of a hand at the handle, about its rest position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hand {
     /// Inertia that goes with the handle (kg·m²).
@@ -81,7 +81,7 @@ impl LinearModel {
         }
         b[COORDINATES] = self.torque_per_volt / mass[0];
         // The cell sits between hand and handle: the hand's inertia goes with the handle, as on the
-        // virtual card.
+        // simulated card.
         let (last, corner) = (STATES - 1, std::f64::consts::TAU * cell_hz);
         a[(last, 1)] = -corner * hand.stiffness;
         a[(last, COORDINATES + 1)] = -corner * hand.damping;

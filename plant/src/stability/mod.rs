@@ -1,13 +1,13 @@
-//! Whether a sampled control law keeps a transmission stable, by the poles of both together.
+//! Stability of a sampled control law with a transmission, from the poles of the closed loop.
 //!
-//! The transmission is taken as linear ([`LinearModel`]), the law as it is computed: samples at its
-//! period, volts that answer a sample a fixed time later and are held, difference quotients behind
-//! their low passes, the forgetting of eq. 4.2.1. The whole is one matrix that leads from sample to
-//! sample; its largest eigenvalue says how fast a disturbance grows or fades. A setting passes
-//! where it does not grow for any of the hands of [`HANDS`], nor with all gains [`MARGIN`] times as
-//! high.
+//! The transmission is linearised ([`LinearModel`]); the law is modelled as computed: sampled at
+//! its period, its output applied a fixed time after the sample and held, velocities and accelerations
+//! as low-passed difference quotients, the exponential forgetting of eq. 4.2.1. The closed loop is
+//! one transition matrix from sample to sample; its spectral radius gives the growth rate of a
+//! disturbance. A setting passes if nothing grows for any of the hands of [`HANDS`], with the gains
+//! as set and [`MARGIN`] times as high.
 //!
-//! **What it does not see.** The offset of eq. 4.2.3 works against the dry friction of motor and
+//! **Not modelled.** The offset of eq. 4.2.3 works against the dry friction of motor and
 //! piston and is left out with it. Where it gives more than they take, handle and hand chatter,
 //! under force control without any field as well: bounded, since the offset is. Saturation,
 //! quantisation and lateness are left out too, and the coupling of several axes by anything but the
@@ -20,7 +20,7 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 use linear_model::STATES;
 pub use linear_model::{Hand, LinearModel};
 
-/// How much all gains may be raised before anything grows.
+/// Gain margin required, as a factor (1).
 pub const MARGIN: f64 = 1.5;
 /// Growth that counts as none (1/s): a free handle stays where it is put, a pole at rest that
 /// numbers hit nearly.
@@ -43,12 +43,12 @@ pub const HOLDING: [Hand; 3] = [HANDS[2], HANDS[3], HANDS[4]];
 /// The relaxed one of them.
 pub const RELAXED: Hand = HANDS[1];
 
-/// The times of a sampled law.
+/// Sampling and filtering of a control law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// Period of the law (s).
     pub period_s: f64,
-    /// From a sample to the volts that answer it (s).
+    /// Delay from a sample to the volts computed from it (s).
     pub answer_s: f64,
     /// Cut-off of the velocity estimate's low pass (Hz).
     pub velocity_hz: f64,

@@ -14,7 +14,7 @@ pub(crate) use parameters::least_damping;
 pub(crate) use plant::PendingStep;
 pub use plant::Plant;
 
-/// What acts on the plant during a step; held over it. Values must be finite.
+/// Inputs of the plant, held over a step. Values must be finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Volts at the amplifier, V.
@@ -23,7 +23,7 @@ pub struct Input {
     pub hand_torque_nm: f64,
 }
 
-/// Where the master is to be at the end of a step, whatever torque that takes.
+/// Imposed position and velocity of the master at the end of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImposedMotion {
     /// Master position at the end of the step, rad.
@@ -33,8 +33,8 @@ pub struct ImposedMotion {
 }
 
 impl ImposedMotion {
-    /// Position and speed `part` of the way (0 to 1) along the cubic that leads here from another
-    /// position and speed.
+    /// Position and velocity after `part` of the duration (0 to 1) along the cubic that leads here
+    /// from another position and velocity.
     pub fn approach(self, from: f64, speed_from: f64, duration: f64, part: f64) -> (f64, f64) {
         let (one, two) = (duration * speed_from, duration * self.velocity_rad_s);
         let change = self.position_rad - from;
@@ -45,23 +45,23 @@ impl ImposedMotion {
     }
 }
 
-/// What an observer adds to the state.
+/// Correction of the state by an observer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Correction {
-    /// To the master angle, rad.
+    /// Added to the master angle, rad.
     pub master_position_rad: f64,
-    /// To the master speed, rad/s.
+    /// Added to the master velocity, rad/s.
     pub master_velocity_rad_s: f64,
-    /// To the slave angle, rad.
+    /// Added to the slave angle, rad.
     pub slave_position_rad: f64,
-    /// To the slave speed, rad/s.
+    /// Added to the slave velocity, rad/s.
     pub slave_velocity_rad_s: f64,
 }
 
-/// What the instruments would read before they are turned into counts and volts.
+/// Measured quantities before their conversion to counts and volts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
-    /// Volts that the DAC put out, V.
+    /// Output of the DAC, V.
     pub motor_v: f64,
     /// Master angle, rad.
     pub master_rad: f64,
@@ -71,19 +71,19 @@ pub struct Reading {
     pub slave_torque_nm: f64,
 }
 
-/// Where the energy went since the plant was made: `input = stored + dissipated + effects`.
+/// Energy balance since the start: `input = stored + dissipated + effects`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EnergyBalance {
     /// Work of motor and hand, J.
     pub input_j: f64,
-    /// Kinetic energy and that of the lines' springs, less what was there at the start, J.
+    /// Change of the kinetic energy and of that stored in the lines, J.
     pub stored_j: f64,
     /// Lost to friction and damping, J.
     pub dissipated_j: f64,
-    /// Taken by effects that are not friction (a nonlinear spring's share, a hand, gravity, a
+    /// Absorbed by effects other than friction (a nonlinear spring, a hand, gravity, a
     /// disturbance), J.
     pub effects_j: f64,
-    /// Magnitude of all work of motor and hand, J: the scale against which the balance is read.
+    /// Sum of the magnitudes of the work of motor and hand, J: the scale of the balance.
     pub throughput_j: f64,
 }
 
@@ -95,26 +95,26 @@ impl EnergyBalance {
         self.throughput_j += work_j.abs();
     }
 
-    /// What the balance leaves open, J; the integrator's error.
+    /// Residual of the balance, J: the error of the integrator.
     pub fn defect_j(&self) -> f64 {
         self.input_j - self.stored_j - self.dissipated_j - self.effects_j
     }
 }
 
-/// What every transmission shows of itself at the end of the last step.
+/// Outputs common to all transmissions, at the end of the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Time since the plant was made, s.
+    /// Time since the start, s.
     pub time_s: f64,
     /// Master angle `q_m`, rad.
     pub master_position_rad: f64,
-    /// Master speed, rad/s.
+    /// Master velocity, rad/s.
     pub master_velocity_rad_s: f64,
     /// Slave angle `q_s`, rad.
     pub slave_position_rad: f64,
-    /// Slave speed, rad/s.
+    /// Slave velocity, rad/s.
     pub slave_velocity_rad_s: f64,
-    /// Torque that the motor applied, N·m; under imposed motion the torque that it took.
+    /// Torque that the motor applied, N·m; under imposed motion the torque required.
     pub motor_torque_nm: f64,
     /// Torque of the transmission on the slave, N·m.
     pub transmitted_torque_nm: f64,
@@ -163,24 +163,25 @@ impl From<&State> for Motion {
 
 /// A plant of one axis between a motor and a handle.
 pub trait Transmission: Clone + Send {
-    /// Moves the plant on by `dt_s` with the input held; `dt_s` not positive does nothing.
+    /// Advances by `dt_s` (s) with the input held; does nothing unless `dt_s` is positive.
     fn step(&mut self, input: Input, dt_s: f64);
 
-    /// Moves the master to where it is to be, whatever that takes; the slave moves as it must.
+    /// Advances by `dt_s` with the motion of the master imposed, along a cubic from its present
+    /// position and velocity; [`Motion::motor_torque_nm`] is then the torque required.
     fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64);
 
-    /// Where it is.
+    /// Positions, velocities and torques at the end of the last step.
     fn motion(&self) -> Motion;
 
-    /// What the instruments would read, sensor effects included.
+    /// What the instruments read, sensor effects included.
     fn reading(&self) -> Reading;
 
-    /// Where the energy went.
+    /// The energy balance.
     fn energy(&self) -> EnergyBalance;
 }
 
-/// How many internal steps of at most `longest_s` an output step takes, and how long each is; none
-/// for a step that is not positive.
+/// Number and length of the internal steps, at most `longest_s`, of an output step; none unless
+/// `dt_s` is positive.
 pub(crate) fn sub_steps(dt_s: f64, longest_s: f64) -> (usize, f64) {
     if dt_s.is_nan() || dt_s <= 0.0 {
         return (0, 0.0);
