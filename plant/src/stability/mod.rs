@@ -1,11 +1,11 @@
 //! Stability of a sampled control law with a transmission, from the poles of the closed loop.
 //!
 //! The transmission is linearised ([`LinearModel`]); the law is modelled as computed: sampled at
-//! its period, its output applied a fixed time after the sample and held, velocities and accelerations
-//! as low-passed difference quotients, the exponential forgetting of eq. 4.2.1. The closed loop is
-//! one transition matrix from sample to sample; its spectral radius gives the growth rate of a
-//! disturbance. A setting passes if nothing grows for any of the hands of [`HANDS`], with the gains
-//! as set and [`MARGIN`] times as high.
+//! its period, its output applied a fixed time after the sample and held, velocities and
+//! accelerations as low-passed difference quotients, the exponential forgetting of eq. 4.2.1. The
+//! closed loop is one transition matrix from sample to sample; its spectral radius gives the growth
+//! rate of a disturbance. A setting passes if nothing grows for any of the hands of [`HANDS`], with
+//! the gains as set and [`MARGIN`] times as high.
 //!
 //! **Not modelled.** The offset of eq. 4.2.3 works against the dry friction of motor and
 //! piston and is left out with it. Where it gives more than they take, handle and hand chatter,
