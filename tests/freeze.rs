@@ -8,7 +8,7 @@ mod common;
 use std::collections::BTreeSet;
 use std::process::{Child, Command, Stdio};
 
-use common::witness::{LIMIT, Life, Witness, off_bound, tick_of};
+use common::monitor::{LIMIT, Monitor, Sender, off_bound, tick_of};
 use common::{TestRig, kill, wait_for};
 use ipc_types::{TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
@@ -34,39 +34,39 @@ fn process(rig: &TestRig, unit: &str) -> Option<ProcessIdentity> {
     unit.process.filter(|_| unit.state == UnitState::Ready)
 }
 
-fn pulse(witness: &Witness, process: &str) -> Life {
-    witness.seen().streams[topic_of(process)].newest()
+fn pulse(monitor: &Monitor, process: &str) -> Sender {
+    monitor.seen().streams[topic_of(process)].newest()
 }
 
-fn life_of(witness: &Witness, process: &str, incarnation: u64) -> Life {
-    let seen = witness.seen();
+fn sender_of(monitor: &Monitor, process: &str, incarnation: u64) -> Sender {
+    let seen = monitor.seen();
     *seen.streams[topic_of(process)]
-        .lives
+        .senders
         .iter()
-        .find(|life| life.incarnation == incarnation)
+        .find(|sender| sender.incarnation == incarnation)
         .unwrap()
 }
 
 /// Powered, with volts that flow right now; then all that was seen so far is forgotten.
-fn ready(rig: &TestRig, witness: &Witness) -> u64 {
+fn ready(rig: &TestRig, monitor: &Monitor) -> u64 {
     loop {
-        if witness.volts_flow() {
-            return witness.mark();
+        if monitor.volts_flow() {
+            return monitor.mark();
         }
-        witness.power_up(rig);
+        monitor.power_up(rig);
     }
 }
 
 /// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave
 /// again.
-fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64) {
-    let lives = witness.timeouts();
-    let seen = witness.seen();
+fn assert_off(monitor: &Monitor, frozen: &str, struck_ns: u64, last_word_ns: u64) {
+    let timeouts = monitor.timeouts();
+    let seen = monitor.seen();
     let from = tick_of(struck_ns.max(last_word_ns));
     let off = seen.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
-    let bound = off_bound(frozen, witness.profile()).unwrap();
+    let bound = off_bound(frozen, monitor.profile()).unwrap();
     assert!(off <= bound, "{frozen}: volts for {off} ticks, bound {bound}");
-    let line_died = tick_of(seen.toggled.0 + lives.line_ns) + 1;
+    let line_died = tick_of(seen.toggled.0 + timeouts.line_ns) + 1;
     assert!(
         seen.last_power().is_none_or(|power| power <= line_died),
         "{frozen}: power without a line"
@@ -78,61 +78,61 @@ fn assert_off(witness: &Witness, frozen: &str, struck_ns: u64, last_word_ns: u64
 }
 
 /// Stops a process for some ticks, shorter than the launcher's patience.
-fn freeze_shortly(rig: &TestRig, witness: &Witness, unit: &str, ticks: u64) {
-    let struck_ns = ready(rig, witness);
+fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
+    let struck_ns = ready(rig, monitor);
     let before = process(rig, unit).unwrap();
-    let known = pulse(witness, unit);
+    let known = pulse(monitor, unit);
     let stopped_ns = now_ns();
     kill(before.pid, libc::SIGSTOP);
-    witness.pass_ticks(ticks);
-    let last_word_ns = life_of(witness, unit, known.incarnation).last_ns;
-    assert_off(witness, unit, struck_ns.max(stopped_ns), last_word_ns);
+    monitor.pass_ticks(ticks);
+    let last_word_ns = sender_of(monitor, unit, known.incarnation).last_ns;
+    assert_off(monitor, unit, struck_ns.max(stopped_ns), last_word_ns);
     if unit != "watchdog" {
-        assert_eq!(witness.seen().state(), Some(WatchdogState::Tripped), "{unit}");
+        assert_eq!(monitor.seen().state(), Some(WatchdogState::Tripped), "{unit}");
     }
-    let silent = life_of(witness, unit, known.incarnation);
+    let silent = sender_of(monitor, unit, known.incarnation);
     kill(before.pid, libc::SIGCONT);
-    witness.until("the frozen process speaks again", |seen| {
-        seen.streams[topic_of(unit)].lives.iter().any(|life| {
-            life.sequence > silent.sequence && { life.incarnation == known.incarnation }
+    monitor.until("the frozen process speaks again", |seen| {
+        seen.streams[topic_of(unit)].senders.iter().any(|sender| {
+            sender.sequence > silent.sequence && { sender.incarnation == known.incarnation }
         })
     });
-    witness.pass_ticks(WATCHED);
+    monitor.pass_ticks(WATCHED);
     // What woke is the same process, and it changes nothing for the motor.
     assert_eq!(process(rig, unit), Some(before), "{unit}");
-    assert_eq!(pulse(witness, unit).incarnation, known.incarnation);
-    assert_off(witness, unit, struck_ns.max(stopped_ns), last_word_ns);
-    let state = witness.seen().state();
-    assert_eq!(state, Some(WatchdogState::Tripped), "{unit}: {:?}", witness.seen().causes());
+    assert_eq!(pulse(monitor, unit).incarnation, known.incarnation);
+    assert_off(monitor, unit, struck_ns.max(stopped_ns), last_word_ns);
+    let state = monitor.seen().state();
+    assert_eq!(state, Some(WatchdogState::Tripped), "{unit}: {:?}", monitor.seen().causes());
     if unit == "watchdog" {
-        assert!(witness.seen().causes().contains(&TripCause::WatchdogLate));
+        assert!(monitor.seen().causes().contains(&TripCause::WatchdogLate));
     }
     assert!(!rig.run(["enable"]).status.success(), "{unit}: `enable` without `reset` and `arm`");
-    witness.power_up(rig);
+    monitor.power_up(rig);
 }
 
 /// Stops a process for good: the launcher's patience ends, it kills and replaces it.
-fn freeze_until_replaced(rig: &TestRig, witness: &Witness, unit: &str) {
-    let struck_ns = ready(rig, witness);
+fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
+    let struck_ns = ready(rig, monitor);
     let before = process(rig, unit).unwrap();
-    let known = pulse(witness, unit);
+    let known = pulse(monitor, unit);
     let stopped_ns = now_ns();
     kill(before.pid, libc::SIGSTOP);
     let replaced = wait_for(LIMIT, || process(rig, unit).is_some_and(|now| now != before));
     assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
     assert!(!before.is_alive(), "the frozen {unit} lives beside its replacement");
-    witness.until("the replacement speaks", |seen| {
+    monitor.until("the replacement speaks", |seen| {
         seen.streams[topic_of(unit)].newest().incarnation != known.incarnation
     });
-    witness.pass_ticks(WATCHED);
+    monitor.pass_ticks(WATCHED);
     assert_off(
-        witness,
+        monitor,
         unit,
         struck_ns.max(stopped_ns),
-        life_of(witness, unit, known.incarnation).last_ns,
+        sender_of(monitor, unit, known.incarnation).last_ns,
     );
-    assert_ne!(witness.seen().state(), Some(WatchdogState::Enabled));
-    witness.power_up(rig);
+    assert_ne!(monitor.seen().state(), Some(WatchdogState::Enabled));
+    monitor.power_up(rig);
 }
 
 /// A process of the rig that no launcher knows of. Ends when dropped.
@@ -162,50 +162,50 @@ impl Drop for Second {
 
 /// Freezes a process, lets a second one take its place and power, and wakes the first beside it.
 /// `false` where the machine was too slow for the launcher's patience.
-fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) -> bool {
-    ready(rig, witness);
+fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) -> bool {
+    ready(rig, monitor);
     let first = process(rig, unit).unwrap();
-    let old = pulse(witness, unit);
+    let old = pulse(monitor, unit);
     kill(first.pid, libc::SIGSTOP);
     let second = Second::of(rig, unit, first);
-    witness.until("the second speaks", |seen| {
+    monitor.until("the second speaks", |seen| {
         seen.streams[topic_of(unit)].newest().incarnation != old.incarnation
     });
-    let new = pulse(witness, unit);
-    witness.power_up(rig);
-    if process(rig, unit) != Some(first) || !witness.volts_flow() {
+    let new = pulse(monitor, unit);
+    monitor.power_up(rig);
+    if process(rig, unit) != Some(first) || !monitor.volts_flow() {
         return false;
     }
     // Powered through the second; now the first wakes.
-    let struck_ns = witness.mark();
-    let before = life_of(witness, unit, old.incarnation);
+    let struck_ns = monitor.mark();
+    let before = sender_of(monitor, unit, old.incarnation);
     kill(first.pid, libc::SIGCONT);
     let spoke = wait_for(LIMIT, || {
-        life_of(witness, unit, old.incarnation).sequence > before.sequence
+        sender_of(monitor, unit, old.incarnation).sequence > before.sequence
             || process(rig, unit) != Some(first)
     });
     if !spoke || process(rig, unit) != Some(first) {
         return false;
     }
-    witness.pass_ticks(WATCHED);
-    assert_off(witness, unit, struck_ns, 0);
-    let causes = witness.seen().causes();
+    monitor.pass_ticks(WATCHED);
+    assert_off(monitor, unit, struck_ns, 0);
+    let causes = monitor.seen().causes();
     let expected: BTreeSet<TripCause> = match unit {
         "acquisition" => [TripCause::AcquisitionChanged, TripCause::GateBurnt].into(),
         _ => [TripCause::ControlChanged, TripCause::GateBurnt].into(),
     };
     assert!(!causes.is_disjoint(&expected), "{unit}: {causes:?}");
     // Both still speak: as long as they do, nobody can reset it away.
-    assert!(life_of(witness, unit, new.incarnation).sequence > new.sequence);
+    assert!(sender_of(monitor, unit, new.incarnation).sequence > new.sequence);
     for _ in 0..3 {
         let refused = rig.run(["reset"]);
         let (one, other) =
-            (pulse(witness, unit), witness.seen().streams[topic_of(unit)].lives.len());
+            (pulse(monitor, unit), monitor.seen().streams[topic_of(unit)].senders.len());
         assert!(!refused.status.success(), "{unit}: reset although two speak ({one:?}, {other})");
     }
     drop(second);
     assert_eq!(process(rig, unit), Some(first));
-    witness.power_up(rig);
+    monitor.power_up(rig);
     true
 }
 
@@ -213,25 +213,25 @@ fn wakes_beside_its_replacement(rig: &TestRig, witness: &Witness, unit: &str) ->
 fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
     let rig = TestRig::new("freeze");
     rig.up_simulated();
-    let mut witness = Witness::join(rig.name());
-    witness.load(1);
-    eprintln!("profile {}", witness.profile());
-    witness.power_up(&rig);
+    let mut monitor = Monitor::join(rig.name());
+    monitor.load(1);
+    eprintln!("profile {}", monitor.profile());
+    monitor.power_up(&rig);
 
     // Longer than any life (100 ms without real-time scheduling), shorter than the launcher's
     // patience (2 s).
     for unit in ["acquisition", "control", "watchdog"] {
         for ticks in [250, 600, 1500] {
-            freeze_shortly(&rig, &witness, unit, ticks);
+            freeze_shortly(&rig, &monitor, unit, ticks);
         }
     }
     for unit in ["acquisition", "control", "watchdog"] {
-        freeze_until_replaced(&rig, &witness, unit);
+        freeze_until_replaced(&rig, &monitor, unit);
     }
     for unit in ["control", "acquisition"] {
-        let shown = (0..ATTEMPTS).any(|_| wakes_beside_its_replacement(&rig, &witness, unit));
+        let shown = (0..ATTEMPTS).any(|_| wakes_beside_its_replacement(&rig, &monitor, unit));
         assert!(shown, "{unit}: no attempt was quick enough for the launcher's patience");
     }
-    drop(witness);
+    drop(monitor);
     rig.down();
 }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::{Duration, Instant};
 
-use common::witness::{LIMIT, Life, SLACK, TICK_NS, Witness, off_bound, tick_of};
+use common::monitor::{LIMIT, Monitor, SLACK, Sender, TICK_NS, off_bound, tick_of};
 use common::{Footprint, TestRig, WORKERS, told, wait_for};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
@@ -52,7 +52,7 @@ struct Struck {
 struct Campaign {
     rig: TestRig,
     record: PathBuf,
-    witness: Option<Witness>,
+    monitor: Option<Monitor>,
     stalls: Vec<String>,
     /// Deaths of acquisition after which the DACs went on holding volts.
     held: usize,
@@ -61,8 +61,8 @@ struct Campaign {
 }
 
 impl Campaign {
-    fn witness(&self) -> &Witness {
-        self.witness.as_ref().unwrap()
+    fn monitor(&self) -> &Monitor {
+        self.monitor.as_ref().unwrap()
     }
 
     fn up(&self) -> Output {
@@ -81,32 +81,32 @@ impl Campaign {
         found
     }
 
-    fn pulse(&self, process: &str) -> Option<Life> {
+    fn pulse(&self, process: &str) -> Option<Sender> {
         let (_, topic) = PULSES.iter().find(|(name, _)| *name == process)?;
-        Some(self.witness().seen().streams.get(topic)?.newest())
+        Some(self.monitor().seen().streams.get(topic)?.newest())
     }
 
     /// Kills once. An error is a stall of the machine, shown by loops that nobody touched: the kill
     /// is then made again.
     fn strike(&mut self, victim: &'static str) -> Result<Struck, String> {
-        if !self.witness().volts_flow() {
-            let causes = self.witness().seen().causes();
-            let why = self.witness().stalled(&FAST);
-            self.witness().power_up(&self.rig);
+        if !self.monitor().volts_flow() {
+            let causes = self.monitor().seen().causes();
+            let why = self.monitor().stalled(&FAST);
+            self.monitor().power_up(&self.rig);
             return Err(why
                 .unwrap_or_else(|| panic!("before {victim}: tripped without a kill: {causes:?}")));
         }
         let before = self.processes();
         assert_eq!(before.len(), VICTIMS.len(), "not all ready before {victim}: {before:?}");
-        let pulses: BTreeMap<&str, Life> = PULSES
+        let pulses: BTreeMap<&str, Sender> = PULSES
             .iter()
             .filter_map(|(process, _)| Some((*process, self.pulse(process)?)))
             .collect();
-        let epoch = self.witness().seen().newest_token.unwrap().epoch;
-        let struck_ns = self.witness().mark();
+        let epoch = self.monitor().seen().newest_token.unwrap().epoch;
+        let struck_ns = self.monitor().mark();
         common::kill(before[victim].pid, libc::SIGKILL);
-        self.witness().pass_ticks(WATCHED);
-        self.witness().open_all();
+        self.monitor().pass_ticks(WATCHED);
+        self.monitor().open_all();
 
         if victim == "launcher" {
             let adopted = self.up();
@@ -124,7 +124,7 @@ impl Campaign {
             });
             assert!(speaks, "{victim} says nothing");
         }
-        self.witness().pass_ticks(WATCHED);
+        self.monitor().pass_ticks(WATCHED);
 
         // The others are who they were, and go on.
         let after = self.processes();
@@ -154,11 +154,11 @@ impl Campaign {
         victim: &'static str,
         struck_ns: u64,
         epoch: u64,
-        pulse: Option<Life>,
+        pulse: Option<Sender>,
     ) -> Result<Struck, String> {
-        let lives = self.witness().timeouts();
+        let timeouts = self.monitor().timeouts();
         if matches!(victim, "keeper" | "logger" | "experiment") {
-            let seen = self.witness().seen();
+            let seen = self.monitor().seen();
             let powered = seen.scans.iter().all(|scan| scan.power)
                 && seen.tokens.iter().all(|token| token.enabled && token.epoch == epoch);
             let flowing = seen.scans.iter().filter(|scan| scan.volts).count();
@@ -169,13 +169,13 @@ impl Campaign {
                 assert!(flowing * 10 > scans * 9, "{victim}: volts in {flowing} of {scans} scans");
                 return Ok(Struck { off_ticks: None });
             }
-            let why = self.witness().stalled(&FAST);
-            self.witness().power_up(&self.rig);
+            let why = self.monitor().stalled(&FAST);
+            self.monitor().power_up(&self.rig);
             return Err(why.unwrap_or_else(|| {
                 panic!("{victim}'s death cut the power: {causes:?}\n{account}")
             }));
         }
-        let tripped = self.witness().seen();
+        let tripped = self.monitor().seen();
         // The others' word of state: no leave after the first token without, whoever came back
         // meanwhile.
         let first_without =
@@ -196,7 +196,7 @@ impl Campaign {
         {
             // The machine stood still first. Off is off, but it is no answer to this death.
             drop(tripped);
-            self.witness().power_up(&self.rig);
+            self.monitor().power_up(&self.rig);
             return Err("the watchdog ran late before it heard of the death".to_owned());
         }
         match victim {
@@ -206,7 +206,7 @@ impl Campaign {
         }
         // The enable line, whoever died: the card keeps to its life exactly.
         if let Some(power) = tripped.last_power() {
-            let line_died = tick_of(tripped.toggled.0 + lives.line_ns) + 1;
+            let line_died = tick_of(tripped.toggled.0 + timeouts.line_ns) + 1;
             assert!(
                 power <= line_died,
                 "{victim}: powered until tick {power}, the line died at {line_died}"
@@ -215,13 +215,13 @@ impl Campaign {
         // Its last word may have come after the clock was read, before the signal reached it.
         let last_word_ns = pulse.map_or(0, |pulse| {
             let topic = PULSES.iter().find(|(process, _)| *process == victim).unwrap().1;
-            let mut senders = tripped.streams[topic].lives.iter();
-            senders.find(|life| life.incarnation == pulse.incarnation).unwrap().last_ns
+            let mut senders = tripped.streams[topic].senders.iter();
+            senders.find(|sender| sender.incarnation == pulse.incarnation).unwrap().last_ns
         });
         let from = tick_of(struck_ns.max(last_word_ns));
         let off_ticks = tripped.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
         // When the watchdog's attendant learns of the launcher's death has no bound.
-        if let Some(bound) = off_bound(victim, self.witness().profile()) {
+        if let Some(bound) = off_bound(victim, self.monitor().profile()) {
             assert!(off_ticks <= bound, "{victim}: off after {off_ticks} ticks, bound {bound}");
         }
         let held = tripped.scans.iter().any(|scan| scan.dac && !scan.volts);
@@ -258,7 +258,7 @@ impl Campaign {
             !refused.status.success(),
             "after {victim}'s death: `enable` without `reset` and `arm`"
         );
-        self.witness().power_up(&self.rig);
+        self.monitor().power_up(&self.rig);
     }
 }
 
@@ -270,7 +270,7 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     let mut campaign = Campaign {
         rig,
         record,
-        witness: None,
+        monitor: None,
         stalls: Vec::new(),
         held: 0,
         off: BTreeMap::new(),
@@ -278,11 +278,11 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     };
     let up = campaign.up();
     assert!(up.status.success(), "{}", told(&up));
-    let mut witness = Witness::join(campaign.rig.name());
-    witness.load(2);
-    eprintln!("profile {}", witness.profile());
-    campaign.witness = Some(witness);
-    campaign.witness().power_up(&campaign.rig);
+    let mut monitor = Monitor::join(campaign.rig.name());
+    monitor.load(2);
+    eprintln!("profile {}", monitor.profile());
+    campaign.monitor = Some(monitor);
+    campaign.monitor().power_up(&campaign.rig);
 
     let name = campaign.rig.name().clone();
     let mut settled = None;
@@ -356,7 +356,7 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
         campaign.held
     );
 
-    campaign.witness = None;
+    campaign.monitor = None;
     campaign.rig.down();
     let parts = verify_parts(&campaign.rig, &campaign.record);
     // Each death of the logger begins a part; a repeated kill begins one more.
@@ -377,7 +377,7 @@ fn lowest_footprint(name: &runtime::RigName) -> Footprint {
 }
 
 fn report(campaign: &Campaign) {
-    let lives = campaign.witness().timeouts();
+    let timeouts = campaign.monitor().timeouts();
     for (victim, off) in &campaign.off {
         let mut sorted = off.clone();
         sorted.sort_unstable();
@@ -390,7 +390,7 @@ fn report(campaign: &Campaign) {
         );
         // The gate is the quicker way wherever acquisition lives, and the usual one.
         if *victim == "control" {
-            let gate = lives.token_ns / TICK_NS + SLACK;
+            let gate = timeouts.token_ns / TICK_NS + SLACK;
             assert!(median <= gate, "the gate's way took {median} ticks, expected at most {gate}");
         }
     }

@@ -1,8 +1,8 @@
 //! The launcher for machines without systemd, and the unit files.
 //!
 //! It reads systemd's unit files ([`units`]) and supervises their processes: starts them in the
-//! order of `After=`, waits for `READY=1`, watches them, restarts them with back-off, and stops them
-//! in the reverse order. It knows neither shared memory nor messages.
+//! order of `After=`, waits for `READY=1`, watches them, restarts them with back-off, and stops
+//! them in the reverse order. It knows neither shared memory nor messages.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), launch::Error> {

@@ -27,8 +27,8 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    /// Starts the process of a unit with its log, limits and scheduling class, in a process group of
-    /// its own.
+    /// Starts the process of a unit with its log, limits and scheduling class, in a process group
+    /// of its own.
     pub(crate) fn start(unit: &Unit, config: &Config, run_dir: &RunDir) -> Result<Self, Error> {
         let log_path = run_dir.log(&unit.name);
         let _ = log::rotate(&log_path, log::LIMIT);

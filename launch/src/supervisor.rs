@@ -68,7 +68,7 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
 }
 
 /// Launches in this process and supervises until a signal (`SIGTERM`, `SIGINT`, `SIGHUP`) or
-/// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] does it in a process of its own.
+/// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] uses a process of its own.
 ///
 /// # Errors
 /// If the rig is already up, a unit file is invalid, or a unit cannot be brought up: then all is

@@ -6,7 +6,7 @@
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod host;
-pub mod witness;
+pub mod monitor;
 
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};

@@ -18,7 +18,7 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// Whether it counts as a clean exit, as in systemd: code 0, SIGHUP, SIGINT, SIGTERM or SIGPIPE.
+    /// Whether it is a clean exit, as in systemd: code 0, SIGHUP, SIGINT, SIGTERM or SIGPIPE.
     pub fn is_clean(self) -> bool {
         match self {
             Self::Code(code) => code == 0,

@@ -1,7 +1,8 @@
 //! Unit files: the parser of exactly the subset that the launcher honours.
 //!
 //! systemd and the launcher read the same files. The launcher ignores nothing: an unknown section,
-//! key or value is an error that names file, line, key and what is supported ([`SUPPORTED`]). Specifiers are `%i` (the rig's name) and `%%`.
+//! key or value is an error that names file, line, key and what is supported ([`SUPPORTED`]).
+//! Specifiers are `%i` (the rig's name) and `%%`.
 //!
 //! Three values say where things are on an installed machine; the launcher puts its own in their
 //! place:

@@ -242,7 +242,8 @@ pub struct Subscriber<T: Message> {
 }
 
 impl<T: Message> Subscriber<T> {
-    pub(crate) fn new(node: &Node<ipc::Service>, topic: TypedTopic<T>) -> Result<Self, PortError> {
+    /// Subscribes with a node of the calling thread.
+    pub fn new(node: &Node<ipc::Service>, topic: TypedTopic<T>) -> Result<Self, PortError> {
         Self::from_table(node, &topic.topic)
     }
 

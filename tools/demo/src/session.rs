@@ -8,8 +8,9 @@ use ipc_types::{
     CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
     LoggerRequest, MotorCommand, Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
 };
-use operator::{RigLink, Subscriber, Up};
+use operator::{RigLink, Up};
 use rig::protocol::Protocol;
+use runtime::Subscriber;
 use runtime::clock::now_ns;
 use rustix::process::Signal;
 

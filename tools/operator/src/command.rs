@@ -183,3 +183,9 @@ pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
         Recording::Stop(Json { json }) => work::stop_recording(rig_name, json),
     }
 }
+
+/// Prints a value as indented JSON.
+fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
+    use std::io::Write as _;
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(value)?)?)
+}

@@ -2,10 +2,10 @@
 
 use ipc_types::{Event, EventKind, Process, Severity, event_topic};
 use rig::{AxisUnit, RigFile};
+use runtime::Subscriber;
 use runtime::clock::now_ns;
 use serde::Serialize;
 
-use crate::link::Subscriber;
 use crate::{Error, RigLink};
 
 /// The range of travel that an `initialise` segment found, as the handle's own encoder sees it.

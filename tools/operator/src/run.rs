@@ -11,11 +11,10 @@ use ipc_types::{
 };
 use recording::mcap_write::key;
 use rig::protocol::Protocol;
-use runtime::RequestError;
 use runtime::clock::now_ns;
+use runtime::{RequestError, Subscriber};
 
 use crate::found_range::{FoundRange, Ranges};
-use crate::link::Subscriber;
 use crate::status::{active_cause, active_faults, state_of};
 use crate::{Error, RigLink, rig_of, verb};
 
@@ -197,7 +196,7 @@ fn follow(
 }
 
 /// Tells the logger what is about to run, so that the recording stands alone: the protocol's text
-/// with the overrides applied, the overrides and the identity of the text without them, the subject.
+/// with the overrides applied, the overrides, the identity of the text without them, the subject.
 fn record_run(link: &RigLink, protocol: &Protocol, options: &RunOptions) -> Result<(), Error> {
     let mut metadata = vec![
         (key::PROTOCOL.to_owned(), protocol.name.clone()),

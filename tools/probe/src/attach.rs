@@ -1,4 +1,4 @@
-//! Attaching to a rig.
+//! Attaches to a running rig.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ const KEEPER_GONE_NS: u64 = 3 * SECOND_NS;
 /// How often the probe checks that its rig is still up (ns).
 const CHECK_PERIOD_NS: u64 = 100 * MILLISECOND_NS;
 
-/// A topic by the name that a person gave.
+/// The topic of this name.
 pub(crate) fn topic(name: &str) -> anyhow::Result<&'static Topic> {
     ipc_types::find_topic(name).with_context(|| {
         let names: Vec<_> = TOPICS.iter().map(|topic| topic.name).collect();
@@ -23,7 +23,7 @@ pub(crate) fn topic(name: &str) -> anyhow::Result<&'static Topic> {
     })
 }
 
-/// Topics by their names; all where none is given. Doubles are left out.
+/// The topics of these names, each once; all if none is given.
 pub(crate) fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
     if names.is_empty() {
         return Ok(TOPICS.iter().collect());
@@ -38,16 +38,16 @@ pub(crate) fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
     Ok(found)
 }
 
-/// One topic that is listened to.
+/// Subscription to one topic.
 pub(crate) struct Feed {
     pub(crate) topic: &'static Topic,
     pub(crate) subscriber: Box<dyn RawSubscriber>,
 }
 
-/// A rig that is listened to, until a signal comes or the rig ends.
+/// A rig to whose topics this probe subscribes, until a signal arrives or the rig goes down.
 pub(crate) struct Attached {
     pub(crate) feeds: Vec<Feed>,
-    /// When it was attached; what was published before is history (ns, CLOCK_MONOTONIC).
+    /// When the probe attached; older messages are history (ns, CLOCK_MONOTONIC).
     pub(crate) since_ns: u64,
     stop: Arc<AtomicBool>,
     period_ns: u64,
@@ -58,7 +58,7 @@ pub(crate) struct Attached {
 }
 
 impl Attached {
-    /// Listens to topics, to be looked at every `period_ns`.
+    /// Subscribes to topics, to be polled every `period_ns`.
     pub(crate) fn new(
         rig: &RigName,
         topics: &[&'static Topic],
@@ -89,7 +89,7 @@ impl Attached {
         })
     }
 
-    /// Whether a signal asked to end.
+    /// Whether a signal requested the end.
     pub(crate) fn stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }

@@ -10,10 +10,10 @@ use crate::args::EchoArgs;
 use crate::attach::{self, Attached};
 use crate::fields;
 
-/// The buffers hold 100 ms and more (ns).
+/// Polling period; the subscribers' buffers hold at least 100 ms (ns).
 const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
-/// Up to this length a topic's history is news (the newest events, the last timing); the card's
-/// FIFO is not.
+/// Longest history that is printed (the newest events, the last timing); that of the card's FIFO is
+/// longer.
 const SHORT_HISTORY: usize = 16;
 
 pub(crate) fn echo(args: &EchoArgs, rig: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
@@ -45,19 +45,19 @@ pub(crate) fn echo(args: &EchoArgs, rig: &RigName, out: &mut dyn Write) -> anyho
     let lost: u64 = rig.feeds.iter().map(|feed| feed.subscriber.counters().lost).sum();
     if lost > 0 {
         eprintln!(
-            "{lost} messages of {} are not shown: they came faster than they could be printed",
+            "{lost} messages of {} are not shown: they arrived faster than they were printed",
             topic.name
         );
     }
     Ok(())
 }
 
-/// When a message was published (ns, CLOCK_MONOTONIC): the fourth word of each.
+/// When a message was published (ns, CLOCK_MONOTONIC): its fourth 64-bit word.
 pub(crate) fn time_of(bytes: &[u8]) -> u64 {
     word(bytes, 24)
 }
 
-/// A word of a message.
+/// The 64-bit word at this offset of a message.
 pub(crate) fn word(bytes: &[u8], at: usize) -> u64 {
     let mut raw = [0; 8];
     if let Some(slice) = bytes.get(at..at + 8) {

@@ -1,10 +1,10 @@
-//! Messages as text and JSON, by the table of fields.
+//! Formats messages as text and JSON, by the table of fields.
 
 use anyhow::{Context, bail};
 use ipc_types::{Field, Topic, Value};
 use serde_json::{Map, Value as Json};
 
-/// A field, or one element of it, and what to call it.
+/// A field or one element of it, with its name.
 #[derive(Clone, Debug)]
 pub(crate) struct Pick {
     name: String,
@@ -12,7 +12,7 @@ pub(crate) struct Pick {
     index: Option<usize>,
 }
 
-/// The fields that a person asked for; all but the reserved ones where none is.
+/// The requested fields; all but the reserved ones if none is requested.
 pub(crate) fn picks(topic: &'static Topic, names: &[String]) -> anyhow::Result<Vec<Pick>> {
     if names.is_empty() {
         let all = topic.fields.iter().filter(|field| field.name != "reserved");
@@ -48,7 +48,7 @@ fn pick(topic: &'static Topic, text: &str) -> anyhow::Result<Pick> {
     }
 }
 
-/// An event's text is bytes with a length beside it.
+/// The text of an event: bytes, and a length in another field.
 fn as_text(topic: &Topic, field: &Field, bytes: &[u8]) -> Option<String> {
     let length =
         topic.fields.iter().find(|other| field.name == "text" && other.name == "text_len")?;
@@ -57,7 +57,7 @@ fn as_text(topic: &Topic, field: &Field, bytes: &[u8]) -> Option<String> {
     Some(String::from_utf8_lossy(text).into_owned())
 }
 
-/// JSON has no NaN and no infinity: these become text, so that nothing is hidden.
+/// JSON has neither NaN nor infinity: these become text.
 fn number(value: Value) -> Json {
     match value {
         Value::Unsigned(value) => value.into(),

@@ -1,11 +1,11 @@
-//! What is measured of one topic.
+//! Statistics of one topic.
 
 use hdrhistogram::Histogram;
 use ipc_types::Topic;
 
 use crate::echo::{time_of, word};
 
-/// Longest time that the histograms tell apart (ns).
+/// Largest value of the histograms (ns).
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// A distribution of times.
@@ -38,7 +38,7 @@ impl Times {
 pub(crate) struct Meter {
     /// From publishing to receiving.
     pub(crate) latency: Times,
-    /// From the scan that a message answers to its publishing, where it names one.
+    /// From the scan that a message answers to its publishing, if it names one.
     pub(crate) answer: Option<Times>,
     answer_offset: usize,
     /// Messages since the last [`Meter::reset`].
@@ -80,7 +80,7 @@ impl Meter {
         })
     }
 
-    /// Takes note of a message that was received at `received_ns`.
+    /// Adds a message that was received at `received_ns`.
     pub(crate) fn observe(&mut self, bytes: &[u8], received_ns: u64) {
         let (incarnation, time_ns) = (word(bytes, 8), time_of(bytes));
         self.count += 1;
@@ -92,7 +92,7 @@ impl Meter {
         if let Some((_, last_ns)) = self.last.filter(|(known, _)| *known == incarnation) {
             let interval = time_ns.saturating_sub(last_ns);
             self.intervals += 1;
-            // Welford's recurrence: no difference of large sums
+            // Welford's recurrence avoids differences of large sums.
             let distance = interval as f64 - self.mean_ns;
             self.mean_ns += distance / self.intervals as f64;
             self.squares += distance * (interval as f64 - self.mean_ns);
@@ -102,7 +102,7 @@ impl Meter {
         self.last = Some((incarnation, time_ns));
     }
 
-    /// The intervals; `None` before there is one.
+    /// The intervals; `None` if there is none yet.
     pub(crate) fn intervals(&self) -> Option<Intervals> {
         (self.intervals > 0).then(|| Intervals {
             mean_ms: self.mean_ns * 1e-6,
@@ -112,7 +112,7 @@ impl Meter {
         })
     }
 
-    /// Begins a new interval of counting and of latencies.
+    /// Resets the count and the latencies.
     pub(crate) fn reset(&mut self) {
         self.count = 0;
         self.latency.0.reset();

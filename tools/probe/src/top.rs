@@ -13,22 +13,22 @@ use crate::attach::{self, Attached};
 use crate::echo::time_of;
 use crate::meter::Meter;
 
-/// How often it looks; part of the latency that it shows (ns).
+/// Polling period; part of the latency shown (ns).
 const PERIOD_NS: u64 = MILLISECOND_NS;
-/// A loop tells its timing once a second (ns).
+/// Age at which a loop counts as silent: it publishes its timing every second (ns).
 const SILENT_NS: u64 = 3 * SECOND_NS;
-/// Pictures that a rate is taken over, so that a topic of 1 Hz has one.
-const RATE_OVER: usize = 5;
+/// Number of screens over which a rate is averaged, so that a topic of 1 Hz has one.
+const AVERAGED_SCREENS: usize = 5;
 
-/// What `top` knows.
-struct Board {
+/// The state of `top`.
+struct State {
     meters: Vec<Meter>,
     /// messages and duration (s) of the last pictures, by topic
     counts: Vec<VecDeque<(u64, f64)>>,
     timings: Vec<LoopTiming>,
 }
 
-impl Board {
+impl State {
     fn new(topics: &[&'static Topic]) -> anyhow::Result<Self> {
         Ok(Self {
             meters: topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?,
@@ -48,7 +48,7 @@ impl Board {
         if topic.type_name == LoopTiming::TYPE_NAME
             && let Some(timing) = LoopTiming::from_bytes(bytes)
         {
-            // the last timing of a process is worth showing even if it is history
+            // The last timing of a process is shown even if it is history.
             match self.timings.iter_mut().find(|known| known.source == timing.source) {
                 Some(known) => *known = timing,
                 None => self.timings.push(timing),
@@ -60,11 +60,11 @@ impl Board {
         }
     }
 
-    /// Ends the interval of a picture.
+    /// Ends the interval of a screen.
     fn count(&mut self, seconds: f64) {
         for (meter, counts) in self.meters.iter().zip(&mut self.counts) {
             counts.push_back((meter.count, seconds));
-            if counts.len() > RATE_OVER {
+            if counts.len() > AVERAGED_SCREENS {
                 counts.pop_front();
             }
         }
@@ -81,9 +81,9 @@ impl Board {
         self.meters.iter_mut().for_each(Meter::reset);
     }
 
-    /// The picture; `feeds` gives name, messages received and lost of each topic. Lists of words
-    /// are broken at `width` columns, tables never.
-    fn picture(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)], width: usize) -> String {
+    /// Renders a screen; `feeds` gives name, messages received and lost of each topic. Sentences are
+    /// wrapped at `width` columns, tables never.
+    fn render(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)], width: usize) -> String {
         let words = |text: String| {
             textwrap::fill(&text, textwrap::Options::new(width).subsequent_indent("    "))
         };
@@ -157,7 +157,7 @@ impl Board {
         }
         let period_ms = PERIOD_NS / MILLISECOND_NS;
         line(format!(
-            "late (topics): published to received here; this probe looks every {period_ms} ms"
+            "late (topics): from publishing to this probe, which polls every {period_ms} ms"
         ));
         text
     }
@@ -166,7 +166,7 @@ impl Board {
 pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
     let topics: Vec<_> = TOPICS.iter().collect();
     let mut rig = Attached::new(rig_name, &topics, PERIOD_NS)?;
-    let mut board = Board::new(&topics)?;
+    let mut state = State::new(&topics)?;
     let terminal = std::io::stdout().is_terminal();
     let mut left = args.count.unwrap_or(if terminal { u64::MAX } else { 1 });
     let mut screen = Screen::begin(terminal, out)?;
@@ -177,11 +177,11 @@ pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> an
             rig.wait(end_ns)?;
             let since_ns = rig.since_ns;
             rig.drain(|index, bytes, received_ns| {
-                board.observe(index, topics[index], bytes, received_ns, since_ns);
+                state.observe(index, topics[index], bytes, received_ns, since_ns);
             })?;
         }
         let now = now_ns();
-        board.count((now - begun_ns) as f64 * 1e-9);
+        state.count((now - begun_ns) as f64 * 1e-9);
         let feeds: Vec<_> = rig
             .feeds
             .iter()
@@ -189,15 +189,15 @@ pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> an
             .map(|(name, counters)| (name, counters.received, counters.lost))
             .collect();
         let width = screen.size().map_or(usize::MAX, |(width, _)| width);
-        screen.show(board.picture(rig_name.as_str(), now, &feeds, width))?;
-        board.reset();
+        screen.show(state.render(rig_name.as_str(), now, &feeds, width))?;
+        state.reset();
         begun_ns = now;
         left -= 1;
     }
     Ok(())
 }
 
-/// Where pictures go: one over the other on a terminal, one after the other in a pipe.
+/// The output: redrawn in place on a terminal, appended in a pipe.
 struct Screen<'a> {
     out: &'a mut dyn Write,
     terminal: bool,
@@ -207,13 +207,13 @@ struct Screen<'a> {
 impl<'a> Screen<'a> {
     fn begin(terminal: bool, out: &'a mut dyn Write) -> std::io::Result<Self> {
         if terminal {
-            // the other screen, without cursor: what was on the first comes back at the end
+            // The alternate screen, without cursor; the old contents come back at the end.
             write!(out, "\x1b[?1049h\x1b[?25l")?;
         }
         Ok(Self { out, terminal, last: String::new() })
     }
 
-    /// Columns and lines; `None` where it is no terminal.
+    /// Columns and lines; `None` unless it is a terminal.
     fn size(&self) -> Option<(usize, usize)> {
         let size = || {
             terminal_size::terminal_size().map(|(width, height)| (width.0.into(), height.0.into()))
@@ -221,14 +221,14 @@ impl<'a> Screen<'a> {
         self.terminal.then(|| size().unwrap_or((80, 24)))
     }
 
-    fn show(&mut self, picture: String) -> std::io::Result<()> {
+    fn show(&mut self, screen: String) -> std::io::Result<()> {
         if let Some((width, height)) = self.size() {
-            write!(self.out, "\x1b[H{}\x1b[J", fit(&picture, width, height))?;
+            write!(self.out, "\x1b[H{}\x1b[J", fit(&screen, width, height))?;
         } else {
-            self.out.write_all(picture.as_bytes())?;
+            self.out.write_all(screen.as_bytes())?;
         }
         self.out.flush()?;
-        self.last = picture;
+        self.last = screen;
         Ok(())
     }
 }
@@ -236,22 +236,22 @@ impl<'a> Screen<'a> {
 impl Drop for Screen<'_> {
     fn drop(&mut self) {
         if self.terminal {
-            // An output that is gone needs no repair.
+            // A closed output needs no repair.
             let _ = write!(self.out, "\x1b[?25h\x1b[?1049l{}", self.last);
             let _ = self.out.flush();
         }
     }
 }
 
-/// Cuts a picture to a terminal: lines at its width, and at its height with a word on what is not
-/// shown.
-fn fit(picture: &str, width: usize, height: usize) -> String {
-    let total = picture.lines().count();
+/// Fits a screen to a terminal: cuts long lines, and replaces the lines that do not fit by a
+/// note.
+fn fit(screen: &str, width: usize, height: usize) -> String {
+    let total = screen.lines().count();
     let shown = if total > height { height.saturating_sub(1) } else { total };
     let mut lines: Vec<String> =
-        picture.lines().take(shown).map(|line| line.chars().take(width).collect()).collect();
+        screen.lines().take(shown).map(|line| line.chars().take(width).collect()).collect();
     if total > height {
-        let more = format!("... {} lines more: make the window taller", total - shown);
+        let more = format!("... {} more lines: make the window taller", total - shown);
         lines.push(more.chars().take(width).collect());
     }
     lines.join("\x1b[K\r\n") + "\x1b[K"
@@ -266,13 +266,13 @@ mod tests {
     #[test]
     fn rates_losses_and_timing_are_in_the_picture() {
         let topics: Vec<_> = TOPICS.iter().collect();
-        let mut board = Board::new(&topics).unwrap();
+        let mut state = State::new(&topics).unwrap();
         let index_of = |name: &str| TOPICS.iter().position(|topic| topic.name == name).unwrap();
         let command = index_of(COMMAND.topic.name);
         for cycle in 0..500 {
             let mut message = MotorCommand::default();
             message.stamp(1, 2, cycle, 1_000_000 * cycle);
-            board.observe(
+            state.observe(
                 command,
                 topics[command],
                 message.as_bytes(),
@@ -292,14 +292,14 @@ mod tests {
         };
         timing.stamp(1, 2, 0, 900_000_000);
         let index = index_of("timing/control");
-        board.observe(
+        state.observe(
             index,
             find_topic("timing/control").unwrap(),
             timing.as_bytes(),
             900_000_000,
             0,
         );
-        board.count(1.0);
+        state.count(1.0);
         let feeds: Vec<_> = TOPICS
             .iter()
             .map(|topic| match topic.name {
@@ -308,46 +308,45 @@ mod tests {
                 _ => (topic.name, 0, 0),
             })
             .collect();
-        let words = |picture: &str, name: &str| -> Vec<String> {
-            let line = picture.lines().find(|line| line.starts_with(name)).unwrap();
+        let words = |screen: &str, name: &str| -> Vec<String> {
+            let line = screen.lines().find(|line| line.starts_with(name)).unwrap();
             line.split_whitespace().map(str::to_owned).collect()
         };
-        let picture = board.picture("demo", 1_000_000_000, &feeds, usize::MAX);
-        assert_eq!(words(&picture, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
-        assert_eq!(words(&picture, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
-        assert!(picture.contains("no message yet: sample, token"), "{picture}");
+        let screen = state.render("demo", 1_000_000_000, &feeds, usize::MAX);
+        assert_eq!(words(&screen, "command "), ["command", "500.0", "3", "500", "40", "40", "40"]);
+        assert_eq!(words(&screen, "control ")[..6], ["control", "500", "13", "4", "9", "77"]);
+        assert!(screen.contains("no message yet: sample, token"), "{screen}");
         assert!(
-            picture.contains("\ncontrol: since its start 7 messages lost on the way to it\n"),
-            "{picture}"
+            screen.contains("\ncontrol: since its start 7 messages lost on the way to it\n"),
+            "{screen}"
         );
         assert!(
-            picture.starts_with("rig demo, realtime\n") && !picture.contains("SILENT"),
-            "{picture}"
+            screen.starts_with("rig demo, realtime\n") && !screen.contains("SILENT"),
+            "{screen}"
         );
-        let narrow = board.picture("demo", 1_000_000_000, &feeds, 80);
+        let narrow = state.render("demo", 1_000_000_000, &feeds, 80);
         assert_eq!(
             narrow.lines().find(|line| line.chars().count() > 80),
             None,
             "a terminal has 80 columns"
         );
-        let told =
-            |picture: &str| picture.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        assert_eq!(told(&narrow), told(&picture), "and what does not fit stands in the next line");
+        let told = |screen: &str| screen.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(told(&narrow), told(&screen), "and what does not fit stands in the next line");
         // a rate over several pictures, and a loop that fell silent
-        board.reset();
-        board.count(1.0);
-        let picture = board.picture("demo", 9_000_000_000, &feeds, usize::MAX);
-        assert_eq!(words(&picture, "command ")[1..], ["250.0", "3", "500", "-", "-", "-"]);
-        assert!(words(&picture, "control ").contains(&"SILENT".to_owned()));
+        state.reset();
+        state.count(1.0);
+        let screen = state.render("demo", 9_000_000_000, &feeds, usize::MAX);
+        assert_eq!(words(&screen, "command ")[1..], ["250.0", "3", "500", "-", "-", "-"]);
+        assert!(words(&screen, "control ").contains(&"SILENT".to_owned()));
     }
 
     #[test]
     fn a_picture_fits_its_terminal() {
-        let picture = "one\ntwo µµµ\nthree\n";
-        assert_eq!(fit(picture, 5, 3), "one\x1b[K\r\ntwo µ\x1b[K\r\nthree\x1b[K");
+        let screen = "one\ntwo µµµ\nthree\n";
+        assert_eq!(fit(screen, 5, 3), "one\x1b[K\r\ntwo µ\x1b[K\r\nthree\x1b[K");
         assert_eq!(
-            fit(picture, 80, 2),
-            "one\x1b[K\r\n... 2 lines more: make the window taller\x1b[K"
+            fit(screen, 80, 2),
+            "one\x1b[K\r\n... 2 more lines: make the window taller\x1b[K"
         );
     }
 }

@@ -8,7 +8,7 @@ use launch::StopReport;
 use runtime::RigName;
 use serde_json::json;
 
-use super::UpArguments;
+use super::{UpArguments, print_json};
 use crate::{CardChoice, Cleaning, DONE, Down, Error, Up, UpOptions};
 
 /// The price of the best-effort profile.
@@ -33,7 +33,7 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
     }
     let up = crate::up(&options)?;
     if arguments.json.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&json_of(&up))?)?;
+        print_json(&json_of(&up))?;
     } else {
         print_up(&mut out, &up, &options)?;
     }
@@ -140,7 +140,7 @@ pub(super) fn down(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
             "stopped": down.stopped,
             "removed": down.cleaning == Cleaning::Removed,
         });
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        print_json(&value)?;
         return Ok(DONE);
     }
     print_down(&mut out, &down, rig_name)?;

@@ -10,7 +10,7 @@ use ipc_types::{LoggerRequest, TripCause, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 
-use super::RunArguments;
+use super::{RunArguments, print_json};
 use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOutcome};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
@@ -34,7 +34,7 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
             "state": answer.state,
             "reason": answer.reason,
         });
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        print_json(&value)?;
         return Ok(if answer.done { DONE } else { FAILED });
     }
     if !answer.done {
@@ -78,7 +78,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     if arguments.json.json {
         let mut value = json_of(&outcome);
         value["ranges"] = serde_json::to_value(&ranges)?;
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        print_json(&value)?;
     } else {
         for range in &ranges {
             writeln!(out, "{range}")?;
@@ -97,7 +97,7 @@ pub(super) fn stop(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
             "protocol": stopped.as_ref().map(|answer| &answer.name),
             "elapsed_s": stopped.as_ref().map(|answer| answer.elapsed_s),
         });
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        print_json(&value)?;
         return Ok(DONE);
     }
     match stopped {
@@ -126,11 +126,7 @@ pub(super) fn start_recording(
     }
     let mut out = std::io::stdout();
     if as_json {
-        writeln!(
-            out,
-            "{}",
-            serde_json::to_string_pretty(&json!({ "recording": answer.recording }))?
-        )?;
+        print_json(&json!({ "recording": answer.recording }))?;
     } else {
         writeln!(out, "recording {}", answer.recording.unwrap_or_default())?;
     }
@@ -150,7 +146,7 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
     let mut out = std::io::stdout();
     if as_json {
         let value = json!({ "file": file, "written": answer.written, "lost": answer.lost });
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)?;
+        print_json(&value)?;
     } else {
         writeln!(out, "{file}: {} messages, {} lost", answer.written, answer.lost)?;
     }
@@ -182,8 +178,8 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
         }
         RunOutcome::Stopped { elapsed_s } => {
             eprintln!(
-                "farreach: stopped after {elapsed_s:.1} s; the handle comes to rest, the motor stays \
-                 enabled at 0 V"
+                "farreach: stopped after {elapsed_s:.1} s; the handle comes to rest, the motor \
+                 stays enabled at 0 V"
             );
             Ok(())
         }

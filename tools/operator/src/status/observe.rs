@@ -7,9 +7,8 @@ use ipc_types::{
     MotorCommand, Process, Profile, SAMPLE, Sample, TOKEN, WatchdogState, event_topic,
     heartbeat_topic, timing_topic,
 };
-use runtime::{Domain, HostStall, PortError, clock::now_ns};
+use runtime::{Domain, HostStall, PortError, Subscriber, clock::now_ns};
 
-use crate::link::Subscriber;
 use crate::{Error, RigLink};
 
 /// Shortest observation: rates are measured over it.
@@ -80,7 +79,7 @@ impl Span {
 }
 
 /// Newest message and rate of one topic.
-struct Latest<T> {
+struct Latest<T: Message> {
     reader: Subscriber<T>,
     newest: Option<T>,
     span: Span,

@@ -1,9 +1,9 @@
-//! A member of the rig under test: reads all topics, and leads the handle through a slow sine, so
-//! that volts flow whenever there is power.
+//! Monitors a rig under test: reads all topics, and publishes setpoints of a slow sine, so that the
+//! motor gets voltage whenever it is enabled.
 //!
-//! Time is counted in ticks of the card (0.5 ms): the virtual card clocks every tick, also those
-//! for which it was late, so that its scans tell what the motor got and when, however loaded the
-//! machine is.
+//! Time is counted in ticks of the card (0.5 ms): the simulated card simulates every tick, also
+//! those for which it was late, so that its scans show what the motor got and when, however loaded
+//! the computer is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
@@ -24,7 +24,7 @@ use super::{TestRig, told, wait_for};
 
 /// Period of the card in `launch/rigs/hydrostatic.toml` (2 kHz) (ns).
 pub const TICK_NS: u64 = 500_000;
-/// Ends waits of tests that have failed.
+/// Limit of waiting; reached only by a test that fails.
 pub const LIMIT: Duration = Duration::from_secs(30);
 
 const AMPLITUDE_RAD: f64 = 0.25;
@@ -35,8 +35,8 @@ pub fn tick_of(time_ns: u64) -> u64 {
     time_ns / TICK_NS
 }
 
-/// Ticks from a process's last word within which volts must no longer reach the motor, by the
-/// safety case's bounds and one cycle of each party that passes it on; `None` where it has none.
+/// Ticks after a process's last message within which the motor must be without voltage, by the
+/// bounds of the safety case plus one cycle of each process in between; `None` if there is none.
 pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
     let timeouts = Timeouts::of(profile);
     let bound_ns = match process {
@@ -58,7 +58,7 @@ pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
 /// Ticks for the cycle of each party, and the rounding of times to ticks.
 pub const SLACK: u64 = 6;
 
-/// What one scan of the card says of the motor.
+/// State of the motor in one scan of the card.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan {
     pub tick: u64,
@@ -71,7 +71,7 @@ pub struct Scan {
     pub dac: bool,
 }
 
-/// What one token says.
+/// The parts of one token that tests look at.
 #[derive(Clone, Copy, Debug)]
 pub struct Token {
     pub time_ns: u64,
@@ -82,9 +82,9 @@ pub struct Token {
     pub cause: TripCause,
 }
 
-/// One incarnation of one topic's sender.
+/// One incarnation of a topic's sender.
 #[derive(Clone, Copy, Debug)]
-pub struct Life {
+pub struct Sender {
     pub incarnation: u64,
     pub sequence: u64,
     pub last_ns: u64,
@@ -94,7 +94,7 @@ pub struct Life {
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
     /// Its senders, in the order of their first message.
-    pub lives: Vec<Life>,
+    pub senders: Vec<Sender>,
     /// Longest pause between two messages of one sender since the mark (ns).
     pub pause_ns: u64,
     /// Messages that this reader missed.
@@ -104,12 +104,12 @@ pub struct Stream {
 }
 
 impl Stream {
-    pub fn newest(&self) -> Life {
-        *self.lives.last().unwrap()
+    pub fn newest(&self) -> Sender {
+        *self.senders.last().unwrap()
     }
 }
 
-/// All that was seen.
+/// All messages received.
 #[derive(Debug, Default)]
 pub struct Seen {
     /// Since the mark.
@@ -133,16 +133,16 @@ impl Seen {
         // Every message begins with session, incarnation, sequence, time.
         let (incarnation, sequence, time_ns) = (word(1), word(2), word(3));
         let stream = self.streams.entry(topic).or_default();
-        match stream.lives.iter_mut().find(|life| life.incarnation == incarnation) {
-            Some(life) => {
-                if sequence <= life.sequence {
+        match stream.senders.iter_mut().find(|sender| sender.incarnation == incarnation) {
+            Some(sender) => {
+                if sequence <= sender.sequence {
                     stream.backwards += 1;
                 }
-                stream.lost += sequence.saturating_sub(life.sequence + 1);
-                stream.pause_ns = stream.pause_ns.max(time_ns.saturating_sub(life.last_ns));
-                *life = Life { incarnation, sequence, last_ns: time_ns };
+                stream.lost += sequence.saturating_sub(sender.sequence + 1);
+                stream.pause_ns = stream.pause_ns.max(time_ns.saturating_sub(sender.last_ns));
+                *sender = Sender { incarnation, sequence, last_ns: time_ns };
             }
-            None => stream.lives.push(Life { incarnation, sequence, last_ns: time_ns }),
+            None => stream.senders.push(Sender { incarnation, sequence, last_ns: time_ns }),
         }
         match topic {
             _ if topic == CARD_SCAN.topic.name => {
@@ -246,7 +246,7 @@ impl Seen {
 }
 
 /// A member of the rig under test. Leaves it when dropped.
-pub struct Witness {
+pub struct Monitor {
     seen: Arc<Mutex<Seen>>,
     domain: Domain,
     stop: Arc<AtomicBool>,
@@ -254,7 +254,7 @@ pub struct Witness {
     threads: Vec<JoinHandle<()>>,
 }
 
-impl Witness {
+impl Monitor {
     /// Joins, and begins to read and to lead.
     pub fn join(name: &RigName) -> Self {
         let domain = Domain::observe(name).unwrap();
@@ -268,14 +268,14 @@ impl Witness {
                 seen_too.lock().unwrap().failure = Some(error.to_string());
             }
         });
-        let witness = Self { seen, domain, stop, leads, threads: vec![reader] };
-        witness.until("all fast topics speak", |seen| {
+        let monitor = Self { seen, domain, stop, leads, threads: vec![reader] };
+        monitor.until("all fast topics speak", |seen| {
             seen.newest_token.is_some() && seen.command.is_some()
         });
-        witness
+        monitor
     }
 
-    /// Keeps this many cores busy, at normal priority, for as long as the witness lives; a rig of
+    /// Keeps this many cores busy, at normal priority, for as long as the monitor lives; a rig of
     /// the best-effort profile is spared: that others' work does not hold a rig up is what the
     /// real-time class is for.
     pub fn load(&mut self, cores: usize) {
@@ -406,7 +406,7 @@ impl Witness {
     }
 }
 
-impl Drop for Witness {
+impl Drop for Monitor {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {

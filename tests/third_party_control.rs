@@ -1,5 +1,5 @@
-//! A process that others wrote takes control's place. The stand-in below is built from `ipc-types`
-//! and `runtime` alone: it knows the topics, and nothing of our control.
+//! A process written by others replaces control. It is built from `ipc-types` and `runtime` alone:
+//! it knows the topics, and nothing of farreach's own control.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -7,21 +7,21 @@ mod common;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-use common::witness::{LIMIT, Witness};
+use common::monitor::{LIMIT, Monitor};
 use common::{TestRig, kill, told, wait_for};
 use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, WatchdogState};
 use launch::UnitState;
 use runtime::{Grid, Service};
 
 /// Name of the rig, for the child.
-const CHILD: &str = "FARREACH_STAND_IN";
-/// Where the stand-in drives the handle (rad), how hard (V/rad), and how hard at most (V).
+const CHILD: &str = "FARREACH_THIRD_PARTY";
+/// Target position (rad), gain (V/rad) and voltage limit (V) of the third-party control.
 const TARGET_RAD: f64 = 0.6;
 const GAIN_V_PER_RAD: f64 = 12.0;
 const VOLTS_MAX: f64 = 4.0;
 
-/// The stand-in: a proportional law around one position.
-fn stand_in(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
+/// The third-party control: a proportional law around one position.
+fn third_party(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
     let mut service = Service::start(Process::Control, rig_name)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut tokens = service.subscriber(TOKEN)?;
@@ -63,10 +63,10 @@ fn stand_in(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
 
 /// The child process: this test binary, started again by the test below.
 #[test]
-#[ignore = "the stand-in's own process; the other test starts it"]
-fn stand_in_process() {
+#[ignore = "the third-party control's own process; the other test starts it"]
+fn third_party_process() {
     let name = std::env::var(CHILD).expect("the name of a rig");
-    stand_in(&name).unwrap();
+    third_party(&name).unwrap();
 }
 
 struct StandIn {
@@ -77,7 +77,7 @@ struct StandIn {
 impl StandIn {
     fn start(rig: &TestRig) -> Self {
         let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "stand_in_process", "--ignored", "--nocapture"])
+            .args(["--exact", "third_party_process", "--ignored", "--nocapture"])
             .env(CHILD, rig.name().as_str())
             // Found, and killed with the rig, if this test fails.
             .env("FARREACH_RIG_NAME", rig.name().as_str())
@@ -88,7 +88,7 @@ impl StandIn {
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let incarnation = lines
             .find_map(|line| line.unwrap().rsplit_once("incarnation ")?.1.parse().ok())
-            .expect("the stand-in ended before it was ready");
+            .expect("the third-party control ended before it was ready");
         // Whatever else the harness prints must not block it.
         std::thread::spawn(move || lines.for_each(drop));
         Self { child, incarnation }
@@ -103,39 +103,39 @@ impl Drop for StandIn {
 }
 
 #[test]
-fn a_stand_in_for_control_from_the_message_types_alone() {
-    let rig = TestRig::new("stand-in");
+fn control_can_be_replaced_with_the_message_types_alone() {
+    let rig = TestRig::new("third-party control");
     rig.up_simulated();
-    let witness = Witness::join(rig.name());
-    witness.power_up(&rig);
-    let ours = witness.seen().streams["command"].newest().incarnation;
+    let monitor = Monitor::join(rig.name());
+    monitor.power_up(&rig);
+    let ours = monitor.seen().streams["command"].newest().incarnation;
 
     // Ours ends in good order, and the launcher leaves it at that.
-    witness.mark();
+    monitor.mark();
     let process = rig.launcher_status().unit("control").unwrap().process.unwrap();
     kill(process.pid, libc::SIGTERM);
     let ended = wait_for(LIMIT, || {
         rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive
     });
     assert!(ended, "{:?}", rig.launcher_status().unit("control"));
-    witness.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
-    witness.pass_ticks(300);
-    assert!(witness.seen().newest_scan.is_some_and(|scan| !scan.volts && !scan.power));
+    monitor.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
+    monitor.pass_ticks(300);
+    assert!(monitor.seen().newest_scan.is_some_and(|scan| !scan.volts && !scan.power));
     let refused = rig.run(["reset"]);
     assert!(!refused.status.success(), "reset without any control: {}", told(&refused));
 
     // Another one comes. That alone changes nothing for the motor.
-    witness.lead(false);
-    let marked_ns = witness.mark();
-    let stand_in = StandIn::start(&rig);
-    witness.until("the stand-in's commands", |seen| {
+    monitor.lead(false);
+    let marked_ns = monitor.mark();
+    let third_party = StandIn::start(&rig);
+    monitor.until("the third-party control's commands", |seen| {
         seen.command.is_some_and(|command| {
-            command.incarnation == stand_in.incarnation && command.time_ns > marked_ns
+            command.incarnation == third_party.incarnation && command.time_ns > marked_ns
         })
     });
-    witness.pass_ticks(400);
+    monitor.pass_ticks(400);
     {
-        let seen = witness.seen();
+        let seen = monitor.seen();
         assert_eq!(seen.state(), Some(WatchdogState::Tripped));
         assert_eq!(
             (seen.last_volts(), seen.last_power()),
@@ -146,18 +146,18 @@ fn a_stand_in_for_control_from_the_message_types_alone() {
     }
 
     // Reset, arm and enable give it power, and the handle goes where it wants it.
-    witness.power_up(&rig);
-    let position = |seen: &common::witness::Seen| seen.sample.unwrap().master_position[0];
-    witness.until("the handle at the stand-in's target", |seen| {
+    monitor.power_up(&rig);
+    let position = |seen: &common::monitor::Seen| seen.sample.unwrap().master_position[0];
+    monitor.until("the handle at the third-party control's target", |seen| {
         (position(seen) - TARGET_RAD).abs() < 0.15
     });
-    let seen = witness.seen();
+    let seen = monitor.seen();
     let sample = seen.sample.unwrap();
-    assert_ne!(stand_in.incarnation, ours);
-    assert_eq!(sample.command_incarnation, stand_in.incarnation);
+    assert_ne!(third_party.incarnation, ours);
+    assert_eq!(sample.command_incarnation, third_party.incarnation);
     assert_eq!(sample.gate_state, GateState::Open.code());
     assert_eq!(seen.state(), Some(WatchdogState::Enabled));
-    assert_eq!(seen.streams["command"].newest().incarnation, stand_in.incarnation);
+    assert_eq!(seen.streams["command"].newest().incarnation, third_party.incarnation);
     drop(seen);
     assert!(
         rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive,
@@ -165,14 +165,14 @@ fn a_stand_in_for_control_from_the_message_types_alone() {
     );
 
     // When it goes, power goes; and ours can be had back.
-    witness.mark();
-    drop(stand_in);
-    witness.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
-    witness.lead(true);
+    monitor.mark();
+    drop(third_party);
+    monitor.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
+    monitor.lead(true);
     launch::restart(&rig.run_directory(), "control").unwrap();
-    witness.power_up(&rig);
-    let newest = witness.seen().streams["command"].newest().incarnation;
-    assert!(newest != ours && witness.seen().sample.unwrap().command_incarnation == newest);
-    drop(witness);
+    monitor.power_up(&rig);
+    let newest = monitor.seen().streams["command"].newest().incarnation;
+    assert!(newest != ours && monitor.seen().sample.unwrap().command_incarnation == newest);
+    drop(monitor);
     rig.down();
 }
