@@ -1,12 +1,14 @@
-"""Holds a recording against what other people's readers make of it.
+"""Compares a recording with what the readers of other projects decode.
 
     check.py RECORDING.mcap EXPECTED.jsonl
 
-EXPECTED has one JSON object a line, in the order of the file: topic, type, log_time_ns, sequence, fields (numbers that
-are not finite as text). `cargo run -p recording --example reader_check` writes such a pair; `farreach rec cat --json` gives
-the same lines for any recording (without `type`, which is then not compared).
+EXPECTED has one JSON object a line, in the order of the file: topic, type, log_time_ns, sequence,
+fields (numbers that are not finite as text). `cargo run -p recording --example reader_check` writes
+such a pair; `farreach rec cat --json` gives the same lines for any recording (without `type`, which
+is then not compared).
 
-Every field of every message is read with `mcap` + `mcap-ros2-support` and with `rosbags`, and compared bit by bit.
+Every field of every message is read with `mcap` + `mcap-ros2-support` and with `rosbags`, and
+compared bit by bit.
 Exit code 1 and the first differences on stderr if anything differs.
 """
 
@@ -37,7 +39,8 @@ class Comparison:
     def expect(self, where, expected, found):
         self.values += 1
         if bits(expected) != bits(found):
-            self.differences.append(f"{self.reader}: {where}: expected {expected!r}, found {found!r}")
+            difference = f"{where}: expected {expected!r}, found {found!r}"
+            self.differences.append(f"{self.reader}: {difference}")
 
     def message(self, number, expected, topic, kind, log_time, fields):
         where = f"message {number} ({expected['topic']})"
@@ -57,7 +60,7 @@ class Comparison:
 
 
 def bits(value):
-    """Numbers by their bits, so that -0.0 differs from 0.0; all NaN count as one (readers may change their payload)."""
+    """Numbers by their bits, so that -0.0 differs from 0.0; all NaN are equal."""
     if isinstance(value, str):
         value = NOT_FINITE.get(value, value)
     if hasattr(value, "item"):
@@ -80,9 +83,15 @@ def with_mcap(path, expected):
     for number, (wanted, found) in enumerate(zip(expected, messages)):
         decoded = found.decoded_message
         comparison.message(
-            number, wanted, found.channel.topic, found.schema.name, found.message.log_time, lambda name: getattr(decoded, name)
+            number,
+            wanted,
+            found.channel.topic,
+            found.schema.name,
+            found.message.log_time,
+            lambda name: getattr(decoded, name),
         )
-        comparison.expect(f"message {number} sequence", wanted["sequence"] & 0xFFFFFFFF, found.message.sequence)
+        sequence = wanted["sequence"] & 0xFFFFFFFF
+        comparison.expect(f"message {number} sequence", sequence, found.message.sequence)
         names = set(getattr(decoded, "__slots__", wanted["fields"]))
         comparison.expect(f"message {number} fields", sorted(wanted["fields"]), sorted(names))
     return comparison
@@ -106,7 +115,12 @@ def with_rosbags(path, expected):
             seen[connection.topic] += 1
             kind = connection.msgtype
             comparison.message(
-                number, by_topic[connection.topic][number], connection.topic, kind, time, lambda name: getattr(decoded, name)
+                number,
+                by_topic[connection.topic][number],
+                connection.topic,
+                kind,
+                time,
+                lambda name: getattr(decoded, name),
             )
         for topic, lines in by_topic.items():
             comparison.expect(f"messages of {topic}", len(lines), seen[topic])
@@ -133,9 +147,11 @@ def main(arguments):
             print(difference, file=sys.stderr)
         if comparison.differences:
             failed = True
-            print(f"{comparison.reader}: {len(comparison.differences)} differences", file=sys.stderr)
+            count = len(comparison.differences)
+            print(f"{comparison.reader}: {count} differences", file=sys.stderr)
         else:
-            print(f"{comparison.reader}: {len(expected)} messages, {comparison.values} values, all equal")
+            counts = f"{len(expected)} messages, {comparison.values} values"
+            print(f"{comparison.reader}: {counts}, all equal")
     return 1 if failed else 0
 
 

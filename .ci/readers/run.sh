@@ -1,6 +1,7 @@
 #!/bin/sh
-# Can other people's software read our recordings? Writes one with messages of every topic and holds what the PyPI
-# readers decode against what was written. Needs python3 with venv, and the network for the first run.
+# Checks that readers of other projects decode our recordings: writes one with messages of every
+# topic and compares what the readers on PyPI decode with what was written. Needs python3 with venv,
+# and the network for the first run.
 # usage: .ci/readers/run.sh [WORK_DIRECTORY]   (kept when given; else made and removed)
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
@@ -17,5 +18,6 @@ if [ ! -x "$work/venv/bin/python" ]; then
 fi
 "$work/venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt"
 rm -f "$work/check.mcap" "$work/check.jsonl"
-(cd "$root" && cargo run --quiet -p recording --example reader_check -- "$work/check.mcap" "$work/check.jsonl")
+(cd "$root" && cargo run --quiet -p recording --example reader_check -- \
+    "$work/check.mcap" "$work/check.jsonl")
 "$work/venv/bin/python" "$here/check.py" "$work/check.mcap" "$work/check.jsonl"

@@ -122,8 +122,8 @@ impl std::fmt::Debug for Logger {
 }
 
 impl Logger {
-    /// Subscribes to all topics and begins the recording requested, or continues the one that was in
-    /// progress when the logger died.
+    /// Subscribes to all topics and begins the recording requested, or continues the one that was
+    /// in progress when the logger died.
     ///
     /// # Errors
     /// Those of the ports; [`LoggerError::NotBegun`] if the recording requested cannot be begun.
@@ -156,6 +156,9 @@ impl Logger {
             ]
             .map(|(key, value)| (key.to_owned(), value)),
         );
+        if let Some(stall) = service.domain().host_stall() {
+            metadata.insert(key::HOST_STALL.to_owned(), stall.to_string());
+        }
         let mut logger = Self {
             heartbeats: service.publisher(heartbeat)?,
             losses: service.publisher(LOSS)?,
@@ -313,8 +316,8 @@ impl Logger {
         self.end()
     }
 
-    /// Takes the messages that are in shared memory now; at most a buffer's length of each topic, so
-    /// that a fast sender cannot keep it busy for ever.
+    /// Takes the messages that are in shared memory now; at most a buffer's length of each topic,
+    /// so that a fast sender cannot keep it busy for ever.
     fn drain(&mut self) -> Result<(), PortError> {
         let mut ended = false;
         for (index, (subscriber, topic)) in self.topics.iter_mut().zip(TOPICS).enumerate() {
@@ -375,8 +378,8 @@ impl Logger {
         }
     }
 
-    /// Writes the last messages and ends the file. The state is kept: a logger that is started again
-    /// in this session continues with the next part.
+    /// Writes the last messages and ends the file. The state is kept: a logger that is started
+    /// again in this session continues with the next part.
     fn end(mut self) -> Result<(), LoggerError> {
         self.report_losses()?;
         self.publish_counts()?;

@@ -15,7 +15,7 @@ use logger::{Logger, LoggerError, Options};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
 use rig::RigFile;
-use runtime::{Keeper, RigName, Service, call};
+use runtime::{Keeper, Publisher, RigName, Service, call};
 
 /// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
 const LONG: Duration = Duration::from_secs(60);
@@ -52,10 +52,6 @@ fn launch(options: &Options) -> Result<Running, LoggerError> {
     }
 }
 
-fn ask(service: &Service, request: &LoggerRequest) -> LoggerAnswer {
-    call(service.node(), &LOGGER_COMMANDS, request, LONG).unwrap()
-}
-
 fn ticks(path: &Path) -> Vec<u64> {
     let recording = Recording::open(path).unwrap();
     recording
@@ -74,41 +70,64 @@ fn events(path: &Path) -> Vec<(EventKind, String)> {
         .collect()
 }
 
-#[test]
-fn the_logger_from_first_message_to_second_part() {
-    let text = format!("lg-{}", std::process::id());
-    let name: RigName = text.parse().unwrap();
-    let keeper = Keeper::start(&name).unwrap();
-    let service = Service::start(Process::Acquisition, &text).unwrap();
-    let mut samples = service.publisher(SAMPLE).unwrap();
-    let mut publish = |ticks: std::ops::Range<u64>| {
-        for tick in ticks {
-            samples.send(Sample { tick, axes: 1, ..Sample::default() }).unwrap();
-        }
-    };
-    let directory = tempfile::tempdir().unwrap();
-    let first = directory.path().join("run.mcap");
-    let options = Options {
-        rig_name: text.clone(),
-        rig_file: PathBuf::from("hydrostatic.toml"),
-        record: Some(first.clone()),
-        metadata: BTreeMap::from([
-            ("subject".to_owned(), "s01".to_owned()),
-            (key::PROFILE.to_owned(), "not for others to say".to_owned()),
-        ]),
-    };
+/// A rig without a card: its domain, and a process that publishes samples.
+struct Bench {
+    name: RigName,
+    keeper: Keeper,
+    service: Service,
+    samples: Publisher<Sample>,
+    directory: tempfile::TempDir,
+    options: Options,
+}
 
+impl Bench {
+    fn new() -> Self {
+        let text = format!("lg-{}", std::process::id());
+        let name: RigName = text.parse().unwrap();
+        let keeper = Keeper::start(&name).unwrap();
+        let service = Service::start(Process::Acquisition, &text).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let options = Options {
+            rig_name: text,
+            rig_file: PathBuf::from("hydrostatic.toml"),
+            record: Some(directory.path().join("run.mcap")),
+            metadata: BTreeMap::from([
+                ("subject".to_owned(), "s01".to_owned()),
+                (key::PROFILE.to_owned(), "not for others to say".to_owned()),
+            ]),
+        };
+        let samples = service.publisher(SAMPLE).unwrap();
+        Self { name, keeper, service, samples, directory, options }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    fn publish(&mut self, ticks: std::ops::Range<u64>) {
+        for tick in ticks {
+            self.samples.send(Sample { tick, axes: 1, ..Sample::default() }).unwrap();
+        }
+    }
+
+    fn ask(&self, request: &LoggerRequest) -> LoggerAnswer {
+        call(self.service.node(), &LOGGER_COMMANDS, request, LONG).unwrap()
+    }
+}
+
+/// Recorded from the start; the file ends cleanly when the process ends.
+fn records_from_the_start(bench: &mut Bench) {
+    let first = bench.path("run.mcap");
     // a recording that cannot be begun keeps the logger from starting, and says why
     std::fs::write(&first, "somebody's data").unwrap();
-    let error = launch(&options).err().unwrap();
+    let error = launch(&bench.options).err().unwrap();
     assert!(matches!(error, LoggerError::NotBegun { .. }), "{error}");
     assert!(error.to_string().contains("never overwritten"), "{error}");
     std::fs::remove_file(&first).unwrap();
 
-    // recorded from the start; the file is ended in good order when the process ends
-    let logger = launch(&options).unwrap();
-    publish(0..300);
-    let status = ask(&service, &LoggerRequest::Status);
+    let logger = launch(&bench.options).unwrap();
+    bench.publish(0..300);
+    let status = bench.ask(&LoggerRequest::Status);
     assert_eq!(status.recording.as_deref(), Some(first.to_str().unwrap()));
     logger.end();
     assert_eq!(ticks(&first), (0..300).collect::<Vec<_>>());
@@ -119,10 +138,10 @@ fn the_logger_from_first_message_to_second_part() {
         ("subject", "s01"),
         (key::RIG, "hydrostatic"),
         (key::RIG_FILE, rig().text()),
-        (key::PROFILE, service.domain().profile().text()),
+        (key::PROFILE, bench.service.domain().profile().text()),
         (key::PART, "1"),
-        ("rig_name", text.as_str()),
-        ("session", &format!("{:016x}", keeper.session())),
+        ("rig_name", bench.options.rig_name.as_str()),
+        ("session", &format!("{:016x}", bench.keeper.session())),
     ] {
         assert_eq!(recording.metadata(key), Some(value), "{key}");
     }
@@ -139,51 +158,65 @@ fn the_logger_from_first_message_to_second_part() {
         kinds,
         [EventKind::RecordingStarted, EventKind::ProcessStarted, EventKind::ProcessEnding]
     );
+}
 
-    // started again in the same session it goes on in the next part, not from the start; also where
-    // it was killed before it could note that it had begun
-    let begun = name.run_directory().join("recording.begun");
+/// Started again in the same session, the logger continues with the next part.
+fn continues_with_the_next_part(bench: &mut Bench) -> Running {
+    // Also where it was killed before it could note that it had begun.
+    let begun = bench.name.run_directory().join("recording.begun");
     std::fs::remove_file(&begun).unwrap();
-    let logger = launch(&options).unwrap();
-    let second = directory.path().join("run.part2.mcap");
+    let logger = launch(&bench.options).unwrap();
+    let second = bench.path("run.part2.mcap");
     assert!(
         begun.exists(),
         "once this part is ended, a logger that starts again must not ask for part 1"
     );
     assert_eq!(
-        ask(&service, &LoggerRequest::Status).recording.as_deref(),
+        bench.ask(&LoggerRequest::Status).recording.as_deref(),
         Some(second.to_str().unwrap())
     );
-    publish(300..350);
+    bench.publish(300..350);
     // the answer to a stop means that everything published before is on disk
-    let answer = ask(&service, &LoggerRequest::Stop);
+    let answer = bench.ask(&LoggerRequest::Stop);
     assert_eq!((answer.recording, answer.lost, answer.error.as_str()), (None, 0, ""));
     assert!(answer.written >= 50, "{}", answer.written);
     assert_eq!(ticks(&second), (300..350).collect::<Vec<_>>());
     assert_eq!(Recording::open(&second).unwrap().metadata("subject"), Some("s01"));
-    let answer = ask(&service, &LoggerRequest::Stop);
+    let answer = bench.ask(&LoggerRequest::Stop);
     assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
+    logger
+}
 
-    // a person's recording; what comes outside of it is not in it
-    publish(350..360);
-    let third = directory.path().join("third.mcap");
+/// A recording that a person begins and ends; a gap in it is reported and counted.
+fn records_on_request(bench: &mut Bench) {
+    // what is published before it is not in it
+    bench.publish(350..360);
+    let third = bench.path("third.mcap");
     let request = |path: &Path| LoggerRequest::Start {
         path: path.to_str().unwrap().to_owned(),
         metadata: vec![("subject".to_owned(), "s02".to_owned())],
     };
     std::thread::sleep(Duration::from_millis(200)); // the loop takes it before the start
-    let answer = ask(&service, &request(&third));
+    let answer = bench.ask(&request(&third));
     assert_eq!((answer.recording.as_deref(), answer.error.as_str()), (third.to_str(), ""));
-    let answer = ask(&service, &request(&directory.path().join("fourth.mcap")));
+    let answer = bench.ask(&request(&bench.path("fourth.mcap")));
     assert!(answer.error.contains("already recording"), "{}", answer.error);
-    publish(360..400);
+    let metadata = vec![(key::PROTOCOL.to_owned(), "guided".to_owned())];
+    assert_eq!(bench.ask(&LoggerRequest::Run { metadata }).error, "");
+    bench.publish(360..400);
     std::thread::sleep(Duration::from_millis(200));
     // a hole in the sequence is told of and counted
     let buffer = SAMPLE.topic.buffer as u64;
-    publish(400..400 + 40 * buffer);
+    bench.publish(400..400 + 40 * buffer);
     std::thread::sleep(Duration::from_millis(1_300)); // losses are told of once a second
-    let answer = ask(&service, &LoggerRequest::Stop);
+    let answer = bench.ask(&LoggerRequest::Stop);
     let written = ticks(&third);
+    let recording = Recording::open(&third).unwrap();
+    assert_eq!(
+        recording.runs().map(|run| run[key::PROTOCOL].as_str()).collect::<Vec<_>>(),
+        ["guided"]
+    );
+    assert_eq!(recording.metadata("axis.0.unit"), Some("rad"));
     assert_eq!(written[0], 360);
     assert_eq!(answer.lost, 40 + 40 * buffer - written.len() as u64);
     assert!(answer.lost > 0, "the buffer was never full: the test says nothing");
@@ -194,15 +227,24 @@ fn the_logger_from_first_message_to_second_part() {
         "{lost:?}"
     );
     assert!(Recording::open(&third).unwrap().check().unwrap().data_lost());
-    let answer = ask(&service, &request(&third));
+    let answer = bench.ask(&request(&third));
     assert!(answer.error.contains("never overwritten") && answer.recording.is_none(), "{answer:?}");
+}
+
+#[test]
+fn the_logger_from_first_message_to_second_part() {
+    let mut bench = Bench::new();
+    records_from_the_start(&mut bench);
+    let logger = continues_with_the_next_part(&mut bench);
+    records_on_request(&mut bench);
     logger.end();
 
     // a person ended the recording of this session: a restart does not begin it again
-    let logger = launch(&options).unwrap();
-    assert_eq!(ask(&service, &LoggerRequest::Status).recording, None);
+    let logger = launch(&bench.options).unwrap();
+    assert_eq!(bench.ask(&LoggerRequest::Status).recording, None);
     logger.end();
 
+    let Bench { name, keeper, service, samples, .. } = bench;
     drop(samples);
     drop(service);
     assert!(keeper.end().unwrap(), "nothing else is alive");

@@ -1,6 +1,6 @@
 //! Writes a recording with messages of every topic, and beside it the same messages as JSON lines
-//! made from the messages themselves, not from the file: what foreign readers are held against
-//! (`.ci/readers`).
+//! made from the messages themselves, not from the file: the reference for readers of other
+//! projects (`.ci/readers`).
 //!
 //! ```text
 //! $ cargo run -p recording --example reader_check -- OUT.mcap OUT.jsonl

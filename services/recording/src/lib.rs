@@ -1,11 +1,11 @@
 //! Reading and writing of recordings: MCAP files of the rig's messages, and the measured records
 //! (CSV or MCAP) that identification and replay work on.
 //!
-//! - [`mcap_write`]: the logger's writer. A killed logger leaves a readable prefix.
+//! - [`mcap_write`]: the logger's writer. A killed logger leaves a readable file.
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
-//! - [`record`]: a measured record, column by column, checked before anybody uses it.
-//! - [`schema`]: the field table that a recording carries within itself.
+//! - [`record`]: a measured record, column by column, checked before use.
+//! - [`schema`]: the layout of messages, from the schemas in the recording.
 //!
 //! Nothing here reads a clock: times come in as arguments, in ns.
 #![forbid(unsafe_code)]

@@ -95,7 +95,7 @@ fn a_message_of_another_build_is_refused_alone() {
 }
 
 #[test]
-fn a_full_disk_is_said_once_counted_and_leaves_what_was_flushed() {
+fn a_full_disk_is_reported_once_and_leaves_what_was_flushed() {
     let dir = tempfile::tempdir().unwrap();
     let mut seen_full = 0;
     for room in (0..400_000).step_by(23_456) {
@@ -248,7 +248,7 @@ fn a_file_cut_within_the_indices_of_its_last_chunk_hides_none_of_its_messages() 
 }
 
 #[test]
-fn zeros_behind_the_data_are_a_torn_tail() {
+fn zeros_after_the_data_are_a_torn_tail() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write_file(&path, 2000);
@@ -263,7 +263,7 @@ fn zeros_behind_the_data_are_a_torn_tail() {
 }
 
 #[test]
-fn what_is_no_recording_is_said_plainly() {
+fn a_file_that_is_no_recording_is_reported_as_such() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.mcap");
     assert!(matches!(Recording::open(&path), Err(ReadError::Io { .. })));
@@ -328,7 +328,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn any_bytes_survive(messages in prop::collection::vec((0..TOPICS.len(), any::<u64>()), 1..200)) {
+    fn any_bytes_survive(
+        messages in prop::collection::vec((0..TOPICS.len(), any::<u64>()), 1..200)
+    ) {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.mcap");
         let mut writer = Writer::create(&path, &start(), 0).unwrap();
@@ -356,7 +358,11 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_file_never_panics_and_never_lies(at in any::<prop::sample::Index>(), flip in 1u8.., more in any::<prop::sample::Index>()) {
+    fn a_damaged_file_never_panics_and_never_lies(
+        at in any::<prop::sample::Index>(),
+        flip in 1u8..,
+        more in any::<prop::sample::Index>(),
+    ) {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.mcap");
         write_file(&path, 1500);
@@ -367,7 +373,9 @@ proptest! {
         fs::write(&path, &bytes).unwrap();
         if let Ok(recording) = Recording::open(&path) {
             let said = recording.check().unwrap().data_lost();
-            let found = recording.messages::<Sample>("sample").map(|found| found.flatten().collect::<Vec<_>>());
+            let found = recording
+                .messages::<Sample>("sample")
+                .map(|found| found.flatten().collect::<Vec<_>>());
             for found in found.iter().flatten() {
                 // payloads lie within checksummed chunks: what is read is what was written
                 let written = sample(found.message.sequence);
@@ -377,7 +385,10 @@ proptest! {
                 // and where nothing is said to be missing, all of it is there
                 prop_assert_eq!(found.map(|found| found.len()).ok(), Some(1500));
                 let expected = start();
-                prop_assert_eq!(recording.metadata(key::RIG_FILE), expected.metadata.get(key::RIG_FILE).map(String::as_str));
+                prop_assert_eq!(
+                    recording.metadata(key::RIG_FILE),
+                    expected.metadata.get(key::RIG_FILE).map(String::as_str)
+                );
             }
         }
     }
@@ -409,7 +420,7 @@ fn a_damaged_summary_makes_no_topic_another_and_hides_no_chunk() {
 }
 
 #[test]
-fn what_no_chunk_guards_is_guarded_by_the_checksum_of_all_data() {
+fn records_outside_chunks_are_covered_by_the_checksum_of_all_data() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write_file(&path, 300);

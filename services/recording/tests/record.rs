@@ -90,7 +90,7 @@ fn each_fault_is_named_with_row_and_column() {
         ),
         (
             table(20, good).replace("master_rad", "motor_v"),
-            "column `motor_v` stands there twice (columns 2 and 3)",
+            "column `motor_v` occurs twice (columns 2 and 3)",
         ),
         (table(20, good).replace("motor_v", ""), "no name for column 2"),
         (
@@ -285,7 +285,12 @@ fn the_measured_sets_of_others_are_read() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
-    fn csv_keeps_every_bit(values in prop::collection::vec(prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO, 10..60)) {
+    fn csv_keeps_every_bit(
+        values in prop::collection::vec(
+            prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO,
+            10..60,
+        )
+    ) {
         let record = Record {
             name: "r.csv".into(),
             time_s: (0..values.len()).map(|i| i as f64 * 5e-4).collect(),
@@ -322,7 +327,7 @@ fn columns_are_taken_from_where_the_mapping_says() {
     let said = with(&["t_s=time"]).unwrap_err().to_string();
     assert!(said.contains("column `time` is missing; found time ms, u, angle"), "{said}");
     let said = with(&["t_s=time ms", "angle=u"]).unwrap_err().to_string();
-    assert!(said.contains("mapped by angle=u: column 3 has that name already"), "{said}");
+    assert!(said.contains("mapped by angle=u: column 3 already has that name"), "{said}");
 }
 
 #[test]

@@ -10,11 +10,12 @@ use mcap::records::MessageHeader;
 use re_cdr::{BigEndian, ByteOrder, CdrWriter, LittleEndian};
 use recording::record::{FindingKind, Options, Record, RecordError, from_topics};
 
-const JOINT_STATE: &str = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n\
-    ================================================================================\nMSG: std_msgs/Header\n\
-    builtin_interfaces/Time stamp\nstring frame_id\n\
-    ================================================================================\nMSG: builtin_interfaces/Time\n\
-    int32 sec\nuint32 nanosec\n";
+const JOINT_STATE: &str = concat!(
+    "std_msgs/Header header\nstring[] name\n",
+    "float64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    "========\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+    "========\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+);
 const START_NS: u64 = 1_800_000_000_000_000_000;
 
 /// What the handle's joints say at a time.
@@ -68,7 +69,8 @@ fn write(path: &Path) {
         };
         put(joints, logged_ns, &data);
         if row % 2 == 0 {
-            let json = serde_json::json!({ "wrench": { "torque": [0, 0, torque(row as f64 * 1e-3)] }, "frame": "cell" });
+            let torque = [0.0, 0.0, torque(row as f64 * 1e-3)];
+            let json = serde_json::json!({ "wrench": { "torque": torque }, "frame": "cell" });
             put(cell, stamp_ns, json.to_string().as_bytes());
             put(other, stamp_ns, b"\x08\x01");
         }
@@ -104,7 +106,7 @@ fn stamps_of_a_topic_are_its_time_and_its_values_come_bit_by_bit() {
 }
 
 #[test]
-fn topics_with_times_of_their_own_come_to_one_grid() {
+fn topics_with_different_times_are_resampled_to_one_grid() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("other.mcap");
     write(&path);
@@ -122,7 +124,7 @@ fn topics_with_times_of_their_own_come_to_one_grid() {
 }
 
 #[test]
-fn what_cannot_be_had_is_said_with_topic_and_field() {
+fn sources_that_cannot_be_read_are_reported_with_topic_and_field() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("other.mcap");
     write(&path);
@@ -154,7 +156,7 @@ fn what_cannot_be_had_is_said_with_topic_and_field() {
 }
 
 #[test]
-fn no_bytes_make_it_panic() {
+fn truncated_messages_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cut.mcap");
     let mut mcap = mcap::Writer::new(BufWriter::new(File::create(&path).unwrap())).unwrap();

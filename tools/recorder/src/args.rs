@@ -20,8 +20,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Reads everything: checksums, schemas, sequences, ticks. Exit code 3 when anything is
-    /// missing.
+    /// Reads everything: checksums, schemas, sequence numbers, ticks. Exit code 3 when anything
+    /// is missing.
     ///
     /// Example: farreach rec verify run.mcap
     Verify {
@@ -33,7 +33,7 @@ pub enum Command {
     },
     /// Copies what can be read of a torn or damaged recording into a new file.
     ///
-    /// Example: farreach rec recover killed.mcap -o mended.mcap
+    /// Example: farreach rec recover killed.mcap -o recovered.mcap
     Recover {
         /// The recording.
         file: PathBuf,

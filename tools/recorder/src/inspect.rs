@@ -208,7 +208,8 @@ fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io:
     } else if !check.ended_cleanly {
         writeln!(
             out,
-            "  the recording did not end cleanly: it was cut off and recovered, or its logger failed"
+            "  the recording did not end cleanly: it was cut off and recovered, or its logger \
+             failed"
         )?;
     }
     for damage in &check.damage {
@@ -224,7 +225,8 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         .map(|t| {
             json!({
                 "topic": t.topic, "type": t.schema_name, "count": t.count,
-                "first_ns": t.first_ns, "last_ns": t.last_ns, "rate_hz": t.rate_hz(), "gaps": t.gaps, "gap_places": t.gap_places,
+                "first_ns": t.first_ns, "last_ns": t.last_ns, "rate_hz": t.rate_hz(),
+                "gaps": t.gaps, "gap_places": t.gap_places,
                 "gaps_before": t.gaps_before, "duplicates": t.duplicates,
                 "incarnations": t.incarnations, "dropped": t.dropped,
                 "undecodable": t.undecodable, "problem": t.problem,

@@ -1,4 +1,4 @@
-//! `farreach rec`: what is in recordings, whether they are complete, and how to cut, join and export
+//! `farreach rec`: what is in recordings, whether they are complete; cutting, joining and exporting
 //! them.
 //!
 //! A recording is an MCAP file that Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open
@@ -22,16 +22,17 @@
 //!
 //! $ farreach rec verify killed.mcap ; echo $?
 //! killed.mcap: DATA LOST
-//!   the file ends without a footer: the writer was stopped before it could end it (0 bytes unreadable)
+//!   the file ends without a footer: the writer was stopped before it could end it
+//!   (0 bytes unreadable)
 //!   sample: ticks 1000 to 2800, none missing
 //! 3
 //!
-//! $ farreach rec recover killed.mcap -o mended.mcap ; echo $?
-//! mended.mcap: 2,252 messages; 0 damaged chunks and 0 bytes at the end left out
+//! $ farreach rec recover killed.mcap -o recovered.mcap ; echo $?
+//! recovered.mcap: 2,252 messages; 0 damaged chunks and 0 bytes at the end left out
 //! 3
 //!
 //! $ farreach rec cat run.mcap --topic command --json | head -n 1
-//! {"fields":{"axes":1,"computed_ns":0, ... ,"volts":[0.5,0.0,0.0]},"log_time_ns":1700000000500200000,
+//! {"fields":{"axes":1, ... ,"volts":[0.5,0.0,0.0]},"log_time_ns":1700000000500200000,
 //! "publish_time_ns":1700000000500200000,"sequence":0,"topic":"command"}
 //!
 //! $ farreach rec cut run.mcap --from 0.25 --to 0.75 -o middle.mcap

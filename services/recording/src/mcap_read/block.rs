@@ -1,4 +1,4 @@
-//! A part of the file that holds messages, and what is in it once it is read and decompressed.
+//! Blocks: the parts of a file that hold messages, read and decompressed one at a time.
 
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use super::{ReadError, Recording};
 
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
-/// not take all memory.
+/// not exhaust the memory.
 const LARGEST_CHUNK: usize = 512 << 20;
 /// Channel, sequence, log time, publish time in front of a message's payload (bytes).
 const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
@@ -23,8 +23,8 @@ pub(super) struct Block {
     pub(super) times: Option<(u64, u64)>,
     /// channels with messages within, from the checked summary; `None` where unknown
     pub(super) channels: Option<Vec<u16>>,
-    /// The same from the message indexes behind the chunk. No checksum guards them: they may say
-    /// where to look for definitions, never which messages need not be read.
+    /// The same from the message indexes after the chunk. They have no checksum: they may say where
+    /// definitions are, never which messages need not be read.
     pub(super) hinted: Option<Vec<u16>>,
     pub(super) chunk: bool,
 }
@@ -78,7 +78,7 @@ pub(super) struct Loaded {
     data: Vec<u8>,
 }
 
-/// One message as it stands in the file. Cheap to keep: it shares the memory of its chunk.
+/// One message, not decoded. Cheap to keep: it shares the memory of its chunk.
 #[derive(Clone, Debug)]
 pub struct RawMessage {
     pub(super) block: Arc<Loaded>,

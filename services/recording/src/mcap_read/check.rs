@@ -1,4 +1,4 @@
-//! Reads a whole recording and says what is in it and what is missing.
+//! Checks a whole recording: what is in it and what is missing.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use ipc_types::{Arrival, SAMPLE, SequenceTracker};
 use super::{Damage, ReadError, Recording, Selection};
 use crate::mcap_write::END_RECORD;
 
-/// What was found of one topic.
+/// The result for one topic.
 #[derive(Clone, Debug, Default)]
 pub struct TopicCheck {
     /// Topic.
@@ -22,15 +22,15 @@ pub struct TopicCheck {
     pub last_ns: u64,
     /// Messages missing by their sequence, [`Self::gaps_before`] among them.
     pub gaps: u64,
-    /// Holes that they make.
+    /// Number of gaps.
     pub gap_places: u64,
-    /// Messages that are there twice, or out of order.
+    /// Messages that are repeated or out of order.
     pub duplicates: u64,
-    /// Starts of the sender.
+    /// Incarnations of the sender.
     pub incarnations: u64,
     /// Messages that cannot be decoded.
     pub undecodable: u64,
-    /// Why the first of them cannot.
+    /// Why, for the first of them.
     pub problem: String,
     /// Messages that the logger itself dropped or the disk refused, from the end record.
     pub dropped: u64,
@@ -55,13 +55,13 @@ pub struct Ticks {
     pub last: u64,
     /// Ticks between them without a sample.
     pub missing: u64,
-    /// Holes that they make.
+    /// Number of gaps that they make.
     pub holes: u64,
     /// Samples whose tick is not above the one before.
     pub backwards: u64,
 }
 
-/// What a whole recording holds.
+/// The result of checking a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Check {
     /// By topic; topics without messages are listed too.
@@ -70,7 +70,7 @@ pub struct Check {
     pub damage: Vec<Damage>,
     /// The acquisition grid; `None` without samples.
     pub ticks: Option<Ticks>,
-    /// Footer and end mark are there.
+    /// Whether footer and end mark are in place.
     pub complete: bool,
     /// See [`super::Tail::being_written`].
     pub being_written: bool,
@@ -82,7 +82,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Whether anything that belongs in the file is missing.
+    /// Whether anything is missing or damaged.
     pub fn data_lost(&self) -> bool {
         !(self.complete && self.ended_cleanly || self.being_written)
             || !self.damage.is_empty()
@@ -108,33 +108,50 @@ struct Follow {
     tracker: SequenceTracker,
 }
 
+impl Follow {
+    /// Counts one message by its log time and sequence number.
+    fn count(&mut self, log_time_ns: u64, incarnation: u64, sequence: u64) {
+        let check = &mut self.check;
+        let first = check.count == 0;
+        check.first_ns = if first { log_time_ns } else { check.first_ns.min(log_time_ns) };
+        check.last_ns = check.last_ns.max(log_time_ns);
+        check.count += 1;
+        if let Arrival::Gap(missing) = self.tracker.observe(incarnation, sequence)
+            && first
+        {
+            check.gaps_before = missing;
+        }
+    }
+
+    fn undecodable(&mut self, error: ReadError) {
+        self.check.undecodable += 1;
+        if self.check.problem.is_empty() {
+            self.check.problem = match error {
+                ReadError::Schema { source, .. } => source.to_string(),
+                other => other.to_string(),
+            };
+        }
+    }
+
+    fn finish(self) -> TopicCheck {
+        TopicCheck {
+            gaps: self.tracker.gaps(),
+            gap_places: self.tracker.gap_places(),
+            duplicates: self.tracker.duplicates(),
+            incarnations: self.tracker.incarnations(),
+            ..self.check
+        }
+    }
+}
+
 impl Recording {
     /// Reads every message: counts, times, gaps, duplicates, checksums, schemas, ticks.
     ///
     /// # Errors
-    /// [`ReadError::Io`] only; damage is part of the answer.
+    /// [`ReadError::Io`] only; damage is part of the result.
     pub fn check(&self) -> Result<Check, ReadError> {
         let mut damage = self.damage().to_vec();
-        // channels of the same topic (merged files) count together
-        let mut topics: BTreeMap<&str, Follow> = BTreeMap::new();
-        for channel in self.channels().values() {
-            let follow = topics.entry(&channel.topic).or_default();
-            follow.check.topic.clone_from(&channel.topic);
-            follow.check.schema_name.clone_from(&channel.schema_name);
-            let dropped: u64 = self
-                .records(END_RECORD)
-                .flat_map(|end| {
-                    ["dropped", "refused"].map(|loss| end.get(&format!("{}.{loss}", channel.topic)))
-                })
-                .filter_map(|count| count?.parse::<u64>().ok())
-                .sum();
-            follow.check.dropped = dropped;
-        }
-        for (topic, position) in self.continues() {
-            if let Some(follow) = topics.get_mut(topic.as_str()) {
-                follow.tracker.resume(position.incarnation, position.next);
-            }
-        }
+        let mut topics = self.followed_topics();
         let began_ns = self.began_ns().unwrap_or(0);
         let mut origin_ns: Option<u64> = None;
         let mut ticks: Option<Ticks> = None;
@@ -155,26 +172,17 @@ impl Recording {
                 continue;
             };
             let Some(follow) = topics.get_mut(channel.topic.as_str()) else { continue };
-            let time = message.log_time_ns();
-            let check = &mut follow.check;
-            check.first_ns = if check.count == 0 { time } else { check.first_ns.min(time) };
-            check.last_ns = check.last_ns.max(time);
-            check.count += 1;
-            if time >= began_ns {
-                origin_ns = Some(origin_ns.map_or(time, |origin| origin.min(time)));
+            let time_ns = message.log_time_ns();
+            if time_ns >= began_ns {
+                origin_ns = Some(origin_ns.map_or(time_ns, |origin| origin.min(time_ns)));
             }
+            let header_sequence = u64::from(message.sequence());
             match self.decode(&message) {
                 Ok((layout, body)) => {
                     let read = |name: &str| layout.unsigned(name, body);
-                    let arrival = follow.tracker.observe(
-                        read("incarnation").unwrap_or(0),
-                        read("sequence").unwrap_or_else(|| u64::from(message.sequence())),
-                    );
-                    if let Arrival::Gap(missing) = arrival
-                        && check.count == 1
-                    {
-                        check.gaps_before = missing;
-                    }
+                    let incarnation = read("incarnation").unwrap_or(0);
+                    let sequence = read("sequence").unwrap_or(header_sequence);
+                    follow.count(time_ns, incarnation, sequence);
                     if channel.topic == SAMPLE.topic.name
                         && let Some(tick) = read("tick")
                     {
@@ -182,35 +190,18 @@ impl Recording {
                     }
                 }
                 Err(error) => {
-                    check.undecodable += 1;
-                    if check.problem.is_empty() {
-                        check.problem = match error {
-                            ReadError::Schema { source, .. } => source.to_string(),
-                            other => other.to_string(),
-                        };
-                    }
-                    follow.tracker.observe(0, u64::from(message.sequence()));
+                    follow.count(time_ns, 0, header_sequence);
+                    follow.undecodable(error);
                 }
             }
         }
-        let topics = topics
-            .into_values()
-            .map(|follow| TopicCheck {
-                gaps: follow.tracker.gaps(),
-                gap_places: follow.tracker.gap_places(),
-                duplicates: follow.tracker.duplicates(),
-                incarnations: follow.tracker.incarnations(),
-                ..follow.check
-            })
-            .collect();
         if damage.is_empty()
             && let Some(end) = &self.data_end
         {
             let wrong = |source| ReadError::Io { path: self.path().to_owned(), source };
             damage.extend(end.verify(&self.file).map_err(wrong)?);
         }
-        let ended_cleanly = self.start_record().is_none() || self.ended_cleanly();
-        let topics: Vec<TopicCheck> = topics;
+        let topics: Vec<TopicCheck> = topics.into_values().map(Follow::finish).collect();
         let first_ns = topics.iter().filter(|t| t.count > 0).map(|t| t.first_ns).min();
         Ok(Check {
             topics,
@@ -218,9 +209,33 @@ impl Recording {
             ticks,
             complete: self.tail().complete,
             being_written: self.tail().being_written,
-            ended_cleanly,
+            ended_cleanly: self.start_record().is_none() || self.ended_cleanly(),
             origin_ns: origin_ns.or(first_ns),
         })
+    }
+
+    /// The topics, with what the metadata say of their losses. Channels of one topic (in merged
+    /// files) count together.
+    fn followed_topics(&self) -> BTreeMap<&str, Follow> {
+        let mut topics: BTreeMap<&str, Follow> = BTreeMap::new();
+        for channel in self.channels().values() {
+            let Follow { check, .. } = topics.entry(&channel.topic).or_default();
+            check.topic.clone_from(&channel.topic);
+            check.schema_name.clone_from(&channel.schema_name);
+            check.dropped = self
+                .records(END_RECORD)
+                .flat_map(|end| {
+                    ["dropped", "refused"].map(|loss| end.get(&format!("{}.{loss}", channel.topic)))
+                })
+                .filter_map(|count| count?.parse::<u64>().ok())
+                .sum();
+        }
+        for (topic, position) in self.continues() {
+            if let Some(follow) = topics.get_mut(topic.as_str()) {
+                follow.tracker.resume(position.incarnation, position.next);
+            }
+        }
+        topics
     }
 }
 

@@ -1,4 +1,4 @@
-//! Walks over messages, raw and typed.
+//! Iterators over messages, raw and typed.
 
 use std::collections::BTreeMap;
 use std::marker::PhantomData;
@@ -15,7 +15,7 @@ use crate::schema::{Conversion, Layout};
 pub struct Selection {
     /// Only these channels.
     pub channels: Option<Vec<u16>>,
-    /// Only messages with a log time from here on (ns).
+    /// Only messages with at least this log time (ns).
     pub from_ns: Option<u64>,
     /// Only messages with a log time before this (ns).
     pub until_ns: Option<u64>,
@@ -46,7 +46,7 @@ impl Selection {
 }
 
 /// Messages in the order in which they were written. A damaged chunk yields one error; the next
-/// call goes on behind it.
+/// call continues after it.
 #[derive(Debug)]
 pub struct RawMessages<'a> {
     recording: &'a Recording,
@@ -58,7 +58,7 @@ pub struct RawMessages<'a> {
 }
 
 impl Recording {
-    /// Messages as they stand in the file.
+    /// Messages in the order of the file, not decoded.
     pub fn raw(&self, selection: Selection) -> RawMessages<'_> {
         RawMessages {
             recording: self,

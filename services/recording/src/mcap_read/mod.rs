@@ -2,7 +2,7 @@
 //!
 //! [`Recording::open`] walks the records of the file without decompressing anything, so that hours
 //! of recording open quickly; the messages are then read chunk by chunk, so that memory does not
-//! grow with the file. A file whose logger was killed ends somewhere within a record: everything up
+//! grow with the file. A file whose logger was killed ends within a record: everything up
 //! to the last complete chunk is read, and [`Recording::tail`] says what was lost. A chunk whose
 //! checksum is wrong costs that chunk only; a summary whose checksum is wrong costs no message.
 //!
@@ -55,17 +55,24 @@ pub enum ReadError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file holds nothing.
-    #[error("{}: the file is empty: expected an MCAP recording; a logger that could not write anything leaves such a file", path.display())]
+    #[error(
+        "{}: the file is empty: expected an MCAP recording; a logger that could not write \
+         anything leaves such a file",
+        path.display()
+    )]
     Empty {
         /// The file.
         path: PathBuf,
     },
     /// Not an MCAP file.
-    #[error("{}: not an MCAP file: expected it to begin with 89 4d 43 41 50 30 0d 0a, found {found}", path.display())]
+    #[error(
+        "{}: not an MCAP file: expected it to begin with 89 4d 43 41 50 30 0d 0a, found {found}",
+        path.display()
+    )]
     NotMcap {
         /// The file.
         path: PathBuf,
@@ -73,13 +80,17 @@ pub enum ReadError {
         found: String,
     },
     /// One chunk is damaged; the others can still be read.
-    #[error("{}: damaged at byte {offset}: {source}; the messages of this chunk are lost, `farreach rec recover` keeps the others", path.display())]
+    #[error(
+        "{}: damaged at byte {offset}: {source}; the messages of this chunk are lost, `farreach \
+         rec recover` keeps the others",
+        path.display()
+    )]
     Damaged {
         /// The file.
         path: PathBuf,
         /// Where the chunk begins.
         offset: u64,
-        /// What the library said.
+        /// The library's error.
         source: Box<mcap::McapError>,
     },
     /// No such topic in this file.
@@ -89,7 +100,7 @@ pub enum ReadError {
         path: PathBuf,
         /// What was asked for.
         topic: String,
-        /// What is there.
+        /// What was found.
         available: String,
     },
     /// A message cannot be decoded.
@@ -117,9 +128,9 @@ pub struct Channel {
     pub schema: String,
     /// Encoding of the messages.
     pub message_encoding: String,
-    /// What the writer says about the channel.
+    /// Metadata of the channel.
     pub metadata: BTreeMap<String, String>,
-    /// The field table, or why there is none.
+    /// The layout of the messages, or why there is none.
     pub layout: Result<Layout, SchemaError>,
 }
 
@@ -132,13 +143,13 @@ pub struct Tail {
     pub readable: u64,
     /// Bytes after it that cannot be read.
     pub lost: u64,
-    /// What is there instead of an end; empty where complete.
+    /// What was found instead of an end; empty where complete.
     pub reason: String,
     /// Whether a logger still writes it: the end is yet to come, and nothing is lost.
     pub being_written: bool,
 }
 
-/// Something within the file that cannot be read, while what follows can.
+/// Something in the file that cannot be read, while what follows can.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
     /// Where (bytes).
@@ -197,12 +208,11 @@ impl Recording {
     pub fn metadata_records(&self) -> &[(String, BTreeMap<String, String>)] {
         &self.metadata
     }
-    /// What the recording says about itself from its start; `None` for files that farreach did not
-    /// write.
+    /// The metadata written at the start; `None` for files that farreach did not write.
     pub fn start_record(&self) -> Option<&BTreeMap<String, String>> {
         self.record(START_RECORD)
     }
-    /// What was added when it was ended in good order, loss counters among it.
+    /// The metadata written at a clean end, loss counters among them.
     pub fn end_record(&self) -> Option<&BTreeMap<String, String>> {
         self.record(END_RECORD)
     }

@@ -1,4 +1,4 @@
-//! Finds the records of a file without decompressing anything.
+//! Finds the records of a file without decompressing chunks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
@@ -12,9 +12,9 @@ use super::summary::{self, DataEnd, FOOTER_BODY, RECORD_HEAD, Summary};
 use super::{Channel, Damage, ReadError, Recording, Tail};
 use crate::schema::Layout;
 
-/// Longest header, metadata, schema or channel record that is taken for real (bytes).
+/// Longest header, metadata, schema or channel record that is read (bytes).
 const LONGEST_RECORD: u64 = 64 << 20;
-/// Most bytes of messages outside chunks that are read together.
+/// Longest run of messages outside chunks that is read at once (bytes).
 const LOOSE_BLOCK: u64 = 1 << 20;
 
 #[derive(Default)]
@@ -52,17 +52,15 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     let mut found = Found::default();
     let mut tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
     if !tail.complete {
-        // The writer holds a lock for as long as it lives; where locks are not supported, nothing is
-        // known.
+        // The writer holds a lock while it is alive (unless the file system has none).
         tail.being_written = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
         if tail.being_written {
             "the recording is still being written".clone_into(&mut tail.reason);
         }
-        // Without a footer nothing says that what was read of the summary is what was written.
+        // Without a footer nothing confirms what was read of the summary.
         found.summary = Summary::default();
         if let Some(last) = found.blocks.last_mut() {
-            // The file may end among the indices of its last chunk: which channels are in it is not
-            // known then.
+            // The file may end within the message indexes of its last chunk.
             last.hinted = None;
         }
     }
@@ -84,51 +82,15 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     Ok(recording)
 }
 
-/// Walks the records from behind the magic to the end of the file or to the first that cannot be
-/// one.
+/// Reads the records from after the magic to the end of the file, or to the first invalid one.
 fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Result<Tail> {
     let mut at = mcap::MAGIC.len() as u64;
     let mut data_ended = false;
-    let torn = |at: u64, reason: String| Tail {
-        readable: at,
-        lost: bytes - at,
-        reason,
-        ..Tail::default()
-    };
     loop {
-        let left = bytes - at;
-        if left == 0 {
-            return Ok(torn(
-                at,
-                "the file ends without a footer: the writer was stopped before it could end it"
-                    .into(),
-            ));
-        }
-        if left < RECORD_HEAD {
-            return Ok(torn(
-                at,
-                format!("the file ends within the head of a record ({left} bytes of it are there)"),
-            ));
-        }
-        let mut head = [0u8; RECORD_HEAD as usize];
-        reader.read_exact(&mut head)?;
-        let opcode = head[0];
-        let length = u64::from_le_bytes([
-            head[1], head[2], head[3], head[4], head[5], head[6], head[7], head[8],
-        ]);
-        if opcode == 0 {
-            return Ok(torn(
-                at,
-                "no record but zeros: the machine stopped before the data reached the disk".into(),
-            ));
-        }
-        if length > left - RECORD_HEAD {
-            let there = left - RECORD_HEAD;
-            return Ok(torn(
-                at,
-                format!("the file ends within a record: {there} of its {length} bytes are there"),
-            ));
-        }
+        let (opcode, length) = match record_head(reader, bytes - at)? {
+            Ok(head) => head,
+            Err(reason) => return Ok(torn(at, bytes, reason)),
+        };
         let next = at + RECORD_HEAD + length;
         match opcode {
             op::CHUNK => {
@@ -166,30 +128,7 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                 found.small(at, opcode, &body);
                 data_ended |= opcode == op::DATA_END;
             }
-            op::FOOTER => {
-                let mut body = [0u8; FOOTER_BODY];
-                let used = length.min(FOOTER_BODY as u64);
-                reader.read_exact(&mut body[..used as usize])?;
-                skip(reader, length - used)?;
-                if let Err(what) = summary::verify(reader.get_ref(), at, &body)? {
-                    found.damage.push(Damage { offset: at, what });
-                    found.summary = Summary::default();
-                }
-                if found.data_end.is_none() {
-                    found.damage.push(Damage {
-                        offset: at,
-                        what: "a footer without an end of the data before it".into(),
-                    });
-                }
-                let mut magic = Vec::new();
-                reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
-                let end = next + mcap::MAGIC.len() as u64;
-                return Ok(if magic == mcap::MAGIC && end == bytes {
-                    Tail { complete: true, readable: bytes, ..Tail::default() }
-                } else {
-                    torn(next, "the end mark behind the footer is missing or not the last thing in the file".into())
-                });
-            }
+            op::FOOTER => return footer(reader, (at, length), bytes, found),
             _ => {
                 found.attachments += u64::from(opcode == op::ATTACHMENT);
                 skip(reader, length)?;
@@ -197,6 +136,71 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
         }
         at = next;
     }
+}
+
+fn torn(at: u64, bytes: u64, reason: String) -> Tail {
+    Tail { readable: at, lost: bytes - at, reason, ..Tail::default() }
+}
+
+/// Opcode and length of the next record, of which `left` bytes are there; or why it is none.
+fn record_head(reader: &mut BufReader<File>, left: u64) -> io::Result<Result<(u8, u64), String>> {
+    if left == 0 {
+        return Ok(Err(
+            "the file ends without a footer: the writer was stopped before it could end it"
+                .to_owned(),
+        ));
+    }
+    if left < RECORD_HEAD {
+        return Ok(Err(format!(
+            "the file ends within the head of a record ({left} bytes of it are there)"
+        )));
+    }
+    let mut opcode = [0u8; 1];
+    let mut length = [0u8; 8];
+    reader.read_exact(&mut opcode)?;
+    reader.read_exact(&mut length)?;
+    let length = u64::from_le_bytes(length);
+    let there = left - RECORD_HEAD;
+    Ok(match opcode[0] {
+        0 => {
+            Err("zeros instead of a record: the computer stopped before the data reached the disk"
+                .to_owned())
+        }
+        _ if length > there => {
+            Err(format!("the file ends within a record: {there} of its {length} bytes are there"))
+        }
+        opcode => Ok((opcode, length)),
+    })
+}
+
+/// Reads the footer, verifies the summary by it, and expects the end of the file.
+fn footer(
+    reader: &mut BufReader<File>,
+    (at, length): (u64, u64),
+    bytes: u64,
+    found: &mut Found,
+) -> io::Result<Tail> {
+    let mut body = [0u8; FOOTER_BODY];
+    let used = length.min(FOOTER_BODY as u64);
+    reader.read_exact(&mut body[..used as usize])?;
+    skip(reader, length - used)?;
+    if let Err(what) = summary::verify(reader.get_ref(), at, &body)? {
+        found.damage.push(Damage { offset: at, what });
+        found.summary = Summary::default();
+    }
+    if found.data_end.is_none() {
+        let what = "a footer without an end of the data before it".to_owned();
+        found.damage.push(Damage { offset: at, what });
+    }
+    let mut magic = Vec::new();
+    reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
+    let next = at + RECORD_HEAD + length;
+    Ok(if magic == mcap::MAGIC && next + mcap::MAGIC.len() as u64 == bytes {
+        Tail { complete: true, readable: bytes, ..Tail::default() }
+    } else {
+        let reason = "the end mark after the footer is missing, or not at the end".to_owned();
+        torn(next, bytes, reason)
+    })
 }
 
 fn skip(reader: &mut BufReader<File>, length: u64) -> io::Result<()> {
@@ -223,7 +227,7 @@ impl Found {
     }
 }
 
-/// Finds the schemas and channels: in the summary, and where there is none (a torn file) in the
+/// Finds the schemas and channels: in the summary, or where there is none (a torn file) in the
 /// chunks.
 fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), ReadError> {
     let mut schemas = BTreeMap::new();
@@ -252,7 +256,7 @@ fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), Rea
         if covered {
             continue;
         }
-        // A damaged chunk is met again, and reported, by whoever reads the messages.
+        // A damaged chunk is reported when its messages are read.
         match recording.load(block, &mut buffer) {
             Ok(loaded) => known = take(loaded.definitions, &mut schemas),
             Err(error @ ReadError::Io { .. }) => return Err(error),

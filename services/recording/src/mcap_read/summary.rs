@@ -1,9 +1,9 @@
-//! What the end of a file says about the rest of it, and whether that may be believed.
+//! The summary at the end of a file, and its checksum.
 //!
-//! Chunks carry a checksum each, the records around them do not: one flipped bit in the summary
-//! makes one topic another, one in a message index hides a chunk from whoever reads that topic
-//! alone. So the summary is believed only where the checksum in the footer agrees with it; else,
-//! and in a torn file, definitions come from the chunks and every chunk is read.
+//! Each chunk has a checksum, the records around them have none: one flipped bit in the summary
+//! exchanges two topics, one in a message index hides a chunk from readers of that topic. So the
+//! summary is used only where the checksum in the footer confirms it; otherwise, and in a torn
+//! file, definitions come from the chunks and every chunk is read.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,9 +19,9 @@ use super::block::{Block, Definition};
 pub(super) const RECORD_HEAD: u64 = 9;
 /// Body of a footer: start of the summary, start of its offsets, checksum (bytes).
 pub(super) const FOOTER_BODY: usize = 8 + 8 + 4;
-/// The checksum is its own only uncovered part (bytes).
+/// Length of the checksum, which does not cover itself (bytes).
 const CHECKSUM: u64 = 4;
-/// How much is read at a time (bytes).
+/// Read at a time (bytes).
 const PIECE: usize = 256 << 10;
 
 /// Definitions and chunk indexes of the summary.
@@ -31,16 +31,16 @@ pub(super) struct Summary {
     pub(super) chunks: Vec<ChunkIndex>,
 }
 
-/// Where the data ends, and the checksum over all that stands before.
+/// Where the data section ends, and the checksum over it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DataEnd {
     pub(super) offset: u64,
-    /// 0 where the writer made none.
+    /// 0 where the writer computed none.
     pub(super) checksum: u32,
 }
 
-/// Whether the summary of a file whose footer begins at `footer` is what was written. A file
-/// without a summary, or with one that has no checksum, is taken as it is.
+/// Verifies the summary of a file whose footer begins at `footer`. A file without a summary, or
+/// with one that has no checksum, is accepted.
 pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result<(), String>> {
     let found = match mcap::parse_record(op::FOOTER, body) {
         Ok(Record::Footer(found)) => found,
@@ -62,7 +62,8 @@ pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result
         Ok(())
     } else {
         Err(format!(
-            "summary from byte {}: checksum {computed:#010x}, expected {:#010x}; topics are read from the chunks instead",
+            "summary from byte {}: checksum {computed:#010x}, expected {:#010x}; topics are read \
+             from the chunks instead",
             found.summary_start, found.summary_crc
         ))
     })
@@ -83,7 +84,7 @@ fn checksum(file: &File, from: u64, until: u64) -> io::Result<u32> {
 }
 
 impl Summary {
-    /// Gives each chunk what the summary knows of it; answers with the chunks that are not where it
+    /// Adds times and channels to each chunk; returns the chunks that are not where the summary
     /// says.
     pub(super) fn place(&mut self, blocks: &mut [Block]) -> Vec<Damage> {
         let mut at: BTreeMap<u64, ChunkIndex> =
@@ -98,14 +99,14 @@ impl Summary {
         at.into_keys()
             .map(|offset| Damage {
                 offset,
-                what: "the summary knows a chunk here, and there is none".to_owned(),
+                what: "the summary lists a chunk here, and there is none".to_owned(),
             })
             .collect()
     }
 }
 
 impl DataEnd {
-    /// What is wrong with the data as a whole, if anything.
+    /// Verifies the checksum over the whole data section.
     pub(super) fn verify(&self, file: &File) -> io::Result<Option<Damage>> {
         if self.checksum == 0 {
             return Ok(None);
@@ -114,8 +115,8 @@ impl DataEnd {
         Ok((computed != self.checksum).then(|| Damage {
             offset: self.offset,
             what: format!(
-                "checksum of all data {computed:#010x}, expected {:#010x}: a record outside the chunks, such as the \
-                 start record with the rig file, is not what was written",
+                "checksum of all data {computed:#010x}, expected {:#010x}: a record outside the \
+                 chunks, such as the start record with the rig file, was altered",
                 self.checksum
             ),
         }))

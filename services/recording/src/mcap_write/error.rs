@@ -1,4 +1,4 @@
-//! Why a recording cannot be written, and what to do about it.
+//! Errors of writing a recording.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,40 +6,60 @@ use std::path::{Path, PathBuf};
 /// Why a recording cannot be written, or no longer.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// There is already something of that name.
-    #[error("{}: a file of that name exists; recordings are never overwritten: choose another name or move it away", path.display())]
+    /// A file of that name exists.
+    #[error(
+        "{}: a file of that name exists; recordings are never overwritten: choose another name \
+         or move it away",
+        path.display()
+    )]
     Exists {
         /// The file.
         path: PathBuf,
     },
     /// The file could not be created.
-    #[error("{}: cannot create the recording: {source}; check that the directory exists and is writable", path.display())]
+    #[error(
+        "{}: cannot create the recording: {source}; check that the directory exists and is \
+         writable",
+        path.display()
+    )]
     Create {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// The disk is full. The writer takes nothing more.
-    #[error("{}: the disk is full; {refused} messages refused; what was flushed before stays readable: free some space and start a new recording", path.display())]
+    /// The disk is full. The writer takes no more messages.
+    #[error(
+        "{}: the disk is full; {refused} messages refused; what was flushed before stays \
+         readable: free some space and start a new recording",
+        path.display()
+    )]
     DiskFull {
         /// The file.
         path: PathBuf,
         /// Messages that are not in the file, or came after the last flush that held.
         refused: u64,
     },
-    /// The disk failed. The writer takes nothing more.
-    #[error("{}: cannot write: {source}; {refused} messages refused; what was flushed before stays readable: start a new recording on a sound disk", path.display())]
+    /// The disk failed. The writer takes no more messages.
+    #[error(
+        "{}: cannot write: {source}; {refused} messages refused; what was flushed before stays \
+         readable: start a new recording on another disk",
+        path.display()
+    )]
     Disk {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
         /// Messages that are not in the file, or came after the last flush that held.
         refused: u64,
     },
     /// An earlier error ended this recording.
-    #[error("{}: the recording ended with an error ({cause}); {refused} messages refused since: start a new recording", path.display())]
+    #[error(
+        "{}: the recording ended with an error ({cause}); {refused} messages refused since: \
+         start a new recording",
+        path.display()
+    )]
     Poisoned {
         /// The file.
         path: PathBuf,
@@ -61,7 +81,7 @@ pub enum WriteError {
         topic: &'static str,
         /// Size by the table of topics (bytes).
         expected: usize,
-        /// Size that came (bytes).
+        /// Size received (bytes).
         found: usize,
     },
     /// The MCAP library refused.
@@ -69,7 +89,7 @@ pub enum WriteError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What the library said.
+        /// The library's error.
         source: mcap::McapError,
     },
 }

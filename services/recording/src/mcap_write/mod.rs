@@ -8,10 +8,11 @@
 //! Times: `log_time` and `publish_time` are the message's `time_ns` plus the realtime offset that
 //! was fixed at the start of the file (ns since 1970); the payload keeps the monotonic time.
 //!
-//! Metadata: a record [`START_RECORD`] first, holding what the caller gives (git revision, rig
-//! file's text, protocol's text, ...; the keys are the constants of [`key`]), and a record
-//! [`END_RECORD`] last, holding the loss counters and `clean_end = true`. Rig file and protocol are
-//! metadata, not attachments, because every MCAP tool shows metadata and the texts are small.
+//! Metadata: first a record [`START_RECORD`] with what the caller gives (git revision, text of the
+//! rig file, names and units of the signals, ...; the keys are the constants of [`key`]); a record
+//! [`RUN_RECORD`] with name, text and subject of each protocol played; last a record [`END_RECORD`]
+//! with the loss counters and `clean_end = true`. Rig file and protocol are metadata, not
+//! attachments, because every MCAP tool shows metadata and the texts are small.
 //!
 //! ```
 //! use ipc_types::{Message, SAMPLE, Sample};
@@ -19,7 +20,8 @@
 //!
 //! let directory = tempfile::tempdir()?;
 //! let path = directory.path().join("run.mcap");
-//! let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }.with(key::RIG, "hydrostatic");
+//! let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
+//!     .with(key::RIG, "hydrostatic");
 //! let mut writer = Writer::create(&path, &start, 0)?;
 //! let mut sample = Sample::default();
 //! sample.stamp(1, 2, 0, 500_000);
@@ -70,7 +72,7 @@ pub(crate) fn write_options() -> mcap::WriteOptions {
         .library(concat!("farreach ", env!("CARGO_PKG_VERSION")))
 }
 
-/// What a recording held when it was ended in good order.
+/// What a recording holds at a clean end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Summary {
     /// The file.
@@ -135,15 +137,14 @@ impl Writer {
         // Tells readers that this file is still growing; a file system without locks cannot.
         let _ = file.try_lock();
         let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
-        // The name itself must survive a crash too. Some file systems cannot sync a directory: then
-        // it is theirs to keep.
+        // The directory entry must survive a crash too, where the file system can sync a directory.
         if let Some(directory) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             let _ = File::open(directory).and_then(|d| d.sync_all());
         }
         Ok(writer)
     }
 
-    /// Begins a recording on any output; `path` only names it in messages.
+    /// Begins a recording on any output; `path` is for messages only.
     ///
     /// # Errors
     /// Those of the first write.
@@ -181,8 +182,7 @@ impl Writer {
                 ]);
                 channels.push(mcap.add_channel(schema, topic.name, "cdr", &about)?);
             }
-            // The schemas must be on the disk before the first message: a prefix without them could
-            // not be read.
+            // Without the schemas, a truncated file could not be read.
             mcap.flush()?;
             Ok((mcap, channels))
         };
@@ -284,7 +284,7 @@ impl Writer {
         self.flush()
     }
 
-    /// Flushes and syncs when it is time. Call it every few tens of milliseconds.
+    /// Flushes and syncs when due. Call it every few tens of milliseconds.
     ///
     /// # Errors
     /// Those of the disk; they end the recording. Once it has ended so, this does nothing.
@@ -306,7 +306,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Closes the present chunk and hands everything to the operating system.
+    /// Closes the present chunk and writes everything to the operating system.
     ///
     /// # Errors
     /// Those of the disk; they end the recording.
@@ -323,7 +323,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Ends the recording in good order: end record, index, footer, sync. `losses` are the counters
+    /// Ends the recording cleanly: end record, index, footer, sync. `losses` are the counters
     /// of the topics.
     ///
     /// # Errors
@@ -379,19 +379,19 @@ impl Writer {
     pub fn written(&self) -> u64 {
         self.counts.iter().map(|count| count.written + count.pending).sum()
     }
-    /// Messages that are not in the file although they were offered.
+    /// Messages that were offered but are not in the file.
     pub fn refused(&self) -> u64 {
         self.refused_elsewhere + self.counts.iter().map(|count| count.refused).sum::<u64>()
     }
-    /// The same for one topic.
+    /// Messages of one topic taken so far.
     pub fn written_of(&self, topic: usize) -> u64 {
         self.counts.get(topic).map_or(0, |count| count.written + count.pending)
     }
-    /// The same for one topic.
+    /// Messages of one topic that were refused.
     pub fn refused_of(&self, topic: usize) -> u64 {
         self.counts.get(topic).map_or(0, |count| count.refused)
     }
-    /// What ended the recording before its time.
+    /// The error that ended the recording.
     pub fn error(&self) -> Option<&str> {
         self.poisoned.as_deref()
     }
@@ -401,8 +401,7 @@ impl Writer {
     }
 
     fn poison(&mut self, source: mcap::McapError) -> WriteError {
-        // Whatever was not flushed counts as refused. Part of it may have reached the disk: the
-        // count errs on the safe side.
+        // What was not flushed counts as refused, although part of it may have reached the disk.
         for count in &mut self.counts {
             count.refused += std::mem::take(&mut count.pending);
         }

@@ -1,10 +1,10 @@
-//! Where the bytes of a recording go.
+//! The output of a recording.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Where the bytes go. A file; in tests something that fails when told to.
+/// The output: a file, or in tests something that fails on demand.
 pub trait Output: Write + Send {
     /// Brings everything written so far to the disk.
     ///
@@ -20,7 +20,7 @@ impl Output for File {
 }
 
 /// The buffered output, shared with the MCAP library's writer so that it can be synced and, after
-/// an error, cut off.
+/// an error, closed.
 #[derive(Clone)]
 pub(super) struct Shared(Arc<Mutex<Target>>);
 
@@ -52,7 +52,7 @@ impl Shared {
         }
     }
 
-    /// Drops the output together with whatever it buffers.
+    /// Closes the output and discards what is buffered.
     pub(super) fn cut(&self) {
         if let Some(output) = self.lock().output.take() {
             drop(output.into_parts());

@@ -1,10 +1,10 @@
-//! What a recording says about itself, and under which names.
+//! The metadata of a recording, and their keys.
 
 use std::collections::BTreeMap;
 
 /// Name of the metadata record at the start of a recording.
 pub const START_RECORD: &str = "farreach";
-/// Name of the metadata record at the end of a recording that was ended in good order.
+/// Name of the metadata record at the end of a recording with a clean end.
 pub const END_RECORD: &str = "farreach.end";
 /// Name of the metadata record that says where the part before this one ended, topic by topic.
 pub const CONTINUES_RECORD: &str = "farreach.continues";
@@ -81,7 +81,7 @@ pub(crate) fn parse_continues(record: &BTreeMap<String, String>) -> Positions {
     record.iter().filter_map(|(topic, text)| Some((topic.clone(), parse(text)?))).collect()
 }
 
-/// What a recording says about itself from the start.
+/// Metadata at the start of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Start {
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` at the start (ns).
@@ -97,7 +97,7 @@ pub struct Start {
 }
 
 impl Start {
-    /// With one more pair.
+    /// Adds an entry.
     #[must_use]
     pub fn with(mut self, key: &str, value: &str) -> Self {
         self.metadata.insert(key.to_owned(), value.to_owned());

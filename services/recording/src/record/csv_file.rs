@@ -17,7 +17,7 @@ pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
     from_csv_text(path, file, options)
 }
 
-/// The same from any reader; `path` names it in messages.
+/// As [`from_csv`], from any reader; `path` is for messages.
 ///
 /// # Errors
 /// As [`from_csv`].
@@ -92,7 +92,7 @@ pub fn from_csv_text(
     Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }.finish(options)
 }
 
-/// Gives mapped columns their names; by what each column is multiplied.
+/// Renames the mapped columns; returns the factor of each column.
 fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<f64>, RecordError> {
     let mut factors = vec![1.0; names.len()];
     let found = names.join(", ");
@@ -111,7 +111,7 @@ fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<
         if let Some(other) =
             names.iter().enumerate().position(|(index, name)| index != at && *name == one.column)
         {
-            return Err(one.wrong(path, format!("column {} has that name already", other + 1)));
+            return Err(one.wrong(path, format!("column {} already has that name", other + 1)));
         }
         names[at].clone_from(&one.column);
         factors[at] = one.factor;
@@ -132,14 +132,14 @@ fn table_error(path: &Path, error: csv::Error) -> RecordError {
     RecordError::Table { file: path.to_owned(), row, what }
 }
 
-/// Writes a record so that reading it back gives the same bits.
+/// Writes a record; reading it back gives the same bits.
 ///
 /// # Errors
 /// Those of the output.
 pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
     let mut writer = csv::Writer::from_writer(output);
     let to_io = |error: csv::Error| match error.into_kind() {
-        csv::ErrorKind::Io(error) => error, // its kind matters: a closed pipe is no failure
+        csv::ErrorKind::Io(error) => error, // keeps its kind: a closed pipe is no failure
         other => io::Error::other(format!("{other:?}")),
     };
     writer
@@ -148,7 +148,7 @@ pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
     for (index, time) in record.time_s.iter().enumerate() {
         let cells = std::iter::once(time)
             .chain(record.columns.values().filter_map(|column| column.get(index)));
-        // the shortest text that reads back as the same number
+        // `to_string` gives the shortest text that parses to the same number.
         writer.write_record(cells.map(f64::to_string)).map_err(to_io)?;
     }
     writer.flush()

@@ -1,13 +1,13 @@
-//! Channels that look dead or saturated.
+//! Detection of dead and saturated channels.
 
-/// What somebody should look at.
+/// What a person should check.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Finding {
     /// Column.
     pub column: String,
     /// What it is.
     pub kind: FindingKind,
-    /// First row that is meant.
+    /// First row concerned.
     pub first_row: u64,
     /// How many rows.
     pub rows: u64,
@@ -21,34 +21,34 @@ pub struct Finding {
 pub enum FindingKind {
     /// The channel never changes.
     Dead,
-    /// The channel sticks at its extreme.
+    /// The channel stays at its extreme.
     Saturated,
     /// Rows were left out because samples are missing.
     Masked,
     /// The record was replayed more than once; one pass was kept.
     Looped,
-    /// Samples came twice; the repeated ones were left out.
+    /// Samples occur twice; the repetitions were left out.
     Repeated,
     /// The channel was present in a part of the record only; it was left out.
     Partial,
-    /// The recording was cut off (its logger was killed, the disk was full): what came after is
+    /// The recording is truncated (its logger was killed, the disk was full): what came after is
     /// missing.
     Torn,
-    /// Rows were brought to another grid.
+    /// Rows were resampled to another grid.
     Resampled,
 }
 
-/// Shortest stay at the extreme that counts (samples).
+/// Shortest run at the extreme that counts (samples).
 const STAY: usize = 5;
-/// Fewest samples at the extreme, all stays together.
+/// Fewest samples at the extreme, over all runs.
 const SAMPLES: usize = 20;
-/// A signal that is cut off runs into its limit at speed; one that comes to rest there slows down
-/// first. The step into the stay must be at least this fraction of the median step ...
+/// A clipped signal reaches its limit at speed; one that comes to rest there slows down first. The
+/// step into the run must be at least this fraction of the median step ...
 const SPEED: f64 = 0.3;
 /// ... and this many times the smallest step (the resolution of an encoder or converter).
 const RESOLUTION: f64 = 3.0;
 
-pub(super) fn judge(column: &str, values: &[f64], first_row: u64) -> Vec<Finding> {
+pub(super) fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) -> Vec<Finding> {
     let Some(&first) = values.first() else { return Vec::new() };
     if values.iter().all(|&value| value == first) {
         return vec![Finding {
@@ -97,7 +97,8 @@ pub(super) fn judge(column: &str, values: &[f64], first_row: u64) -> Vec<Finding
                 first_row: first_row + start as u64,
                 rows: rows as u64,
                 text: format!(
-                    "sticks at its {name} value, {extreme}, in {rows} of {} samples, up to {longest} in a row, and runs into it at speed: saturated",
+                    "stays at its {name} value, {extreme}, in {rows} of {} samples, up to \
+                     {longest} in a row, and reaches it at speed: saturated",
                     values.len()
                 ),
             });
@@ -115,10 +116,10 @@ mod tests {
     }
 
     #[test]
-    fn a_clipped_wave_is_saturated_and_a_whole_one_is_not() {
-        assert_eq!(judge("x", &wave(5000), 2), vec![]);
+    fn a_clipped_sine_is_saturated_and_an_unclipped_one_is_not() {
+        assert_eq!(dead_or_saturated("x", &wave(5000), 2), vec![]);
         let clipped: Vec<f64> = wave(5000).iter().map(|v| v.min(0.8)).collect();
-        let found = judge("x", &clipped, 2);
+        let found = dead_or_saturated("x", &clipped, 2);
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].kind, found[0].first_row), (FindingKind::Saturated, 2 + 93));
     }
@@ -135,11 +136,11 @@ mod tests {
             })
             .map(|v| (v * 2000.0).round() / 2000.0)
             .collect();
-        assert_eq!(judge("x", &values, 2), vec![]);
+        assert_eq!(dead_or_saturated("x", &values, 2), vec![]);
     }
 
     #[test]
     fn a_constant_is_dead() {
-        assert_eq!(judge("x", &[0.25; 50], 2)[0].kind, FindingKind::Dead);
+        assert_eq!(dead_or_saturated("x", &[0.25; 50], 2)[0].kind, FindingKind::Dead);
     }
 }

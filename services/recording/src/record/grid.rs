@@ -1,14 +1,14 @@
-//! Is the time uniform, and where is something missing?
+//! Checks that time is uniform, and finds gaps.
 
 use std::ops::Range;
 use std::path::Path;
 
 use super::{Finding, FindingKind, Gaps, Options, RecordError};
 
-/// From this multiple of the median step on, a step is a gap and no jitter.
+/// A step of at least this multiple of the median is a gap; a smaller one is jitter.
 const GAP: f64 = 1.5;
 
-/// The rows to keep, the mean sampling time over them (s), and a finding where rows were left out.
+/// Returns the rows to keep, their mean sampling time (s), and a finding where rows were left out.
 pub(super) fn uniform(
     file: &Path,
     time_s: &[f64],

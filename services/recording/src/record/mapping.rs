@@ -1,13 +1,13 @@
-//! Where a record's columns come from, in files that name them otherwise.
+//! Sources of a record's columns in files that name them differently.
 
 use std::path::Path;
 use std::str::FromStr;
 
 use super::RecordError;
 
-/// A column and where it comes from, written `COLUMN=SOURCE` or `COLUMN=SOURCE*FACTOR`.
+/// A column and its source, written `COLUMN=SOURCE` or `COLUMN=SOURCE*FACTOR`.
 ///
-/// In a CSV file the source is a name of its header. In an MCAP file it is `TOPIC:FIELD`, with dots
+/// In a CSV file the source is a name in its header. In an MCAP file it is `TOPIC:FIELD`, with dots
 /// into messages and brackets into arrays: `/joint_states:position[0]`, `/wrench:wrench.torque.z`.
 /// The factor brings it to SI units.
 ///
@@ -21,13 +21,13 @@ use super::RecordError;
 pub struct Mapping {
     /// Name of the column in the record.
     pub column: String,
-    /// Where it comes from.
+    /// Column or field that it is read from.
     pub source: String,
-    /// By what the source is multiplied.
+    /// Factor from the source to SI units.
     pub factor: f64,
 }
 
-/// A mapping that is none.
+/// Text that is no mapping.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected COLUMN=SOURCE or COLUMN=SOURCE*FACTOR, found `{0}`")]
 pub struct MappingError(String);
@@ -52,7 +52,7 @@ impl FromStr for Mapping {
 }
 
 impl Mapping {
-    /// The error of a file from which it cannot be had.
+    /// The error for a file that it cannot be read from.
     pub(super) fn wrong(&self, file: &Path, what: String) -> RecordError {
         RecordError::Mapping {
             file: file.to_owned(),
@@ -62,17 +62,18 @@ impl Mapping {
     }
 }
 
-/// A step into a message.
+/// One element of a path into a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Step {
+pub(super) enum PathElement {
     /// The field of that name.
     Field(String),
     /// The element of that number, from 0.
     Index(usize),
 }
 
-/// Topic and way into its messages of a source `TOPIC:FIELD`; `None` where it is not written so.
-pub(super) fn place(source: &str) -> Option<(&str, Vec<Step>)> {
+/// Parses a source `TOPIC:FIELD` into the topic and the path into its messages; `None` where it has
+/// another form.
+pub(super) fn parse_source(source: &str) -> Option<(&str, Vec<PathElement>)> {
     let (topic, field) = source.rsplit_once(':')?;
     let mut steps = Vec::new();
     for part in field.split('.') {
@@ -80,10 +81,10 @@ pub(super) fn place(source: &str) -> Option<(&str, Vec<Step>)> {
         if name.is_empty() {
             return None;
         }
-        steps.push(Step::Field(name.to_owned()));
+        steps.push(PathElement::Field(name.to_owned()));
         while !rest.is_empty() {
             let (index, after) = rest.strip_prefix('[')?.split_once(']')?;
-            steps.push(Step::Index(index.parse().ok()?));
+            steps.push(PathElement::Index(index.parse().ok()?));
             rest = after;
         }
     }
@@ -95,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_mapping_is_said() {
+    fn invalid_mappings_are_refused() {
         let read = |text: &str| text.parse::<Mapping>();
         assert_eq!(
             read("a = b ").unwrap(),
@@ -112,14 +113,14 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_a_topic_and_a_way() {
-        let field = |name: &str| Step::Field(name.to_owned());
-        assert_eq!(place("/a:b"), Some(("/a", vec![field("b")])));
-        let way = vec![field("b"), Step::Index(2), Step::Index(0), field("c")];
-        assert_eq!(place("x:y:b[2][0].c"), Some(("x:y", way)));
+    fn a_source_is_a_topic_and_a_path() {
+        let field = |name: &str| PathElement::Field(name.to_owned());
+        assert_eq!(parse_source("/a:b"), Some(("/a", vec![field("b")])));
+        let way = vec![field("b"), PathElement::Index(2), PathElement::Index(0), field("c")];
+        assert_eq!(parse_source("x:y:b[2][0].c"), Some(("x:y", way)));
         for text in ["b", ":b", "/a:", "/a:b.", "/a:b[", "/a:b[]", "/a:b[x]", "/a:b[1]c", "/a:[1]"]
         {
-            assert_eq!(place(text), None, "{text}");
+            assert_eq!(parse_source(text), None, "{text}");
         }
     }
 }

@@ -1,10 +1,10 @@
 //! A measured record, column by column, as identification and replay use it.
 //!
-//! Comes from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]); SI
-//! units, one value per sampling instant, uniform in time. Whatever is wrong with the data is an
-//! error that names file, row and column; a record is never patched silently. What cannot be told
-//! from the data alone (a channel that never changes, one that sticks at its extreme) is a
-//! [`Finding`]: the record is usable, and somebody should look.
+//! Read from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]): SI
+//! units, one value per sampling instant, uniform in time. Bad data are an error that names file,
+//! row and column; a record is never patched silently. What the data alone cannot decide (a channel
+//! that never changes, one that stays at its extreme) is a [`Finding`]: the record is usable, and a
+//! person should check it.
 
 mod csv_file;
 mod findings;
@@ -24,8 +24,6 @@ pub use mapping::{Mapping, MappingError};
 pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording};
 pub use topics::from_topics;
 
-use resample::{Track, on_one_grid};
-
 use crate::mcap_read::ReadError;
 
 /// Name of the time column.
@@ -36,13 +34,13 @@ pub const TIME: &str = "t_s";
 pub struct Record {
     /// File name, for reports.
     pub name: String,
-    /// Sampling instants, uniform within the tolerance asked for (s).
+    /// Sampling instants, uniform within the tolerance requested (s).
     pub time_s: Vec<f64>,
     /// Values by name of the column, each as long as the time; the unit is in the name.
     pub columns: BTreeMap<String, Vec<f64>>,
     /// Mean time between two samples (s).
     pub sampling_s: f64,
-    /// What somebody should look at.
+    /// What a person should check.
     pub findings: Vec<Finding>,
 }
 
@@ -51,7 +49,7 @@ impl Record {
     pub fn len(&self) -> usize {
         self.time_s.len()
     }
-    /// Whether it has no samples (a record that was read never is empty).
+    /// Whether it has no samples (a record that was read is never empty).
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
@@ -59,7 +57,7 @@ impl Record {
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         self.columns.get(name).map(Vec::as_slice)
     }
-    /// One column that must be there.
+    /// One column that is required.
     ///
     /// # Errors
     /// [`RecordError::MissingColumn`].
@@ -82,10 +80,10 @@ pub enum Gaps {
     LongestRun,
 }
 
-/// What a record must fulfil.
+/// Requirements on a record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Columns that must be there (time is needed always).
+    /// Columns required (the time always is).
     pub required: Vec<String>,
     /// What to do about gaps.
     pub gaps: Gaps,
@@ -93,9 +91,9 @@ pub struct Options {
     pub time_tolerance: f64,
     /// Fewest rows.
     pub rows_min: usize,
-    /// Where columns come from that the file names otherwise (CSV files and [`from_topics`]).
+    /// Sources of columns that the file names differently (CSV files and [`from_topics`]).
     pub mapping: Vec<Mapping>,
-    /// Rate to which the rows are brought by straight lines (Hz); `None`: they stay where they are.
+    /// Rate to which the rows are resampled by linear interpolation (Hz); `None` for no resampling.
     pub resample_hz: Option<f64>,
 }
 
@@ -113,7 +111,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// These columns are needed.
+    /// Requires these columns.
     #[must_use]
     pub fn requiring(mut self, columns: &[&str]) -> Self {
         self.required.extend(columns.iter().map(|&name| name.to_owned()));
@@ -136,7 +134,7 @@ pub enum RecordError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The recording cannot be read.
@@ -149,19 +147,27 @@ pub enum RecordError {
         file: PathBuf,
         /// Row.
         row: u64,
-        /// What the reader said.
+        /// The reader's error.
         what: String,
     },
     /// The first line is not a header.
-    #[error("{}: row 1: expected a header with the columns' names, found {found}; put a line such as `t_s,motor_v,master_rad` first", file.display())]
+    #[error(
+        "{}: row 1: expected a header with the columns' names, found {found}; put a line such as \
+         `t_s,motor_v,master_rad` first",
+        file.display()
+    )]
     NoHeader {
         /// The file.
         file: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
     },
-    /// A column stands there twice.
-    #[error("{}: row 1: column `{column}` stands there twice (columns {first} and {second}); rename or remove one", file.display())]
+    /// Two columns have one name.
+    #[error(
+        "{}: row 1: column `{column}` occurs twice (columns {first} and {second}); rename \
+         or remove one",
+        file.display()
+    )]
     DuplicateColumn {
         /// The file.
         file: PathBuf,
@@ -172,18 +178,21 @@ pub enum RecordError {
         /// Second place, from 1.
         second: usize,
     },
-    /// A column that is needed is not there.
+    /// A required column is missing.
     #[error("{}: column `{column}` is missing; found {found}", file.display())]
     MissingColumn {
         /// The file.
         file: PathBuf,
         /// Its name.
         column: String,
-        /// What is there.
+        /// What was found.
         found: String,
     },
     /// A cell that is not a finite number.
-    #[error("{}: row {row}, column `{column}`: expected a finite number, found {found}", file.display())]
+    #[error(
+        "{}: row {row}, column `{column}`: expected a finite number, found {found}",
+        file.display()
+    )]
     Cell {
         /// The file.
         file: PathBuf,
@@ -191,11 +200,15 @@ pub enum RecordError {
         row: u64,
         /// Column.
         column: String,
-        /// What is there.
+        /// What was found.
         found: String,
     },
-    /// Time stands still or runs backwards.
-    #[error("{}: row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the rows or remove the repeated ones", file.display())]
+    /// Time does not increase.
+    #[error(
+        "{}: row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort \
+         the rows or remove the repeated ones",
+        file.display()
+    )]
     TimeBackwards {
         /// The file.
         file: PathBuf,
@@ -207,17 +220,22 @@ pub enum RecordError {
         after: f64,
     },
     /// Samples are missing.
-    #[error("{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it where holes are short", file.display())]
+    #[error(
+        "{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and \
+         {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or \
+         resample it where holes are short",
+        file.display()
+    )]
     Gap {
         /// The file.
         file: PathBuf,
-        /// Row behind the first gap.
+        /// Row after the first gap.
         row: u64,
         /// Time before it (s).
         before: f64,
-        /// Time behind it (s).
+        /// Time after it (s).
         after: f64,
-        /// Samples that are missing there.
+        /// Samples missing there.
         missing: u64,
         /// Sampling time (s).
         sampling_s: f64,
@@ -225,7 +243,11 @@ pub enum RecordError {
         gaps: usize,
     },
     /// Sampling is not uniform.
-    #[error("{}: row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} %, found {found_s} s; resample the record uniformly", file.display())]
+    #[error(
+        "{}: row {row}, column `t_s`: expected steps of {expected_s} s within \
+         {tolerance_percent} %, found {found_s} s; resample the record uniformly",
+        file.display()
+    )]
     NotUniform {
         /// The file.
         file: PathBuf,
@@ -233,27 +255,31 @@ pub enum RecordError {
         row: u64,
         /// Median step (s).
         expected_s: f64,
-        /// Step that was found (s).
+        /// Step found (s).
         found_s: f64,
         /// Tolerance (%).
         tolerance_percent: f64,
     },
-    /// A column cannot be had from where it is said to come from.
+    /// A mapped column cannot be read from its source.
     #[error("{}: column mapped by {mapping}: {what}", file.display())]
     Mapping {
         /// The file.
         file: PathBuf,
-        /// The mapping as it was given.
+        /// The mapping as given.
         mapping: String,
         /// What is wrong.
         what: String,
     },
-    /// Rows are asked for at a rate that would make them up, or throw most of them away.
-    #[error("{}: expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), found {found} Hz", file.display())]
+    /// Resampling to a rate that would invent rows, or drop most of them.
+    #[error(
+        "{}: expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), \
+         found {found} Hz",
+        file.display()
+    )]
     Rate {
         /// The file.
         file: PathBuf,
-        /// What was asked for (Hz).
+        /// Rate requested (Hz).
         found: f64,
         /// Least (Hz).
         least: f64,
@@ -269,7 +295,7 @@ pub enum RecordError {
         file: PathBuf,
         /// Fewest.
         expected: usize,
-        /// What is there.
+        /// What was found.
         found: usize,
     },
     /// The recording has no such axis, or none of its channels.
@@ -284,29 +310,17 @@ pub enum RecordError {
     },
 }
 
-/// Raw columns on their way to a [`Record`]: everything read, nothing judged yet.
+/// Columns as read, not checked yet.
 struct Draft {
     file: PathBuf,
     time_s: Vec<f64>,
-    /// the row of each sample, for messages
+    /// row of each sample, for messages
     rows: Vec<u64>,
     columns: BTreeMap<String, Vec<f64>>,
     findings: Vec<Finding>,
 }
 
 impl Draft {
-    /// The record, at another rate where one is asked for.
-    fn finish(self, options: &Options) -> Result<Record, RecordError> {
-        if options.resample_hz.is_none() {
-            return self.checked(options);
-        }
-        let Self { file, time_s, rows, columns, findings } = self;
-        let track = Track { rows, time_s, columns: columns.into_iter().collect() };
-        let mut draft = on_one_grid(&file, &[track], options.resample_hz)?;
-        draft.findings.splice(0..0, findings);
-        draft.checked(options)
-    }
-
     fn checked(mut self, options: &Options) -> Result<Record, RecordError> {
         for name in &options.required {
             if !self.columns.contains_key(name) {
@@ -354,7 +368,7 @@ impl Draft {
         let columns: BTreeMap<String, Vec<f64>> =
             self.columns.into_iter().map(|(name, values)| (name, cut(values))).collect();
         for (name, values) in &columns {
-            self.findings.extend(findings::judge(name, values, first_row));
+            self.findings.extend(findings::dead_or_saturated(name, values, first_row));
         }
         Ok(Record {
             name: file_name(&self.file),

@@ -1,15 +1,15 @@
-//! Columns that were sampled at times of their own, brought to one uniform grid.
+//! Resampling to one uniform grid by linear interpolation.
 
 use std::path::Path;
 
-use super::{Draft, Finding, FindingKind, RecordError, TIME};
+use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
 
-/// A step beyond this multiple of the median one is a hole: nothing is made up for it.
-const HOLE: f64 = 3.0;
-/// How far from the rate at which they were sampled rows may be asked for.
+/// A time step beyond this multiple of the median is a gap, which is not interpolated.
+const GAP: f64 = 3.0;
+/// Least and greatest rate, as multiples of the rows' own.
 const RATES: (f64, f64) = (0.5, 2.0);
 
-/// Columns that share their times.
+/// Columns with common sampling instants.
 #[derive(Debug, Default)]
 pub(super) struct Track {
     /// Row or message of each, for messages.
@@ -21,7 +21,7 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// That time goes on from row to row and does not jump.
+    /// Checks that time increases from row to row and has no gap.
     fn check(&self, file: &Path) -> Result<(), RecordError> {
         if self.time_s.len() < 3 {
             return Err(RecordError::TooFewRows {
@@ -43,7 +43,7 @@ impl Track {
         }
         let middle = steps.len() / 2;
         let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
-        if let Some(at) = steps.iter().position(|step| *step > HOLE * median) {
+        if let Some(at) = steps.iter().position(|step| *step > GAP * median) {
             return Err(RecordError::Gap {
                 file: file.to_owned(),
                 row: row(at + 1),
@@ -51,7 +51,7 @@ impl Track {
                 after: self.time_s[at + 1],
                 missing: (steps[at] / median).round() as u64 - 1,
                 sampling_s: median,
-                gaps: steps.iter().filter(|step| **step > HOLE * median).count(),
+                gaps: steps.iter().filter(|step| **step > GAP * median).count(),
             });
         }
         Ok(())
@@ -65,7 +65,7 @@ impl Track {
         }
     }
 
-    /// A column at rising times within the track's own, by straight lines.
+    /// A column at increasing times within the track's own, interpolated linearly.
     fn at(&self, values: &[f64], times: &[f64]) -> Vec<f64> {
         let mut row = 0;
         let one = |time: &f64| {
@@ -79,8 +79,8 @@ impl Track {
     }
 }
 
-/// All tracks on one grid, as long as all of them last: at `hz`, or at the mean rate of the
-/// quickest.
+/// All tracks on one grid, over the interval that all of them cover: at `hz`, or at the mean rate
+/// of the fastest.
 ///
 /// # Errors
 /// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`],
@@ -111,7 +111,7 @@ pub(super) fn on_one_grid(
         .fold(f64::NEG_INFINITY, |a, b| a.max(*b));
     let end =
         tracks.iter().filter_map(|track| track.time_s.last()).fold(f64::INFINITY, |a, b| a.min(*b));
-    // A rounding short of the last row is the last row.
+    // A last row that is missed only by rounding counts.
     let count = ((end - start) * hz + 1e-6).floor() + 1.0;
     if count.is_nan() || count < 3.0 {
         return Err(RecordError::TooFewRows {
@@ -133,10 +133,27 @@ pub(super) fn on_one_grid(
         kind: FindingKind::Resampled,
         first_row: 1,
         rows: time_s.len() as u64,
-        text: format!("resampled by straight lines to {hz:.6} Hz: {} rows of {most}", time_s.len()),
+        text: format!(
+            "resampled by linear interpolation to {hz:.6} Hz: {} rows of {most}",
+            time_s.len()
+        ),
     };
     let rows = (1..=time_s.len() as u64).collect();
     Ok(Draft { file: file.to_owned(), time_s, rows, columns, findings: vec![finding] })
+}
+
+impl Draft {
+    /// The checked record, resampled where the options ask for it.
+    pub(super) fn finish(self, options: &Options) -> Result<Record, RecordError> {
+        if options.resample_hz.is_none() {
+            return self.checked(options);
+        }
+        let Self { file, time_s, rows, columns, findings } = self;
+        let track = Track { rows, time_s, columns: columns.into_iter().collect() };
+        let mut draft = on_one_grid(&file, &[track], options.resample_hz)?;
+        draft.findings.splice(0..0, findings);
+        draft.checked(options)
+    }
 }
 
 #[cfg(test)]
@@ -153,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_lines_come_through_whatever_the_times() {
+    fn linear_signals_are_preserved_at_any_sampling() {
         let jittered =
             (0..500).map(|row| f64::from(row) * 2e-3 + 4e-4 * f64::from(row * 7 % 5)).collect();
         let slow = (0..110).map(|row| 0.01 * f64::from(row) - 0.013).collect();
@@ -169,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_uniform_track_stays_what_it_is() {
+    fn a_uniform_track_is_unchanged() {
         let times: Vec<f64> = (0..100).map(|row| 5.0 + f64::from(row) * 1e-3).collect();
         let draft =
             on_one_grid(Path::new("x"), &[track(times.clone(), "a", f64::sin)], None).unwrap();
@@ -183,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_and_rates_that_make_things_up_are_refused() {
+    fn gaps_and_rates_that_would_invent_rows_are_refused() {
         let refuse = |time_s: Vec<f64>, hz| {
             on_one_grid(Path::new("x.csv"), &[track(time_s, "a", f64::sin)], hz)
                 .err()
@@ -191,8 +208,8 @@ mod tests {
                 .to_string()
         };
         let even = |row: i32| f64::from(row) * 1e-3;
-        let hole = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();
-        let said = refuse(hole, None);
+        let gap = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();
+        let said = refuse(gap, None);
         assert!(said.contains("row 31") && said.contains("4 samples"), "{said}");
         let back = (0..50).map(|row| even(if row == 20 { 5 } else { row })).collect();
         assert!(refuse(back, None).contains("row 21"));

@@ -1,4 +1,4 @@
-//! Records from farreach's own recordings.
+//! Records from farreach's recordings.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -44,7 +44,7 @@ impl ColumnNames {
     }
 }
 
-/// Which part of the samples makes the record.
+/// Selection of the record's columns from the samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampleColumns {
     /// Axis, from 0.
@@ -64,7 +64,7 @@ impl SampleColumns {
     }
 }
 
-/// Whether a scan is one that the card may hand out again to whoever takes over.
+/// Whether the card may deliver a scan again to an acquisition that takes over.
 const fn read_again(newest: u64, tick: u64) -> bool {
     tick < newest && newest - tick <= CARD_FIFO as u64
 }
@@ -85,7 +85,8 @@ pub fn from_mcap(
 /// replayed record where acquisition replayed one, else the tick's: 0 at the first sample.
 ///
 /// # Errors
-/// [`RecordError`]: the first problem, with the sample's number as row. A damaged chunk is an error too.
+/// [`RecordError`]: the first problem, with the sample's number as row. A damaged chunk
+/// is an error too.
 pub fn from_recording(
     recording: &Recording,
     columns: &SampleColumns,
@@ -96,23 +97,7 @@ pub fn from_recording(
     if columns.axis >= AXES {
         return Err(wrong(format!("expected an axis below {AXES}")));
     }
-    let mut samples: Vec<(u64, Sample)> = Vec::new();
-    let mut repeated = 0u64;
-    for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
-        let sample = sample?.message;
-        // An acquisition that takes over reads again what its predecessor had not yet told the card
-        // that it has: one scan, or several.
-        match samples.last() {
-            Some((_, last))
-                if last.tick == sample.tick
-                    || last.incarnation != sample.incarnation
-                        && read_again(last.tick, sample.tick) =>
-            {
-                repeated += 1;
-            }
-            _ => samples.push((index as u64 + 1, sample)),
-        }
-    }
+    let (mut samples, repeated) = distinct_samples(recording)?;
     let Some((_, first)) = samples.first().copied() else {
         return Err(RecordError::TooFewRows { file, expected: options.rows_min, found: 0 });
     };
@@ -126,7 +111,7 @@ pub fn from_recording(
             kind: FindingKind::Repeated,
             first_row: 1,
             rows: repeated,
-            text: format!("{repeated} samples came twice: the repeated ones were left out"),
+            text: format!("{repeated} samples occur twice: the repetitions were left out"),
         });
     }
     if !recording.tail().complete {
@@ -166,6 +151,42 @@ pub fn from_recording(
             })
             .collect::<Result<_, _>>()?
     };
+    let picked = pick(&samples, columns, &mut findings).map_err(wrong)?;
+    if picked.is_empty() {
+        return Err(wrong("none of its channels is present".to_owned()));
+    }
+    let rows = samples.iter().map(|(row, _)| *row).collect();
+    Draft { file, time_s, rows, columns: picked, findings }.finish(options)
+}
+
+/// The samples with their numbers in the file from 1, and how many repetitions were left out.
+fn distinct_samples(recording: &Recording) -> Result<(Vec<(u64, Sample)>, u64), RecordError> {
+    let mut samples: Vec<(u64, Sample)> = Vec::new();
+    let mut repeated = 0u64;
+    for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
+        let sample = sample?.message;
+        // An acquisition that takes over reads again the scans that its predecessor had not
+        // acknowledged to the card.
+        match samples.last() {
+            Some((_, last))
+                if last.tick == sample.tick
+                    || last.incarnation != sample.incarnation
+                        && read_again(last.tick, sample.tick) =>
+            {
+                repeated += 1;
+            }
+            _ => samples.push((index as u64 + 1, sample)),
+        }
+    }
+    Ok((samples, repeated))
+}
+
+/// The columns whose channels are present in every sample.
+fn pick(
+    samples: &[(u64, Sample)],
+    columns: &SampleColumns,
+    findings: &mut Vec<Finding>,
+) -> Result<BTreeMap<String, Vec<f64>>, String> {
     let mut picked: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let axis = columns.axis;
     let names = &columns.names;
@@ -184,9 +205,9 @@ pub fn from_recording(
         columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));
     for (name, index, present, read) in axis_channels.chain(further) {
         if index >= ANALOG {
-            return Err(wrong(format!(
+            return Err(format!(
                 "column `{name}`: expected an analog channel below {ANALOG}, found {index}"
-            )));
+            ));
         }
         let there = samples.iter().filter(|(_, sample)| present(sample, index)).count();
         if there == samples.len() {
@@ -201,14 +222,10 @@ pub fn from_recording(
             });
         }
     }
-    if picked.is_empty() {
-        return Err(wrong("none of its channels is present".to_owned()));
-    }
-    let rows = samples.iter().map(|(row, _)| *row).collect();
-    Draft { file, time_s, rows, columns: picked, findings }.finish(options)
+    Ok(picked)
 }
 
-/// A record that was replayed in a loop holds itself several times: keeps the longest pass.
+/// A record that was replayed in a loop contains several passes: keeps the longest.
 fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
     let mut starts = vec![0];
     starts.extend(

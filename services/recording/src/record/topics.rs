@@ -1,5 +1,4 @@
-//! Records from recordings of other programs: any topic, in any message that says how it is laid
-//! out.
+//! Records from recordings of other programs: any topic whose messages describe their layout.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,15 +8,15 @@ use re_ros_msg::MessageSchema;
 use re_ros_msg::deserialize::primitive_array::PrimitiveArray;
 use re_ros_msg::deserialize::{MapResolver, Value, decode_message};
 
-use super::mapping::{Step, place};
+use super::mapping::{PathElement, parse_source};
 use super::resample::{Track, on_one_grid};
 use super::{Draft, Mapping, Options, Record, RecordError, TIME};
 use crate::mcap_read::{Channel, Recording, Selection};
 
 /// Reads the columns that [`Options::mapping`] names out of an MCAP file. Time is that at which
 /// messages were written, 0 at the first, or the field that `t_s` is mapped to (a number, or a
-/// stamp of seconds and nanoseconds). What was written at times of its own is brought to one grid
-/// by straight lines, and a finding says so.
+/// stamp of seconds and nanoseconds). Topics with different times are resampled to one grid by
+/// linear interpolation, and a finding says so.
 ///
 /// Messages may be CDR with a schema in `ros2msg`, or JSON.
 ///
@@ -25,9 +24,9 @@ use crate::mcap_read::{Channel, Recording, Selection};
 /// [`RecordError`]: the first problem, with topic and message.
 pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError> {
     let recording = Recording::open(path)?;
-    let mut topics: BTreeMap<&str, Vec<(&Mapping, Vec<Step>)>> = BTreeMap::new();
+    let mut topics: BTreeMap<&str, Vec<(&Mapping, Vec<PathElement>)>> = BTreeMap::new();
     for mapping in &options.mapping {
-        let Some((topic, steps)) = place(&mapping.source) else {
+        let Some((topic, steps)) = parse_source(&mapping.source) else {
             return Err(mapping.wrong(
                 path,
                 "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned(),
@@ -46,7 +45,7 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
         return Err(time.wrong(
             path,
             format!(
-                "a time of one topic says nothing of the others: found {} topics",
+                "the time of one topic does not apply to others: found {} topics",
                 topics.len()
             ),
         ));
@@ -75,7 +74,7 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
             track
         })
         .collect();
-    // Times that the machine itself stamped are taken as they are, those of writing are not even.
+    // Times stamped by the sender are used unchanged; those of writing jitter.
     if timed.is_some() && options.resample_hz.is_none() {
         let Track { rows, time_s, columns } = tracks.into_iter().next().unwrap_or_default();
         let columns = columns.into_iter().collect();
@@ -85,11 +84,11 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     on_one_grid(path, &tracks, options.resample_hz)?.checked(options)
 }
 
-/// Times of a topic's messages (ns), and what is wanted of them.
+/// Times of a topic's messages (ns), and the columns requested.
 fn read_topic(
     recording: &Recording,
     topic: &str,
-    wanted: &[(&Mapping, Vec<Step>)],
+    wanted: &[(&Mapping, Vec<PathElement>)],
 ) -> Result<(Vec<u64>, Track), RecordError> {
     let file = recording.path();
     let Some((first, _)) = wanted.first() else { return Ok((Vec::new(), Track::default())) };
@@ -119,13 +118,13 @@ fn read_topic(
     Ok((times, Track { rows, time_s: Vec::new(), columns }))
 }
 
-/// How a channel's messages are read.
+/// How the messages of a channel are decoded.
 enum Decoder {
     Ros(Box<MessageSchema>),
     Json,
 }
 
-/// A message, read.
+/// A decoded message.
 enum Message {
     Ros(Value),
     Json(serde_json::Value),
@@ -141,7 +140,8 @@ impl Decoder {
                     format!("schema {} cannot be read: {error:#}", channel.schema_name)
                 }),
             (message, schema) => Err(format!(
-                "expected messages in cdr with a schema in ros2msg, or in json; found {message} with a schema in {}",
+                "expected messages in cdr with a schema in ros2msg, or in json; found {message} \
+                 with a schema in {}",
                 if schema.is_empty() { "nothing" } else { schema }
             )),
         }
@@ -158,7 +158,7 @@ impl Decoder {
         };
         let resolver =
             MapResolver::new(schema.dependencies.iter().map(|spec| (spec.name.clone(), spec)));
-        // Four bytes say the order of bytes and the options; alignment counts from behind them.
+        // A header of four bytes gives byte order and options; alignment counts from after it.
         let value = match data.split_at_checked(4) {
             Some(([0, 0, ..], body)) => {
                 decode_message(&mut CdrReader::<BigEndian>::new(body), &schema.spec, &resolver)
@@ -178,8 +178,8 @@ impl Decoder {
 }
 
 impl Message {
-    /// The number at a place; a stamp of seconds and nanoseconds is one (s).
-    fn number(&self, steps: &[Step]) -> Result<f64, String> {
+    /// The number at a path; a stamp of seconds and nanoseconds counts as one (s).
+    fn number(&self, steps: &[PathElement]) -> Result<f64, String> {
         let found = match self {
             Self::Ros(value) => in_ros(value, steps),
             Self::Json(value) => in_json(value, steps),
@@ -195,15 +195,19 @@ impl Message {
     }
 }
 
-fn in_ros(value: &Value, steps: &[Step]) -> Option<f64> {
+fn in_ros(value: &Value, steps: &[PathElement]) -> Option<f64> {
     match (value, steps) {
-        (Value::Message(fields), [Step::Field(name), rest @ ..]) => in_ros(fields.get(name)?, rest),
-        (Value::Array(values) | Value::Sequence(values), [Step::Index(index), rest @ ..]) => {
-            in_ros(values.get(*index)?, rest)
+        (Value::Message(fields), [PathElement::Field(name), rest @ ..]) => {
+            in_ros(fields.get(name)?, rest)
         }
-        (Value::PrimitiveArray(values) | Value::PrimitiveSeq(values), [Step::Index(index)]) => {
-            element(values, *index)
-        }
+        (
+            Value::Array(values) | Value::Sequence(values),
+            [PathElement::Index(index), rest @ ..],
+        ) => in_ros(values.get(*index)?, rest),
+        (
+            Value::PrimitiveArray(values) | Value::PrimitiveSeq(values),
+            [PathElement::Index(index)],
+        ) => element(values, *index),
         (Value::Message(fields), []) => {
             let of = |name: &str| in_ros(fields.get(name)?, &[]);
             Some(of("sec")? + 1e-9 * of("nanosec")?)
@@ -243,7 +247,7 @@ fn element(values: &PrimitiveArray, index: usize) -> Option<f64> {
     }
 }
 
-fn in_json(value: &serde_json::Value, steps: &[Step]) -> Option<f64> {
+fn in_json(value: &serde_json::Value, steps: &[PathElement]) -> Option<f64> {
     match (value, steps) {
         (serde_json::Value::Bool(value), []) => Some(f64::from(u8::from(*value))),
         (serde_json::Value::Object(fields), []) => {
@@ -253,7 +257,7 @@ fn in_json(value: &serde_json::Value, steps: &[Step]) -> Option<f64> {
             Some(of(["sec", "secs"])? + 1e-9 * of(["nanosec", "nsec"])?)
         }
         (value, []) => value.as_f64(),
-        (value, [Step::Field(name), rest @ ..]) => in_json(value.get(name)?, rest),
-        (value, [Step::Index(index), rest @ ..]) => in_json(value.get(index)?, rest),
+        (value, [PathElement::Field(name), rest @ ..]) => in_json(value.get(name)?, rest),
+        (value, [PathElement::Index(index), rest @ ..]) => in_json(value.get(index)?, rest),
     }
 }
