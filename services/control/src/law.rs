@@ -15,9 +15,9 @@
 //! reference. `reference_position` of the command is then the master's, not where the slave should
 //! be.
 //!
-//! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand,
-//! as [`force`] says. Going there and coming back, the output goes on from where it is, and the
-//! difference fades within [`AUTHORITY_S`].
+//! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
+//! ([`force`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
+//! Transfer between the two controllers is bumpless: the difference fades within [`AUTHORITY_S`].
 //!
 //! **Limits.** A setpoint may narrow the limit on the output, as `limit` says; in
 //! [`Mode::Initialise`] the reference then stays within what that output can hold.
@@ -32,25 +32,26 @@
 mod blend;
 mod bounds;
 mod compensation;
-mod driving;
 mod estimate;
 mod feedforward;
 pub mod field;
 pub mod force;
+mod impedance;
 mod limit;
 mod observer;
+mod options;
+mod position_control;
 mod slave;
-mod yielding;
 
 use blend::{Blend, Motion, stopping_way};
 use bounds::within;
-pub use compensation::LawOptions;
-use compensation::OptionState;
 use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 pub use observer::OBSERVER_SLEW_S;
+pub use options::LawOptions;
+use options::OptionState;
 use rig::{ACCELERATION_HZ, ForceControl};
 
 /// Time in which the output gets or loses its full authority (s).
@@ -165,7 +166,7 @@ struct Axis {
     /// Output of the force control, eq. 4.2.1 (V).
     force_v: f64,
     /// Whether the last output was the force control's.
-    yields: bool,
+    force_controlled: bool,
     /// The last output before it was weighed (V), and what of it still fades after a change between
     /// the two controls.
     output_v: f64,
@@ -216,7 +217,7 @@ impl Law {
                 handle: VelocityEstimate::new(axis.velocity_filter_hz),
                 acceleration: VelocityEstimate::new(ACCELERATION_HZ),
                 force_v: 0.0,
-                yields: false,
+                force_controlled: false,
                 output_v: 0.0,
                 carried_v: 0.0,
                 limit_v: 0.0,
@@ -272,7 +273,7 @@ impl Law {
             sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0
         });
         if !measured {
-            self.let_go();
+            self.release_output();
             self.axis.iter_mut().for_each(|axis| {
                 axis.velocity.reset();
                 axis.handle.reset();
@@ -284,7 +285,7 @@ impl Law {
         let time_ns = sample.scan_time_ns;
         if time_ns < self.last_sample_ns {
             // Another acquisition's clock: begin anew from what is measured.
-            self.let_go();
+            self.release_output();
         }
         self.last_sample_ns = time_ns;
         for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
@@ -306,12 +307,12 @@ impl Law {
             axis.limit_output(law, live, index, self.source.is_none(), elapsed_s);
         }
 
-        if mode.yields() && !self.can_yield(sample) {
+        if mode.yields() && !self.has_force_control(sample) {
             // Without a torque there is nothing to move with.
-            self.let_go();
+            self.release_output();
             command.limited = 1;
         } else if !powered || (mode == Mode::Passive && self.authority == 0.0) {
-            self.let_go();
+            self.release_output();
         } else {
             let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
             self.authority +=
@@ -319,7 +320,7 @@ impl Law {
             if mode.yields() {
                 self.source = Some(Source::Hand);
             } else {
-                self.take_aim(time_ns, sample, live, mode, axes, elapsed_s);
+                self.choose_reference(time_ns, sample, live, mode, axes, elapsed_s);
             }
             command.mode = mode.code();
         }
@@ -327,14 +328,14 @@ impl Law {
         for axis in 0..axes {
             finite &= match (self.source, live) {
                 (Some(Source::Hand), Some(setpoint)) => {
-                    self.give_way(axis, sample, setpoint, elapsed_s, &mut command)
+                    self.control_force(axis, sample, setpoint, elapsed_s, &mut command)
                 }
-                _ => self.drive(axis, sample, live, elapsed_s, &mut command),
+                _ => self.control_position(axis, sample, live, elapsed_s, &mut command),
             };
         }
         if !finite {
             // A reference or a gain beyond what numbers can hold: let go on every axis.
-            self.let_go();
+            self.release_output();
             command.volts = [0.0; AXES];
             command.feedforward_v = [0.0; AXES];
             command.reference_position = [0.0; AXES];
@@ -346,7 +347,7 @@ impl Law {
     }
 
     /// No output, and the reference follows the hand.
-    fn let_go(&mut self) {
+    fn release_output(&mut self) {
         self.source = None;
         self.authority = 0.0;
         for axis in &mut self.axis {
@@ -361,7 +362,7 @@ impl Law {
 
     /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving
     /// on.
-    fn take_aim(
+    fn choose_reference(
         &mut self,
         time_ns: u64,
         sample: &Sample,

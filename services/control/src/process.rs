@@ -11,8 +11,8 @@ use runtime::clock::now_ns;
 use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
-use crate::admit::Admission;
 use crate::law::{AxisLaw, Law, LawConfig, LawOptions};
+use crate::setpoint_validation::SetpointValidation;
 
 /// The reference catches up with a far target at this fraction of the axis's speed limit.
 const CATCH_UP: f64 = 0.2;
@@ -94,7 +94,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
     let mut law = Law::new(law_config(&rig));
     let identity = service.identity();
-    let mut admission = Admission::of_rig(identity.session, &rig);
+    let mut validation = SetpointValidation::of_rig(identity.session, &rig);
     let profile = service.enter_loop()?;
     let mut events = service.take_events().ok_or_else(no_topic)?;
     let mut meter =
@@ -114,10 +114,10 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         // Each of them: of two senders' the last one to be handed out is not the one to be
         // followed.
         while let Some(next) = setpoints.take()? {
-            match admission.admit(now_ns(), &next) {
+            match validation.validate(now_ns(), &next) {
                 Ok(()) => setpoint = Some(next),
                 Err(refusal) => {
-                    if let Some(notice) = admission.notice(now_ns(), refusal, &next) {
+                    if let Some(notice) = validation.notice(now_ns(), refusal, &next) {
                         events.send(notice.event())?;
                     }
                 }
@@ -149,7 +149,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
                 .fold(Losses::default(), Losses::received)
                 .sent(commands.undelivered());
             timings
-                .send(Losses { refused: admission.refused_in_all(), ..losses }.told_in(timing))?;
+                .send(Losses { refused: validation.refused_in_all(), ..losses }.told_in(timing))?;
             // Events are rare: who joined since the last one gets those before through this.
             events.refresh();
         }

@@ -14,26 +14,26 @@
 //! at the beginning of the segment that was interrupted, from where the handle then is.
 
 mod ilc;
+mod job;
+mod notice;
 mod program;
 mod range_and_beat;
+mod setpoint;
 mod supervision;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use ipc_types::{AXES, ExperimentAnswer, Mode, Process, Setpoint};
-use rig::protocol::Movement;
+use ipc_types::{AXES, ExperimentAnswer, Setpoint};
 
-use crate::field::put;
 use crate::ilc_trial::IlcTrials;
 use crate::range_finder::RangeFinder;
 use crate::state::PlayerState;
-use rig::protocol::trajectory::{Point, stopping};
 
-pub use ilc::IlcJob;
-use ilc::JOBS;
+pub use job::IlcJob;
+use job::JOBS;
+pub use notice::{Notice, Reason};
 pub use program::Program;
-pub use range_and_beat::{Notice, Reason};
 pub use supervision::Permission;
 use supervision::{Supervision, Verdict};
 
@@ -486,105 +486,6 @@ impl Player {
             false => Phase::Holding { segment, since_ns: edge_ns },
         };
         Some(Change::Done)
-    }
-
-    /// Takes the axes for where they are measured, within their limits; a position that is not
-    /// finite changes nothing.
-    fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
-        for ((rest, measured), (least, most)) in
-            self.rest.iter_mut().zip(measured).zip(&program.limits)
-        {
-            if measured.is_finite() {
-                *rest = measured.max(*least).min(*most);
-            }
-        }
-    }
-
-    /// All axes at time `t` into a segment.
-    fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
-        let mut points = self.rest.map(Point::at_rest);
-        if let Some(step) = program.steps.get(segment) {
-            for (axis, track) in step.tracks() {
-                points[axis] = track.at(self.rest[axis], t);
-            }
-            match (step.track.movement(), &self.finder, &self.ilc) {
-                (Movement::Initialise(_), Some((_, finder)), _) => {
-                    points[step.axis] = finder.point()
-                }
-                (_, _, Some(ilc)) => points[step.axis] = ilc.at(self.last_ns.unwrap_or_default()),
-                _ => {}
-            }
-        }
-        points
-    }
-
-    fn setpoint(&mut self, program: &Program, now_ns: u64, measured: &[f64; AXES]) -> Setpoint {
-        let (segment, points, mode) = match self.phase {
-            Phase::Idle => {
-                self.find_axes(program, measured);
-                (self.segment as usize, self.rest.map(Point::at_rest), Mode::Passive)
-            }
-            Phase::Entering { segment, .. } => {
-                (segment, self.rest.map(Point::at_rest), Mode::Passive)
-            }
-            Phase::Playing { segment, begun_ns } => {
-                let t = seconds(begun_ns, now_ns);
-                self.elapsed_s = program
-                    .steps
-                    .get(segment)
-                    .map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()))
-                    - self.early_s;
-                let mode =
-                    program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
-                if is_given_away(program, segment) && mode != Mode::Initialise {
-                    self.find_axes(program, measured);
-                }
-                (segment, self.points(program, segment, t), mode)
-            }
-            Phase::Stopping { segment, begun_ns, stopped_ns } => {
-                let moving = self.points(program, segment, seconds(begun_ns, now_ns));
-                let (since, fade) =
-                    (seconds(stopped_ns, now_ns), seconds(0, self.settings.stop_fade_ns));
-                let mut points = moving;
-                for (point, hold) in points.iter_mut().zip(self.hold) {
-                    *point = stopping(*point, hold, since, fade);
-                }
-                let mode = if self.ilc.is_some() { Mode::Learning } else { Mode::Position };
-                (segment, points, mode)
-            }
-            Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),
-        };
-        self.segment = segment as u32;
-        let mut setpoint = Setpoint {
-            at_ns: now_ns,
-            lease_until_ns: now_ns + self.settings.lease_ns,
-            protocol: program.identity,
-            position: points.map(|point| point.position),
-            velocity: points.map(|point| point.velocity),
-            acceleration: points.map(|point| point.acceleration),
-            peak_speed: points.map(|point| point.peak_speed),
-            segment: segment as u32,
-            segments: program.steps.len() as u32,
-            mode: mode.code(),
-            owner: Process::Experiment.code(),
-            axes: program.axes as u8,
-            ..Setpoint::default()
-        };
-        if mode.yields()
-            && let Some(step) = program.steps.get(segment)
-        {
-            for (axis, track) in step.tracks() {
-                if let Some(field) = track.field() {
-                    put(&mut setpoint, axis, field);
-                }
-            }
-        }
-        if let Some(step) = program.steps.get(segment).filter(|_| mode == Mode::Initialise)
-            && let Some(limit_v) = step.track.movement().output_limit_v()
-        {
-            setpoint.output_limit_v[step.axis] = limit_v;
-        }
-        setpoint
     }
 }
 

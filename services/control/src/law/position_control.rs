@@ -1,4 +1,4 @@
-//! The position law's side of a step: feedback, feed-forward, and the options.
+//! Position control: one step of feedback, feed-forward and the options.
 
 use ipc_types::{MotorCommand, Sample, Setpoint};
 use rig::CompensationKind;
@@ -9,13 +9,13 @@ use super::{
     AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave, within,
 };
 
-/// Share of the speed of reversal below which a reference rests.
+/// Share of the reversal speed below which a reference counts as at rest.
 const RESTS: f64 = 0.1;
 
 impl Law {
-    /// Feedback, feed-forward and what the options add, of one axis into the command; false where
-    /// they are not finite.
-    pub(super) fn drive(
+    /// Writes feedback, feed-forward and the options' contributions of one axis into the command.
+    /// Returns false if they are not finite.
+    pub(super) fn control_position(
         &mut self,
         index: usize,
         sample: &Sample,

@@ -1,15 +1,15 @@
 //! Which setpoints control follows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use control::admit::{Admission, AxisLimits, Refusal, TELL_NS};
+use control::setpoint_validation::{AxisLimits, REPORT_INTERVAL_NS, Refusal, SetpointValidation};
 use ipc_types::{EventKind, Message, Mode, Process, Setpoint};
 use proptest::prelude::*;
 
 const SESSION: u64 = 7;
 const MS: u64 = 1_000_000;
 
-fn admission() -> Admission {
-    Admission::new(
+fn validation() -> SetpointValidation {
+    SetpointValidation::new(
         SESSION,
         &[AxisLimits { position_min: -2.0, position_max: 1.5, speed_max: 10.0 }],
     )
@@ -50,12 +50,12 @@ fn sr_25_refuses_what_the_rig_cannot_do_and_says_why() {
         (Refusal::Speed, with(|s| s.velocity[0] = -10.01)),
     ];
     for (expected, bad) in cases {
-        let mut admission = admission();
-        assert_eq!(admission.admit(10 * MS, &setpoint(0, 9 * MS)), Ok(()));
-        assert_eq!(admission.admit(10 * MS, &bad), Err(expected), "{bad:?}");
-        assert_eq!((admission.refused(expected), admission.refused_in_all()), (1, 1));
+        let mut validation = validation();
+        assert_eq!(validation.validate(10 * MS, &setpoint(0, 9 * MS)), Ok(()));
+        assert_eq!(validation.validate(10 * MS, &bad), Err(expected), "{bad:?}");
+        assert_eq!((validation.refused(expected), validation.refused_in_all()), (1, 1));
         // Nothing was changed: the next good one is followed.
-        assert_eq!(admission.admit(11 * MS, &setpoint(1, 11 * MS)), Ok(()));
+        assert_eq!(validation.validate(11 * MS, &setpoint(1, 11 * MS)), Ok(()));
     }
 }
 
@@ -67,7 +67,7 @@ fn a_limit_itself_is_within_and_axes_beyond_the_rig_mean_nothing() {
         })
     };
     for (position, velocity) in [(1.5, 10.0), (-2.0, -10.0), (1.5 + 1e-9, 0.0)] {
-        assert_eq!(admission().admit(0, &at(position, velocity)), Ok(()));
+        assert_eq!(validation().validate(0, &at(position, velocity)), Ok(()));
     }
 }
 
@@ -79,7 +79,7 @@ fn sr_25_modes_ask_for_the_numbers_that_they_use() {
             (s.position[0], s.velocity[0]) = (position, f64::NAN);
         })
     };
-    let verdict = |mode, position| admission().admit(0, &of(mode, position));
+    let verdict = |mode, position| validation().validate(0, &of(mode, position));
     for mode in Mode::ALL.iter().copied() {
         let expected = if mode.moves() { Err(Refusal::NotFinite) } else { Ok(()) };
         assert_eq!(verdict(mode, 0.0), expected, "{mode}");
@@ -93,21 +93,21 @@ fn sr_25_modes_ask_for_the_numbers_that_they_use() {
 
 #[test]
 fn sr_25_order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
-    let mut admission = admission();
-    assert_eq!(admission.admit(20 * MS, &setpoint(5, 20 * MS)), Ok(()));
+    let mut validation = validation();
+    assert_eq!(validation.validate(20 * MS, &setpoint(5, 20 * MS)), Ok(()));
     assert_eq!(
-        admission.admit(21 * MS, &setpoint(5, 21 * MS)),
+        validation.validate(21 * MS, &setpoint(5, 21 * MS)),
         Err(Refusal::Sequence),
         "the same again"
     );
-    assert_eq!(admission.admit(21 * MS, &setpoint(4, 21 * MS)), Err(Refusal::Sequence));
-    assert_eq!(admission.admit(21 * MS, &setpoint(6, 19 * MS)), Err(Refusal::Backwards));
-    assert_eq!(admission.admit(22 * MS, &setpoint(9, 22 * MS)), Ok(()), "gaps are no disorder");
+    assert_eq!(validation.validate(21 * MS, &setpoint(4, 21 * MS)), Err(Refusal::Sequence));
+    assert_eq!(validation.validate(21 * MS, &setpoint(6, 19 * MS)), Err(Refusal::Backwards));
+    assert_eq!(validation.validate(22 * MS, &setpoint(9, 22 * MS)), Ok(()), "gaps are no disorder");
     // The experiment was restarted: it counts from 0.
     let fresh = Setpoint { incarnation: 62, ..setpoint(0, 30 * MS) };
-    assert_eq!(admission.admit(30 * MS, &fresh), Ok(()));
+    assert_eq!(validation.validate(30 * MS, &fresh), Ok(()));
     // The old one wakes up.
-    assert_eq!(admission.admit(31 * MS, &setpoint(10, 31 * MS)), Err(Refusal::Sequence));
+    assert_eq!(validation.validate(31 * MS, &setpoint(10, 31 * MS)), Err(Refusal::Sequence));
 }
 
 #[test]
@@ -117,25 +117,28 @@ fn sr_25_another_owner_waits_for_the_lease() {
         owner: Process::Operator.code(),
         ..setpoint(0, now)
     };
-    let mut busy = admission();
-    assert_eq!(busy.admit(0, &setpoint(0, 0)), Ok(()));
-    assert_eq!(busy.admit(100 * MS, &other(100 * MS)), Err(Refusal::Owner));
-    assert_eq!(busy.admit(101 * MS, &other(101 * MS)), Ok(()), "the lease has lapsed");
-    assert_eq!(busy.admit(102 * MS, &setpoint(1, 102 * MS)), Err(Refusal::Owner));
-    assert_eq!(busy.admit(202 * MS, &setpoint(2, 202 * MS)), Ok(()), "and back");
+    let mut busy = validation();
+    assert_eq!(busy.validate(0, &setpoint(0, 0)), Ok(()));
+    assert_eq!(busy.validate(100 * MS, &other(100 * MS)), Err(Refusal::Owner));
+    assert_eq!(busy.validate(101 * MS, &other(101 * MS)), Ok(()), "the lease has lapsed");
+    assert_eq!(busy.validate(102 * MS, &setpoint(1, 102 * MS)), Err(Refusal::Owner));
+    assert_eq!(busy.validate(202 * MS, &setpoint(2, 202 * MS)), Ok(()), "and back");
     // Who asked for nothing was refused nothing.
     let nothing = Setpoint { mode: Mode::Passive.code(), ..other(203 * MS) };
-    assert_eq!(busy.admit(203 * MS, &nothing), Err(Refusal::Owner));
+    assert_eq!(busy.validate(203 * MS, &nothing), Err(Refusal::Owner));
     assert_eq!((busy.refused(Refusal::Owner), busy.refused_in_all()), (3, 2));
     // One that has let go of the motor keeps nobody waiting.
-    let mut idle = admission();
-    assert_eq!(idle.admit(0, &Setpoint { mode: Mode::Passive.code(), ..setpoint(0, 0) }), Ok(()));
-    assert_eq!(idle.admit(MS, &other(MS)), Ok(()));
+    let mut idle = validation();
+    assert_eq!(
+        idle.validate(0, &Setpoint { mode: Mode::Passive.code(), ..setpoint(0, 0) }),
+        Ok(())
+    );
+    assert_eq!(idle.validate(MS, &other(MS)), Ok(()));
 }
 
 #[test]
 fn each_reason_is_told_once_a_second_with_its_count() {
-    let mut admission = admission();
+    let mut validation = validation();
     let mut told = vec![];
     for cycle in 0..2_000u64 {
         let now = cycle * MS;
@@ -145,10 +148,10 @@ fn each_reason_is_told_once_a_second_with_its_count() {
         } else {
             bad.velocity[0] = 99.0
         }
-        let refusal = admission.admit(now, &bad).unwrap_err();
-        told.extend(admission.notice(now, refusal, &bad));
+        let refusal = validation.validate(now, &bad).unwrap_err();
+        told.extend(validation.notice(now, refusal, &bad));
     }
-    assert_eq!(TELL_NS, 1_000 * MS);
+    assert_eq!(REPORT_INTERVAL_NS, 1_000 * MS);
     let told: Vec<_> =
         told.iter().map(|notice| (notice.refusal, notice.sequence, notice.count)).collect();
     let (position, speed) = (Refusal::Position, Refusal::Speed);
@@ -160,9 +163,9 @@ fn each_reason_is_told_once_a_second_with_its_count() {
 
 #[test]
 fn every_reason_fits_into_an_event() {
-    let mut admission = admission();
+    let mut validation = validation();
     for refusal in Refusal::ALL {
-        let event = admission.notice(0, refusal, &setpoint(3, 0)).unwrap().event();
+        let event = validation.notice(0, refusal, &setpoint(3, 0)).unwrap().event();
         assert_eq!(event.text(), refusal.text());
         assert_eq!((event.kind, event.a), (EventKind::SetpointRefused.code(), 3.0));
     }
@@ -174,7 +177,7 @@ proptest! {
     fn sr_25_what_is_followed_is_in_range_and_in_order(
         bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<Setpoint>()), any::<u64>(), any::<bool>(), -3.0..3.0f64, -12.0..12.0f64), 1..60),
     ) {
-        let mut admission = admission();
+        let mut validation = validation();
         let (mut followed, mut refused) = (None::<Setpoint>, 0);
         for (bytes, now, ours, position, velocity) in bytes {
             let mut came = Setpoint::from_bytes(&bytes).unwrap();
@@ -184,7 +187,7 @@ proptest! {
                 came.incarnation %= 3;
                 (came.position[0], came.velocity[0], came.acceleration[0]) = (position, velocity, 0.0);
             }
-            match admission.admit(now, &came) {
+            match validation.validate(now, &came) {
                 Ok(()) => {
                     prop_assert!(ours, "arbitrary bytes have no session");
                     let mode = Mode::from_code(came.mode).unwrap();
@@ -200,6 +203,6 @@ proptest! {
                 Err(_) => refused += 1,
             }
         }
-        prop_assert_eq!(Refusal::ALL.iter().map(|refusal| admission.refused(*refusal)).sum::<u64>(), refused);
+        prop_assert_eq!(Refusal::ALL.iter().map(|refusal| validation.refused(*refusal)).sum::<u64>(), refused);
     }
 }

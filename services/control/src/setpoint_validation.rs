@@ -1,19 +1,19 @@
-//! Which setpoints control follows. Pure: the time is an argument.
+//! Validates setpoints before control follows them. Pure: the time is an argument.
 //!
-//! A setpoint that is refused changes nothing: control goes on with the one before, and comes to
-//! rest when that one's lease lapses. A refusal is told at most once a second for each reason, with
-//! the number of refusals so far.
+//! A refused setpoint changes nothing: control continues with the previous one, and comes to rest
+//! when its lease lapses. A refusal is reported at most once per second for each reason, with the
+//! number of refusals so far.
 
 use ipc_types::{AXES, Event, EventKind, Mode, Process, Setpoint, Severity};
 use rig::RigFile;
 
-/// A reason is told again after this long (ns).
-pub const TELL_NS: u64 = 1_000_000_000;
+/// Shortest interval between two reports of one reason (ns).
+pub const REPORT_INTERVAL_NS: u64 = 1_000_000_000;
 /// Rounding of a position or speed that lies just at its limit, as a share of the limit's
 /// magnitude.
 const ROUNDING: f64 = 1e-6;
 
-/// Why a setpoint is not followed.
+/// Why a setpoint is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// Of another session of the rig.
@@ -122,7 +122,7 @@ fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
 
 /// Decides over setpoints one by one.
 #[derive(Clone, Debug)]
-pub struct Admission {
+pub struct SetpointValidation {
     session: u64,
     axes: usize,
     limits: [AxisLimits; AXES],
@@ -135,7 +135,7 @@ pub struct Admission {
     told_ns: [Option<u64>; Refusal::ALL.len()],
 }
 
-impl Admission {
+impl SetpointValidation {
     /// For a session of a rig with these axes, at most [`AXES`].
     pub fn new(session: u64, axes: &[AxisLimits]) -> Self {
         let mut limits =
@@ -170,7 +170,7 @@ impl Admission {
     ///
     /// # Errors
     /// Why not.
-    pub fn admit(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+    pub fn validate(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
         let verdict = self.look(now_ns, setpoint);
         match verdict {
             Ok(()) => {
@@ -198,14 +198,14 @@ impl Admission {
     }
 
     /// What is to be told of a refusal of that setpoint; `None` where the reason was told within
-    /// [`TELL_NS`], and where another owner asked for nothing: the experiment at rest says passive
+    /// [`REPORT_INTERVAL_NS`], and where another owner asked for nothing: the experiment at rest says passive
     /// for ever.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
         if is_idle(refusal, setpoint) {
             return None;
         }
         let told = &mut self.told_ns[refusal as usize];
-        if told.is_some_and(|told| now_ns.saturating_sub(told) < TELL_NS) {
+        if told.is_some_and(|told| now_ns.saturating_sub(told) < REPORT_INTERVAL_NS) {
             return None;
         }
         *told = Some(now_ns);

@@ -1,4 +1,12 @@
-//! The law's side of force control: measured values in, output that goes on from where it is.
+//! Force control: the machine renders an impedance, so that the hand feels a spring, a damper and an
+//! inertia ([`Mode::Impedance`], [`Mode::Rhythm`]).
+//!
+//! The thesis's command IMPEDENCE is something else: a sine under position control, played here as
+//! a `guided_sine` segment in [`Mode::Position`].
+//!
+//! [`Mode::Impedance`]: ipc_types::Mode::Impedance
+//! [`Mode::Rhythm`]: ipc_types::Mode::Rhythm
+//! [`Mode::Position`]: ipc_types::Mode::Position
 
 use ipc_types::{MotorCommand, Sample, Setpoint};
 
@@ -7,8 +15,8 @@ use super::force::{end_stop_torque, step};
 use super::{AUTHORITY_S, Axis, Law, handle_position, within};
 
 impl Law {
-    /// Whether every axis has force control, and a torque to go by.
-    pub(super) fn can_yield(&self, sample: &Sample) -> bool {
+    /// Whether every axis has force control and a measured torque.
+    pub(super) fn has_force_control(&self, sample: &Sample) -> bool {
         (0..self.config.axes).all(|axis| {
             self.config.axis[axis].force.is_some()
                 && sample.torque_present & (1 << axis) != 0
@@ -16,7 +24,7 @@ impl Law {
         })
     }
 
-    /// What is known of the handle, on the axes of the rig.
+    /// Position, velocity and acceleration of the handle on each axis of the rig.
     fn handle(&self, sample: &Sample) -> Handle {
         let mut handle = Handle::default();
         for (index, axis) in self.axis.iter().enumerate().take(self.config.axes) {
@@ -27,8 +35,8 @@ impl Law {
         handle
     }
 
-    /// Force control of one axis into the command; false where a number is none.
-    pub(super) fn give_way(
+    /// Writes the force control of one axis into the command. Returns false if a value is not finite.
+    pub(super) fn control_force(
         &mut self,
         index: usize,
         sample: &Sample,
@@ -40,14 +48,14 @@ impl Law {
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
         let Some(force) = &law.force else { return false };
         let limit_v = axis.limit_v;
-        // What it takes to bring the output to its limit: a field's inertia, of which one knows
-        // least, asks for no more.
+        // The torque that takes the output to its limit: the field's inertia term, the least certain
+        // one, asks for no more.
         let most = limit_v / force.volts_per_hand_torque();
         let field = field_torque(setpoint, index, &handle, most)
             + end_stop_torque(force, handle.position[index], law.position_min, law.position_max);
         let torque = sample.slave_torque[index] + field;
-        let before_v = if axis.yields { axis.force_v } else { 0.0 };
-        // The speed is the motor's: what rubs most turns with it.
+        let before_v = if axis.force_controlled { axis.force_v } else { 0.0 };
+        // The motor's speed: most of the friction is at the motor.
         axis.force_v = step(force, before_v, torque, axis.velocity.velocity(), elapsed_s, limit_v);
         if !axis.force_v.is_finite() {
             return false;
@@ -72,22 +80,22 @@ impl Law {
 }
 
 impl Axis {
-    /// What of the last output is still to be added to the `next_v` of this control; fades by
-    /// `fade_v` a step.
-    pub(super) fn carry(&mut self, yields: bool, next_v: f64, fade_v: f64) -> f64 {
-        if yields == self.yields {
+    /// Bumpless transfer: the part of the last output that is still added to the `next_v` of this
+    /// controller; fades by `fade_v` per step.
+    pub(super) fn carry(&mut self, force_controlled: bool, next_v: f64, fade_v: f64) -> f64 {
+        if force_controlled == self.force_controlled {
             self.carried_v -= self.carried_v.clamp(-fade_v, fade_v);
         } else {
-            self.yields = yields;
+            self.force_controlled = force_controlled;
             self.carried_v = self.output_v - next_v;
         }
         self.carried_v
     }
 
-    /// No output: nothing to go on from.
+    /// Clears the output and all that bumpless transfer would carry over.
     pub(super) fn forget(&mut self) {
         self.force_v = 0.0;
-        self.yields = false;
+        self.force_controlled = false;
         self.output_v = 0.0;
         self.carried_v = 0.0;
     }

@@ -1,0 +1,106 @@
+//! The options of the position law and their state.
+
+use plant::reflected::ReflectedDynamics;
+use rig::ControlOptions;
+
+use super::blend::Motion;
+use super::bounds::within;
+use super::observer::Disturbance;
+use super::slave::SlaveOffset;
+
+/// Options of the position law, and the model that they go by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LawOptions {
+    /// Which compensation, observer and loop on the slave.
+    pub control: ControlOptions,
+    /// What the declared model says of the axis; without it, what would go by it is silent.
+    pub model: Option<ReflectedDynamics>,
+}
+
+impl LawOptions {
+    /// Limits that are none, or no numbers, count as 0.
+    pub(super) fn sanitised(mut self) -> Self {
+        let bounded = |value: f64| if value.is_finite() { value.max(0.0) } else { 0.0 };
+        if let Some(observer) = &mut self.control.observer {
+            observer.limit_v = bounded(observer.limit_v);
+            observer.share = bounded(observer.share).min(1.0);
+        }
+        if let Some(slave) = &mut self.control.slave {
+            slave.limit = bounded(slave.limit);
+        }
+        self.control.compensation.share = bounded(self.control.compensation.share).min(1.0);
+        self
+    }
+}
+
+/// Friction beyond the line, as the motor feels it along the reference (V).
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Windup {
+    volts: f64,
+    position: Option<f64>,
+}
+
+impl Windup {
+    pub(super) fn follow(&mut self, model: &ReflectedDynamics, reference: &Motion) -> f64 {
+        let moved = reference.position - self.position.unwrap_or(reference.position);
+        self.position = Some(reference.position);
+        let wound = self.volts + model.line_v * moved;
+        if !wound.is_finite() {
+            return f64::NAN;
+        }
+        self.volts = within(wound, model.slave_friction.level_v(reference.velocity));
+        self.volts
+    }
+}
+
+/// The state of the options from step to step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OptionState {
+    pub(super) windup: Windup,
+    pub(super) disturbance: Disturbance,
+    pub(super) slave: SlaveOffset,
+}
+
+impl OptionState {
+    /// Forgets all: there is no output to go on from.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plant::reflected::FrictionCurve;
+
+    use super::*;
+
+    fn model() -> ReflectedDynamics {
+        ReflectedDynamics {
+            inertia_v: 8e-3,
+            master_friction: FrictionCurve::new(10.0, |_| 0.5),
+            slave_friction: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
+            windup: FrictionCurve::new(10.0, |speed| 1.0 - 0.05 * speed),
+            line_v: 8.0,
+            ratio: 0.85,
+        }
+    }
+
+    #[test]
+    fn what_rubs_beyond_the_line_turns_round_over_twice_its_windup() {
+        let (model, mut windup) = (model(), Windup::default());
+        let mut at = |position: f64| windup.follow(&model, &Motion::at_rest(position));
+        assert_eq!(at(0.3), 0.0, "the first position is where the way begins");
+        assert!((at(0.35) - 0.4).abs() < 1e-12 && (at(0.6) - 1.0).abs() < 1e-12);
+        assert!((at(0.6 - 0.125)).abs() < 1e-12, "half-way back");
+        assert!((at(0.6 - 0.25) + 1.0).abs() < 1e-12 && (at(0.1) + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_level_falls_with_speed_and_nonsense_stays_nonsense() {
+        let (model, mut windup) = (model(), Windup::default());
+        let fast = |position| Motion { position, velocity: 4.0, acceleration: 0.0 };
+        windup.follow(&model, &fast(0.0));
+        assert!((windup.follow(&model, &fast(1.0)) - 0.8).abs() < 1e-12);
+        assert!(windup.follow(&model, &fast(f64::INFINITY)).is_nan());
+    }
+}
