@@ -2,7 +2,7 @@
 //! the real-time loop plays it: which reference is followed when, and where the slave was.
 //!
 //! ```text
-//! fade in ─> [a sine for each harmonic, three cycles each] ─> trial 1 ─> trial 2 ─> ... ─> fade out
+//! fade in ─> [a sine for each harmonic, three cycles each] ─> trial 1 ─> trial 2 ─> ... ─> out
 //!                       │ the slave's path                      │ the slave's path  ^
 //!                       v                                       v                   │ next reference
 //!                 ilc_update ──────────────────────────── ilc_update ───────────────┘
@@ -138,8 +138,8 @@ pub struct IlcTrials {
 }
 
 impl IlcTrials {
-    /// A learning run that begins at `begun_ns` (CLOCK_MONOTONIC) with the axis at rest at `start` (rad
-    /// or m).
+    /// A learning run that begins at `begun_ns` (CLOCK_MONOTONIC), with the axis at rest at `start`
+    /// (rad or m).
     pub fn new(run_id: u32, schedule: &Schedule, start: f64, begun_ns: u64) -> Self {
         let learn = &schedule.learn;
         let faded_ns = begun_ns + (learn.fade_in_s * 1e9).round() as u64;

@@ -2,8 +2,8 @@
 //!
 //! Its core knows no clock: [`trajectory`] gives movements with exact derivatives, [`player`] plays
 //! a protocol in a time that is an argument, [`ilc_trial`] and [`ilc_update`] let a
-//! segment's reference be learnt, [`range_finder`] finds the ends of an axis, [`state`] is what is kept to go on after a
-//! restart. The process around it is [`run`].
+//! segment's reference be learnt, [`range_finder`] finds the ends of an axis, [`state`]
+//! is what is kept for a restart. The process around it is [`run`].
 
 mod field;
 pub mod ilc_trial;

@@ -97,7 +97,8 @@ pub enum ResumeError {
     NotRunning,
     /// It belongs to another text.
     #[error(
-        "the state is of the protocol {expected:016x}, the text given is {found:016x}; resume with the text in the state"
+        "the state is of the protocol {expected:016x}, the text given is {found:016x}; resume \
+            with the text in the state"
     )]
     OtherProtocol {
         /// Identity in the state.

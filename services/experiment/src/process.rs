@@ -238,8 +238,8 @@ impl Runner {
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
-        // Each of them: a learning run wants the slave's place at every step, however late this loop
-        // wakes.
+        // Each of them: a learning run needs the slave's position at every step, however late this
+        // loop wakes.
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);

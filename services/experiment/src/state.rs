@@ -57,7 +57,8 @@ impl From<Version1> for PlayerState {
 pub enum StateError {
     /// Cut off, or something else altogether.
     #[error(
-        "no state of the experiment: expected {HEADER} bytes that begin with \"FRPS\", found {found}; delete the file"
+        "no state of the experiment: expected {HEADER} bytes that begin with \"FRPS\", found \
+            {found}; delete the file"
     )]
     NotAState {
         /// What was found.
@@ -65,7 +66,8 @@ pub enum StateError {
     },
     /// Written by another version.
     #[error(
-        "state of version {found}, this build reads version {VERSION}; delete the file and start the protocol anew"
+        "state of version {found}, this build reads version {VERSION}; delete the file and start \
+            the protocol anew"
     )]
     Version {
         /// Version in the file.
@@ -73,7 +75,8 @@ pub enum StateError {
     },
     /// Damaged.
     #[error(
-        "state is damaged: expected checksum {expected:016x}, found {found:016x}; delete the file and start the protocol anew"
+        "state is damaged: expected checksum {expected:016x}, found {found:016x}; delete the file \
+            and start the protocol anew"
     )]
     Checksum {
         /// Checksum in the file.

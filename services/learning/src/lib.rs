@@ -90,7 +90,8 @@ pub struct LearnerConfig {
 pub enum LearningError {
     /// The desired movement is no cycle.
     #[error(
-        "desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found {found}"
+        "desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found \
+            {found}"
     )]
     Desired {
         /// What was found.

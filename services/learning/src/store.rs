@@ -50,7 +50,8 @@ pub struct LearntReference {
 pub enum StoreError {
     /// Cut off, or something else altogether.
     #[error(
-        "no learnt reference: expected {HEADER} bytes that begin with \"FRLR\", found {found}; choose another file, or learn anew"
+        "no learnt reference: expected {HEADER} bytes that begin with \"FRLR\", found {found}; \
+            choose another file, or learn anew"
     )]
     NotAReference {
         /// What was found.
@@ -64,7 +65,8 @@ pub enum StoreError {
     },
     /// Damaged or cut off.
     #[error(
-        "learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; learn anew"
+        "learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; \
+            learn anew"
     )]
     Checksum {
         /// Checksum in the file.
@@ -86,7 +88,8 @@ pub enum StoreError {
     },
     /// Learnt on another rig, or on this one before its rig file was changed.
     #[error(
-        "learnt on another rig: expected \"{expected_name}\" with the rig file of identity {expected:016x}, found \"{found_name}\" with \
+        "learnt on another rig: expected \"{expected_name}\" with the rig file of identity \
+            {expected:016x}, found \"{found_name}\" with \
          {found:016x}; learn anew on this rig"
     )]
     OtherRig {
@@ -111,7 +114,8 @@ pub enum StoreError {
     },
     /// For another movement.
     #[error(
-        "learnt for another movement: expected {expected}, found {found}; learn anew, or ask for the movement of the file"
+        "learnt for another movement: expected {expected}, found {found}; learn anew, or ask for \
+            the movement of the file"
     )]
     OtherMovement {
         /// Movement at hand.
@@ -168,7 +172,8 @@ impl Belongs {
         let feedforward = if self.feedforward { "with" } else { "without" };
         let Self { amplitude, centre, .. } = self;
         format!(
-            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {} s, {feedforward} feed-forward",
+            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {} s, {feedforward} \
+                feed-forward",
             steps / rate
         )
     }

@@ -56,7 +56,7 @@ impl Player {
         }
     }
 
-    /// The block of the learning run that is being played, from 1; 0 outside of a learning run's blocks.
+    /// The trial (block) that is being played, from 1; 0 outside of a learning run's trials.
     pub fn block(&self) -> u32 {
         self.ilc.as_ref().map_or(0, IlcTrials::block)
     }

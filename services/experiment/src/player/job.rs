@@ -23,7 +23,7 @@ pub enum IlcJob {
     },
     /// A record to learn from, or a reference that is no longer followed.
     Returned(Returned),
-    /// The learning run is over, by itself or because somebody stopped it; with all that it still holds.
+    /// The learning run is over, complete or stopped; carries all the memory that it still holds.
     End(IlcTrials),
 }
 

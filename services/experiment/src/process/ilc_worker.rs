@@ -247,8 +247,8 @@ impl WorkerState {
         let _none = fs::remove_file(&self.file);
     }
 
-    /// Whether the file under the learning run's name holds a reference for the same machine and movement
-    /// with a smaller error: half a learning run must not replace a whole one.
+    /// Whether the file of that name holds a reference for the same machine and movement with a
+    /// smaller error: half a learning run must not replace a whole one.
     fn has_better(&self) -> bool {
         let Some(active) = &self.ilc else { return false };
         let plan = active.updater.plan();
@@ -346,8 +346,8 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
     Ok(())
 }
 
-/// Mark of the file with what a learning run knows, and its version. bincode is unmaintained; the version
-/// lets another encoding take its place.
+/// Mark and version of the file that holds the state of a learning run. bincode is unmaintained;
+/// the version lets another encoding take its place.
 const MARK: [u8; 6] = *b"FRLS\x01\x00";
 /// No learning run's memory is longer (bytes).
 const LONGEST: usize = 16 << 20;

@@ -42,7 +42,7 @@ pub(super) struct Note {
 /// How far it is. The fields may be one cycle apart.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
-    /// segment (32 bits), running, completed, permitted, and from bit 40 the newest order that was taken
+    /// segment (32 bits), running, completed, permitted; from bit 40 the newest order taken
     word: AtomicU64,
     elapsed: AtomicU64,
     sample_ns: AtomicU64,
