@@ -1,8 +1,8 @@
-"""Holds the licences of all dependencies against those that docs/decisions/0018 allows.
+"""Checks the licences of all dependencies against those that docs/decisions/0018 allows.
 
     cargo metadata --format-version 1 | licences.py
 
-Prints how many were looked at; exit code 1 and the offenders on stderr where one is not covered.
+Prints how many were checked; exit code 1, and the others on stderr, where one is not allowed.
 """
 
 import json
@@ -10,13 +10,13 @@ import re
 import sys
 
 ALLOWED = {
-    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-0", "MPL-2.0",
-    "Unicode-3.0", "Unicode-DFS-2016", "Unlicense", "Zlib",
+    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "ISC", "MIT",
+    "MIT-0", "MPL-2.0", "Unicode-3.0", "Unicode-DFS-2016", "Unlicense", "Zlib",
 }  # fmt: skip
 
 
 def allowed(expression):
-    """Whether an SPDX expression can be met with allowed licences alone; `/` is the old way to write OR."""
+    """Whether allowed licences alone satisfy an SPDX expression; `/` is an old way to write OR."""
     tokens = re.findall(r"[()]|[^\s()]+", expression.replace("/", " OR "))
     at = 0
 
@@ -66,7 +66,8 @@ def main():
     others = [package for package in metadata["packages"] if package["id"] not in own]
     bad = [package for package in others if not allowed(package["license"] or "")]
     for package in bad:
-        print(f"{package['name']} {package['version']}: licence {package['license']!r} is not allowed", file=sys.stderr)
+        name = f"{package['name']} {package['version']}"
+        print(f"{name}: licence {package['license']!r} is not allowed", file=sys.stderr)
     print(f"{len(others)} dependencies, {len(others) - len(bad)} under an allowed licence")
     return 1 if bad or not others else 0
 

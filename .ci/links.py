@@ -1,4 +1,6 @@
-"""Are the links between the project's own Markdown files right? Files and headings; links to the web are not followed.
+"""Checks the links between the project's Markdown files: that the file and the heading exist.
+
+Links to the web are not followed.
 
     links.py [ROOT]
 """
@@ -21,12 +23,14 @@ def text_of(path):
 
 def anchors(path):
     headings = re.findall(r"^#+ +(.*)$", path.read_text(encoding="utf-8"), flags=re.M)
-    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+    words = (re.sub(r"[^\w\- ]", "", heading.strip().lower()) for heading in headings)
+    return {word.replace(" ", "-") for word in words}
 
 
 def main():
     root = Path(sys.argv[1] if len(sys.argv) > 1 else ".").resolve()
-    listed = subprocess.run(["git", "ls-files", "-z", "*.md"], cwd=root, check=True, capture_output=True, text=True)
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "*.md"], cwd=root, check=True, capture_output=True, text=True)
     files = [root / name for name in listed.stdout.split("\0") if name]
     broken, links = [], 0
     for file in files:

@@ -1,12 +1,12 @@
-"""Holds a demo's summary.json against what a demo promises.
+"""Checks a demo's summary.json against what a demo promises.
 
     summary.py SUMMARY.json [--profile realtime|best-effort]
 
-Two kinds of bounds. What a demo promises on a machine that is its own (motor at 0 V within 10 / 60 ms of a kill, commands at
-500 Hz within 0.1 %, or 1 % in best-effort) is printed as a note where it does not hold: a shared machine that stands still
-for ten milliseconds breaks it, and no change to the code would mend that. What must hold on any machine ends with exit code 1,
-and is named on stderr: nothing lost, nothing missed in realtime, and the same figures with room for a machine that stands
-still now and then.
+There are two kinds of bounds. Where a demo does not keep what it promises on a host of its own
+(motor at 0 V within 10 / 60 ms of a kill, commands at 500 Hz within 0.1 %, or 1 % in best-effort),
+a note is printed: a shared host that stalls for ten milliseconds breaks these bounds, and no change
+to the code would mend that. Bounds that must hold on any host end with exit code 1 and are named on
+stderr: nothing lost, nothing missed in realtime, and the same figures with room for stalls.
 """
 
 import argparse
@@ -14,21 +14,22 @@ import json
 import sys
 
 KEYS = (
-    "revision", "profile", "injected", "samples", "samples_lost", "samples_missed", "command_hz", "missed_periods",
-    "wake_late_us", "sample_to_command_us", "trip_ms", "restart_ms", "recording_bytes", "model_error", "identify",
-    "identify_refused",
+    "revision", "profile", "injected", "samples", "samples_lost", "samples_missed", "command_hz",
+    "missed_periods", "wake_late_us", "sample_to_command_us", "trip_ms", "restart_ms",
+    "recording_bytes", "model_error", "identify", "identify_refused",
 )  # fmt: skip
 CONTROL_HZ = 500.0  # of the embedded rig
 PROMISED_TRIP_MS = {"realtime": 10.0, "best-effort": 60.0}
 PROMISED_RATE_SHARE = {"realtime": 0.001, "best-effort": 0.01}
 TRIP_MS = {"realtime": 20.0, "best-effort": 130.0}
-# A loop skips the periods that the machine does not give it; these are counted, and are no fault.
+# A loop skips the periods that the host does not give it; they are counted, and are no fault.
 RATE_SHARE = {"realtime": 0.005, "best-effort": 0.05}
 
 
 def numbers(value):
-    """The numbers of a list; what is no number (null: it did not happen) as NaN, which is within no bound."""
-    return [float(item) if isinstance(item, (int, float)) else float("nan") for item in value]
+    """The numbers of a list; null (it did not happen) as NaN, which is within no bound."""
+    nan = float("nan")
+    return [float(item) if isinstance(item, (int, float)) else nan for item in value]
 
 
 def problems(summary, profile):
@@ -65,23 +66,28 @@ def problems(summary, profile):
     if not summary["recording_bytes"] > 0:
         yield "recording_bytes: expected a recording"
     if not summary["identify"] or "verdict" not in summary["identify"]:
-        yield f"identify: expected a verdict on the demo's own recording, found {summary['identify_refused'] or summary['identify']!r}"
+        instead = summary["identify_refused"] or summary["identify"]
+        yield f"identify: expected a verdict on the demo's own recording, found {instead!r}"
 
 
 def notes(summary):
     found = summary["profile"]
     for trip in numbers(summary["trip_ms"]):
         if trip > PROMISED_TRIP_MS[found]:
-            yield f"trip_ms: {trip:.1f} is above the promised {PROMISED_TRIP_MS[found]:.0f}: this machine was not quiet"
+            promised = f"{PROMISED_TRIP_MS[found]:.0f}"
+            yield f"trip_ms: {trip:.1f} is above the promised {promised}: the host was not quiet"
     for rate in numbers(summary["command_hz"]):
-        if abs(rate / CONTROL_HZ - 1.0) > PROMISED_RATE_SHARE[found]:
-            yield f"command_hz: {rate:.2f} is not within {PROMISED_RATE_SHARE[found]:.1%} of {CONTROL_HZ:.0f}: this machine was not quiet"
+        share = PROMISED_RATE_SHARE[found]
+        if abs(rate / CONTROL_HZ - 1.0) > share:
+            promised = f"{CONTROL_HZ:.0f} within {share:.1%}"
+            yield f"command_hz: {rate:.2f} is not the promised {promised}: the host was not quiet"
     if summary["injected"] is None and summary["identify"]["verdict"] != "none":
-        yield f"identify: {summary['identify']['verdict']!r}, though nothing was put in"
+        yield f"identify: {summary['identify']['verdict']!r}, though no effect was injected"
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("summary")
     parser.add_argument("--profile", choices=sorted(TRIP_MS))
     arguments = parser.parse_args()
@@ -96,9 +102,9 @@ def main():
         print(f"note: {note}")
     print(
         f"{summary['profile']}: {summary['samples']} samples, {summary['samples_lost']} lost, "
-        f"{summary['samples_missed']} missed; trips {summary['trip_ms']} ms, restarts {summary['restart_ms']} ms, "
-        f"command {summary['command_hz']} Hz; identify "
-        f"says {summary['identify']['verdict']!r}"
+        f"{summary['samples_missed']} missed; trips {summary['trip_ms']} ms, "
+        f"restarts {summary['restart_ms']} ms, command {summary['command_hz']} Hz; "
+        f"identify: {summary['identify']['verdict']!r}"
     )
     return 0
 
