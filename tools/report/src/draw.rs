@@ -14,6 +14,7 @@ use plotters::style::{
 };
 
 use crate::decimate;
+use crate::escape::escape;
 use crate::figure::{Figure, Mark, Series};
 use crate::scale::{Kind, Scale};
 use crate::{Error, Result};
@@ -118,7 +119,33 @@ fn round(p: (f64, f64)) -> (i32, i32) {
     (p.0.round() as i32, p.1.round() as i32)
 }
 
-pub(crate) fn svg(figure: &Figure) -> Result<String> {
+impl Figure {
+    /// The figure as a stand-alone SVG document.
+    ///
+    /// # Errors
+    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing
+    /// to draw.
+    pub fn render_svg(&self) -> Result<String> {
+        for s in &self.series {
+            let (x, y) = match s.mark {
+                Mark::HorizontalRule | Mark::VerticalRule => continue,
+                Mark::Band | Mark::Errors if s.y.len() == s.x.len() => (s.x.len(), s.upper.len()),
+                _ => (s.x.len(), s.y.len()),
+            };
+            if x != y {
+                return Err(Error::Lengths {
+                    figure: self.title.clone(),
+                    series: s.name.clone(),
+                    x,
+                    y,
+                });
+            }
+        }
+        svg(self)
+    }
+}
+
+fn svg(figure: &Figure) -> Result<String> {
     let empty = || Error::Empty { figure: figure.title.clone() };
     let xs = figure.series.iter().flat_map(|s| s.x.iter().copied());
     let ys = figure.series.iter().flat_map(|s| match s.mark {
@@ -143,10 +170,11 @@ pub(crate) fn svg(figure: &Figure) -> Result<String> {
         .map_err(|reason| Error::Draw { figure: figure.title.clone(), reason })?;
     // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
     let shown = format!(
-        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\"",
+        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" role=\"img\" \
+            aria-label=\"{}\"",
         width * FINE,
         height * FINE,
-        crate::page::escape(&figure.title)
+        escape(&figure.title)
     );
     let opening = format!(
         "<svg width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\"",

@@ -2,7 +2,6 @@
 
 use crate::palette::Colour;
 use crate::scale::Kind;
-use crate::{Error, Result, draw};
 
 /// How one series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,29 +158,5 @@ impl Figure {
             upper: upper.to_vec(),
         });
         self
-    }
-
-    /// The figure as a stand-alone SVG document.
-    ///
-    /// # Errors
-    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing
-    /// to draw.
-    pub fn render_svg(&self) -> Result<String> {
-        for s in &self.series {
-            let (x, y) = match s.mark {
-                Mark::HorizontalRule | Mark::VerticalRule => continue,
-                Mark::Band | Mark::Errors if s.y.len() == s.x.len() => (s.x.len(), s.upper.len()),
-                _ => (s.x.len(), s.y.len()),
-            };
-            if x != y {
-                return Err(Error::Lengths {
-                    figure: self.title.clone(),
-                    series: s.name.clone(),
-                    x,
-                    y,
-                });
-            }
-        }
-        draw::svg(self)
     }
 }

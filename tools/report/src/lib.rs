@@ -9,7 +9,8 @@
 //! use report::{Figure, Page, Table, Tone};
 //! let time: Vec<f64> = (0..5000).map(|i| i as f64 * 1e-3).collect();
 //! let force: Vec<f64> = time.iter().map(|t| (6.28 * t).sin()).collect();
-//! let figure = Figure::new("Force over one second", "time / s", "force / N").line("measured", &time, &force);
+//! let figure = Figure::new("Force over one second", "time / s", "force / N")
+//!     .line("measured", &time, &force);
 //! let page = Page::new("Drive")
 //!     .verdict(Tone::Good, "Nothing is missing.", "The declared model explains the record.")
 //!     .figure(&figure, "Fig. 1. Measured force.")
@@ -22,6 +23,7 @@
 
 mod decimate;
 mod draw;
+mod escape;
 mod figure;
 mod page;
 mod palette;
@@ -42,7 +44,8 @@ pub use sheet::Sheet;
 pub enum Error {
     /// Two columns of one series differ in length.
     #[error(
-        "figure `{figure}`, series `{series}`: {x} abscissae but {y} ordinates; pass columns of one length"
+        "figure `{figure}`, series `{series}`: {x} abscissae but {y} ordinates; pass columns of \
+            one length"
     )]
     Lengths {
         /// Title of the figure.
@@ -72,7 +75,8 @@ pub enum Error {
     },
     /// There is no font on this machine to write a picture's text with.
     #[error(
-        "no font found on this machine to write the pictures' text with; install one (fonts-liberation)"
+        "no font found on this machine to write the pictures' text with; install one \
+            (fonts-liberation)"
     )]
     Fonts,
     /// A row of a table has another number of cells than its header.

@@ -3,23 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::escape::escape;
 use crate::{Error, Figure, Result, Sheet};
-
-/// Text made safe for HTML and for attributes in double quotes.
-pub(crate) fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c => out.push(c),
-        }
-    }
-    out
-}
 
 /// Colour of a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -212,7 +197,8 @@ impl Page {
         Ok(format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{css}</style></head>\n<body><main>\n<h1>{title}</h1>\n{body}{footer}</main></body></html>\n",
+             <title>{title}</title>\n<style>\n{css}</style></head>\n<body><main>\n\
+             <h1>{title}</h1>\n{body}{footer}</main></body></html>\n",
             title = escape(&self.title),
             css = include_str!("style.css"),
             body = self.body,

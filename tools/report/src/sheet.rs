@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::escape::escape;
 use crate::{Figure, Result};
 
 /// Panels of one figure, laid out in rows and drawn as one SVG document.
@@ -57,9 +58,10 @@ impl Sheet {
         let cell = self.panels.iter().map(|panel| panel.size.0).max().unwrap_or(0);
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" style=\"max-width:{width}px\" role=\"img\" aria-label=\"{}\">\n\
+             viewBox=\"0 0 {width} {height}\" style=\"max-width:{width}px\" role=\"img\" \
+             aria-label=\"{}\">\n\
              <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n",
-            crate::page::escape(&self.title)
+            escape(&self.title)
         );
         let mut top = 0;
         for row in self.panels.chunks(self.columns) {
