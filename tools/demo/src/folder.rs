@@ -15,7 +15,8 @@ const SUMMARY: &str = "summary.json";
 pub enum FolderError {
     /// There are files that are not the demo's.
     #[error(
-        "{}: has a {file} that no demo wrote; nothing was overwritten: choose another folder with --out, or move the file away",
+        "{}: has a {file} that no demo wrote; nothing was overwritten: choose another folder with \
+            --out, or move the file away",
         folder.display()
     )]
     NotOurs {

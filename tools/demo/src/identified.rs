@@ -76,7 +76,8 @@ impl Identified {
                     true => page,
                     false => page.table(
                         effects(&outcome.effects),
-                        "As farreach identify found it in this recording, which it cut into stretches that fit, select and report. The whole \
+                        "As farreach identify found it in this recording, which it cut into \
+                            stretches that fit, select and report. The whole \
                          result stands in summary.json under identify.",
                     ),
                 };

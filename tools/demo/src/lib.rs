@@ -2,17 +2,11 @@
 //!
 //! ```text
 //! $ farreach demo --out demo
-//! rig demo-29167 is up: 7 processes after 0.2 s, realtime timing, recording from the first sample
-//! reset, armed, enabled by the operator after 0.0 s
-//! protocol "demo" runs, 32 s
-//! control killed: motor at 0 V after 5.4 ms; back after 72 ms; reset, armed, enabled after 0.1 s more
-//! the watchdog tripped by itself (watchdog ran late): a loop came too late; enabled again after 0.0 s
 //! ...
-//! acquisition killed: motor at 0 V after 7.6 ms; back after 76 ms; reset, armed, enabled after 0.1 s more
+//! control killed: motor at 0 V after 5.4 ms; back after 72 ms; ...
+//! acquisition killed: motor at 0 V after 7.6 ms; back after 76 ms; ...
 //! protocol done
-//! recording ended, 293031 messages
-//! rig is down, motor first; its shared memory is removed
-//! 6 trips that nobody provoked: safe, but the machine is too busy for this timing; the page lists them
+//! ...
 //!
 //! samples     64783 on disk, 0 lost, 0 never acquired; 25.4 MB
 //! control     498.64 and 499.32 Hz, by incarnation
@@ -20,13 +14,13 @@
 //! to command  p50 247, p99 510, max 3432 µs from the scan
 //! control     killed at -1.0 V: 0 V after 5.4 ms, back after 71.7 ms, volts again after 200.4 ms
 //! acquisition killed at 1.4 V: 0 V after 7.6 ms, back after 75.8 ms, volts again after 204.1 ms
-//! model       rms error, free-running: master_rad 0.0007 rad, slave_rad 0.0007 rad, slave_torque_nm 0.0124 N·m
+//! model       rms error, free-running: master_rad 0.0007 rad, slave_rad 0.0007 rad, ...
 //!
 //! all promises kept; the machine was too busy for a movement without interruption
 //! ```
 //!
-//! That was on two cores shared with compilers at work, so some loops came too late and the
-//! watchdog cut the power by itself; on a quiet machine those lines are missing. `demo/` then holds
+//! That host was busy: some loops came too late, and the watchdog cut the power by itself, which
+//! does not happen on a quiet one. `demo/` then holds
 //! `run.mcap` (every topic, from the first sample), `report.html` (one page with figures, no
 //! network) and `summary.json` ([`Summary`]).
 //!
@@ -57,6 +51,7 @@
 
 pub mod analysis;
 mod console;
+mod display_unit;
 mod folder;
 mod identified;
 mod page;

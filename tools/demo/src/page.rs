@@ -2,9 +2,10 @@
 
 use ipc_types::{EventKind, Process, TripCause};
 use report::{Colour, Figure, Page, Table, Tone};
-use rig::{AxisUnit, RigFile};
+use rig::RigFile;
 
 use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace, dark};
+use crate::display_unit::DisplayUnit;
 use crate::{Identified, Outcome, Summary};
 
 /// Wide figures, CSS pixels.
@@ -13,25 +14,6 @@ const WIDTH: u32 = 860;
 /// Numbers of a table; a dash where there is none.
 fn ms(value: Option<f64>) -> String {
     value.map_or("–".to_owned(), |ms| format!("{ms:.1}"))
-}
-
-/// Positions as people read them: degrees, or mm.
-struct Shown {
-    unit: &'static str,
-    factor: f64,
-}
-
-impl Shown {
-    fn of(rig: &RigFile) -> Self {
-        match rig.axes.first().map(|axis| axis.unit) {
-            Some(AxisUnit::Metre) => Self { unit: "mm", factor: 1e3 },
-            _ => Self { unit: "°", factor: 180.0 / std::f64::consts::PI },
-        }
-    }
-
-    fn scale(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
-        values.map(|value| value * self.factor).collect()
-    }
 }
 
 /// The page of one run.
@@ -45,7 +27,7 @@ pub fn page(
     identified: &Identified,
     rig: &RigFile,
 ) -> report::Result<String> {
-    let shown = Shown::of(rig);
+    let shown = DisplayUnit::of(rig);
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))
         .subtitle(&subtitle(analysis, summary, rig))
@@ -102,7 +84,8 @@ fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
             let victims: Vec<&str> =
                 analysis.outages.iter().map(|outage| outage.kill.process.text()).collect();
             format!(
-                "Killed in mid-movement: {}. The motor was at 0 V within {worst:.1} ms, and no sample is missing.",
+                "Killed in mid-movement: {}. The motor was at 0 V within {worst:.1} ms, and no \
+                    sample is missing.",
                 victims.join(", then ")
             )
         }
@@ -119,13 +102,16 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
             let tripped = match analysis.unprovoked.len() {
                 0 => String::new(),
                 count => format!(
-                    " But {count} times the watchdog also took power away by itself, as a rule because a loop came too late: the machine is too busy \
+                    " But {count} times the watchdog also took power away by itself, as a rule \
+                        because a loop came too late: the machine is too busy \
                      or grants too little (see Timing). That is safe, and a nuisance."
                 ),
             };
             format!(
-                "The launcher had the dead process back within {back:.0} ms. All {} samples that the card clocked are on disk, \
-                 in one row of ticks without a hole. All numbers here come from the recording.{tripped}",
+                "The launcher had the dead process back within {back:.0} ms. All {} samples that \
+                    the card clocked are on disk, \
+                 in one row of ticks without a hole. All numbers here come from the \
+                 recording.{tripped}",
                 analysis.losses.samples
             )
         }
@@ -133,11 +119,13 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
     }
 }
 
-const OVERVIEW: &str = "Reference of the guided movement, master (motor) and slave (handle). At each upright line a process was \
-    killed with SIGKILL; the motor then has no power until a person resets, arms and enables, and control starts from the \
+const OVERVIEW: &str = "Reference of the guided movement, master (motor) and slave (handle). At \
+    each upright line a process was \
+    killed with SIGKILL; the motor then has no power until a person resets, arms and enables, and \
+    control starts from the \
     measured position.";
 
-fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
+fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
     let trace = &analysis.trace;
     let (time, reference) = reference(trace, shown, f64::NEG_INFINITY, f64::INFINITY);
     let sample_time: Vec<f64> =
@@ -174,7 +162,7 @@ fn overview(analysis: &Analysis, shown: &Shown) -> Figure {
 }
 
 /// Reference position between two instants (s); a hole where there was no control.
-fn reference(trace: &Trace, shown: &Shown, from: f64, until: f64) -> (Vec<f64>, Vec<f64>) {
+fn reference(trace: &Trace, shown: &DisplayUnit, from: f64, until: f64) -> (Vec<f64>, Vec<f64>) {
     let (mut time, mut values) = (Vec::new(), Vec::new());
     let mut before = None;
     for command in &trace.commands {
@@ -209,10 +197,25 @@ fn stairs(points: impl Iterator<Item = (f64, f64)>) -> (Vec<f64>, Vec<f64>) {
     (x, y)
 }
 
-fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown: &Shown) -> Page {
+fn outage(
+    page: Page,
+    analysis: &Analysis,
+    outage: &Outage,
+    index: usize,
+    shown: &DisplayUnit,
+) -> Page {
     let process = outage.kill.process;
     let trace = &analysis.trace;
     let kill_s = trace.seconds(outage.kill.at_ns);
+    let page = page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1));
+    let end_ns = [
+        trace.scans.last().map(|scan| scan.scan_ns),
+        trace.samples.last().map(|sample| sample.scan_ns),
+        trace.tokens.last().map(|token| token.time_ns),
+    ];
+    if end_ns.iter().any(|end| end.is_none_or(|end| end <= outage.kill.at_ns)) {
+        return page.paragraph("The recording ends before this kill: it shows nothing of it.");
+    }
     // ms since the kill
     let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
     let trip = outage.trip_ms.unwrap_or(20.0);
@@ -283,21 +286,24 @@ fn outage(page: Page, analysis: &Analysis, outage: &Outage, index: usize, shown:
             .vertical("enabled by the operator", kill_s + enabled * 1e-3);
     }
     let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
-    page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1))
-        .paragraph(&told(outage, process, cause))
+    page.paragraph(&told(outage, process, cause))
         .figure(&volts, match process {
             Process::Acquisition => {
-                "With acquisition dead nobody writes the DAC: it holds its last value, as a real card does. The watchdog stops \
+                "With acquisition dead nobody writes the DAC: it holds its last value, as a real \
+                    card does. The watchdog stops \
                  toggling the enable line, and the card itself takes the motor's power."
             }
-            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one has outlived its time.",
+            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one \
+                has outlived its time.",
         })
         .figure(&states, STATES)
-        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is started anew when power is back.")
+        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is \
+            started anew when power is back.")
 }
 
-const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, 0 faulted), as its tokens say. Lower line: the \
-    gate's (2 burnt, 1 open, 0 closed), as the samples say.";
+const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, \
+    0 faulted), as its tokens say. Lower line: the \
+    gate's (2 latched closed, 1 open, 0 closed), as the samples say.";
 
 fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: f64) -> Figure {
     let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
@@ -361,17 +367,22 @@ fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
     text
 }
 
-fn model(page: Page, model: &Model, summary: &Summary, shown: &Shown) -> Page {
+fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> Page {
     let mut page = page.heading("Measured against the declared model").paragraph(
-        "The declared plant, with the hand that the rig file declares and no effect, was simulated on the volts that reached the motor, \
-         from the positions of the first samples. It runs free: nothing pulls it back to the measurement. Where the machine differs \
-         and dry friction holds the handle a little earlier or later, the difference grows from movement to movement: the error says how far \
-         the whole run can be foretold, not how good one second of it is. Here the machine is itself simulated from the same equations, so that \
+        "The declared plant, with the hand that the rig file declares and no effect, was simulated \
+            on the volts that reached the motor, \
+         from the positions of the first samples. It runs free: nothing pulls it back to the \
+         measurement. Where the machine differs \
+         and dry friction holds the handle a little earlier or later, the difference grows from \
+         movement to movement: the error says how far \
+         the whole run can be foretold, not how good one second of it is. Here the machine is \
+         itself simulated from the same equations, so that \
          without an effect only the resolution and the noise of the sensors should remain.",
     );
     if let Some(effect) = &summary.injected {
         page = page.paragraph(&format!(
-            "The simulated plant had {effect}, of which the model knows nothing: part of the error is its doing."
+            "The simulated plant had {effect}, of which the model knows nothing: part of the error \
+                is its doing."
         ));
     }
     let mut table =
@@ -459,21 +470,29 @@ fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
     for topic in &analysis.losses.topics {
         disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
     }
-    let mut page = page.heading("Timing").table(kills, "Each kill: ms from just before the signal, read from the card's scans, the tokens, and the topic of the process.");
+    let mut page = page.heading("Timing").table(
+        kills,
+        "Each kill: ms from just before the signal, \
+        read from the card's scans, the tokens, and the topic of the process.",
+    );
     if !analysis.unprovoked.is_empty() {
         page = page.table(trips, "Trips that nobody provoked.");
     }
-    page
-        .table(timing, "Wake lateness of each loop since its start (of processes that ran twice, the worse), and the time from the card's scan to the first command that answers it.")
-        .table(rates, "Rate of control by incarnation, its downtime excluded.")
-        .heading("Recording")
-        .paragraph(&format!(
-            "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While acquisition was dead, the scans waited \
+    page.table(
+        timing,
+        "Wake lateness of each loop since its start (of processes that ran twice, \
+            the worse), and the time from the card's scan to the first command that answers it.",
+    )
+    .table(rates, "Rate of control by incarnation, its downtime excluded.")
+    .heading("Recording")
+    .paragraph(&format!(
+        "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While \
+                acquisition was dead, the scans waited \
              in the card's FIFO for its successor.",
-            summary.samples,
-            summary.samples_lost,
-            summary.samples_missed,
-            summary.recording_bytes as f64 * 1e-6
-        ))
-        .table(disk, "Messages by topic.")
+        summary.samples,
+        summary.samples_lost,
+        summary.samples_missed,
+        summary.recording_bytes as f64 * 1e-6
+    ))
+    .table(disk, "Messages by topic.")
 }

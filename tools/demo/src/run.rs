@@ -9,6 +9,7 @@ use std::time::Instant;
 use anyhow::{Context as _, bail};
 use ipc_types::{Process, Profile};
 use operator::{CardChoice, Cleaning, UpOptions};
+use plant::effects::Effect;
 use rig::protocol::Protocol;
 use rig::{load_protocol, load_rig};
 use runtime::RigName;
@@ -35,15 +36,15 @@ const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisit
 /// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement
 /// control is killed with SIGKILL, later acquisition; each time the motor loses power, the launcher
 /// starts the process again, the operator's verbs (reset, arm, enable) bring power back, and the
-/// protocol, which the trip ended, is started anew. Then the declared model is held against the recording, and `farreach identify` says which effect it
-/// lacks, or that nothing is missing. Needs no root, no systemd and no hardware; nothing is left
-/// running.
+/// protocol, which the trip ended, is started anew. Then the declared model is compared with the
+/// recording, and `farreach identify` reports which effect it lacks, or that nothing is missing.
+/// Needs no root, no systemd and no hardware; nothing is left running.
 #[derive(Clone, Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect backlash@slave=0.05\n\n\
-    Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise failed or the run could \
-    not be made, 2 usage, 3 data was lost"
-)]
+#[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect \
+        backlash@slave=0.05\n\n\
+    Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise \
+    failed or the run could \
+    not be made, 2 usage, 3 data was lost")]
 pub struct Args {
     /// Folder for the results; those of an earlier demo are replaced, nothing else is
     #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
@@ -81,21 +82,29 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// When the run could not be made: what is wrong with the files, which process did not come up.
 pub fn run(args: Args) -> anyhow::Result<i32> {
     let begun = Instant::now();
-    let effect =
-        Some(args.effect.as_str()).filter(|effect| *effect != "none" && !effect.is_empty());
+    let effect = match args.effect.as_str() {
+        "none" | "" => None,
+        text => match plant::effects::parse(text) {
+            Ok(effect) => Some(full_name(effect.as_ref())),
+            Err(error) => {
+                eprintln!("farreach: --effect: {error}");
+                return Ok(operator::USAGE);
+            }
+        },
+    };
+    let effect = effect.as_deref();
     let rig = load_rig(&args.rig)?;
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
-    if let Some(Err(error)) = effect.map(plant::effects::parse) {
-        eprintln!("farreach: --effect: {error}");
-        return Ok(operator::USAGE);
-    }
     let folder = Folder::prepare(&args.out)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let console = Console::new();
+    if let Some(effect) = effect {
+        console.done(&format!("effect in the simulated plant, unknown to every model: {effect}"));
+    }
     let kills = match on_the_rig(&args, effect, &protocol, &folder, &console, &stop) {
         Ok(kills) => kills,
         Err(error) if error.is::<Interrupted>() => {
@@ -119,16 +128,20 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         outcome =
             outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
-    let results = |identified: &Identified| -> anyhow::Result<Summary> {
+    let results = |identified: &Identified| -> anyhow::Result<(Summary, Vec<String>)> {
         let summary = Summary::new(&analysis, effect).with_identify(identified);
         let html = page(&analysis, &summary, &outcome, identified, &rig)?;
-        write(&folder.page(), &html)?;
-        write(&folder.summary(), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
-        Ok(summary)
+        let json = serde_json::to_string_pretty(&summary)? + "\n";
+        let unwritten = [(folder.page(), html), (folder.summary(), json)]
+            .into_iter()
+            .filter_map(|(path, text)| write(&path, &text).err())
+            .map(|error| format!("{error:#}"))
+            .collect();
+        Ok((summary, unwritten))
     };
     // Without the identification first: whoever does not want to wait for it has the rest.
     let mut identified = Identified::LeftOut;
-    let mut summary = results(&identified)?;
+    let (mut summary, mut unwritten) = results(&identified)?;
     if !args.no_identify {
         console.doing(|| {
             "identify: what does the declared model lack? A minute or more; Ctrl-C ends it"
@@ -140,8 +153,10 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
         }
         identified = Identified::of(&folder.recording(), &rig);
-        summary = results(&identified)?;
+        (summary, unwritten) = results(&identified)?;
     }
+    // A disk that is full leaves no room for the page either; the numbers are printed all the same.
+    outcome = unwritten.into_iter().fold(outcome, Outcome::with_lost);
     tell(&console, &analysis, &summary, &outcome, &identified);
     console.done(&format!(
         "{}\n{}\n{}\n{:.0} s in all",
@@ -153,8 +168,21 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     Ok(outcome.exit_code())
 }
 
+/// `ID@SITE=SIZE`, with the site and the size that were taken where none was given.
+fn full_name(effect: &dyn Effect) -> String {
+    let size = effect.infos().first().and_then(|info| effect.get(info.name));
+    let size = size.map_or_else(String::new, |size| format!("={size:?}"));
+    format!("{}@{}{size}", effect.id(), effect.site().name())
+}
+
+/// Writes a file whole or not at all.
 fn write(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
-    fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
+    let unfinished = path.with_extension("tmp");
+    fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, path)).with_context(|| {
+        // It may not exist, and then there is nothing to remove.
+        let _ = fs::remove_file(&unfinished);
+        format!("{}: cannot be written", path.display())
+    })
 }
 
 /// The embedded protocol, its guided movement as long as asked.
@@ -194,7 +222,8 @@ impl Drop for Guard {
             && let Err(error) = operator::down(&self.name)
         {
             eprintln!(
-                "error: the rig {} could not be brought down: {error}; try: farreach --rig-name {} down",
+                "error: the rig {} could not be brought down: {error}; try: farreach --rig-name {} \
+                    down",
                 self.name, self.name
             );
         }
@@ -227,15 +256,18 @@ fn on_the_rig(
     let up = operator::up(&options)?;
     let processes = up.running.status.units.len();
     console.done(&format!(
-        "rig {} is up: {processes} processes after {:.1} s, {} timing, recording from the first sample",
+        "rig {} is up: {processes} processes after {:.1} s, {} timing, recording from the first \
+            sample",
         guard.name,
         begun.elapsed().as_secs_f64(),
         up.profile
     ));
     if up.profile == Profile::BestEffort {
         console.warn(
-            "best-effort: real-time scheduling is not granted, so loops wake up to some ms late, token and command live 40 ms \
-             instead of 5, and a killed process is noticed the later; as root, or with an rtprio limit, it is realtime",
+            "best-effort: real-time scheduling is not granted, so loops wake up to some ms late, \
+                token and command live 40 ms \
+             instead of 5, and a killed process is noticed the later; as root, or with an rtprio \
+             limit, it is realtime",
         );
     }
     let mut session = Session::open(&up, console, stop)?;
@@ -259,7 +291,8 @@ fn on_the_rig(
     });
     if !done.unprovoked.is_empty() {
         console.warn(&format!(
-            "{} trips that nobody provoked: safe, but the machine is too busy for this timing; the page lists them",
+            "{} trips that nobody provoked: safe, but the machine is too busy for this timing; the \
+                page lists them",
             done.unprovoked.len()
         ));
     }
@@ -340,6 +373,14 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used)]
 
     use super::*;
+
+    #[test]
+    fn an_effect_is_named_with_the_site_and_size_that_were_taken() {
+        let full = |text| full_name(plant::effects::parse(text).unwrap().as_ref());
+        assert_eq!(full("backlash"), "backlash@line=0.001");
+        assert_eq!(full("backlash@slave"), "backlash@slave=0.02");
+        assert_eq!(full("backlash@slave=0.05"), "backlash@slave=0.05");
+    }
 
     #[test]
     fn the_shortest_and_the_longest_movement_fit_the_rig() {

@@ -137,7 +137,8 @@ impl<'a> Session<'a> {
                 done.unprovoked.push(self.unprovoked()?);
                 if done.unprovoked.len() >= UNPROVOKED {
                     bail!(
-                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this busy? (farreach probe top)"
+                        "the watchdog tripped {UNPROVOKED} times by itself; is the machine this \
+                            busy? (farreach probe top)"
                     );
                 }
                 self.start(protocol, client)?;
@@ -153,7 +154,8 @@ impl<'a> Session<'a> {
                 }
                 if let Some((process, _)) = next {
                     bail!(
-                        "the protocol came to its end before {process} could be killed; give it more --seconds"
+                        "the protocol came to its end before {process} could be killed; give it \
+                            more --seconds"
                     );
                 }
                 break;
@@ -248,7 +250,8 @@ impl<'a> Session<'a> {
         let took = self.power()?;
         (self.watched, self.successor) = (None, None);
         self.console.done(&format!(
-            "{process} killed: {dark}; back after {back_ms:.0} ms; reset, armed, enabled after {:.1} s more",
+            "{process} killed: {dark}; back after {back_ms:.0} ms; reset, armed, enabled after \
+                {:.1} s more",
             took.as_secs_f64()
         ));
         Ok(kill)
@@ -267,7 +270,8 @@ impl<'a> Session<'a> {
         };
         let took = self.power()?;
         self.console.warn(&format!(
-            "the watchdog tripped by itself ({words}): a loop came too late; enabled again after {:.1} s",
+            "the watchdog tripped by itself ({words}): a loop came too late; enabled again after \
+                {:.1} s",
             took.as_secs_f64()
         ));
         Ok(cause)

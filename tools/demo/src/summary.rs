@@ -15,7 +15,7 @@ pub struct Summary {
     pub revision: String,
     /// `realtime` or `best-effort`.
     pub profile: String,
-    /// The effect that was put into the simulated plant.
+    /// The effect that was put into the simulated plant, as `ID@SITE=SIZE`; null for none.
     pub injected: Option<String>,
     /// Samples on disk.
     pub samples: u64,
@@ -101,28 +101,32 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// Of one run.
+    /// Judges one run. What happened after a recording broke off is not known: that counts as lost
+    /// data, not as a broken promise.
     pub fn of(analysis: &Analysis) -> Self {
-        let mut broken = Vec::new();
+        let (mut broken, mut lost) = (Vec::new(), Vec::new());
         for outage in &analysis.outages {
             let process = outage.kill.process;
-            if outage.trip_ms.is_none() {
-                broken.push(format!(
-                    "{process} killed: the motor was not at 0 V until power was enabled again"
+            let missing = [
+                (outage.trip_ms, "the motor was not at 0 V until power was enabled again"),
+                (outage.restart_ms, "no valid message of a successor"),
+                (outage.powered_ms, "the motor did not get power again"),
+            ];
+            let missing: Vec<&str> =
+                missing.iter().filter(|(at, _)| at.is_none()).map(|(_, what)| *what).collect();
+            if missing.is_empty() {
+            } else if analysis.recorded_after(&outage.kill) {
+                broken.extend(missing.iter().map(|what| format!("{process} killed: {what}")));
+            } else {
+                lost.push(format!(
+                    "{process} killed: the recording ends before it shows what followed"
                 ));
-            }
-            if outage.restart_ms.is_none() {
-                broken.push(format!("{process} killed: no valid message of a successor"));
-            }
-            if outage.powered_ms.is_none() {
-                broken.push(format!("{process} killed: the motor did not get power again"));
             }
         }
         if !broken.is_empty() {
             return Self::Broken(broken);
         }
         let losses = &analysis.losses;
-        let mut lost = Vec::new();
         for topic in losses.topics.iter().filter(|topic| topic.lost > 0) {
             lost.push(format!("{} messages of topic {} are not on disk", topic.lost, topic.topic));
         }

@@ -120,6 +120,17 @@ fn volts_that_come_back_before_the_enable_break_the_promise_or_move_the_trip() {
 }
 
 #[test]
+fn a_full_disk_loses_data_and_still_has_a_page() {
+    let analysis = run(Script { full_at_ms: 900, ..Script::default() });
+    let outcome = Outcome::of(&analysis);
+    assert_eq!(outcome.exit_code(), 3, "{outcome:?}");
+    assert!(outcome.reasons()[0].contains("acquisition killed: the recording ends"), "{outcome:?}");
+    let summary = Summary::new(&analysis, None);
+    let html = page(&analysis, &summary, &outcome, &Identified::LeftOut, &rig()).unwrap();
+    assert!(html.contains("Kill 2: acquisition") && html.contains("The recording ends before"));
+}
+
+#[test]
 fn a_process_that_stays_dead_is_no_restart() {
     let analysis = run(Script { control_stays_dead: true, ..Script::default() });
     assert_eq!(analysis.outages[0].restart_ms, None);

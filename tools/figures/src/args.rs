@@ -6,11 +6,12 @@ use std::path::PathBuf;
 ///
 /// Writes one page (index.html, needs no network), each figure as SVG, and all numbers
 /// (figures.json; figure-4.6.csv has the error of each block of the learning). A program built with
-/// `--features png` writes each figure as PNG too. Fits one reduction of the line's stiffness to the
-/// measured resonance and predicts the other published numbers with it.
+/// `--features png` writes each figure as PNG too. Fits one reduction of the line's stiffness to
+/// the measured resonance and predicts the other published numbers with it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  farreach figures --out figures\n  farreach figures --json | jq '.[] | select(.published != null)'\n\n\
+    after_help = "Examples:\n  farreach figures --out figures\n  farreach figures --json | jq '.[] \
+        | select(.published != null)'\n\n\
     Exit codes: 0 done, 1 failed, 2 usage"
 )]
 pub struct Args {

@@ -40,7 +40,8 @@ pub enum FiguresError {
         high: f64,
     },
     /// The folder holds what this command did not write.
-    #[error("{}: holds {found}, which `farreach figures` did not write; nothing was changed: choose another folder with --out", folder.display())]
+    #[error("{}: holds {found}, which `farreach figures` did not write; nothing was changed: \
+        choose another folder with --out", folder.display())]
     NotOurs {
         /// The folder.
         folder: PathBuf,
@@ -51,7 +52,8 @@ pub enum FiguresError {
     #[error("{}: expected a folder, found a file; choose another folder with --out", .0.display())]
     NotAFolder(PathBuf),
     /// The system refused.
-    #[error("{}: cannot {doing}: {source}; choose a folder that you may write to with --out", path.display())]
+    #[error("{}: cannot {doing}: {source}; choose a folder that you may write to with \
+        --out", path.display())]
     Io {
         /// What was to be done.
         doing: &'static str,

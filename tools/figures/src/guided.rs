@@ -294,11 +294,16 @@ const MEASURES: [Measure; 4] = [
 pub fn on_page(page: Page, study: &Guided) -> Page {
     let own = Parameters::traced();
     let ratio = own.master_displacement_m_per_rad() / own.slave_displacement_m_per_rad();
-    let mut page = page.heading("Guided movement under each law of position control").paragraph(&format!(
-        "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. A master that follows perfectly leaves the slave {:.1}° of error by \
-         the ratio of the pistons alone; only the loop on the slave and learning do something about that, by moving the master's \
-         reference, so their master's error is meant. Learning: feedback alone, after {BLOCKS} blocks of three cycles by the published law \
-         (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by the model-based one; 3 Hz is no whole number of control steps. Settled for \
+    let mut page = page.heading("Guided movement under each law of position \
+        control").paragraph(&format!(
+        "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. A master that follows \
+            perfectly leaves the slave {:.1}° of error by \
+         the ratio of the pistons alone; only the loop on the slave and learning do something \
+         about that, by moving the master's \
+         reference, so their master's error is meant. Learning: feedback alone, after {BLOCKS} \
+         blocks of three cycles by the published law \
+         (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by the model-based one; 3 Hz is no whole \
+         number of control steps. Settled for \
          {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
         (1.0 - ratio) * AMPLITUDE_DEG * std::f64::consts::FRAC_1_SQRT_2,
     ));

@@ -12,7 +12,8 @@ use crate::tracing::cable::{CableCell, cut_off_range_hz};
 use crate::tracing::grid::Friction;
 
 /// Under each table of values.
-const VALUES: &str = "Published value, the model with the printed constants, the model with the traced line, and the traced line's error. \
+const VALUES: &str = "Published value, the model with the printed constants, the model with the \
+    traced line, and the traced line's error. \
     Rows of kind \"own\" are not in the thesis.";
 
 /// The page of a study; `json` is what `--json` prints.
@@ -48,14 +49,17 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
     let (p, t) = (&tracing.printed, &tracing.traced);
     let measured = published("hydrostatic.frequency_response_measured.resonance_hz")?.value;
     let sentence = format!(
-        "The printed constants peak at {} Hz; the rig peaked at {measured} Hz. A line {} times softer peaks there.",
+        "The printed constants peak at {} Hz; the rig peaked at {measured} Hz. A line {} times \
+            softer peaks there.",
         short(p.peak_hz),
         short(Some(1.0 / tracing.factor))
     );
     let holds = study.conclusions.iter().filter(|conclusion| conclusion.survives()).count();
     let detail = format!(
-        "Fitted to that one number, it predicts a cut-off of {} Hz (measured 12), a lag of {} ms at 1 Hz (measured about 30) and, at \
-         1 m, a peak of {} Hz (eq. 3.3.2: 49.2). Amplitude and friction of the measurement are not known: of {} statements \
+        "Fitted to that one number, it predicts a cut-off of {} Hz (measured 12), a lag of {} ms \
+            at 1 Hz (measured about 30) and, at \
+         1 m, a peak of {} Hz (eq. 3.3.2: 49.2). Amplitude and friction of the measurement are not \
+         known: of {} statements \
          tried over both, {holds} hold everywhere.",
         short(t.cut_off_hz),
         short(t.lag_1hz_s.map(|lag| 1e3 * lag)),
@@ -68,10 +72,14 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
 fn tracing(page: Page, study: &Study) -> Result<Page> {
     let by = study.common.tracing.softening_as();
     let softening = format!(
-        "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, assumed; polyamide has 1 to 3 GPa), \
-         {} % of gas in the oil by volume (badly bled oil holds as much), belts of {} kN/m (a toothed belt of 10 mm is ten times \
-         stiffer), or a bulk modulus of {} GPa where 1.86 is printed. Plausible by themselves: {}. The published numbers \
-         cannot tell compliance from a misprinted bulk modulus: simulated with the one and with the other, the gains differ by at most {}.",
+        "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, \
+            assumed; polyamide has 1 to 3 GPa), \
+         {} % of gas in the oil by volume (badly bled oil holds as much), belts of {} kN/m (a \
+         toothed belt of 10 mm is ten times \
+         stiffer), or a bulk modulus of {} GPa where 1.86 is printed. Plausible by themselves: {}. \
+         The published numbers \
+         cannot tell compliance from a misprinted bulk modulus: simulated with the one and with \
+         the other, the gains differ by at most {}.",
         short(Some(1e-9 * by.wall_modulus_pa)),
         short(Some(1e2 * by.gas_fraction)),
         short(Some(1e-3 * by.belt_stiffness_n_per_m)),
@@ -123,23 +131,33 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
     Ok(page
         .heading("The loop, closed on published measurements")
         .paragraph(
-            "One number was fitted, the stiffness of the line, to one number, the measured resonance. Everything else is predicted. \
-             Explanations other than a softer line were given whatever size makes them peak at 8 Hz, and then had to predict the same.",
+            "One number was fitted, the stiffness of the line, to one number, the measured \
+                resonance. Everything else is predicted. \
+             Explanations other than a softer line were given whatever size makes them peak at 8 \
+             Hz, and then had to predict the same.",
         )
         .table(
             explanations(study)?,
-            "Explanations of the measured 8 Hz. The miss is the root mean square of ln(predicted/published), over the two rows measured on \
-             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such cut-off or peak within five times the resonance; an \
+            "Explanations of the measured 8 Hz. The miss is the root mean square of \
+                ln(predicted/published), over the two rows measured on \
+             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such \
+             cut-off or peak within five times the resonance; an \
              explanation with such a row is not ranked.",
         )
         .paragraph(&rival_words(study)?)
         .paragraph(&softening)
-        .table(statements, "Statements tried in every cell of the grid below. One cell against a statement takes it back.")
+        .table(
+            statements,
+            "Statements tried in every cell of the grid below. One cell against a \
+            statement takes it back.",
+        )
         .table(
             cells,
             &format!(
-                "The same fit over what the thesis leaves open. Friction as printed (2.74 N·m at the motor), as measured \
-                 (0.95 N·m, {} times the printed), and half-way ({} times). Gain at 1 Hz, lag at 1 Hz.",
+                "The same fit over what the thesis leaves open. Friction as printed (2.74 N·m at \
+                    the motor), as measured \
+                 (0.95 N·m, {} times the printed), and half-way ({} times). Gain at 1 Hz, lag at 1 \
+                 Hz.",
                 share(Friction::Measured),
                 share(Friction::Between)
             ),
@@ -147,7 +165,8 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
         .paragraph(&cable_words(study)?)
         .table(
             cable_cells(&study.cable),
-            "The cable's stiffness, fitted anew for each amplitude and each damping of half a cable. The thesis prints neither.",
+            "The cable's stiffness, fitted anew for each amplitude and each damping of half a \
+                cable. The thesis prints neither.",
         ))
 }
 
@@ -158,7 +177,8 @@ fn cable_words(study: &Study) -> Result<String> {
         Some((low, high)) => {
             let off = |cut_off: f64| format!("{:+.0} %", 100.0 * (cut_off / measured - 1.0));
             format!(
-                "The cable transmission too has one number fitted, the stiffness of its cables, to the same 8 Hz. It then cuts off at {} to {} Hz, \
+                "The cable transmission too has one number fitted, the stiffness of its cables, to \
+                    the same 8 Hz. It then cuts off at {} to {} Hz, \
                  by amplitude and damping, where {measured} Hz were measured ({} to {}).",
                 short(Some(low)),
                 short(Some(high)),
@@ -166,9 +186,12 @@ fn cable_words(study: &Study) -> Result<String> {
                 off(high)
             )
         }
-        None => "The cable transmission too has one number fitted, the stiffness of its cables, to the same 8 Hz; not every amplitude and \
+        None => {
+            "The cable transmission too has one number fitted, the stiffness of its cables, to \
+            the same 8 Hz; not every amplitude and \
                  damping below has such a stiffness and a cut-off."
-            .to_owned(),
+                .to_owned()
+        }
     })
 }
 

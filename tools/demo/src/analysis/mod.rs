@@ -48,6 +48,18 @@ pub struct Analysis {
     pub model: Option<Model>,
 }
 
+/// How long after a kill a sound system is back at work, at the latest (ns).
+const RECOVERY_NS: u64 = 15_000_000_000;
+
+impl Analysis {
+    /// Whether the recording shows what followed a kill: it was ended in good order, or goes on for
+    /// long enough.
+    pub(crate) fn recorded_after(&self, kill: &Kill) -> bool {
+        let end_ns = self.trace.scans.last().map_or(0, |scan| scan.scan_ns);
+        self.losses.sound || end_ns >= kill.at_ns + RECOVERY_NS
+    }
+}
+
 /// Takes a recording apart.
 ///
 /// # Errors

@@ -19,7 +19,8 @@ pub enum TraceError {
     Read(#[from] ReadError),
     /// It holds nothing to report.
     #[error(
-        "{file}: expected samples of acquisition, found none; was the recording started after the rig went down?"
+        "{file}: expected samples of acquisition, found none; was the recording started after the \
+            rig went down?"
     )]
     Empty {
         /// The file.

@@ -33,6 +33,8 @@ pub struct Script {
     pub again: bool,
     /// Samples that the logger's own queue dropped at the very end: no gap in the file shows them.
     pub dropped_at_end: u64,
+    /// The disk is full from this time on, in ms; 0 for never.
+    pub full_at_ms: u64,
     /// No successor of control.
     pub control_stays_dead: bool,
 }
@@ -57,6 +59,9 @@ pub fn write(path: &Path, script: Script) {
     let (mut sample_sequence, mut command_sequence) = (0, 0);
     for index in 0..4000u64 {
         let ms = index as f64 * 0.5;
+        if script.full_at_ms > 0 && index == 2 * script.full_at_ms {
+            return;
+        }
         let scan_ns = BEGIN_NS + index * PERIOD_NS;
         let mut motor = if powered(ms) { volts(ms) } else { 0.0 };
         if script.flicker_ms > 0 && index == 2 * script.flicker_ms {

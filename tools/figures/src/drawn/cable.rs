@@ -87,13 +87,17 @@ pub fn extension(_: &Common) -> Result<Drawn> {
     };
     let (printed, printed_slope) = panel("Printed stiffness", &Parameters::printed());
     let (traced, traced_slope) = panel("Traced stiffness", &Parameters::traced());
-    let rows = vec![
-        Row::beside(stiffness, Role::Input, Some(printed_slope), Some(traced_slope))
-            .note("slope of a straight line through 0.02 to 1.0 mm of a cable that has been loaded before"),
-    ];
-    let caption = "Force against extension of one cable of 9 m: it starts soft, where the fibres are still crimped, and goes on straight; a new cable also \
-        takes a set. § 5.2.1's stiffness would take a fibre four times stiffer than kevlar at this length; with the \
-        traced one the response peaks where the test-bed's did, but 1 mm hardly leaves the soft start."
+    let rows =
+        vec![Row::beside(stiffness, Role::Input, Some(printed_slope), Some(traced_slope)).note(
+            "slope of a straight line through 0.02 to 1.0 mm of a cable that has been loaded \
+                before",
+        )];
+    let caption = "Force against extension of one cable of 9 m: it starts soft, where the fibres \
+        are still crimped, and goes on straight; a new cable also \
+        takes a set. § 5.2.1's stiffness would take a fibre four times stiffer than kevlar at this \
+        length; with the \
+        traced one the response peaks where the test-bed's did, but 1 mm hardly leaves the soft \
+        start."
         .to_owned();
     let sheet = Sheet::new("Fig. 5.3, force over extension").panel(printed).panel(traced);
     Ok(Drawn { number: "5.3", title: "Cable: force over extension", caption, sheet, rows })
@@ -156,10 +160,13 @@ pub fn loops(_: &Common) -> Result<Drawn> {
         ratios[index] = slopes[1] / slopes[0];
         sheet = sheet.panel(figure);
     }
-    let caption = "Two loadings and unloadings, one after the other, of 20 cm of the cable, to 100 N. The second loading is stiffer: the first has \
-        laid the fibres straight and left a permanent set. Fibres that rub make loading and unloading differ. The amount of both is \
+    let caption =
+        "Two loadings and unloadings, one after the other, of 20 cm of the cable, to 100 \
+        N. The second loading is stiffer: the first has \
+        laid the fibres straight and left a permanent set. Fibres that rub make loading and \
+        unloading differ. The amount of both is \
         assumed, since fig. 5.4 has no numbers in the text."
-        .to_owned();
+            .to_owned();
     let rows = vec![
         Row::own(
             "own.cable.second_over_first_loading",
@@ -200,7 +207,10 @@ pub fn static_friction(common: &Common) -> Result<Drawn> {
             Some(printed.mean_nm[0]),
             Some(traced.mean_nm[0]),
         )
-        .note(format!("{note}; the supports' friction was set from it as breakaway, which stick-slip undercuts")),
+        .note(format!(
+            "{note}; the supports' friction was set from it as breakaway, which \
+            stick-slip undercuts"
+        )),
         Row::beside(
             published("cable.static_friction_negative_nm")?,
             Role::Input,
@@ -209,8 +219,10 @@ pub fn static_friction(common: &Common) -> Result<Drawn> {
         )
         .note(note),
     ];
-    let caption = "The motor's torque while the master moves very slowly (0.008 Hz) along a sine and back. It is static friction, cut down wherever \
-        the slave breaks loose. The hydrostatic model's friction does not depend on position or direction, the measured one did; the \
+    let caption = "The motor's torque while the master moves very slowly (0.008 Hz) along a sine \
+        and back. It is static friction, cut down wherever \
+        the slave breaks loose. The hydrostatic model's friction does not depend on position or \
+        direction, the measured one did; the \
         cable's does both."
         .to_owned();
     Ok(Drawn { number: "5.5", title: "Static friction over position", caption, sheet, rows })
@@ -242,7 +254,8 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
                 &[declared.static_friction_at_motor_nm()],
             ),
     );
-    let caption = "Breakaway torque at the motor against the cables' tension: it grows with tension and settles, as measured. The law's limit is \
+    let caption = "Breakaway torque at the motor against the cables' tension: it grows with \
+        tension and settles, as measured. The law's limit is \
         set from § 5.2.2's friction; the tension at which it bends is assumed."
         .to_owned();
     let at = |tension: f64| {
@@ -295,12 +308,16 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     );
     let p = Parameters::printed();
     let mut rows = vec![
-        Row::beside(resonance, Role::Fitted, frequency[0], frequency[1])
-            .note("frequency of the largest gain; the traced factor on the stiffness was chosen for it"),
+        Row::beside(resonance, Role::Fitted, frequency[0], frequency[1]).note(
+            "frequency of the largest gain; the traced factor on the stiffness was chosen \
+                for it",
+        ),
         Row::beside(cut_off, Role::Predicted, cuts[0], cuts[1])
             .note("gain 0.707 above the peak, over the mechanical ratio"),
-        Row::own("own.cable.peak_gain", "5.7", "1", peaks[0].gain(), peaks[1].gain())
-            .note("over the mechanical ratio; the thesis says the gain \"remains same till after resonance\""),
+        Row::own("own.cable.peak_gain", "5.7", "1", peaks[0].gain(), peaks[1].gain()).note(
+            "over the mechanical ratio; the thesis says the gain \"remains same till after \
+                resonance\"",
+        ),
         Row::own("own.cable.lag_1hz_s", "5.8", "s", Some(lags[0]), Some(lags[1]))
             .note("lag of the slave's fundamental at 1 Hz"),
     ];
@@ -360,8 +377,10 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         .note("longest time for which the slave stands still"),
     ];
     let caption = format!(
-        "Master (full) and slave (dashed) at 1 Hz; the cable's master turns six times as far, and is drawn over that ratio. The master is moved \
-         along a sine of ±30° (cable: ±180°). The slave stands still for up to {:.0} ms with the hydrostatic line and {:.0} ms with the cable; the \
+        "Master (full) and slave (dashed) at 1 Hz; the cable's master turns six times as far, and \
+            is drawn over that ratio. The master is moved \
+         along a sine of ±30° (cable: ±180°). The slave stands still for up to {:.0} ms with the \
+         hydrostatic line and {:.0} ms with the cable; the \
          thesis saw the cable stick visibly more.",
         1e3 * hydrostatic.flat_top_s(),
         1e3 * cable.flat_top_s()

@@ -62,7 +62,8 @@ const CASES: [Case; 5] = [
     },
     Case {
         id: "offset_0.9v",
-        what: "an offset of 0.9 V instead of 1.5 and 1.2 V: a little less than friction takes in movement",
+        what: "an offset of 0.9 V instead of 1.5 and 1.2 V: a little less than friction takes in \
+            movement",
         offset_v: Some(0.9),
         ..PLAIN
     },
@@ -135,11 +136,16 @@ pub fn free_movement() -> Result<Drawn> {
     let limits = &rigs[1].axes[0].limits;
     let [slow, fast] = DRAWN.map(|at| &traced[at]);
     let caption = format!(
-        "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end to end, the traced line (full) and the \
-         printed constants (dashed), with the motor at 0 V and under the force control of § 4.2. A: the torque that it spends. Force control takes \
-         {} of {} N·m away at 1 Hz, where nearly all is friction, but at 3 Hz {} of {} N·m remain (peak {} of {}): they accelerate oil and \
-         pistons, of which P1 with the assumed 0.5 V/(N·m) takes a quarter. The claimed 120° at 3 Hz can be moved within the rig's limits, and is \
-         work, not free. B: peak-to-peak torque within {:.0} ms of a turn. It grows at slow turns, where the offset has to change \
+        "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end \
+            to end, the traced line (full) and the \
+         printed constants (dashed), with the motor at 0 V and under the force control of § 4.2. \
+         A: the torque that it spends. Force control takes \
+         {} of {} N·m away at 1 Hz, where nearly all is friction, but at 3 Hz {} of {} N·m remain \
+         (peak {} of {}): they accelerate oil and \
+         pistons, of which P1 with the assumed 0.5 V/(N·m) takes a quarter. The claimed 120° at 3 \
+         Hz can be moved within the rig's limits, and is \
+         work, not free. B: peak-to-peak torque within {:.0} ms of a turn. It grows at slow turns, \
+         where the offset has to change \
          its direction and pushes before friction holds. C, D: the torque over one cycle.",
         Swing::of_the_thesis(1.0).stiffness,
         Swing::of_the_thesis(1.0).damping,
@@ -200,14 +206,31 @@ fn claims(rigs: &[RigFile], hertz: [Option<f64>; 2], fastest: [&Spent; 2]) -> Re
     Ok(vec![
         beside("hydrostatic.force_control.beta", Role::Input, used(|force, _| force.forgetting))?,
         beside("hydrostatic.force_control.p1", Role::Input, used(|force, _| force.torque_gain))?,
-        beside("hydrostatic.force_control.p2_v_s_per_count", Role::Input, used(|force, counts| force.offset_slope / counts))?,
-        beside("hydrostatic.force_control.c_counts_per_s", Role::Input, used(|force, counts| force.threshold_speed * counts))?,
-        beside("hydrostatic.force_control.offset_low_v", Role::Input, used(|force, _| force.offset_slow_v))?,
-        beside("hydrostatic.force_control.offset_high_v", Role::Input, used(|force, _| force.offset_fast_v))?,
+        beside(
+            "hydrostatic.force_control.p2_v_s_per_count",
+            Role::Input,
+            used(|force, counts| force.offset_slope / counts),
+        )?,
+        beside(
+            "hydrostatic.force_control.c_counts_per_s",
+            Role::Input,
+            used(|force, counts| force.threshold_speed * counts),
+        )?,
+        beside(
+            "hydrostatic.force_control.offset_low_v",
+            Role::Input,
+            used(|force, _| force.offset_slow_v),
+        )?,
+        beside(
+            "hydrostatic.force_control.offset_high_v",
+            Role::Input,
+            used(|force, _| force.offset_fast_v),
+        )?,
         beside("hydrostatic.force_control.free_movement_deg", Role::Predicted, way)?
             .note("way from end to end at 3 Hz; the hand was asked for 120°"),
         beside("hydrostatic.force_control.free_movement_hz", Role::Predicted, hertz)?.note(
-            "highest frequency of those tried at which the handle goes through 120° within the rig's limits of speed and torque; 3 Hz was the highest tried",
+            "highest frequency of those tried at which the handle goes through 120° within the \
+                rig's limits of speed and torque; 3 Hz was the highest tried",
         ),
     ])
 }

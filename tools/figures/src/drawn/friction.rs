@@ -63,12 +63,15 @@ pub fn laws(common: &Common) -> Result<Drawn> {
                 .line("", &piston_speed, &piston),
         );
     let caption = format!(
-        "Friction against speed as § 3.2.1 prints it, with the sign of speed that the print leaves out. Friction at rest takes \
-         any value up to the jump at zero. The master piston's is a hundredth of the motor's. At the motor, breaking the slave \
+        "Friction against speed as § 3.2.1 prints it, with the sign of speed that the print leaves \
+            out. Friction at rest takes \
+         any value up to the jump at zero. The master piston's is a hundredth of the motor's. At \
+         the motor, breaking the slave \
          loose takes {at_motor:.2} N·m by these constants; § 5.2.2 measured {} to {} N·m.",
         measured.value, measured_back.value
     );
-    let note = "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz, ±30°";
+    let note = "mean magnitude of the motor's torque in one direction, master along a sine of \
+        0.008 Hz, ±30°";
     let rows = vec![
         Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0]))
             .note(note),

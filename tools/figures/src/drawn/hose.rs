@@ -132,8 +132,17 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
                 .note("frequency of the largest gain"),
         );
         rows.push(
-            Row::own(format!("own.{kind}.{}.resonance_hz", t.id), figure, "Hz", p.quarter_turn_hz, t.quarter_turn_hz)
-                .note("frequency at which the slave lags by 90°: the resonance, which damping does not move"),
+            Row::own(
+                format!("own.{kind}.{}.resonance_hz", t.id),
+                figure,
+                "Hz",
+                p.quarter_turn_hz,
+                t.quarter_turn_hz,
+            )
+            .note(
+                "frequency at which the slave lags by 90°: the resonance, which damping does \
+                    not move",
+            ),
         );
         for efficiency in &EFFICIENCIES {
             let [printed, traced] = [p, t].map(|hose| Some(hose.mean(efficiency.of)));
@@ -157,8 +166,10 @@ fn hoses(
     all.par_iter().map(|(name, id, line)| Hose::new(name.clone(), id.clone(), line)).collect()
 }
 
-const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pairs the torque of one side with the speed of the \
-    other; with each side's own torque and speed; and as work per cycle, which alone cannot exceed 1, since inertia swings power to and \
+const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pairs the torque of \
+    one side with the speed of the \
+    other; with each side's own torque and speed; and as work per cycle, which alone cannot exceed \
+    1, since inertia swings power to and \
     fro. Curves end where the slave stands still.";
 
 /// Fig. 3.5: diameter.
@@ -178,8 +189,10 @@ pub fn diameter(common: &Common) -> Result<Drawn> {
     let traced = hoses(&common.tracing.line, &DIAMETERS_M, make)?;
     let (sheet, rows) = study("3.5", "diameter", &printed, &traced);
     let caption = format!(
-        "Hoses of 5 to 15 mm, 10 m long, the cylinders kept. A: a narrower hose damps more, so the peak is lower and its top \
-         moves down; the frequency at which the slave lags by 90°, the resonance proper, stays (stiffness and fluid mass, seen from \
+        "Hoses of 5 to 15 mm, 10 m long, the cylinders kept. A: a narrower hose damps more, so the \
+            peak is lower and its top \
+         moves down; the frequency at which the slave lags by 90°, the resonance proper, stays \
+         (stiffness and fluid mass, seen from \
          the pulleys, both grow as the bore shrinks). {EFFICIENCY_WORDS}"
     );
     Ok(Drawn { number: "3.5", title: "Hose diameter", caption, sheet, rows })
@@ -197,7 +210,8 @@ pub fn length(common: &Common) -> Result<Drawn> {
     let traced = hoses(&common.tracing.line, &LENGTHS_M, make)?;
     let (sheet, rows) = study("3.6", "length", &printed, &traced);
     let caption = format!(
-        "Hoses of 1 to 20 m with the bore of the printed area. A: a shorter hose is stiffer and holds less fluid, so the \
+        "Hoses of 1 to 20 m with the bore of the printed area. A: a shorter hose is stiffer and \
+            holds less fluid, so the \
          peak moves up; short hoses lag little below it. {EFFICIENCY_WORDS}"
     );
     Ok(Drawn { number: "3.6", title: "Hose length", caption, sheet, rows })

@@ -59,15 +59,20 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
         .panel(panel("A  Traced line", traced, 1.0))
         .panel(panel("B  Printed constants, first 0.2 s", printed, 0.2));
     let caption = format!(
-        "Velocity of master (full) and slave (dashed) over the last cycle of block {MIDDLE}, in the middle of the learning of fig. 4.6. The \
-         thesis's never have opposite signs. Ours have, both sides being faster than {standing:.0} °/s, for {} % of the cycle with the traced \
-         line: it is monotonic as stated, though the slave goes in steps, each broken loose by a line that has been wound up. With the \
-         printed, 14 times stiffer line it is {} %: there the feedback of § 4.1 is near its limit, and the line's own mode of about 70 Hz is seen.",
+        "Velocity of master (full) and slave (dashed) over the last cycle of block {MIDDLE}, in \
+            the middle of the learning of fig. 4.6. The \
+         thesis's never have opposite signs. Ours have, both sides being faster than {standing:.0} \
+         °/s, for {} % of the cycle with the traced \
+         line: it is monotonic as stated, though the slave goes in steps, each broken loose by a \
+         line that has been wound up. With the \
+         printed, 14 times stiffer line it is {} %: there the feedback of § 4.1 is near its limit, \
+         and the line's own mode of about 70 Hz is seen.",
         short(in_traced),
         short(in_printed),
     );
     let rows = vec![Row::own("own.ilc.opposite_velocities_percent", "4.5", "%", in_printed, in_traced).note(format!(
-        "share of the last cycle of block {MIDDLE} in which master and slave move in opposite directions, both faster \
+        "share of the last cycle of block {MIDDLE} in which master and slave move in opposite \
+            directions, both faster \
          than {standing:.0} °/s"
     ))];
     Ok(Drawn { number: "4.5", title: "Monotonicity of the transmission", caption, sheet, rows })
@@ -94,13 +99,20 @@ pub fn learning(common: &Common) -> Result<Drawn> {
     let identification_s = 3.0 * HARMONICS as f64 / lesson.hertz;
     let amplitude = lesson.amplitude.to_degrees();
     let caption = format!(
-        "Learning of a sine of 1 Hz and ±{amplitude:.0}°, traced line, nobody at the handle, the master under the feedback of § 4.1 alone. \
-         Printed are blocks of 3 s and the delay; amplitude, γp = {}, γd = {} and the filter's cut-off of {} Hz are ours. A: slave, and master \
-         with its reference, over the last cycle of a block. The feedback takes 30° of error to overcome the motor's 1.5 V of friction, so in \
-         block 1 nothing moves and the error is the sine's own mean, {}° (published: about 11°); the reference grows until the slave \
-         follows, in steps of stick and slip, which learning does not take away. B: mean magnitude of the slave's error over each block. The published \
-         law comes to 1° in block {} (published: 83), the model-based law in block {}, after {identification_s:.0} s in which the response \
-         is identified at {HARMONICS} harmonics. With the printed, 14 times stiffer line (fig. 4.5B) the \
+        "Learning of a sine of 1 Hz and ±{amplitude:.0}°, traced line, nobody at the handle, the \
+            master under the feedback of § 4.1 alone. \
+         Printed are blocks of 3 s and the delay; amplitude, γp = {}, γd = {} and the filter's \
+         cut-off of {} Hz are ours. A: slave, and master \
+         with its reference, over the last cycle of a block. The feedback takes 30° of error to \
+         overcome the motor's 1.5 V of friction, so in \
+         block 1 nothing moves and the error is the sine's own mean, {}° (published: about 11°); \
+         the reference grows until the slave \
+         follows, in steps of stick and slip, which learning does not take away. B: mean magnitude \
+         of the slave's error over each block. The published \
+         law comes to 1° in block {} (published: 83), the model-based law in block {}, after \
+         {identification_s:.0} s in which the response \
+         is identified at {HARMONICS} harmonics. With the printed, 14 times stiffer line (fig. \
+         4.5B) the \
          published law comes to 1° {}, the model-based law {}.",
         PUBLISHED.gamma_p,
         PUBLISHED.gamma_d,
@@ -157,10 +169,14 @@ pub fn before_and_after(common: &Common) -> Result<Drawn> {
     let highest = |values: &[f64]| values.iter().copied().fold(f64::NAN, f64::max).to_degrees();
     let peaks = [highest(&before.master), highest(&after.master)];
     let caption = format!(
-        "Slave (A) and master (B) over one cycle of 1 Hz and ±30°, traced line, nobody at the handle: under the control of § 4.1 with its feed-forward, \
-         and with the reference that the published law learnt in {BLOCKS} blocks on top of it. The slave\'s error falls from {}° to {}° (root mean \
-         square); its longest stand from {:.0} to {:.0} ms, as the master goes further before it turns: {:.0}° in place of {:.0}°. The thesis, too, \
-         finds the sticking at the peaks reduced, not gone, and a master that learns a higher peak.",
+        "Slave (A) and master (B) over one cycle of 1 Hz and ±30°, traced line, nobody at the \
+            handle: under the control of § 4.1 with its feed-forward, \
+         and with the reference that the published law learnt in {BLOCKS} blocks on top of it. The \
+         slave\'s error falls from {}° to {}° (root mean \
+         square); its longest stand from {:.0} to {:.0} ms, as the master goes further before it \
+         turns: {:.0}° in place of {:.0}°. The thesis, too, \
+         finds the sticking at the peaks reduced, not gone, and a master that learns a higher \
+         peak.",
         short(error[0]),
         short(error[1]),
         1e3 * plateau[0].unwrap_or(f64::NAN),
@@ -255,18 +271,39 @@ fn rows(
     };
     let mut rows = vec![
         beside("hydrostatic.ilc.block_s", Role::Input, both(block_s))?,
-        beside("hydrostatic.ilc.delay_samples_2khz", Role::Input, both(PUBLISHED.delay_samples(2000.0) as f64))?,
-        own("own.ilc.amplitude_deg".to_owned(), "°", both(amplitude)).role(Role::Input).note("not printed"),
-        own("own.ilc.gamma_p".to_owned(), "1", both(PUBLISHED.gamma_p)).role(Role::Input).note("not printed"),
-        own("own.ilc.gamma_d".to_owned(), "1", both(PUBLISHED.gamma_d)).role(Role::Input).note("not printed"),
-        own("own.ilc.cutoff_hz".to_owned(), "Hz", both(PUBLISHED.cutoff_hz)).role(Role::Input).note("not printed"),
+        beside(
+            "hydrostatic.ilc.delay_samples_2khz",
+            Role::Input,
+            both(PUBLISHED.delay_samples(2000.0) as f64),
+        )?,
+        own("own.ilc.amplitude_deg".to_owned(), "°", both(amplitude)).role(Role::Input).note(
+            "not \
+            printed",
+        ),
+        own("own.ilc.gamma_p".to_owned(), "1", both(PUBLISHED.gamma_p))
+            .role(Role::Input)
+            .note("not printed"),
+        own("own.ilc.gamma_d".to_owned(), "1", both(PUBLISHED.gamma_d))
+            .role(Role::Input)
+            .note("not printed"),
+        own("own.ilc.cutoff_hz".to_owned(), "Hz", both(PUBLISHED.cutoff_hz))
+            .role(Role::Input)
+            .note("not printed"),
         beside("hydrostatic.ilc.initial_error_deg", Role::Predicted, first)?.note(format!(
-            "mean magnitude over block 1, ±{amplitude:.0}°, feedback alone: friction holds the master, so it is 2/π of the amplitude"
+            "mean magnitude over block 1, ±{amplitude:.0}°, feedback alone: friction holds the \
+                master, so it is 2/π of the amplitude"
         )),
-        beside("hydrostatic.ilc.final_error_deg", Role::Predicted, last)?.note(format!("mean magnitude over block {BLOCKS}")),
-        beside("hydrostatic.ilc.blocks", Role::Predicted, blocks)?.note("first block with a mean magnitude of 1° or less"),
+        beside("hydrostatic.ilc.final_error_deg", Role::Predicted, last)?.note(format!(
+            "mean \
+            magnitude over block {BLOCKS}"
+        )),
+        beside("hydrostatic.ilc.blocks", Role::Predicted, blocks)?.note(
+            "first block with a mean \
+            magnitude of 1° or less",
+        ),
         own("hydrostatic.ilc.model_based_blocks".to_owned(), "1", by_model).note(format!(
-            "first block with 1° or less under the model-based law, none within {}; {:.0} s of identification come before",
+            "first block with 1° or less under the model-based law, none within {}; {:.0} s of \
+                identification come before",
             learning.model_based[0].errors_deg.len(),
             3.0 * HARMONICS as f64 / lesson.hertz,
         )),

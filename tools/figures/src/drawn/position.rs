@@ -63,15 +63,19 @@ pub fn movement(common: &Common) -> Result<Drawn> {
     };
     let plateau = |hertz| of(hertz, |quality| quality.plateau_s);
     let caption = format!(
-        "Master and slave under the position control of § 4.1 (printed gains and feed-forward), one settled cycle of ±{AMPLITUDE_DEG:.0}°, traced line, \
-         nobody at the handle. As in the thesis the slave is cut off at the peaks, where friction holds it: it stands for up to {:.0}, {:.0} and \
-         {:.0} ms at 0.2, 1 and 3 Hz. Unlike there, slow movements go in steps: friction that falls with speed breaks the slave loose \
+        "Master and slave under the position control of § 4.1 (printed gains and feed-forward), \
+            one settled cycle of ±{AMPLITUDE_DEG:.0}°, traced line, \
+         nobody at the handle. As in the thesis the slave is cut off at the peaks, where friction \
+         holds it: it stands for up to {:.0}, {:.0} and \
+         {:.0} ms at 0.2, 1 and 3 Hz. Unlike there, slow movements go in steps: friction that \
+         falls with speed breaks the slave loose \
          again and again. Its stroke is smaller by the ratio of the pistons, 0.854.",
         1e3 * plateau(0.2).unwrap_or(f64::NAN),
         1e3 * plateau(1.0).unwrap_or(f64::NAN),
         1e3 * plateau(3.0).unwrap_or(f64::NAN),
     );
-    let rows = vec![
+    let rows =
+        vec![
         Row::own(
             "own.position_control.slave_error_1hz_deg",
             "4.1",
@@ -79,7 +83,8 @@ pub fn movement(common: &Common) -> Result<Drawn> {
             None,
             of(1.0, |quality| quality.slave_error.to_degrees()),
         )
-        .note("root mean square, § 4.1 as printed; the table of guided movement has the other laws and frequencies"),
+        .note("root mean square, § 4.1 as printed; the table of guided movement has the other laws \
+            and frequencies"),
         Row::own("own.position_control.plateau_1hz_s", "4.1", "s", None, plateau(1.0))
             .note("longest time for which the slave stands still, § 4.1 as printed"),
     ];
@@ -119,11 +124,16 @@ pub fn feedforward(common: &Common) -> Result<Drawn> {
     };
     let errors = [LawKind::Feedback, LawKind::Printed, LawKind::Identified].map(error);
     let caption = format!(
-        "A: feed-forward of position control along a sine of {FIGURE_HZ:.0} Hz and ±{AMPLITUDE_DEG:.0}°, as control put it out: the \
-         printed sum of a sine against inertia and a triangle against friction, highest where the movement turns ({:.1} V, {:.1} V at \
-         mid-movement), and the one from the identified model, in which what rubs beyond the line changes its sign only as the line is wound up \
-         the other way. B: friction compensation of force control over velocity (eq. 4.2.3), which changes sign with the torque. C: effect of A \
-         on the master\'s error; root mean square {}° without, {}° with the printed and {}° with the identified one. Traced line, nobody at \
+        "A: feed-forward of position control along a sine of {FIGURE_HZ:.0} Hz and \
+            ±{AMPLITUDE_DEG:.0}°, as control put it out: the \
+         printed sum of a sine against inertia and a triangle against friction, highest where the \
+         movement turns ({:.1} V, {:.1} V at \
+         mid-movement), and the one from the identified model, in which what rubs beyond the line \
+         changes its sign only as the line is wound up \
+         the other way. B: friction compensation of force control over velocity (eq. 4.2.3), which \
+         changes sign with the torque. C: effect of A \
+         on the master\'s error; root mean square {}° without, {}° with the printed and {}° with \
+         the identified one. Traced line, nobody at \
          the handle.",
         control.feedforward.friction_peak_v,
         control.feedforward.friction_floor_v,

@@ -99,11 +99,16 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
     .into_iter()
     .chain(fit_rows("10m", "3.4", &common.fitted))
     .collect();
-    let caption = "Slave over master, the master moved along a sine of ±30°: gain and phase of the fundamental from 0.2 to 24 Hz. \
-        The grey line is 0.707. With the printed constants the peak lies beyond the figure, near 30 Hz; the traced line has it at \
-        the measured 8 Hz. Where the line wound up by the master no longer breaks the slave loose, the gain drops out of the \
-        figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat tops."
-        .to_owned();
+    let caption =
+        "Slave over master, the master moved along a sine of ±30°: gain and phase of the \
+        fundamental from 0.2 to 24 Hz. \
+        The grey line is 0.707. With the printed constants the peak lies beyond the figure, near \
+        30 Hz; the traced line has it at \
+        the measured 8 Hz. Where the line wound up by the master no longer breaks the slave loose, \
+        the gain drops out of the \
+        figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat \
+        tops."
+            .to_owned();
     Ok(Drawn { number: "3.4", title: "Frequency response, 10 m", caption, sheet, rows })
 }
 
@@ -177,8 +182,10 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
     .into_iter()
     .chain(fit_rows("1m", "3.7", &common.fitted_short))
     .collect();
-    let caption = "The same with 1 m of hose. The softening is the one fitted at 10 m to the measured 8 Hz; eq. 3.3.2, which the author \
-        fitted to his simulation, took no part in it. The printed constants put the peak near 170 Hz, beyond the figure: the \
+    let caption = "The same with 1 m of hose. The softening is the one fitted at 10 m to the \
+        measured 8 Hz; eq. 3.3.2, which the author \
+        fitted to his simulation, took no part in it. The printed constants put the peak near 170 \
+        Hz, beyond the figure: the \
         author's own simulation had a softer line too, at both lengths. B: one cycle at 2 Hz."
         .to_owned();
     Ok(Drawn { number: "3.7", title: "Frequency response, 1 m", caption, sheet, rows })
@@ -232,9 +239,12 @@ pub fn measured(common: &Common) -> Result<Drawn> {
             .note("±30°, printed friction"),
     ];
     rows.extend(cable_rows);
-    let caption = "Both transmissions over the frequencies of the measurement. Of it the text gives two numbers, the same for both: \
-        resonance at 8 Hz (grey line), cut-off at 12 Hz (dot). The traced line was fitted to the first; the second it predicts. The cable's gain \
-        is over the mechanical ratio. Its peak is far higher than the measured one, which \"remains same till after resonance\"."
+    let caption = "Both transmissions over the frequencies of the measurement. Of it the text \
+        gives two numbers, the same for both: \
+        resonance at 8 Hz (grey line), cut-off at 12 Hz (dot). The traced line was fitted to the \
+        first; the second it predicts. The cable's gain \
+        is over the mechanical ratio. Its peak is far higher than the measured one, \
+        which \"remains same till after resonance\"."
         .to_owned();
     Ok(Drawn { number: "5.7", title: "Measured frequency response", caption, sheet, rows })
 }

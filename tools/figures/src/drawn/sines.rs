@@ -26,10 +26,14 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         .panel(both("2 Hz, traced line", &fast));
     let delay = published("hydrostatic.delay_measured.delay_s")?;
     let caption = format!(
-        "Master (full) and slave (dashed) over one settled cycle; the master is moved along a sine of ±{:.0}° (the thesis prints no \
-         amplitude). The slave's flat tops are its friction: it stands still until the line has been wound up to break it loose, \
-         for up to {:.0} ms with the printed constants and {:.0} ms with the traced line. The lag of the slave's fundamental at \
-         1 Hz is {:.1} and {:.1} ms; about 30 ms were measured. The small kink in the thesis's master curve is absent: a given \
+        "Master (full) and slave (dashed) over one settled cycle; the master is moved along a sine \
+            of ±{:.0}° (the thesis prints no \
+         amplitude). The slave's flat tops are its friction: it stands still until the line has \
+         been wound up to break it loose, \
+         for up to {:.0} ms with the printed constants and {:.0} ms with the traced line. The lag \
+         of the slave's fundamental at \
+         1 Hz is {:.1} and {:.1} ms; about 30 ms were measured. The small kink in the thesis's \
+         master curve is absent: a given \
          path has none, it comes with the controller.",
         printed.amplitude_deg,
         1e3 * printed_cycle.flat_top_s(),

@@ -55,14 +55,16 @@ const WITHIN: [Within; 6] = [
     },
     Within {
         id: "low_frequency_gain_predicted",
-        what: "With the softening fitted to the resonance, the low-frequency gain of eq. 3.3.1 is predicted",
+        what: "With the softening fitted to the resonance, the low-frequency gain of eq. 3.3.1 is \
+            predicted",
         published: "hydrostatic.linear_fit_10m.low_frequency_gain",
         percent: 10.0,
         value: |cell| cell.traced.low_frequency_gain,
     },
     Within {
         id: "short_hose_resonance_predicted",
-        what: "With the softening fitted at 10 m, the natural frequency of eq. 3.3.2 at 1 m is predicted",
+        what: "With the softening fitted at 10 m, the natural frequency of eq. 3.3.2 at 1 m is \
+            predicted",
         published: "hydrostatic.linear_fit_1m.formula_natural_hz",
         percent: 20.0,
         value: |cell| cell.traced.short_peak_hz,
@@ -118,7 +120,8 @@ pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion
         Conclusion {
             id: "softening_is_fixed",
             statement: format!(
-                "The softening is known: its factor is within {FACTOR_PERCENT} % of 1/{:.1} everywhere.",
+                "The softening is known: its factor is within {FACTOR_PERCENT} % of 1/{:.1} \
+                    everywhere.",
                 1.0 / nominal_factor
             ),
             tolerance_percent: Some(FACTOR_PERCENT),

@@ -102,7 +102,8 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
         Candidate {
             id: "viscoelastic_line",
             short: "relaxing line",
-            what: "a relaxing branch beside the printed spring; the size is its stiffness over the spring's",
+            what: "a relaxing branch beside the printed spring; the size is its stiffness over the \
+                spring's",
             unit: "1",
             range: (0.01, 10.0),
             make: Box::new(move |size| relaxing(Line::printed(), size)),
@@ -110,7 +111,8 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
         Candidate {
             id: "viscoelastic_line_softened",
             short: "softer, relaxing line",
-            what: "a softer line that also relaxes: half of its stiffness again decays in 0.1 s; the size is the factor",
+            what: "a softer line that also relaxes: half of its stiffness again decays in 0.1 s; \
+                the size is the factor",
             unit: "1",
             range: (1.0, 1.0 / 100.0),
             make: Box::new(move |size| relaxing(Line::printed().softened(size), BRANCH.0)),

@@ -23,9 +23,21 @@ pub fn rows(
     let mut rows = vec![
         Row::own("own.line_stiffness_factor", FIGURE, "1", Some(1.0), Some(tracing.factor))
             .role(Role::Fitted)
-            .note("fitted to the measured resonance alone; effect line_compliance of size 1/factor - 1"),
-        Row::own("own.misprinted_bulk_modulus.largest_gain_difference", FIGURE, "1", None, Some(tracing.misprint_difference))
-            .note("line_compliance against a bulk modulus smaller by the same factor, 0.2 to 24 Hz: the numbers cannot separate them"),
+            .note(
+                "fitted to the measured resonance alone; effect line_compliance of size 1/factor \
+                - 1",
+            ),
+        Row::own(
+            "own.misprinted_bulk_modulus.largest_gain_difference",
+            FIGURE,
+            "1",
+            None,
+            Some(tracing.misprint_difference),
+        )
+        .note(
+            "line_compliance against a bulk modulus smaller by the same factor, 0.2 to 24 \
+                Hz: the numbers cannot separate them",
+        ),
     ];
     let by = tracing.softening_as();
     let each = [
