@@ -81,8 +81,8 @@ impl State {
         self.meters.iter_mut().for_each(Meter::reset);
     }
 
-    /// Renders a screen; `feeds` gives name, messages received and lost of each topic. Sentences are
-    /// wrapped at `width` columns, tables never.
+    /// Renders a screen; `feeds` gives name, messages received and lost of each topic. Sentences
+    /// are wrapped at `width` columns, tables never.
     fn render(&self, rig: &str, now_ns: u64, feeds: &[(&str, u64, u64)], width: usize) -> String {
         let words = |text: String| {
             textwrap::fill(&text, textwrap::Options::new(width).subsequent_indent("    "))
