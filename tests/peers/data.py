@@ -12,7 +12,8 @@ TRANSMISSION = ("t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm")
 
 @dataclass
 class Record:
-    """One record of a transmission; `inputs` are volts and the hand's torque, `positions` master and slave (rad)."""
+    """One record of a transmission; `inputs` are volts and the hand's torque, `positions` master
+    and slave (rad)."""
 
     name: str
     step_s: float
@@ -33,7 +34,10 @@ def transmission(path):
     table = columns(path)
     missing = [name for name in TRANSMISSION if name not in table]
     if missing:
-        raise SystemExit(f"{path}: expected the columns {', '.join(TRANSMISSION)}; missing: {', '.join(missing)}")
+        raise SystemExit(
+            f"{path}: expected the columns {', '.join(TRANSMISSION)}; missing:"
+            f" {', '.join(missing)}"
+        )
     time = table["t_s"]
     return Record(
         name=Path(path).name,
@@ -46,29 +50,40 @@ def transmission(path):
 def whole_records(identified, records):
     """Records by role, as farreach's JSON states them."""
     by_name = {record.name: record for record in records}
-    return {role: [by_name[Path(name).name] for name in names] for role, names in identified["records"].items()}
+    return {
+        role: [by_name[Path(name).name] for name in names]
+        for role, names in identified["records"].items()
+    }
 
 
 def blocks(identified, time):
     """Rows of one record by role, from farreach's labels `file[from..to s]`.
 
-    A label is rounded to 0.01 s. A block here ends within half of that of farreach's: a row or two at 200 Hz and three at 610 Hz, of
-    100 and more; there are guards of 0.1 s and more between blocks, so that no row changes its role.
+    A label is rounded to 0.01 s. A block here ends within half of that of farreach's: a row or two
+    at 200 Hz and three at 610 Hz, of
+    100 and more; there are guards of 0.1 s and more between blocks, so that no row changes its
+    role.
     """
     found = {}
     for role, names in identified["records"].items():
         ranges = [re.search(r"\[([\d.]+)\.\.([\d.]+) s\]$", name) for name in names]
         if not all(ranges):
-            raise SystemExit(f"records.{role}: expected labels like file.csv[0.10..0.70 s], found {names[:2]}")
+            raise SystemExit(
+                f"records.{role}: expected labels like file.csv[0.10..0.70 s], found {names[:2]}"
+            )
         found[role] = [
-            (int(np.searchsorted(time, float(r[1]) - 1e-9)), int(np.searchsorted(time, float(r[2]) + 1e-9)))
+            (
+                int(np.searchsorted(time, float(r[1]) - 1e-9)),
+                int(np.searchsorted(time, float(r[2]) + 1e-9)),
+            )
             for r in ranges
         ]
     return found
 
 
 def low_pass(signal, cut_off_hz, step_s):
-    """Butterworth, order 4, forward and backward: farreach's filter for models that are read inversely."""
+    """Butterworth, order 4, forward and backward: farreach's filter for models that are read
+    inversely."""
     sections = butter(4, cut_off_hz, fs=1.0 / step_s, output="sos")
     pad = min(int(np.ceil(3.0 / (cut_off_hz * step_s))), len(signal) - 1)
     return sosfiltfilt(sections, signal, axis=0, padlen=pad)
@@ -77,26 +92,31 @@ def low_pass(signal, cut_off_hz, step_s):
 def derivative(signal, step_s):
     """Central differences over five points; over two and one at the ends."""
     slope = np.gradient(signal, step_s, axis=0)
-    slope[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * step_s)
+    slope[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (
+        12.0 * step_s
+    )
     return slope
 
 
 class Spectrum:
-    """A band-limited signal: derivatives and values between the samples, by Fourier transform of its odd continuation."""
+    """A band-limited signal: derivatives and values between the samples, by Fourier transform of
+    its odd continuation."""
 
     def __init__(self, signal, step_s, continued=4096):
         self.continued, self.step_s, self.rows = continued, step_s, len(signal)
         before = 2.0 * signal[0] - signal[continued:0:-1]
         after = 2.0 * signal[-1] - signal[-2 : -continued - 2 : -1]
         whole = np.concatenate([before, signal, after])
-        # What is left of a step between both ends is a straight line, which is taken out and put back.
+        # What is left of a step between both ends is a straight line, which is taken out and put
+        # back.
         self.slope = (whole[-1] - whole[0]) / (len(whole) - 1)
         self.first = whole[0]
         self.whole = len(whole)
         self.values = np.fft.rfft(whole - self.first - self.slope * np.arange(self.whole))
 
     def wave(self, order, cut_off_hz=None, finer=1):
-        """The derivative of this order, `finer` values a sample, without what lies above the cut-off (a cosine edge 10 % wide)."""
+        """The derivative of this order, `finer` values a sample, without what lies above the
+        cut-off (a cosine edge 10 % wide)."""
         frequency = np.fft.rfftfreq(self.whole, self.step_s)
         weight = np.ones_like(frequency)
         if cut_off_hz is not None:

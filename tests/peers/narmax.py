@@ -1,7 +1,10 @@
-"""SysIdentPy: polynomial NARX models by forward regression (FROLS), their order by an information criterion.
+"""SysIdentPy: polynomial NARX models by forward regression (FROLS), their order by an information
+criterion.
 
-One model a measured position, each with the volts, the hand's torque and the other position as inputs: SysIdentPy's models have one
-output. To foretell, the two are stepped together, and neither sees a measured value after the start.
+One model a measured position, each with the volts, the hand's torque and the other position as
+inputs: SysIdentPy's models have one
+output. To foretell, the two are stepped together, and neither sees a measured value after the
+start.
 """
 
 import warnings
@@ -14,17 +17,21 @@ from sysidentpy.parameter_estimation import LeastSquares
 
 
 class FrolsOfRecords(FROLS):
-    """FROLS on records one after another: rows whose lags reach into the record before are left out.
+    """FROLS on records one after another: rows whose lags reach into the record before are left
+    out.
 
-    SysIdentPy takes one record; at a seam positions jump, and a few such rows outweigh thousands of good ones.
+    SysIdentPy takes one record; at a seam positions jump, and a few such rows outweigh thousands of
+    good ones.
     """
 
     seams = ()
     path = None
 
     def run_mss_algorithm(self, psi, y, process_term_number):
-        # Forward regression is nested: the first terms of a long path are the short path. SysIdentPy walks it anew for every order
-        # that the criterion looks at; walked once, it ends with the same models fifteen times as fast.
+        # Forward regression is nested: the first terms of a long path are the short path.
+        # SysIdentPy walks it anew for every order
+        # that the criterion looks at; walked once, it ends with the same models fifteen times as
+        # fast.
         longest = min(max(self.n_info_values, process_term_number), psi.shape[1])
         if self.path is None or self.path[0] < longest:
             keep = np.ones(len(psi), dtype=bool)
@@ -41,7 +48,8 @@ class FrolsOfRecords(FROLS):
 
 @dataclass
 class Narx:
-    """A sum of products of lagged values: (coefficient, [(variable, lag), ...]); variable 0 is the output itself."""
+    """A sum of products of lagged values: (coefficient, [(variable, lag), ...]); variable 0 is the
+    output itself."""
 
     terms: list
     names: list
@@ -56,7 +64,9 @@ class Narx:
         """The model, terms by their share of the explained variance."""
 
         def product(factors):
-            return " ".join(f"{self.names[variable]}[k-{lag}]" for variable, lag in factors) or "1"
+            return (
+                " ".join(f"{self.names[variable]}[k-{lag}]" for variable, lag in factors) or "1"
+            )
 
         shown = " + ".join(f"{c:.4g} {product(factors)}" for c, factors in self.terms[:most])
         more = f" + ... ({self.count} terms)" if self.count > most else ""
@@ -74,7 +84,8 @@ class Narx:
 
 
 def fit(outputs, inputs, names, *, lags, degree, most_terms, static=False):
-    """Fits on records given as lists: `outputs` of (rows,), `inputs` of (rows, many). `lags` are those of output and inputs."""
+    """Fits on records given as lists: `outputs` of (rows,), `inputs` of (rows, many). `lags` are
+    those of output and inputs."""
     y = np.concatenate(outputs)[:, None]
     x = np.concatenate(inputs)
     of_inputs = [list(range(1, lags[1] + 1))] * x.shape[1] if x.shape[1] > 1 else lags[1]
@@ -92,7 +103,8 @@ def fit(outputs, inputs, names, *, lags, degree, most_terms, static=False):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model.fit(X=x, y=y)
-        # By itself it stops at the first rise of the criterion; its least value over all orders serves the model better.
+        # By itself it stops at the first rise of the criterion; its least value over all orders
+        # serves the model better.
         best = int(np.nanargmin(model.info_values)) + 1
         if best != model.n_terms:
             model.order_selection, model.n_terms = False, best

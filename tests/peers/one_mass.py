@@ -1,4 +1,5 @@
-"""Peers on the two measured records: EMPS by its force, Silverbox by simulation of its output. The rows are those of farreach."""
+"""Peers on the two measured records: EMPS by its force, Silverbox by simulation of its output. The
+rows are those of farreach."""
 
 import itertools
 import time
@@ -49,7 +50,8 @@ class Emps:
 
 
 def emps_force(emps, equations):
-    """The force that the equation of the speed demands; what is not linear in the motion passes the low-pass once more."""
+    """The force that the equation of the speed demands; what is not linear in the motion passes the
+    low-pass once more."""
     values = {"x": emps.position, "v": emps.velocity, "sin": np.sin, "cos": np.cos}
     values |= {"tanh": np.tanh, "sign": np.sign, "abs": np.abs}
     linear, bent, of_force = emps.acceleration.copy(), np.zeros_like(emps.force), 0.0
@@ -73,8 +75,12 @@ def emps_sindy(emps, tell):
     rates = emps.pieces("fit", emps.velocity, emps.acceleration)
     for degree, width, threshold in itertools.product((1, 2, 3), WIDTHS_M_S, THRESHOLDS):
         from_here = time.perf_counter()
-        make = sindy.library(1, 1, 1, degree, width, control_products=False, per_turn=2.0 * np.pi / TURN_M)
-        equations = sindy.fit(states, inputs, rates, emps.step_s, make, threshold, (["x", "v"], ["force"]))
+        make = sindy.library(
+            1, 1, 1, degree, width, control_products=False, per_turn=2.0 * np.pi / TURN_M
+        )
+        equations = sindy.fit(
+            states, inputs, rates, emps.step_s, make, threshold, (["x", "v"], ["force"])
+        )
         single.append(time.perf_counter() - from_here)
         error = emps.percent(emps_force(emps, equations), "select")
         settings = {"degree": degree, "width_m_s": width, "threshold": threshold}
@@ -92,19 +98,39 @@ def emps_sindy(emps, tell):
 
 
 def emps_narmax(emps, tell, told=False):
-    """SysIdentPy: the force as a polynomial of position, speed and acceleration at the same row; `told` of dry friction, as an input."""
+    """SysIdentPy: the force as a polynomial of position, speed and acceleration at the same row;
+    `told` of dry friction, as an input."""
     began, tried, single = time.perf_counter(), [], []
-    for degree, width in itertools.product((1, 2, 3) if told else (1, 3, 5), WIDTHS_M_S if told else (None,)):
-        signals, names = [emps.position, emps.velocity, emps.acceleration], ["force", "x", "v", "a"]
+    for degree, width in itertools.product(
+        (1, 2, 3) if told else (1, 3, 5), WIDTHS_M_S if told else (None,)
+    ):
+        signals, names = [emps.position, emps.velocity, emps.acceleration], [
+            "force",
+            "x",
+            "v",
+            "a",
+        ]
         if told:
             signals.append(emps.low_passed(np.tanh(emps.velocity / width)))
             names.append(f"tanh(v / {width:g})")
         from_here = time.perf_counter()
-        rows = [(f[::STRIDE, 0], x[::STRIDE]) for f, x in zip(
-            emps.pieces("fit", emps.force), emps.pieces("fit", *signals), strict=True)]
+        rows = [
+            (f[::STRIDE, 0], x[::STRIDE])
+            for f, x in zip(
+                emps.pieces("fit", emps.force), emps.pieces("fit", *signals), strict=True
+            )
+        ]
         # Lag 1 of a signal that runs one row ahead is the same row.
         ahead = [np.concatenate([x[1:], x[-1:]]) for _, x in rows]
-        model = narmax.fit([f for f, _ in rows], ahead, names, lags=(1, 1), degree=degree, most_terms=30, static=True)
+        model = narmax.fit(
+            [f for f, _ in rows],
+            ahead,
+            names,
+            lags=(1, 1),
+            degree=degree,
+            most_terms=30,
+            static=True,
+        )
         single.append(time.perf_counter() - from_here)
         force = model.next([None, *[signal[:, None] for signal in signals]])
         error = emps.percent(force, "select")
@@ -127,7 +153,8 @@ def emps_narmax(emps, tell, told=False):
 CUT_OFFS_HZ = (150.0, 200.0, 250.0)
 # The simulation follows the input between the samples this many times finer.
 FINER = 8
-# Samples simulated before a block of rows, from the measured state: ten times the time in which the machine forgets.
+# Samples simulated before a block of rows, from the measured state: ten times the time in which the
+# machine forgets.
 BEFORE = 300
 NARX = ((0, (2, 2), 3), (1, (2, 2), 3), (0, (3, 3), 3), (1, (3, 3), 3), (1, (8, 8), 1))
 
@@ -172,7 +199,9 @@ def silverbox_sindy(box, tell):
             shown[k] = state[0]
             at = np.minimum((first + k) * FINER, len(fine) - FINER - 1)
             for j in range(FINER):
-                state = equations.step(state, fine[None, at + j], fine[None, at + j + 1], box.step_s / FINER, 1)
+                state = equations.step(
+                    state, fine[None, at + j], fine[None, at + j + 1], box.step_s / FINER, 1
+                )
         return shown.T
 
     def attempt(cut_off, degree, threshold):
@@ -199,7 +228,12 @@ def silverbox_sindy(box, tell):
     for threshold in (0.001, 0.003, 0.01, 0.03):
         attempt(CUT_OFFS_HZ[1], 3, threshold)
     best = min(tried, key=lambda t: t[:2])[2]
-    for cut_off, degree in ((CUT_OFFS_HZ[0], 3), (CUT_OFFS_HZ[2], 3), (CUT_OFFS_HZ[1], 2), (CUT_OFFS_HZ[1], 5)):
+    for cut_off, degree in (
+        (CUT_OFFS_HZ[0], 3),
+        (CUT_OFFS_HZ[2], 3),
+        (CUT_OFFS_HZ[1], 2),
+        (CUT_OFFS_HZ[1], 5),
+    ):
         attempt(cut_off, degree, best["threshold"])
     _, _, settings, equations, motion = min(tried, key=lambda t: t[:2])
     with np.errstate(all="ignore"):
@@ -215,7 +249,8 @@ def silverbox_sindy(box, tell):
 
 
 def silverbox_narmax(box, tell):
-    """SysIdentPy: output from its past and the input's; simulated, no measured output after the start."""
+    """SysIdentPy: output from its past and the input's; simulated, no measured output after the
+    start."""
     began, tried, single = time.perf_counter(), [], []
 
     def simulate(model, role, ahead):

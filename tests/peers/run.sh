@@ -1,13 +1,17 @@
 #!/bin/sh
-# Other people's system identification on our data: PySINDy and SysIdentPy, from PyPI, beside `farreach identify`. A bench: it takes an
-# hour or so on one core, and nothing of it runs in CI. Needs python3 with venv, and the network for the first run.
+# Other system-identification programs on the same data: PySINDy and SysIdentPy, from PyPI, beside
+# `farreach identify`. A benchmark of about an hour on one core, not part of CI. Needs python3 with
+# venv, and the network for the first run.
 # usage: tests/peers/run.sh WORK_DIRECTORY FARREACH AHEAD CASES DATA [CASE...]
-#   WORK_DIRECTORY  is kept: venv, results of each case (a second run goes on after what is there), peers.json, peers.md
+#   WORK_DIRECTORY  is kept: venv, results of each case (a second run continues), peers.json and .md
 #   FARREACH        the program, built in release:  cargo build --release
-#   AHEAD           runs what identify fitted ahead: cargo build --release -p identify --example prediction_horizon
-#   CASES           folder of sealed cases:         cargo run --release -p sealed --bin generate -- --help
-#   DATA            folder with emps_train.csv and silverbox_multisine.csv; what is absent is skipped, and it says so
-#   CASE            names of cases in that folder, emps, silverbox; without them the ones of docs/identify-peers.md
+#   AHEAD           predicts with the fitted model:
+#                   cargo build --release -p identify --example prediction_horizon
+#   CASES           folder of sealed cases: cargo run --release -p sealed --bin generate -- --help
+#   DATA            folder with emps_train.csv and silverbox_multisine.csv; absent ones are skipped
+#                   with a message
+#   CASE            names of cases in that folder, emps, silverbox; default: those of
+#                   docs/identify-peers.md
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 if [ $# -lt 5 ]; then
@@ -24,8 +28,10 @@ if ! cmp -s "$here/requirements.txt" "$work/venv/installed.txt"; then
     "$work/venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt"
     cp "$here/requirements.txt" "$work/venv/installed.txt"
 fi
-# One thread for everybody.
-export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 RAYON_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
-exec "$work/venv/bin/python" "$here/bench.py" --work "$work" --farreach "$1" --ahead "$2" --cases "$3" --data "$4" \
-    --revision "$(git -C "$here" describe --always --dirty --exclude='*' 2>/dev/null || echo unknown)" \
+# One thread for each program.
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 RAYON_NUM_THREADS=1
+export PYTHONDONTWRITEBYTECODE=1
+exec "$work/venv/bin/python" "$here/bench.py" --work "$work" --farreach "$1" \
+    --ahead "$2" --cases "$3" --data "$4" --revision \
+    "$(git -C "$here" describe --always --dirty --exclude='*' 2>/dev/null || echo unknown)" \
     $(shift 4; for name in "$@"; do printf -- '--case %s ' "$name"; done)

@@ -1,9 +1,13 @@
 """PySINDy: what its sparse regression makes of the records, as a model that can be simulated.
 
-States are positions and speeds, inputs are controls. The library has polynomials of states and controls, and for each speed a sign, a
-smoothed sign `tanh(v/width)` and `|v| v`, for each position a sine and a cosine: friction of all usual forms, gravity and ripple are within its
-reach. Targets are scaled to a root mean square of 1 and columns normalised, so that STLSQ's threshold is the share of the
-target's root mean square that a term must carry to be kept; width, threshold, degree and cut-off are chosen on the selecting records.
+States are positions and speeds, inputs are controls. The library has polynomials of states and
+controls, and for each speed a sign, a
+smoothed sign `tanh(v/width)` and `|v| v`, for each position a sine and a cosine: friction of all
+usual forms, gravity and ripple are within its
+reach. Targets are scaled to a root mean square of 1 and columns normalised, so that STLSQ's
+threshold is the share of the
+target's root mean square that a term must carry to be kept; width, threshold, degree and cut-off
+are chosen on the selecting records.
 """
 
 import math
@@ -16,7 +20,8 @@ import pysindy as ps
 
 @dataclass
 class Equations:
-    """Derivatives of the speeds as sums of terms: per equation a list of (coefficient, term of the library)."""
+    """Derivatives of the speeds as sums of terms: per equation a list of (coefficient, term of the
+    library)."""
 
     states: list
     inputs: list
@@ -36,7 +41,9 @@ class Equations:
             for row in self.coefficients.tolist()
         ]
         names = ", ".join([*self.states, *self.inputs])
-        code = f"def rates({names}):\n" + "\n".join([*lines, "    return " + ", ".join(sums) + ","])
+        code = f"def rates({names}):\n" + "\n".join(
+            [*lines, "    return " + ", ".join(sums) + ","]
+        )
         space = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign, "abs": np.abs}
         exec(code, space)  # the text above and nothing else
         self.rates = space["rates"]
@@ -61,7 +68,8 @@ class Equations:
         return shown
 
     def step(self, state, before, after, duration, steps):
-        """Runge-Kutta of order 4; `state` is (states, many), inputs go linearly from `before` to `after`."""
+        """Runge-Kutta of order 4; `state` is (states, many), inputs go linearly from `before` to
+        `after`."""
         h = duration / steps
         half = len(state) // 2
 
@@ -87,7 +95,8 @@ def sign(number):
 
 
 def library(positions, speeds, controls, degree, width, control_products=True, per_turn=None):
-    """The library, with names that are Python; `per_turn` is the angle by which a position goes into sine and cosine."""
+    """The library, with names that are Python; `per_turn` is the angle by which a position goes
+    into sine and cosine."""
     n = positions + speeds + controls
     friction = ps.CustomLibrary(
         [lambda v: np.sign(v), lambda v: np.tanh(v / width), lambda v: np.abs(v) * v],
@@ -111,14 +120,18 @@ def library(positions, speeds, controls, degree, width, control_products=True, p
 
 
 def fit(states, inputs, rates, step_s, make_library, threshold, names):
-    """Fits the rates of the speeds. Lists of arrays, one a record or block; `names` are those of states and inputs.
+    """Fits the rates of the speeds. Lists of arrays, one a record or block; `names` are those of
+    states and inputs.
 
-    `rates` has the derivatives of all states; those of positions are the speeds, which is not left to the regression when simulated.
+    `rates` has the derivatives of all states; those of positions are the speeds, which is not left
+    to the regression when simulated.
     """
     scale = np.sqrt(np.mean(np.square(np.concatenate(rates)), axis=0))
     scaled = [rate / scale for rate in rates]
     rows = sum(len(rate) for rate in rates)
-    optimizer = ps.STLSQ(threshold=threshold * np.sqrt(rows), alpha=1e-6, max_iter=20, normalize_columns=True)
+    optimizer = ps.STLSQ(
+        threshold=threshold * np.sqrt(rows), alpha=1e-6, max_iter=20, normalize_columns=True
+    )
     model = ps.SINDy(optimizer=optimizer, feature_library=make_library)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

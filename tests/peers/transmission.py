@@ -1,12 +1,16 @@
-"""Peers on the records of a transmission: fitted on the fit records, chosen on the select records, judged on the report records.
+"""Peers on the records of a transmission: fitted on the fit records, chosen on the select records,
+judged on the report records.
 
 Two errors that every model has, against measured positions:
 
-- *ahead*: 12.5 ms (1/80 s) further with volts and hand torque as recorded and the model left to itself; from every 12.5 ms of a record
-  but the first 0.2 s. Models in state space know where they are by an observer, models with lags by the measured past.
+- *ahead*: 12.5 ms (1/80 s) further with volts and hand torque as recorded and the model left to
+itself; from every 12.5 ms of a record
+  but the first 0.2 s. Models in state space know where they are by an observer, models with lags by
+  the measured past.
 - *free*: from rest at the first row to the end, 10 s.
 
-And one that only models in state space have: the *innovation* under an observer of 150 rad/s, which is what farreach states.
+And one that only models in state space have: the *innovation* under an observer of 150 rad/s, which
+is what farreach states.
 """
 
 import itertools
@@ -29,7 +33,8 @@ OBSERVER_DAMPING = 1.4
 WIDTH = 8
 # A model beyond this has lost the record (rad).
 LOST_RAD = 1e3
-# Runge-Kutta steps a row: what the steepest smoothed sign of the library asks for (a pole at 300 rad/s² over 0.05 rad/s, 0.25 ms).
+# Runge-Kutta steps a row: what the steepest smoothed sign of the library asks for (a pole at 300
+# rad/s² over 0.05 rad/s, 0.25 ms).
 STEPS = 2
 STATES = (["qm", "qs", "vm", "vs"], ["volts", "torque"])
 
@@ -52,7 +57,11 @@ MOST_TERMS = 30
 
 def errors(off):
     """Root mean square of master and slave (mrad); None where the model was lost."""
-    off = np.concatenate([part.reshape(-1, 2) for part in off]) if isinstance(off, list) else off.reshape(-1, 2)
+    off = (
+        np.concatenate([part.reshape(-1, 2) for part in off])
+        if isinstance(off, list)
+        else off.reshape(-1, 2)
+    )
     if not np.all(np.abs(off) < LOST_RAD):
         return None
     master, slave = (1e3 * data.rms(off)).tolist()
@@ -67,14 +76,17 @@ def score(error):
 def stacked(records):
     """Positions and inputs of records as (many, rows, 2); as long as the shortest."""
     rows = min(len(record.positions) for record in records)
-    return np.stack([r.positions[:rows] for r in records]), np.stack([r.inputs[:rows] for r in records])
+    return np.stack([r.positions[:rows] for r in records]), np.stack(
+        [r.inputs[:rows] for r in records]
+    )
 
 
 # --- without a model
 
 
 def constant_speed(records):
-    """Where a position would be that went on with the speed of the last 5, 12.5 or 25 ms: what any model must beat."""
+    """Where a position would be that went on with the speed of the last 5, 12.5 or 25 ms: what any
+    model must beat."""
     positions, _ = stacked(records)
     starts = np.arange(SETTLING, positions.shape[1] - AHEAD, AHEAD)
     found = []
@@ -88,7 +100,8 @@ def constant_speed(records):
 
 
 def prepared(records, cut_off_hz):
-    """Filtered positions, speeds, inputs and derivatives at 500 Hz, both ends of a record left out."""
+    """Filtered positions, speeds, inputs and derivatives at 500 Hz, both ends of a record left
+    out."""
     states, inputs, rates = [], [], []
     for record in records:
         position = data.low_pass(record.positions, cut_off_hz, record.step_s)
@@ -118,7 +131,8 @@ def observed(equations, positions, inputs, state, step_s, observer_rad_s):
 
 
 def walked(equations, record, rows, observer_rad_s):
-    """As `observed`, from rest, on one record in plain numbers; an observer of 0 pulls nothing. None where the model is lost."""
+    """As `observed`, from rest, on one record in plain numbers; an observer of 0 pulls nothing.
+    None where the model is lost."""
     rates, step_s = equations.rates_of_numbers, record.step_s
     h = step_s / STEPS
     gains = OBSERVER_DAMPING * observer_rad_s * step_s, observer_rad_s**2 * step_s
@@ -153,7 +167,8 @@ def walked(equations, record, rows, observer_rad_s):
 
 
 def judged(equations, records, observer_rad_s):
-    """Errors 12.5 ms ahead, and innovations averaged over 4 ms after the first 0.2 s, as farreach's residual."""
+    """Errors 12.5 ms ahead, and innovations averaged over 4 ms after the first 0.2 s, as farreach's
+    residual."""
     q, u = stacked(records)
     starts = np.arange(SETTLING, q.shape[1] - AHEAD, AHEAD)
     walks = [walked(equations, record, q.shape[1], observer_rad_s) for record in records]
@@ -177,7 +192,8 @@ def foretold(equations, states, positions, inputs, starts, step_s):
 
 
 def sections(records, cut_off_hz=40.0, rows=200, settling=75):
-    """Pieces of records of 0.1 s, all at once, with states at their starts from the filtered record: for choosing only."""
+    """Pieces of records of 0.1 s, all at once, with states at their starts from the filtered
+    record: for choosing only."""
     q, u, start = [], [], []
     for record in records:
         position = data.low_pass(record.positions, cut_off_hz, record.step_s)
@@ -205,10 +221,15 @@ def sindy_choice(fit_records, select_records, tell):
         equations = sindy.fit(*laid_out[cut_off], 4 * step_s, make, threshold, STATES)
         single.append(time.perf_counter() - began)
         with np.errstate(all="ignore"):
-            _, states = observed(equations, q[:, :-AHEAD], u[:, :-AHEAD], start, step_s, CHOOSING_RAD_S)
+            _, states = observed(
+                equations, q[:, :-AHEAD], u[:, :-AHEAD], start, step_s, CHOOSING_RAD_S
+            )
             error = errors(foretold(equations, states, q, u, starts, step_s))
         tried.append((score(error), cut_off, width, degree, threshold, equations))
-        tell(f"sindy {cut_off:g} Hz, width {width:g}, degree {degree}, threshold {threshold:g}: {equations.count} terms, {error}")
+        tell(
+            f"sindy {cut_off:g} Hz, width {width:g}, degree {degree}, threshold {threshold:g}:"
+            f" {equations.count} terms, {error}"
+        )
 
     def best():
         return min(tried, key=lambda t: t[0])
@@ -223,7 +244,12 @@ def sindy_choice(fit_records, select_records, tell):
     for cut_off in CUT_OFFS_HZ:
         attempt(cut_off, best()[2], best()[3], best()[4])
     _, cut_off, width, degree, threshold, equations = best()
-    settings = {"cut_off_hz": cut_off, "width_rad_s": width, "degree": degree, "threshold": threshold}
+    settings = {
+        "cut_off_hz": cut_off,
+        "width_rad_s": width,
+        "degree": degree,
+        "threshold": threshold,
+    }
     return equations, settings | {"models_tried": len(tried)}, float(np.median(single))
 
 
@@ -237,14 +263,18 @@ def run_sindy(roles, tell):
         chosen = []
         for observer in OBSERVERS_RAD_S:
             _, states = observed(equations, q[:, :-AHEAD], u[:, :-AHEAD], start, step_s, observer)
-            chosen.append((score(errors(foretold(equations, states, q, u, starts, step_s))), observer))
+            chosen.append(
+                (score(errors(foretold(equations, states, q, u, starts, step_s))), observer)
+            )
         settings["observer_rad_s"] = min(chosen)[1]
         seconds = time.perf_counter() - began
         ahead, _ = judged(equations, roles["report"], settings["observer_rad_s"])
         _, seen = judged(equations, roles["report"], SEEING_RAD_S)
         rows = min(len(record.positions) for record in roles["report"])
         walks = [walked(equations, record, rows, 0.0) for record in roles["report"]]
-        free = None if any(walk is None for walk in walks) else errors([walk[0] for walk in walks])
+        free = (
+            None if any(walk is None for walk in walks) else errors([walk[0] for walk in walks])
+        )
     return {
         "settings": settings,
         "terms": equations.count,
@@ -269,9 +299,12 @@ def averaged(innovations):
 
 def sampled(records, every):
     """Every so many rows: positions as they are, inputs as means from one sample to the next."""
-    positions = [record.positions[: len(record.positions) // every * every : every] for record in records]
+    positions = [
+        record.positions[: len(record.positions) // every * every : every] for record in records
+    ]
     inputs = [
-        record.inputs[: len(record.inputs) // every * every].reshape(-1, every, 2).mean(axis=1) for record in records
+        record.inputs[: len(record.inputs) // every * every].reshape(-1, every, 2).mean(axis=1)
+        for record in records
     ]
     return positions, inputs
 
@@ -283,25 +316,34 @@ class Pair:
         self.every, self.lag = every, max(lags)
         positions, inputs = sampled(records, every)
         self.models = []
-        for own, name in ((0, ["qm", "volts", "torque", "qs"]), (1, ["qs", "volts", "torque", "qm"])):
+        for own, name in (
+            (0, ["qm", "volts", "torque", "qs"]),
+            (1, ["qs", "volts", "torque", "qm"]),
+        ):
             outputs = [q[:, own] for q in positions]
-            others = [np.column_stack([u, q[:, 1 - own]]) for q, u in zip(positions, inputs, strict=True)]
+            others = [
+                np.column_stack([u, q[:, 1 - own]])
+                for q, u in zip(positions, inputs, strict=True)
+            ]
             self.models.append(
                 narmax.fit(outputs, others, name, lags=lags, degree=degree, most_terms=MOST_TERMS)
             )
 
     def run(self, positions, inputs, starts, steps):
-        """Positions foretold (starts, steps + 1, 2), the first one measured; positions and inputs of one record, sampled."""
+        """Positions foretold (starts, steps + 1, 2), the first one measured; positions and inputs
+        of one record, sampled."""
         back = np.arange(-self.lag + 1, 1)
         q = positions[starts[:, None] + back]
         u = inputs[starts[:, None] + back]
         shown = np.empty((len(starts), steps + 1, 2))
         shown[:, 0] = positions[starts]
         for k in range(steps):
-            new = np.column_stack([
-                model.next([q[..., own], u[..., 0], u[..., 1], q[..., 1 - own]])
-                for own, model in enumerate(self.models)
-            ])
+            new = np.column_stack(
+                [
+                    model.next([q[..., own], u[..., 0], u[..., 1], q[..., 1 - own]])
+                    for own, model in enumerate(self.models)
+                ]
+            )
             shown[:, k + 1] = new
             q = np.concatenate([q[:, 1:], new[:, None]], axis=1)
             following = np.minimum(starts + k + 1, len(inputs) - 1)
@@ -315,7 +357,9 @@ class Pair:
             steps, rows = AHEAD // self.every, len(records[0].positions)
             starts = np.arange(SETTLING, rows - AHEAD, AHEAD) // self.every
             starts = starts[starts + steps < len(positions)]
-            off.append(positions[starts + steps] - self.run(positions, inputs, starts, steps)[:, -1])
+            off.append(
+                positions[starts + steps] - self.run(positions, inputs, starts, steps)[:, -1]
+            )
         return off
 
     def free(self, records):
@@ -324,7 +368,9 @@ class Pair:
         for positions, inputs in zip(*sampled(records, self.every), strict=True):
             first = self.lag - 1
             steps = len(positions) - 1 - first
-            off.append(positions[first:] - self.run(positions, inputs, np.array([first]), steps)[0])
+            off.append(
+                positions[first:] - self.run(positions, inputs, np.array([first]), steps)[0]
+            )
         return off
 
 
@@ -339,13 +385,21 @@ def run_narmax(roles, tell):
             single.append(time.perf_counter() - from_here)
             error = errors(pair.ahead(roles["select"]))
             tried.append((score(error), len(tried), pair))
-            tell(f"narmax every {every}, lags {lags}, degree {degree}: {[m.count for m in pair.models]} terms, {error}")
+            tell(
+                f"narmax every {every}, lags {lags}, degree {degree}:"
+                f" {[m.count for m in pair.models]} terms, {error}"
+            )
         _, index, pair = min(tried, key=lambda t: t[:2])
         seconds = time.perf_counter() - began
         ahead, free = errors(pair.ahead(roles["report"])), errors(pair.free(roles["report"]))
     every, lags, degree = NARX[index]
     return {
-        "settings": {"rate_hz": 2000 / every, "lags": lags, "degree": degree, "models_tried": len(NARX)},
+        "settings": {
+            "rate_hz": 2000 / every,
+            "lags": lags,
+            "degree": degree,
+            "models_tried": len(NARX),
+        },
         "terms": sum(model.count for model in pair.models),
         "model": [model.text() for model in pair.models],
         "ahead_mrad": ahead,

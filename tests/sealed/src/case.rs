@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::{Detectability, SMOOTHING, detect};
+use crate::detect::{Detectability, detect};
 use crate::draw::{Draw, subseed};
 use crate::effects::{self, Effect, Entry, Kinds};
-use crate::machine::Machine;
-use crate::model::{Model, TooManyStates};
+use crate::machine_parameters::MachineParameters;
+use crate::plan::{Builder, CaseError, Plan, signals};
 use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record, SAMPLE_S, SAMPLES};
 use crate::reference::{Kind, hand, reference};
 use crate::smoothing::Smoothing;
@@ -58,21 +58,6 @@ impl Set {
     }
 }
 
-/// What a record was.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
-    /// File name.
-    pub file: String,
-    /// What the master was asked to do.
-    pub kind: Kind,
-    /// Seed of the reference: the same for repeats.
-    pub reference_seed: u64,
-    /// Seed of the hand's torque, where a hand drives the slave.
-    pub hand_seed: Option<u64>,
-    /// Time of the first row on the run, s.
-    pub start_s: f64,
-}
-
 /// All that is true about a case, beside its numbers of chance: `truth.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
@@ -107,73 +92,6 @@ pub struct Case {
     pub records: Vec<Record>,
 }
 
-/// What a machine is built from.
-#[derive(Clone, Debug)]
-pub struct Builder {
-    /// Its constants, without the effects.
-    pub machine: Machine,
-    /// How dry friction passes through zero.
-    pub smoothing: Smoothing,
-    /// What is wrong with it.
-    pub effects: Vec<Effect>,
-}
-
-impl Builder {
-    /// The machine; with a constant changed by a fraction of itself, where that is asked for.
-    ///
-    /// # Errors
-    /// [`CaseError::Unbuildable`], [`CaseError::TooManyStates`].
-    pub fn model(&self, change: Option<(&str, f64)>) -> Result<Model, CaseError> {
-        let (mut machine, mut smoothing) = (self.machine.clone(), self.smoothing);
-        if let Some((name, fraction)) = change {
-            let place = if name == SMOOTHING {
-                Some(&mut smoothing.speed_rad_s)
-            } else {
-                machine.named_mut(name)
-            };
-            if let Some(value) = place {
-                *value *= 1.0 + fraction;
-            }
-        }
-        let deviations = self
-            .effects
-            .iter()
-            .map(|effect| effect.build().ok_or_else(|| CaseError::Unbuildable(effect.name())))
-            .collect::<Result<_, _>>()?;
-        Ok(Model::new(machine, smoothing, deviations, SAMPLE_S)?)
-    }
-
-    fn without(&self, index: usize) -> Self {
-        let mut other = self.clone();
-        other.effects.remove(index);
-        other
-    }
-}
-
-/// What goes wrong while a case is made.
-#[derive(Debug, thiserror::Error)]
-pub enum CaseError {
-    /// No such effect.
-    #[error(
-        "no effect `{0}`: expected ID or ID@SITE of the catalogue or of those on no list (see --list)"
-    )]
-    Unknown(String),
-    /// An effect whose numbers are not whole.
-    #[error("effect `{0}` cannot be built from its numbers")]
-    Unbuildable(String),
-    /// Effects that do not fit into one model.
-    #[error(transparent)]
-    TooManyStates(#[from] TooManyStates),
-    /// A file could not be written.
-    #[error("{path}: {source}")]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-}
-
 /// The case of a set, an index within it and a campaign's seed. `kinds` is of those on no list;
 /// `forced` names effects instead of the set's choice.
 ///
@@ -187,7 +105,7 @@ pub fn make(
     forced: &[String],
 ) -> Result<Case, CaseError> {
     let mut case = unjudged(set, index, campaign_seed, kinds, forced)?;
-    let mut machine = Machine::declared();
+    let mut machine = MachineParameters::declared();
     for (name, value) in &case.truth.machine {
         if let Some(place) = machine.named_mut(name) {
             *place = *value;
@@ -214,7 +132,7 @@ pub fn unjudged(
 ) -> Result<Case, CaseError> {
     let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
     let mut draw = Draw::new(subseed(seed, "machine"));
-    let machine = Machine::drawn(&mut draw);
+    let machine = MachineParameters::drawn(&mut draw);
     let smoothing = match set {
         Set::Clean if index % 2 == 1 => Smoothing::foreign(&mut draw),
         Set::Clean => Smoothing::plain(&mut draw),
@@ -252,14 +170,6 @@ pub fn unjudged(
         detectability: Vec::new(),
     };
     Ok(Case { truth, records })
-}
-
-/// Reference and torque of the hand of a planned record.
-pub fn signals(plan: &Plan) -> (Vec<f64>, Vec<f64>) {
-    let wanted = reference(plan.kind, &mut Draw::new(plan.reference_seed), SAMPLES, SAMPLE_S);
-    let torque =
-        plan.hand_seed.map_or_else(Vec::new, |seed| hand(&mut Draw::new(seed), SAMPLES, SAMPLE_S));
-    (wanted, torque)
 }
 
 fn choose(

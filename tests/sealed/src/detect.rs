@@ -14,12 +14,12 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::case::{Builder, CaseError, Plan, signals};
 use crate::deviation::Instruments;
 use crate::effects::{Effect, Site};
-use crate::machine::{DECLARED, Machine};
-use crate::model::{Input, Model};
+use crate::machine_parameters::{DECLARED, MachineParameters};
+use crate::plan::{Builder, CaseError, Plan, SMOOTHING, signals};
 use crate::record::{Record, SAMPLE_S};
+use crate::simulator::{Input, Simulator};
 
 /// The observer's natural frequency, rad/s. Well below, the machine sticks where its record slips,
 /// and the other way about: the true model then leaves fifty times as much.
@@ -52,8 +52,6 @@ const FITTED: [&str; 15] = [
     "port_damping_n_s_per_m",
     SMOOTHING,
 ];
-/// The smoothing speed, which no rig file declares.
-pub const SMOOTHING: &str = "smoothing";
 /// How far it may go, as a fraction.
 const SMOOTHING_REACH: f64 = 0.5;
 
@@ -177,7 +175,7 @@ fn reach(name: &str) -> f64 {
 
 /// First the true model's rest, then that of the one without the effect, then the latter's with
 /// each constant changed.
-fn judge(all: &[Vec<Left>], machine: &Machine) -> Detectability {
+fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
     let join = |left: &[Left], channel: usize| -> Vec<f64> {
         left.iter().flat_map(|record| record[channel].iter().copied()).collect()
     };
@@ -266,7 +264,7 @@ fn bounded_least_squares(
 
 /// What a pulled model leaves of a record.
 fn residual(
-    model: &mut Model,
+    model: &mut Simulator,
     torque_nm: &[f64],
     free: bool,
     record: &Record,

@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use crate::machine::Machine;
+use crate::machine_parameters::MachineParameters;
 use crate::smoothing::Smoothing;
 
 /// The state, at a time.
@@ -140,7 +140,7 @@ pub trait Deviation: fmt::Debug + Send {
     }
 
     /// Changes the machine.
-    fn alter(&self, _machine: &mut Machine) {}
+    fn alter(&self, _machine: &mut MachineParameters) {}
 
     /// Inertia that it adds to a side, kg·m².
     fn inertia(&self, _side: usize) -> f64 {

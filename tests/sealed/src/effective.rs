@@ -5,14 +5,14 @@
 //! friction of a side, scale of the torque cell. For a nonlinear spring it is the cubic coefficient
 //! in N/m³, for bristles their stiffness. For all others it is the first parameter.
 
-use crate::machine::Machine;
+use crate::machine_parameters::MachineParameters;
 
 /// The effective value: of an effect `id` at `site` with its parameters, in a machine with these
 /// constants. `None` where a parameter is missing.
 pub fn value(
     id: &str,
     site: &str,
-    machine: &Machine,
+    machine: &MachineParameters,
     parameter: &dyn Fn(&str) -> Option<f64>,
     first: f64,
 ) -> Option<f64> {
@@ -47,10 +47,11 @@ mod tests {
 
     #[test]
     fn a_total_does_not_care_how_it_is_shared() {
-        let mut soft = Machine::declared();
+        let mut soft = MachineParameters::declared();
         soft.line_stiffness_factor *= 0.8;
         let none = |_: &str| None;
-        let one = value("line_compliance", "line", &Machine::declared(), &none, 1.5).unwrap();
+        let one =
+            value("line_compliance", "line", &MachineParameters::declared(), &none, 1.5).unwrap();
         let other = value("line_compliance", "line", &soft, &none, 1.0).unwrap();
         assert!((one / other - 1.0).abs() < 1e-12);
         assert_eq!(value("backlash", "slave", &soft, &none, 0.03), Some(0.03));

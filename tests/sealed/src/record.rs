@@ -7,7 +7,7 @@ use std::io::{self, Write};
 
 use crate::deviation::Instruments;
 use crate::draw::Draw;
-use crate::model::{Input, Model, State};
+use crate::simulator::{Input, Simulator, State};
 
 /// Rows a second.
 pub const SAMPLE_HZ: f64 = 2000.0;
@@ -109,7 +109,7 @@ pub fn counted(angle: f64) -> f64 {
 
 /// Runs the machine from rest at zero along a reference.
 pub fn run(
-    model: &mut Model,
+    model: &mut Simulator,
     reference: &[f64],
     hand_nm: &[f64],
     start_s: f64,
@@ -226,13 +226,14 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::Machine;
+    use crate::machine_parameters::MachineParameters;
     use crate::reference::{Kind, reference};
     use crate::smoothing::{Shape, Smoothing};
 
     fn recorded(samples: usize) -> Record {
         let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.06 };
-        let mut model = Model::new(Machine::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap();
+        let mut model =
+            Simulator::new(MachineParameters::declared(), smoothing, Vec::new(), SAMPLE_S).unwrap();
         let noise = Noise { torque_nm: 2.5e-3, process_nm: [4e-3; 2], process_hz: 10.0 };
         let reference = reference(Kind::Multisine, &mut Draw::new(3), samples, SAMPLE_S);
         run(&mut model, &reference, &[], 15.0, &noise, 1)

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::case::{Set, Truth};
 use crate::effective;
 use crate::effects::{Effect, Variable};
-use crate::machine::Machine;
+use crate::machine_parameters::MachineParameters;
 
 /// The part of `identify --json` that is scored. Everything may be missing.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -379,13 +379,13 @@ fn size_error(
     let lookup =
         |name: &str| found.parameters.iter().find(|parameter| parameter.name == name)?.value;
     let first = lookup(&own.name).or_else(|| found.parameters.first()?.value)?;
-    let mut fitted = Machine::declared();
+    let mut fitted = MachineParameters::declared();
     for parameter in &answer.parameters {
         if let (Some(value), Some(place)) = (parameter.fitted, fitted.named_mut(&parameter.name)) {
             *place = value;
         }
     }
-    let mut real = Machine::declared();
+    let mut real = MachineParameters::declared();
     for (name, value) in &truth.machine {
         if let Some(place) = real.named_mut(name) {
             *place = *value;

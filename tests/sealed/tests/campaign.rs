@@ -10,8 +10,12 @@ use std::process::Command;
 use serde_json::{Value, json};
 
 /// Arguments: identify --rig RIG --json FILE --jobs N RECORDS...
-const ALARM: &str = r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && echo '{"verdict":"unlisted"}' > "$5""#;
-const FAILING: &str = "[ \"$1\" = --version ] && echo 'farreach 9' && exit; echo 'kind hydrostatic: known: drive' >&2; exit 1";
+const ALARM: &str = concat!(
+    r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && "#,
+    r#"echo '{"verdict":"unlisted"}' > "$5""#
+);
+const FAILING: &str = "[ \"$1\" = --version ] && echo 'farreach 9' && exit; echo 'kind \
+    hydrostatic: known: drive' >&2; exit 1";
 
 fn program(folder: &Path, text: &str) -> PathBuf {
     let path = folder.join("answers");

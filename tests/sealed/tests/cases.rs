@@ -1,13 +1,14 @@
 //! Whole cases: the same seed gives the same case, and every effect leaves its mark on the records.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use sealed::case::{Builder, Set, unjudged};
+use sealed::case::{Set, unjudged};
 use sealed::draw::{Draw, subseed};
 use sealed::effects::{Kinds, beside, listed, unlisted};
-use sealed::machine::Machine;
-use sealed::model::{Input, MOST, Model, State};
+use sealed::machine_parameters::MachineParameters;
+use sealed::plan::Builder;
 use sealed::record::{Noise, Record, SAMPLE_S, run};
 use sealed::reference::{Kind, hand, reference};
+use sealed::simulator::{Input, MOST, Simulator, State};
 use sealed::smoothing::{Shape, Smoothing};
 
 #[test]
@@ -67,7 +68,7 @@ fn every_pair_can_be_built() {
             let mut draw = Draw::new(subseed(5, &format!("{} {}", first.id, second.id)));
             let effects = vec![first.draw(&mut draw), second.draw(&mut draw)];
             let names: Vec<String> = effects.iter().map(sealed::effects::Effect::name).collect();
-            let machine = Machine::drawn(&mut draw);
+            let machine = MachineParameters::drawn(&mut draw);
             let model = Builder { machine, smoothing, effects }.model(None).unwrap();
             let mut state = State::default();
             model.advance(&mut state, 0.0, 0.0, &Input { volts: &[2.0], ..Input::default() });
@@ -91,7 +92,8 @@ fn every_effect_leaves_its_mark() {
     let noise = Noise { torque_nm: 2.5e-3, process_nm: [4e-3; 2], process_hz: 10.0 };
     let record = |effect: Option<&sealed::effects::Effect>, start_s: f64, samples: usize| {
         let deviations = effect.map(|effect| effect.build().unwrap()).into_iter().collect();
-        let mut model = Model::new(Machine::declared(), smoothing, deviations, SAMPLE_S).unwrap();
+        let mut model =
+            Simulator::new(MachineParameters::declared(), smoothing, deviations, SAMPLE_S).unwrap();
         run(&mut model, &wanted[..samples], &torque[..samples], start_s, &noise, 7)
     };
     let rms = |one: &[f64], other: &[f64]| {

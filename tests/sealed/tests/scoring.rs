@@ -55,7 +55,10 @@ fn names_are_right_ambiguous_or_wrong() {
     );
     assert_eq!(naming(json!({ "verdict": "none" })), Naming::Missed);
     assert_eq!(naming(json!({ "verdict": "unlisted" })), Naming::Unlisted);
-    let rivals = |rivals: Value| json!({ "verdict": "ambiguous", "effects": [named("leakage", "line")], "ambiguous_with": rivals });
+    let rivals = |rivals: Value| {
+        let effects = [named("leakage", "line")];
+        json!({ "verdict": "ambiguous", "effects": effects, "ambiguous_with": rivals })
+    };
     assert_eq!(naming(rivals(json!([right]))), Naming::Ambiguous);
     assert_eq!(naming(rivals(json!([named("leakage", "line")]))), Naming::Wrong);
     let three = json!([right, named("leakage", "line"), named("mains_hum", "sensor")]);
@@ -113,7 +116,8 @@ fn the_wrong_encoder_is_another_place() {
     assert!(judged("ambiguous", &wrong, json!([untold])).size_errors.is_empty());
     let table = table_of(&[judged("effect", &wrong, json!([]))]);
     assert_eq!(
-        table.by_effect["encoder_eccentricity@sensor"].instead["encoder_eccentricity@sensor, elsewhere"],
+        table.by_effect["encoder_eccentricity@sensor"].instead["encoder_eccentricity@sensor, \
+            elsewhere"],
         1
     );
 }
@@ -147,7 +151,10 @@ fn sizes_are_compared_as_totals_where_they_share() {
         .map(|name| truth.machine[name]);
     // A fifth of what was added is taken for motor friction: the total stays.
     let answer = |level: f64, base: f64| {
-        let effect = json!({ "id": "coulomb_friction", "site": "master", "parameters": [{ "name": "level", "value": level }] });
+        let parameters = json!([{ "name": "level", "value": level }]);
+        let effect = json!({
+            "id": "coulomb_friction", "site": "master", "parameters": parameters
+        });
         json!({ "verdict": "effect", "effects": [effect], "parameters": [
             { "name": "motor_coulomb_nm", "fitted": base },
             { "name": "master_piston_kinetic_friction_n", "fitted": piston[0] },
@@ -168,7 +175,10 @@ fn unlisted_ones_need_flag_site_and_variable() {
     let told = |site: &str, on: &str| {
         judged(
             &truth,
-            json!({ "verdict": "unlisted", "unlisted": { "site": site, "depends_on": on, "table": [] } }),
+            json!({
+                "verdict": "unlisted",
+                "unlisted": { "site": site, "depends_on": on, "table": [] }
+            }),
         )
     };
     let right = told("slave", "slave_position");
@@ -273,7 +283,8 @@ fn bars_are_over_all_detectable_cases() {
     let mut truth = truth(Set::Listed, &["backlash@slave"]);
     let gap = truth.effects[0].parameters.get("gap");
     let answer = |after: f64, floor: Value, site: &str| {
-        let effect = json!({ "id": "backlash", "site": site, "parameters": [{ "name": "gap", "value": 1.01 * gap }] });
+        let parameters = json!([{ "name": "gap", "value": 1.01 * gap }]);
+        let effect = json!({ "id": "backlash", "site": site, "parameters": parameters });
         let errors = json!({ "slave_rad": { "before": 1e-2, "after": after, "floor": floor } });
         json!({ "verdict": "effect", "effects": [effect], "error": errors })
     };

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use identify::outcome::{FoundEffect, Outcome};
-use identify::study::{How, Studied, read, study};
+use identify::study::{Identification, StudyOptions, read, study};
 use report::{Page, Table};
 use rig::RigFile;
 
@@ -29,8 +29,8 @@ pub enum Identified {
 impl Identified {
     /// Of a recording of this rig, on all processors: nothing else runs any more.
     pub fn of(recording: &Path, rig: &RigFile) -> Self {
-        match read(recording, rig).and_then(|series| study(rig, &[series], How::default())) {
-            Ok(Studied { outcome, sentence, detail, .. }) => {
+        match read(recording, rig).and_then(|series| study(rig, &[series], StudyOptions::default())) {
+            Ok(Identification { outcome, sentence, detail, .. }) => {
                 Self::Said { outcome: Box::new(outcome), sentence, detail }
             }
             Err(error) => Self::Refused(error.to_string()),

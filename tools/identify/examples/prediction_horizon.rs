@@ -97,19 +97,19 @@ fn main() -> anyhow::Result<()> {
         let record = record(path)?;
         let mut ahead = serde_json::Map::new();
         for observer in &args.observer {
-            ahead.insert(observer.to_string(), told(model.ahead(&record, *observer, &args)?));
+            ahead.insert(observer.to_string(), as_json(model.ahead(&record, *observer, &args)?));
         }
-        records.push(json!({ "file": path, "ahead": ahead, "free": told(model.free(&record)?) }));
+        let free = as_json(model.free(&record)?);
+        records.push(json!({ "file": path, "ahead": ahead, "free": free }));
     }
     println!("{:#}", json!({ "records": records, "left_out": model.left_out }));
     Ok(())
 }
 
-fn told(errors: Option<Errors>) -> Value {
-    errors.map_or(
-        Value::Null,
-        |errors| json!({ "master": errors.squares[0], "slave": errors.squares[1], "count": errors.count }),
-    )
+fn as_json(errors: Option<Errors>) -> Value {
+    errors.map_or(Value::Null, |Errors { squares: [master, slave], count, .. }| {
+        json!({ "master": master, "slave": slave, "count": count })
+    })
 }
 
 fn model(args: &Args) -> anyhow::Result<Model> {

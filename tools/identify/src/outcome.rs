@@ -31,39 +31,39 @@ impl Verdict {
     }
 }
 
-/// Everything that identify found.
+/// The result of an identification.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
     /// The verdict.
     pub verdict: Verdict,
     /// Effects in the order in which they were added.
     pub effects: Vec<FoundEffect>,
-    /// What the data cannot tell from the last effect added that had a rival.
+    /// Effects that the data cannot distinguish from the last effect added that had a rival.
     pub ambiguous_with: Vec<Named>,
-    /// Whether something is left that no listed effect explains, or, but for transmissions, that a
-    /// fourth one would.
+    /// Whether a residual remains that no listed effect explains, or (except for transmissions)
+    /// that a fourth one would.
     pub remains: bool,
     /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
-    /// How often chance gives as much, where that was asked for.
+    /// Result of the parametric bootstrap, if `--calibrate` was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
-    /// What shows and gets no name, because it is too small or might be chance, one by one, largest
-    /// gain first. Always empty for transmissions.
+    /// Effects that are visible but not accepted, as too small or not significant, largest gain
+    /// first. Always empty for transmissions.
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
     /// Declared parameters, as fitted beside the effects.
     pub parameters: Vec<FittedParameter>,
-    /// What was used for what.
+    /// Roles of the records.
     pub records: Roles,
     /// What to measure next.
     pub next_experiment: NextExperiment,
     /// Error after each step, on the rows of each role and on all rows: to be compared with
     /// publications. Always empty for transmissions.
     pub steps: Vec<StepError>,
-    /// How all candidates did, round by round.
+    /// Validation of all candidates, round by round.
     pub candidates: Vec<CandidateGain>,
     /// Notes on the data that a reader should know.
     pub notes: Vec<String>,
@@ -110,13 +110,13 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
-/// What searches of simulated machines say that have all effects that were found but the last;
-/// where none was found, none.
+/// Parametric bootstrap: searches of simulated machines with all effects found but the last (or
+/// none).
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibration {
-    /// How many were searched: those that cannot be simulated along the records are not.
+    /// Number of replicates searched; those that cannot be simulated along the records are omitted.
     pub machines: usize,
-    /// In how many something was found that is not there, with a name or without.
+    /// Replicates in which something absent was found, listed or not.
     pub alarms: usize,
     /// Of each, the largest gain of a name that it should not have got, as in
     /// [`FoundEffect::gain_percent`]; 0 where there was none (%).
@@ -124,15 +124,15 @@ pub struct Calibration {
     /// The last effect that was found, which they do not have; `null` where none was found in the
     /// records.
     pub of: Option<Named>,
-    /// How many gave as much as that one.
+    /// Replicates with at least its gain.
     pub as_much: Option<usize>,
-    /// Probability of as much without it: those and the machine at hand, of all.
+    /// Bootstrap p-value: `(1 + as_much) / (1 + machines)`.
     pub probability: Option<f64>,
-    /// Whether that was too often, and the effect was taken back.
+    /// Whether the effect was not significant and was withdrawn.
     pub withdrawn: bool,
 }
 
-/// What is left, as a function of one variable.
+/// The residual as a function of one variable.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct UnlistedTable {
     /// For transmissions, where it acts. The other kinds do not tell: it is the first of the sites
@@ -144,7 +144,7 @@ pub struct UnlistedTable {
     /// Abscissa, value, standard deviation (`null` where the records do not reach); empty without a
     /// function.
     pub table: Vec<[f64; 3]>,
-    /// What no torque at a place can explain of all that is missing, place by place. Left out for
+    /// Share of the residual power that no torque at a place explains, place by place. Left out for
     /// what is left beside a named effect, where no movement is repeated or no slave measured, and
     /// for drives, oscillators and elements.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -161,16 +161,16 @@ impl UnlistedTable {
     }
 }
 
-/// What no torque at a place can explain.
+/// Unexplained share at one place.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unexplained {
     /// `master` (with the motor), `slave`, `line` or `torque cell`.
     pub place: String,
-    /// Share of the power of what is missing, 0 to 1.
+    /// Share of the residual power, 0 to 1.
     pub share: f64,
 }
 
-/// Something that shows on the selecting rows and gets no name.
+/// An effect that is visible on the selecting rows but not accepted.
 #[derive(Clone, Debug, Serialize)]
 pub struct Left {
     /// Id of the effect, or the variable of a generic function.
@@ -200,8 +200,7 @@ pub struct ChannelError {
     pub before: f64,
     /// With the effects.
     pub after: f64,
-    /// What no model can explain; `null` without repeated records, and for drives, oscillators and
-    /// elements.
+    /// Noise floor; `null` without repeated records, and for drives, oscillators and elements.
     pub floor: Option<f64>,
     /// Unit of the three.
     pub unit: String,
@@ -216,7 +215,7 @@ pub struct ChannelError {
 pub struct FittedParameter {
     /// Name, as in the rig file.
     pub name: String,
-    /// Declared value; `null` for what only the fit knows (the smoothing speed of the sign).
+    /// Declared value; `null` for parameters that are only estimated (smoothing of the sign).
     pub declared: Option<f64>,
     /// Fitted value.
     pub fitted: f64,
@@ -229,39 +228,47 @@ pub struct FittedParameter {
     pub identifiable: bool,
     /// Whether it stands at the edge of its tolerance.
     pub at_tolerance: bool,
-    /// What the records show of it.
-    pub sight: Sight,
-    /// What does the same, where one parameter by itself does.
+    /// Whether the records identify it.
+    #[serde(rename = "sight")]
+    pub identifiability: Identifiability,
+    /// The single parameter with the same effect, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trades_with: Option<String>,
 }
 
-/// What records show of a parameter.
+/// Whether the records identify a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Sight {
-    /// They say more about it than its declaration.
-    Seen,
-    /// It stands at the edge of its tolerance.
+pub enum Identifiability {
+    /// They identify it better than its declaration.
+    #[serde(rename = "seen")]
+    Identified,
+    /// It is at the bound of its tolerance.
     AtBound,
-    /// Others do the same; of transmissions only.
+    /// Others have the same effect on the records; transmissions only.
     TradeOff,
-    /// It changes too little.
-    Flat,
-    /// It changes nothing; of transmissions only.
-    Dead,
+    /// It has too little effect on the records.
+    #[serde(rename = "flat")]
+    Weak,
+    /// It has no effect on the records; transmissions only.
+    #[serde(rename = "dead")]
+    Absent,
 }
 
 impl FittedParameter {
-    /// That in words; nothing where it is seen.
+    /// That in words; empty if it is identified.
     pub fn remark(&self) -> String {
-        match (self.sight, &self.trades_with) {
-            (Sight::Seen, _) => String::new(),
-            (Sight::AtBound, _) => "at the bound of its tolerance".to_owned(),
-            (Sight::TradeOff, Some(other)) => format!("trades off with {other}"),
-            (Sight::TradeOff, None) => "trades off with several others".to_owned(),
-            (Sight::Flat, _) => "not identifiable: too little effect on these records".to_owned(),
-            (Sight::Dead, _) => "not identifiable: no effect on these records".to_owned(),
+        match (self.identifiability, &self.trades_with) {
+            (Identifiability::Identified, _) => String::new(),
+            (Identifiability::AtBound, _) => "at the bound of its tolerance".to_owned(),
+            (Identifiability::TradeOff, Some(other)) => format!("trades off with {other}"),
+            (Identifiability::TradeOff, None) => "trades off with several others".to_owned(),
+            (Identifiability::Weak, _) => {
+                "not identifiable: too little effect on these records".to_owned()
+            }
+            (Identifiability::Absent, _) => {
+                "not identifiable: no effect on these records".to_owned()
+            }
         }
     }
 }

@@ -12,9 +12,9 @@ use crate::Args;
 use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::outcome::{Outcome, Sight};
+use crate::outcome::{Identifiability, Outcome};
 use crate::page::{short, what_is_left};
-use crate::study::{How, Studied, read_mapped, study};
+use crate::study::{Identification, StudyOptions, read_mapped, study};
 use crate::write_rig::{Provenance, fitted};
 
 /// File name that stands for standard output.
@@ -52,7 +52,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             return Ok(if named || mapped { 2 } else { 1 });
         }
     };
-    let Studied { outcome, page, sentence, detail } = studied;
+    let Identification { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
     // What took so long is kept before anything is printed: whoever reads may close the pipe (`|
     // head`).
@@ -99,7 +99,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     failed.map_or(Ok(code), Err)
 }
 
-fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
+fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
     let rig = rig::load_rig(&args.rig)?;
     let records = records(args, &rig)?;
     // Long work shows that it lives; in a pipe nothing is drawn.
@@ -107,8 +107,8 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Studied)> {
         .with_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?)
         .with_message(format!("searching {} records for what the model lacks", records.len()));
     bar.enable_steady_tick(TICK);
-    let own = How::default();
-    let how = How {
+    let own = StudyOptions::default();
+    let how = StudyOptions {
         jobs: args.jobs.unwrap_or(own.jobs),
         seed: args.seed,
         propose: args.propose_experiment.is_some(),
@@ -269,8 +269,11 @@ fn outcome_text(outcome: &Outcome, sentence: &str, detail: &str) -> String {
     }
     for p in &outcome.parameters {
         let std = p.std.map_or("–".to_owned(), short);
-        let remark =
-            if p.sight == Sight::Seen { String::new() } else { format!(" ({})", p.remark()) };
+        let remark = if p.identifiability == Identifiability::Identified {
+            String::new()
+        } else {
+            format!(" ({})", p.remark())
+        };
         text += &format!("  {:32} {:>10} ± {std} {}{remark}\n", p.name, short(p.fitted), p.unit);
     }
     for (effect, p) in outcome.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)))

@@ -14,33 +14,33 @@ use crate::input::Series;
 use crate::models::{Options, RigCapability, of_kind};
 use crate::outcome::Outcome;
 
-/// What an identification says.
+/// Result of an identification with its page.
 #[derive(Debug)]
-pub struct Studied {
+pub struct Identification {
     /// The result.
     pub outcome: Outcome,
     /// Its page.
     pub page: Page,
     /// The verdict as a sentence.
     pub sentence: String,
-    /// How far it holds.
+    /// A sentence on its accuracy.
     pub detail: String,
 }
 
-/// How the work is done.
+/// Options of an identification.
 #[derive(Clone, Copy, Debug)]
-pub struct How {
+pub struct StudyOptions {
     /// Threads.
     pub jobs: usize,
     /// Seed of the split into blocks, and of simulated machines.
     pub seed: u64,
-    /// Whether the next experiment is to be found by simulating what the rig can play.
+    /// Whether the next experiment is designed by simulation.
     pub propose: bool,
-    /// Simulated machines that are searched to tell what is found from chance.
+    /// Replicates of the parametric bootstrap.
     pub calibrate: usize,
 }
 
-impl Default for How {
+impl Default for StudyOptions {
     /// On all processors, without a proposal or simulated machines.
     fn default() -> Self {
         let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -48,13 +48,13 @@ impl Default for How {
     }
 }
 
-/// Holds the model that a rig file declares against records.
+/// Identifies the model that a rig file declares from records.
 ///
-/// Effects that the file declares take no part: which there are is asked anew of these records.
+/// Effects that the file declares are ignored: they are selected from these records alone.
 ///
 /// # Errors
 /// Where the rig file has several axes or a model of no such kind, or the data cannot be used.
-pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
+pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
     let file = rig.file_name().to_owned();
     let [axis] = rig.axes.as_slice() else {
@@ -96,7 +96,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: How) -> Result<Studied> {
         ));
     }
     outcome.seconds = started.elapsed().as_secs_f64();
-    Ok(Studied { outcome, page, sentence, detail })
+    Ok(Identification { outcome, page, sentence, detail })
 }
 
 /// Refuses mappings to columns that the model does not have: they would leave out the intended one.
@@ -145,8 +145,8 @@ fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
     Ok(())
 }
 
-/// Records whose time begins with the first of them: what drifts begins when somebody starts to
-/// record, not when a clock did. `None` where it does already.
+/// Shifts the records' time to begin with the first of them, since drifts are relative to the start
+/// of recording. `None` if it begins at 0 already.
 fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
     let times = records.iter().filter_map(|record| record.column(record::TIME)?.first().copied());
     let first =
@@ -286,8 +286,9 @@ mod tests {
         for kind in ["emps", "silverbox", "element"] {
             let path = format!("{}/../../launch/rigs/{kind}.toml", env!("CARGO_MANIFEST_DIR"));
             let rig = RigFile::load(path).unwrap();
-            let error =
-                study(&rig, &[], How { calibrate: 19, ..How::default() }).unwrap_err().to_string();
+            let error = study(&rig, &[], StudyOptions { calibrate: 19, ..StudyOptions::default() })
+                .unwrap_err()
+                .to_string();
             assert!(
                 error.contains("--calibrate") && error.contains("leave --calibrate out"),
                 "{error}"

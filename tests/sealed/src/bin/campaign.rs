@@ -1,7 +1,8 @@
 //! Generates sealed cases, lets `farreach identify` judge them, and prints how it did.
 //!
 //! ```text
-//! $ campaign --farreach target/release/farreach --seed 1 --results campaign.jsonl --json campaign.json
+//! $ campaign --farreach target/release/farreach --seed 1 --results campaign.jsonl \
+//!       --json campaign.json
 //! $ campaign --results campaign.jsonl --only-print
 //! ```
 //!
@@ -143,7 +144,8 @@ fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<
     for path in [&args.farreach, &args.rig] {
         if !path.exists() {
             bail!(
-                "{}: not found; build with `cargo build --release` and start in the repository's root",
+                "{}: not found; build with `cargo build --release` and start in the repository's \
+                 root",
                 path.display()
             );
         }

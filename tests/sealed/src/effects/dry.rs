@@ -7,8 +7,20 @@ use crate::draw::Draw;
 macro_rules! both_sides {
     ($($id:literal $depends:ident $draw:path, $build:path;)+) => {
         &[$(
-            Entry { id: $id, site: Site::Master, depends_on: &[Variable::$depends], draw: $draw, build: $build },
-            Entry { id: $id, site: Site::Slave, depends_on: &[Variable::$depends], draw: $draw, build: $build },
+            Entry {
+                id: $id,
+                site: Site::Master,
+                depends_on: &[Variable::$depends],
+                draw: $draw,
+                build: $build,
+            },
+            Entry {
+                id: $id,
+                site: Site::Slave,
+                depends_on: &[Variable::$depends],
+                draw: $draw,
+                build: $build,
+            },
         )+]
     };
 }

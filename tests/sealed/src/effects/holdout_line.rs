@@ -142,8 +142,8 @@ impl Deviation for Bulge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::Machine;
-    use crate::model::{Input, Model, State};
+    use crate::machine_parameters::MachineParameters;
+    use crate::simulator::{Input, Simulator, State};
     use crate::smoothing::{Shape, Smoothing};
 
     fn link(force_n: f64) -> Link {
@@ -208,8 +208,13 @@ mod tests {
     fn a_bulging_wall_stores_what_it_is_given() {
         let make = || Bulge { ratio: 4.0, middle: 0.005, direction: -1.0 };
         let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
-        let model =
-            Model::new(Machine::declared(), smoothing, vec![Box::new(make())], 0.5e-3).unwrap();
+        let model = Simulator::new(
+            MachineParameters::declared(),
+            smoothing,
+            vec![Box::new(make())],
+            0.5e-3,
+        )
+        .unwrap();
         let half_line = 2.0 * model.machine().line_stiffness_n_per_m();
         let ratios = model.machine().displacement_m_per_rad();
         let energy = |state: &State| {

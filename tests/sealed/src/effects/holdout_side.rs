@@ -199,8 +199,8 @@ impl Deviation for Crank {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::Machine;
-    use crate::model::{Input, Model, State};
+    use crate::machine_parameters::MachineParameters;
+    use crate::simulator::{Input, Simulator, State};
     use crate::smoothing::{Shape, Smoothing};
 
     const SMOOTHING: Smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
@@ -208,7 +208,9 @@ mod tests {
     /// Energy of the model at every sample of a run that begins with both sides moving, with what
     /// an effect stores added.
     fn energies(deviation: Box<dyn Deviation>, stored: impl Fn(&State) -> f64) -> Vec<f64> {
-        let model = Model::new(Machine::declared(), SMOOTHING, vec![deviation], 0.5e-3).unwrap();
+        let model =
+            Simulator::new(MachineParameters::declared(), SMOOTHING, vec![deviation], 0.5e-3)
+                .unwrap();
         let mut state = State::default();
         (state.0[1], state.0[3]) = (8.0, -6.0);
         (0..2000)

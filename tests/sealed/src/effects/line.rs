@@ -3,7 +3,7 @@
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Link, View};
 use crate::draw::Draw;
-use crate::machine::Machine;
+use crate::machine_parameters::MachineParameters;
 
 /// Force at which `nonlinear_stiffness` has its reference deflection, N.
 const REFERENCE_N: f64 = 20.0;
@@ -123,7 +123,7 @@ struct Compliance {
 }
 
 impl Deviation for Compliance {
-    fn alter(&self, machine: &mut Machine) {
+    fn alter(&self, machine: &mut MachineParameters) {
         machine.line_stiffness_factor /= 1.0 + self.ratio;
     }
 }
@@ -204,7 +204,7 @@ impl Deviation for Leakage {
         4
     }
 
-    fn alter(&self, machine: &mut Machine) {
+    fn alter(&self, machine: &mut MachineParameters) {
         self.m_s_per_n.set(2.0 * self.conductance / machine.hose_area_m2.powi(2));
     }
 
@@ -264,7 +264,7 @@ impl Deviation for Stretch {
         4 * CELLS
     }
 
-    fn alter(&self, machine: &mut Machine) {
+    fn alter(&self, machine: &mut MachineParameters) {
         let impedance = (machine.line_stiffness_n_per_m() * machine.fluid_mass_kg()).sqrt();
         let time = self.delay_s / CELLS as f64;
         self.cell.set(Cell { mass_kg: impedance * time, stiffness_n_per_m: impedance / time });
@@ -307,7 +307,7 @@ struct Damping {
 }
 
 impl Deviation for Damping {
-    fn alter(&self, machine: &mut Machine) {
+    fn alter(&self, machine: &mut MachineParameters) {
         machine.port_damping_n_s_per_m += self.damping;
     }
 }

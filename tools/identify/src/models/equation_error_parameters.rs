@@ -2,7 +2,7 @@
 
 use crate::effects::Declared;
 use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
-use crate::outcome::{EffectParameter, FittedParameter, Sight};
+use crate::outcome::{EffectParameter, FittedParameter, Identifiability};
 
 /// Parameters of the effect at one place of a fitted structure.
 pub(super) fn effect_parameters(
@@ -76,7 +76,7 @@ pub(super) fn parameters(
                 unit: p.unit.to_owned(),
                 identifiable,
                 at_tolerance,
-                sight: sight(identifiable, at_tolerance),
+                identifiability: identifiability(identifiable, at_tolerance),
                 trades_with: None,
             }
         })
@@ -93,7 +93,7 @@ pub(super) fn parameters(
             unit: smoothing.unit.clone(),
             identifiable,
             at_tolerance: false,
-            sight: sight(identifiable, false),
+            identifiability: identifiability(identifiable, false),
             trades_with: None,
         });
     }
@@ -101,10 +101,10 @@ pub(super) fn parameters(
 }
 
 /// A force is a sum of few terms here: what is not seen is flat.
-const fn sight(identifiable: bool, at_tolerance: bool) -> Sight {
+const fn identifiability(identifiable: bool, at_tolerance: bool) -> Identifiability {
     match (at_tolerance, identifiable) {
-        (true, _) => Sight::AtBound,
-        (false, true) => Sight::Seen,
-        (false, false) => Sight::Flat,
+        (true, _) => Identifiability::AtBound,
+        (false, true) => Identifiability::Identified,
+        (false, false) => Identifiability::Weak,
     }
 }

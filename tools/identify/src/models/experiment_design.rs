@@ -263,7 +263,7 @@ mod tests {
     use super::*;
     use crate::equation_error::split::Role;
     use crate::models::simulated_experiment::plant;
-    use crate::outcome::Sight;
+    use crate::outcome::Identifiability;
     use crate::prediction_error::fit::Dataset;
     use crate::prediction_error::search::{SearchResult, SelectionStep};
     use crate::prediction_error::transmission_model::{PlacedEffect, Setting};
@@ -416,7 +416,7 @@ mod tests {
             unit: String::new(),
             identifiable: false,
             at_tolerance: false,
-            sight: Sight::Flat,
+            identifiability: Identifiability::Weak,
             trades_with: None,
         };
         let next =

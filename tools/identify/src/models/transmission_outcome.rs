@@ -12,8 +12,8 @@ use super::transmission_page;
 use super::transmission_study::Study;
 use crate::equation_error::split::Role;
 use crate::outcome::{
-    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Named,
-    NextExperiment, Outcome, Roles, Sight, UNKNOWN, Unexplained, UnlistedTable, Verdict,
+    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Identifiability,
+    Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable, Verdict,
 };
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
@@ -257,14 +257,15 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
             let identifiable = !at_edge
                 && deviation
                     .is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
-            let (sight, trades_with) = match seen {
-                _ if at_edge => (Sight::AtBound, None),
-                _ if identifiable => (Sight::Seen, None),
-                Sensitivity::Absent => (Sight::Dead, None),
-                Sensitivity::Collinear(like) => {
-                    (Sight::TradeOff, like.as_ref().and_then(|like| parameter_name(study, like)))
-                }
-                Sensitivity::Weak | Sensitivity::Distinct => (Sight::Flat, None),
+            let (identifiability, trades_with) = match seen {
+                _ if at_edge => (Identifiability::AtBound, None),
+                _ if identifiable => (Identifiability::Identified, None),
+                Sensitivity::Absent => (Identifiability::Absent, None),
+                Sensitivity::Collinear(like) => (
+                    Identifiability::TradeOff,
+                    like.as_ref().and_then(|like| parameter_name(study, like)),
+                ),
+                Sensitivity::Weak | Sensitivity::Distinct => (Identifiability::Weak, None),
             };
             FittedParameter {
                 name: parameter.name.clone(),
@@ -274,7 +275,7 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
                 unit: parameter.unit.to_owned(),
                 identifiable,
                 at_tolerance: at_edge,
-                sight,
+                identifiability,
                 trades_with,
             }
         })

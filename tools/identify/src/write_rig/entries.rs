@@ -206,7 +206,7 @@ fn is_same_unit(of_plant: &str, of_fit: &str) -> bool {
 mod tests {
     use super::*;
     use crate::effects::{ALL, Axis, Effect, Units};
-    use crate::outcome::Sight;
+    use crate::outcome::Identifiability;
 
     const DRIVE: &[&str] = &["master", "drive", "sensor"];
     const ELEMENT: &[&str] = &["line", "slave", "sensor"];
@@ -259,7 +259,7 @@ mod tests {
             unit: axis.units.stiffness.into(),
             identifiable: false,
             at_tolerance: false,
-            sight: Sight::Flat,
+            identifiability: Identifiability::Weak,
             trades_with: None,
         };
         let fit = Fit { parameters: &[stiffness], turn: axis.turn };

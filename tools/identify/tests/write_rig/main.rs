@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use identify::outcome::{
-    EffectParameter, FittedParameter, FoundEffect, Named, NextExperiment, Outcome, Roles, Sight,
-    UNKNOWN, UnlistedTable, Verdict,
+    EffectParameter, FittedParameter, FoundEffect, Identifiability, Named, NextExperiment, Outcome,
+    Roles, UNKNOWN, UnlistedTable, Verdict,
 };
 use identify::write_rig::{Provenance, WriteRigError, Written, fitted};
 use plant::ParameterSet as _;
@@ -32,7 +32,11 @@ fn parameter(name: &str, declared: Option<f64>, fitted: f64, std: Option<f64>) -
         unit: String::new(),
         identifiable: std.is_some(),
         at_tolerance: false,
-        sight: if std.is_some() { Sight::Seen } else { Sight::Flat },
+        identifiability: if std.is_some() {
+            Identifiability::Identified
+        } else {
+            Identifiability::Weak
+        },
         trades_with: None,
     }
 }

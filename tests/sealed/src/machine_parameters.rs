@@ -1,8 +1,6 @@
-//! The machine: the constants of § 3.2.1 as the rig file `hydrostatic.toml` declares them, and what
-//! follows from them.
-//!
-//! Equations are those of chapter 3; [`Machine`] holds the numbers of one machine, which is never
-//! exactly the declared one: each constant is off by a log-normal factor within its tolerance.
+//! Parameters of a simulated machine: those of § 3.2.1 as the rig file `hydrostatic.toml` declares
+//! them, and derived ones (equations of chapter 3). Each differs from its declared value by a
+//! log-normal factor within its tolerance.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +11,9 @@ macro_rules! machine {
         /// Constants of one machine; units in the names, signs and meaning as in the rig file.
         #[derive(Clone, Debug, PartialEq)]
         #[expect(missing_docs, reason = "the names are those of the rig file, which explains them")]
-        pub struct Machine { $(pub $name: f64,)+ }
+        pub struct MachineParameters { $(pub $name: f64,)+ }
 
-        impl Machine {
+        impl MachineParameters {
             /// As declared.
             pub fn declared() -> Self { Self { $($name: $value,)+ } }
 
@@ -44,7 +42,8 @@ macro_rules! machine {
 
         /// Name, declared value, tolerance as a fraction (0: not declared in the rig file, kept),
         /// unit.
-        pub const DECLARED: &[(&str, f64, f64, &str)] = &[$((stringify!($name), $value, $tolerance, $unit),)+];
+        pub const DECLARED: &[(&str, f64, f64, &str)] =
+            &[$((stringify!($name), $value, $tolerance, $unit),)+];
     };
 }
 
@@ -91,7 +90,7 @@ fn factor(draw: &mut Draw, tolerance: f64) -> f64 {
     (0.5 * reach * draw.normal()).exp().clamp(1.0 - reach, 1.0 + reach)
 }
 
-impl Machine {
+impl MachineParameters {
     /// Friction does not jump at the corner speed of a real slave: the falling slope leads to the
     /// kinetic value where its tolerance lets it.
     fn join_friction(&mut self) {
@@ -187,7 +186,7 @@ mod tests {
     #[test]
     fn stays_within_tolerance_and_moves() {
         for seed in 0..200 {
-            let machine = Machine::drawn(&mut Draw::new(seed)).named();
+            let machine = MachineParameters::drawn(&mut Draw::new(seed)).named();
             for (name, value, tolerance, _) in DECLARED {
                 let off = machine[*name] / value - 1.0;
                 assert!(off.abs() <= tolerance + 1e-12, "{name}: {off}");
@@ -215,7 +214,7 @@ mod tests {
 
     #[test]
     fn hose_loss_has_no_jump() {
-        let machine = Machine::declared();
+        let machine = MachineParameters::declared();
         let speed_of = |reynolds: f64| reynolds * machine.fluid_viscosity_pa_s / 847.0 / 0.009;
         for reynolds in [2000.0, 4000.0] {
             let below = machine.hose_loss_n_s_per_m(speed_of(reynolds * (1.0 - 1e-9)));
