@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -13,8 +13,8 @@ use crate::draw::{Draw, subseed};
 use crate::effects::{self, Effect, Entry, Kinds};
 use crate::machine_parameters::MachineParameters;
 use crate::plan::{Builder, CaseError, Plan, signals};
-use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record, SAMPLE_S, SAMPLES};
-use crate::reference::{Kind, hand, reference};
+use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record};
+use crate::reference::Kind;
 use crate::smoothing::Smoothing;
 
 /// The set that a case belongs to.

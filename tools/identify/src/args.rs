@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use recording::record::Mapping;
 
-/// Holds the declared model against measured records and names what it lacks.
+/// Identifies the declared model from measured records and reports the effect that it lacks.
 ///
 /// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a
 /// transmission: t_s, motor_v, master_rad, and slave_rad, slave_torque_nm where they were measured;
@@ -17,8 +17,8 @@ use recording::record::Mapping;
 /// that at which messages were written.
 ///
 /// A transmission needs three records or more, or one that moves for 9 s or more and is cut into
-/// stretches; whole records fit, select and report, unless --fit, --select and --report-on say
-/// otherwise. Of the other kinds one record does: blocks of it fit, select and report.
+/// segments; whole records fit, select and report, unless --fit, --select and --report-on say
+/// otherwise. For the other kinds one record suffices: blocks of it fit, select and report.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out \
@@ -37,7 +37,7 @@ pub struct Args {
     /// slave_torque_nm=/handle:wrench.torque.z
     #[arg(long, value_name = "COLUMN=SOURCE[*FACTOR]")]
     pub map: Vec<Mapping>,
-    /// Brings the rows to this rate by straight lines, for records that are not uniform in time
+    /// Interpolates the rows to this rate, for records that are not uniform in time
     #[arg(long, value_name = "HZ")]
     pub resample: Option<f64>,
     /// Writes a page with figures and tables into this folder (index.html)
@@ -49,28 +49,27 @@ pub struct Args {
     /// Writes the rig file with the fitted parameters and the effects found; FILE must not exist
     #[arg(long, value_name = "FILE")]
     pub write_rig: Option<PathBuf>,
-    /// Writes a protocol that the rig can play: it tells apart what the records cannot, or shows
-    /// parameters that they do not; FILE must not exist
+    /// Writes a protocol for the rig that distinguishes ambiguous effects, or identifies further
+    /// parameters; FILE must not exist
     #[arg(long, value_name = "FILE")]
     pub propose_experiment: Option<PathBuf>,
-    /// Searches N simulated machines that have all but the last effect found, or lack nothing; the
-    /// effect is taken back where chance may have given as much (p above 0.05; with fewer than 19
-    /// nothing less can be shown). Each takes as long as the search itself
+    /// Parametric bootstrap: searches N simulated machines without the last effect found, and
+    /// withdraws that effect if p > 0.05 (use 19 or more). Each takes as long as the search itself
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
-    /// Threads [default: one a processor]
+    /// Threads [default: one per processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
-    /// Seed of the split into blocks, and of simulated machines
+    /// Seed of the split into blocks and of simulated machines
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// A record that fits parameters (repeatable)
+    /// A record for fitting parameters (repeatable)
     #[arg(long, value_name = "RECORD")]
     pub fit: Vec<PathBuf>,
-    /// A record that chooses effects (repeatable)
+    /// A record for selecting effects (repeatable)
     #[arg(long, value_name = "RECORD")]
     pub select: Vec<PathBuf>,
-    /// A record on which errors are reported (repeatable)
+    /// A record for reporting errors (repeatable)
     #[arg(long, value_name = "RECORD")]
     pub report_on: Vec<PathBuf>,
 }

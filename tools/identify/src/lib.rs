@@ -1,10 +1,9 @@
-//! Holds the model against measured data and names what it lacks.
+//! Identifies a declared model from measured data and reports the effect that it lacks.
 //!
 //! Given a rig file (the declared model, its nominal values and tolerances) and measured records,
-//! identify fits the declared parameters within their tolerances, finds the residual, adds the
-//! listed effects that the records demand one by one, and reports the error before and after on
-//! rows that took no part in fitting or choosing. It says as readily that nothing is missing, or
-//! that something is missing that has no name here.
+//! identify fits the declared parameters within their tolerances, adds listed effects by stepwise
+//! selection, and reports the error before and after on rows that took no part in fitting or
+//! selection. It may also report that nothing is missing, or that an unlisted effect is.
 //!
 //! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of
 //! model behind [`models::Model`], [`effects`] one file for each effect of drives, elements and

@@ -1,4 +1,4 @@
-//! The thin edge: reads files, asks the model, writes files.
+//! Reads files, runs the identification, writes files.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         .filter_map(|(option, path)| Some((option, path.as_ref()?)))
         .find(|(_, path)| path.exists());
     if let Some((option, path)) = taken {
-        // Said before the work, not after it.
+        // Checked before the long computation.
         eprintln!(
             "error: {option}: {}: exists already and is not overwritten: name another file",
             path.display()
@@ -46,7 +46,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: {error:#}");
-            // A name that no rig file has is a slip of the command line, as it is for `up`.
+            // An unknown rig name is a usage error, as for `up`.
             let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
             let mapped = matches!(error.downcast_ref(), Some(IdentifyError::MappedColumn { .. }));
             return Ok(if named || mapped { 2 } else { 1 });
@@ -54,7 +54,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     let Identification { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    // What took so long is kept before anything is printed: whoever reads may close the pipe (`|
+    // The result is saved before anything is printed, since the reader may close the pipe (`|
     // head`).
     let json_file = args.json.as_deref().filter(|path| *path != Path::new(STDOUT));
     if let Some(path) = json_file {
@@ -62,7 +62,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             .with_context(|| format!("{}: cannot be written", path.display()))?;
         file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
-    // Each file by itself: where one cannot be written the others are.
+    // Files are independent: if one cannot be written the others are.
     let (mut failed, mut told) = (None, Vec::new());
     if let Some(folder) = &args.report {
         let path = folder.join("index.html");
@@ -102,7 +102,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
     let rig = rig::load_rig(&args.rig)?;
     let records = records(args, &rig)?;
-    // Long work shows that it lives; in a pipe nothing is drawn.
+    // A spinner shows progress; nothing is drawn in a pipe.
     let bar = ProgressBar::new_spinner()
         .with_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?)
         .with_message(format!("searching {} records for what the model lacks", records.len()));
@@ -204,13 +204,13 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
     }
-    // One file by two names is one file; what is not there is said when it is read.
+    // Two paths of one file count as one; missing files are reported when read.
     let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     for (i, (path, _)) in asked.iter().enumerate() {
         if asked[..i].iter().any(|(other, _)| real(other) == real(path)) {
             return Err(IdentifyError::Roles {
-                what: format!("{} plays two parts", path.display()),
-                advice: "a record that fits or selects must not report: give each record one part",
+                what: format!("{} has two roles", path.display()),
+                advice: "a record that fits or selects must not report: give each record one role",
             });
         }
     }
@@ -234,8 +234,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
         .collect()
 }
 
-/// Gives the records without a part the parts that nobody plays: fit first, then report, then
-/// select.
+/// Assigns the roles that are not taken to records without one.
 fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     let played = |role| asked.iter().any(|(_, r)| *r == Some(role));
     let missing: Vec<Role> =
@@ -250,7 +249,7 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     }
     let mut left = free;
     for slot in asked.iter_mut().filter(|(_, r)| r.is_none()) {
-        // The last ones take the rarer parts; the others fit.
+        // The last records take the missing roles; the others fit.
         let from_end = left;
         left -= 1;
         slot.1 = Some(missing.get(from_end - 1).copied().unwrap_or(Role::Fit));
@@ -303,7 +302,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_file_by_two_names_does_not_play_two_parts() {
+    fn one_file_by_two_paths_does_not_have_two_roles() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         let rows: String = (0..20).map(|row| format!("{row},{},{}\n", row % 3, row % 5)).collect();
@@ -329,8 +328,8 @@ mod tests {
         };
         let rig = RigFile::load(rig).unwrap();
         let text = records(&args, &rig).unwrap_err().to_string();
-        assert!(text.contains("plays two parts"), "{text}");
-        // Given twice without a part it is one record.
+        assert!(text.contains("has two roles"), "{text}");
+        // Given twice without a role it is one record.
         let args =
             Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
         assert_eq!(records(&args, &rig).unwrap().len(), 1);

@@ -1,15 +1,13 @@
-//! A rig file with what was found: the fitted parameters in place of the declared, and the effects
-//! beside them.
+//! Writes a rig file with the fitted parameters and the effects found.
 //!
 //! The text of the original is kept, comments and all; only values, tolerances and the list
-//! `[[model.effects]]` change. A tolerance becomes five standard deviations, no less than a third
-//! of what was declared and no more than that: a standard deviation is of one set of records, and
-//! values fitted to another set differ by more. Where the records do not show a parameter, or
-//! something is left that has no name, its tolerance stays as declared.
+//! `[[model.effects]]` change. A tolerance becomes five standard deviations, between a third and
+//! the whole of the declared one: a standard deviation describes one set of records, and fits to
+//! another set differ by more. The tolerance of a parameter that is not identifiable, or beside an
+//! unlisted effect, stays as declared.
 //!
 //! A parameter that an effect exceeds stays as declared, too, with the excess as the effect beside
-//! it: the sum is what was fitted, and identify, which leaves declared effects out, will ask anew
-//! whether the excess is there. With the sum as the parameter it never would.
+//! it: identify, which ignores declared effects, will then test for the excess again.
 
 mod entries;
 
@@ -20,8 +18,7 @@ use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
 use crate::prediction_error::transmission_model::{SMOOTHING, SMOOTHING_SHAPE};
 use entries::{Entries, entries};
 
-/// What the fit has of its own and the model takes: declared nowhere, and without them the plant
-/// would not be the fitted one.
+/// Parameters that are only estimated, which the plant needs to be the fitted one.
 const OWN: [(&str, &str); 2] = [
     (SMOOTHING, "smooths dry friction near zero speed"),
     (
@@ -38,14 +35,14 @@ const LEAST: f64 = 1.0 / 3.0;
 /// Tolerance where the file says none.
 const UNSAID: f64 = 0.25;
 
-/// What is to be written, and what is not.
+/// The text to be written, and what is left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The text of the rig file; `None` where nothing is to be written.
     pub text: Option<String>,
-    /// What it has: parameters, effects.
+    /// Summary: parameters, effects.
     pub told: String,
-    /// What is not in it, and why; empty where all is.
+    /// What is left out, and why.
     pub left_out: Vec<String>,
 }
 
@@ -83,7 +80,7 @@ pub enum WriteRigError {
     },
 }
 
-/// The text of the rig file `file` with what an identification found.
+/// Returns the text of the rig file `file` with the result of an identification.
 ///
 /// # Errors
 /// [`WriteRigError`]; the text that is returned can be read as a rig file.
@@ -179,7 +176,7 @@ fn with_provenance(text: &str, outcome: &Outcome, provenance: &Provenance) -> St
     header + &kept.collect::<String>()
 }
 
-/// What a parameter of the fit's own does, where the model takes it.
+/// Describes a parameter that is only estimated.
 fn own(name: &str) -> Option<&'static str> {
     OWN.iter().find(|(own, _)| *own == name).map(|(_, what)| *what)
 }
@@ -230,7 +227,7 @@ fn put_parameter(
     if let Item::Value(value) = item
         && (value.is_float() || value.is_integer())
     {
-        // A bare number has the tolerance of those of which nothing is said.
+        // A bare number has the default tolerance.
         let decor = value.decor().clone();
         let mut entry = InlineTable::new();
         entry.insert("value", value.clone());

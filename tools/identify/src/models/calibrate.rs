@@ -1,4 +1,4 @@
-//! An effect that was found, held against chance.
+//! Significance of the last effect by the parametric bootstrap.
 
 use super::transmission_study::Study;
 use crate::outcome::{Calibration, Named};
@@ -6,11 +6,11 @@ use crate::prediction_error::parametric_bootstrap::{
     BootstrapResult, ServoGains, parametric_bootstrap,
 };
 
-/// Probability beyond which chance may have given what was found.
+/// Level of significance.
 const BY_CHANCE: f64 = 0.05;
 
-/// Searches so many machines that lack the last effect found, and takes that effect back where they
-/// give as much too often. What cannot be simulated is noted.
+/// Runs the bootstrap with `machines` replicates without the last effect, and withdraws that effect
+/// if it is not significant.
 pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, seed: u64) {
     let bootstrap =
         parametric_bootstrap(&study.model, &study.found, servo, machines, seed).unwrap_or_default();
@@ -55,13 +55,13 @@ pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, s
     study.calibration = Some(calibration);
 }
 
-/// Few machines cannot show a small probability: an effect goes only where one of them gave as
-/// much.
+/// Few replicates cannot show a small p-value: an effect is withdrawn only if one of them exceeds
+/// its gain.
 fn too_often(bootstrap: &BootstrapResult, gain: f64) -> bool {
     bootstrap.as_much(gain) > 0 && bootstrap.probability(gain) > BY_CHANCE
 }
 
-/// What it says, as a sentence.
+/// The result as a sentence.
 pub(super) fn sentence(calibration: &Calibration) -> String {
     let Calibration { machines, alarms, .. } = calibration;
     match (&calibration.of, calibration.as_much, calibration.probability) {

@@ -1,5 +1,4 @@
-//! From what the search found to the verdict, its numbers and its page, for models that are read
-//! inversely.
+//! Outcome of an equation-error model: verdict, numbers and page.
 
 use report::Page;
 
@@ -97,8 +96,7 @@ pub(super) fn named(sited: &SitedEffect) -> Named {
     Named { id: sited.effect.id().into(), site: sited.site.into() }
 }
 
-/// The table of what has no name. The site is where most of the listed effects of this kind of
-/// model sit.
+/// The table of an unlisted effect. Its site is that of most listed effects of this kind of model.
 pub(super) fn unlisted(
     regression: &RegressionModel,
     found: &SearchResult,
@@ -196,7 +194,7 @@ fn steps(study: &Study) -> Vec<StepError> {
     out
 }
 
-/// How all candidates did, round by round.
+/// Validation of all candidates, round by round.
 pub(super) fn candidates(found: &SearchResult) -> Vec<CandidateGain> {
     let row = |round: usize, generic: bool, c: &Validation| CandidateGain {
         round,

@@ -1,4 +1,4 @@
-//! Parameters of a model that is read inversely, and of its effects.
+//! Parameters of an equation-error model and of its effects.
 
 use crate::effects::Declared;
 use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
@@ -18,7 +18,7 @@ pub(super) fn effect_parameters(
     let mut parameters = Vec::new();
     for term in inverse.terms(&regression.axis) {
         let (value, std) = match inverse.lifts().filter(|_| regression.frees(inverse)) {
-            // Its amplitude is what the declared parameter has beyond its declared value.
+            // Its amplitude is the excess of the declared parameter over its declared value.
             Some(which) => lifted(regression, fitted, which),
             None => {
                 amplitude += 1;
@@ -46,7 +46,7 @@ pub(super) fn effect_parameters(
     parameters
 }
 
-/// What a declared parameter has beyond its declared value, and the standard deviation of that.
+/// Returns the excess of a declared parameter over its declared value, with its standard deviation.
 fn lifted(regression: &RegressionModel, fitted: &Fitted, which: Declared) -> (f64, f64) {
     let at = regression.parameters.iter().position(|p| p.column == Column::of(which));
     at.map_or((0.0, 0.0), |i| {
@@ -100,7 +100,7 @@ pub(super) fn parameters(
     out
 }
 
-/// A force is a sum of few terms here: what is not seen is flat.
+/// Identifiability of one of few additive terms.
 const fn identifiability(identifiable: bool, at_tolerance: bool) -> Identifiability {
     match (at_tolerance, identifiable) {
         (true, _) => Identifiability::AtBound,

@@ -1,5 +1,4 @@
-//! What a search found among the records of a model that is read inversely, and the error that it
-//! leaves.
+//! Search result of an equation-error model, and its error.
 
 use nalgebra::DVector;
 
@@ -7,7 +6,7 @@ use crate::equation_error::model::{Fitted, RegressionModel};
 use crate::equation_error::search::SearchResult;
 use crate::equation_error::split::Block;
 
-/// Records of a machine, prepared, and what they turned out to say.
+/// A model, its prepared records and the search result.
 pub(super) struct Study {
     /// Declared model and prepared records.
     pub(super) regression: RegressionModel,
@@ -17,7 +16,7 @@ pub(super) struct Study {
     pub(super) found: SearchResult,
     /// Column of the force.
     pub(super) channel: &'static str,
-    /// What a reader should know of the data.
+    /// Notes on the data.
     pub(super) notes: Vec<String>,
 }
 

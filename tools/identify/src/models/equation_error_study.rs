@@ -1,5 +1,4 @@
-//! What models that are read inversely share: checks of their columns, the split, the study as a
-//! whole.
+//! Shared by equation-error models: checks of the columns, split, search.
 
 use report::Page;
 use rig::{Model as Declared, Parameter as DeclaredParameter};
@@ -26,8 +25,7 @@ const BLOCKS: f64 = 40.0;
 const FEWEST_BLOCKS: usize = 12;
 /// Fewest blocks that select.
 const FEWEST_SELECTING: usize = 3;
-/// A parameter that differs from the declared one by this factor is a wrong unit, not a wrong
-/// guess.
+/// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
 
 /// Splits, searches and concludes.
@@ -42,7 +40,7 @@ pub(super) fn study(
     Ok(conclude(&Study { regression, blocks, found, channel, notes }))
 }
 
-/// The error for columns that cannot be told apart.
+/// The error for collinear columns.
 pub(super) fn singular(regression: &RegressionModel, records: &[Series]) -> IdentifyError {
     IdentifyError::Singular {
         file: records.iter().map(|r| r.file.as_str()).collect::<Vec<_>>().join(", "),
@@ -241,7 +239,7 @@ pub(super) fn check_scale(
     Ok(())
 }
 
-/// Who does what: whole records where there are enough, else blocks of the record.
+/// Assigns roles: whole records if there are enough, else blocks of the record.
 pub(super) fn blocks(
     regression: &RegressionModel,
     records: &[Series],

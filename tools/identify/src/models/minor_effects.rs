@@ -1,4 +1,4 @@
-//! What is left after the last effect and is too small for a name, with its size.
+//! Effects that are visible after the last one but not accepted, with their sizes.
 
 use super::equation_error_parameters::effect_parameters;
 use super::equation_error_result::Study;
@@ -8,18 +8,18 @@ use crate::equation_error::split::Role;
 use crate::equation_error::validation::Validation;
 use crate::outcome::Left;
 
-/// What makes the error smaller by less than this (%) is not worth a line.
+/// Least gain that is reported (%).
 const LEAST_PERCENT: f64 = 1.0;
 
-/// What has a smaller block t is chance as likely as not.
+/// Least block t that is reported.
 const LEAST_T: f64 = 1.0;
 
-/// Whether a candidate shows.
+/// Whether a candidate is visible.
 pub(super) fn shows(c: &Validation) -> bool {
     c.gain_percent >= LEAST_PERCENT && c.t >= LEAST_T && c.better > c.worse
 }
 
-/// A sentence on a shift in time that gets no name.
+/// A note on a time shift that sampling explains.
 pub(super) fn shift_note(regression: &RegressionModel, what: &Validation, shift: f64) -> String {
     let sampling = regression.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
     format!(
@@ -30,8 +30,8 @@ pub(super) fn shift_note(regression: &RegressionModel, what: &Validation, shift:
     )
 }
 
-/// Listed effects and generic functions that show on the selecting rows, largest gain first. They
-/// are tried one by one: two lines may be two views of the same thing.
+/// Returns listed effects and nonparametric functions that are visible on the selecting rows,
+/// largest gain first. Each is fitted alone beside the model: two may describe the same effect.
 pub(super) fn left(study: &Study) -> Vec<Left> {
     let (regression, found) = (&study.regression, &study.found);
     let select = of(&study.blocks, Role::Select);

@@ -1,16 +1,16 @@
-//! What to measure next, from what is open.
+//! The next experiment, by the open question.
 
 use crate::equation_error::search::SitedEffect;
 use crate::equation_error::spline::Variable;
 use crate::outcome::NextExperiment;
 
-/// What is open after a search.
+/// The open question after a search.
 pub(super) struct OpenQuestion {
-    /// An effect that was added and one that the records cannot tell from it.
+    /// An effect that was added and one that the records cannot distinguish from it.
     pub(super) contested: Option<(SitedEffect, SitedEffect)>,
-    /// What a residual without a name depends on.
+    /// The variable of an unlisted residual.
     pub(super) unlisted: Option<Variable>,
-    /// A declared parameter of which the records say no more than its declaration.
+    /// A declared parameter that the records do not identify.
     pub(super) unsure: Option<String>,
     /// The last effect that was added.
     pub(super) last: Option<SitedEffect>,
@@ -21,7 +21,7 @@ pub(super) struct OpenQuestion {
 }
 
 impl OpenQuestion {
-    /// The experiment that would settle it.
+    /// Returns the experiment that would settle it.
     pub(super) fn next_experiment(&self) -> NextExperiment {
         let make =
             |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };

@@ -1,4 +1,4 @@
-//! From what the search of an oscillator found to the verdict, its numbers and its page.
+//! Outcome of an oscillator: verdict, numbers and page.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use crate::outcome::{
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::page;
 
-/// Records of an oscillator, and what they turned out to say.
+/// An oscillator's model, records and search result.
 pub(super) struct Study<'a> {
     /// Declared model and records as they were screened.
     pub(super) regression: &'a RegressionModel,
@@ -239,7 +239,7 @@ impl Study<'_> {
         out
     }
 
-    /// What shows in the last round and is too small for a name. Sizes are what it changes in the
+    /// Effects that are visible in the last round but not accepted. Sizes are rms changes of the
     /// output.
     fn left(&self) -> Vec<Left> {
         let select = of(self.blocks, Role::Select);

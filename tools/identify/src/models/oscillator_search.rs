@@ -1,4 +1,5 @@
-//! The search of an oscillator: screened by the balance of the input, decided by simulation.
+//! Stepwise selection of an oscillator's effects: screened by the equation error of the input,
+//! decided by the output error.
 
 use rayon::prelude::*;
 
@@ -15,7 +16,7 @@ use crate::equation_error::validation::{LEAST_T, Validation, validate};
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::output_error::simulation::can_simulate;
 
-/// So many of the screened candidates are simulated.
+/// Screened candidates that are simulated.
 const SIMULATED: usize = 4;
 
 /// A candidate that was simulated.
@@ -118,7 +119,7 @@ impl Search<'_> {
         ranked
     }
 
-    /// Those that did about as well as the winner and have nothing to add to it; at most two.
+    /// Returns at most two equally good candidates that add nothing to the winner.
     fn rivals(&self, winner: &SimulatedCandidate, near: Vec<SitedEffect>) -> Vec<SitedEffect> {
         if near.is_empty() {
             return near;
@@ -193,7 +194,7 @@ impl Search<'_> {
     }
 }
 
-/// What is in the model starts where its simulation is, what is new where the screening found it.
+/// Starts known parameters at the simulated model's values, new ones at the screening's.
 fn from_here(screened: &Fitted, now: &Simulated) -> Fitted {
     let mut start = screened.clone();
     let known = &now.fitted;
@@ -231,7 +232,7 @@ pub(super) fn search(
             .into_iter()
             .filter(|c| regression.frees(c.inverse) || can_simulate(c.inverse))
             .collect();
-        // What the screening leaves coarse the simulation refines.
+        // The simulation refines what the screening leaves coarse.
         let how = ShapeSearch::GridOnly;
         let round = SelectionRound {
             regression,

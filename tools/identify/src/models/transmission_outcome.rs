@@ -1,4 +1,4 @@
-//! From what a search found to the verdict, its numbers and its page.
+//! Outcome of a transmission: verdict, numbers and page.
 
 use std::collections::BTreeMap;
 
@@ -25,8 +25,8 @@ use crate::prediction_error::search::SearchResult;
 use crate::prediction_error::transmission_model::Channel;
 use crate::prediction_error::validation::{BLOCK, Validation, errors};
 
-/// The verdict, and the page that shows it; `None` where the last model cannot be simulated any
-/// more. With a `stage`, the next experiment is found by simulating what the rig can play.
+/// Returns the outcome and its page; `None` if the last model cannot be simulated. With a
+/// `capability`, the next experiment is designed by simulation.
 pub(super) fn conclude(
     study: &Study,
     capability: Option<&RigCapability>,
@@ -80,7 +80,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     })
 }
 
-/// What has no name; `known` are deviations of the model that all is said of.
+/// The unlisted effect; `known` are the standard deviations of the final model.
 fn unlisted(
     found: &SearchResult,
     fit: &Dataset<'_>,
@@ -102,8 +102,8 @@ fn unlisted(
     Some(UnlistedTable { unexplained, ..told })
 }
 
-/// The table of a function; `known` are deviations of its own model, where that is the one that all
-/// is said of.
+/// The table of a nonparametric function; `known` are the standard deviations of its model, if that
+/// is the final one.
 fn table(
     unlisted_function: &UnlistedFunction,
     fit: &Dataset<'_>,
@@ -204,7 +204,7 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
             match channel {
                 Channel::Master => Some(record.averaged(&record.master)),
                 Channel::Slave => record.slave.as_ref().map(|slave| record.averaged(slave)),
-                // The cell is read where nobody holds the handle: elsewhere it drives the model.
+                // The torque is a residual channel only without a hand; otherwise it is an input.
                 Channel::Torque => record
                     .torque
                     .as_ref()
@@ -282,7 +282,7 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
         .collect()
 }
 
-/// A knob by a name that a reader knows.
+/// The name of a free parameter for readers.
 fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
     let of_effect = |placed: usize, name: &str| {
         let step = study.found.steps.get(placed)?;

@@ -1,5 +1,4 @@
-//! The page of a transmission: measured against model, what the residual depends on, all
-//! candidates, parameters.
+//! The page of a transmission: measurement against model, residual plots, candidates, parameters.
 
 use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
@@ -27,7 +26,7 @@ fn place_unlisted(site: &str) -> String {
     if site == Site::Line.name() { "between master and slave".to_owned() } else { place(site) }
 }
 
-/// The verdict as a sentence, and one that says how far it holds.
+/// Returns the verdict as a sentence, and one on its accuracy.
 pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     let names: Vec<String> = outcome
         .effects
@@ -157,7 +156,7 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
             |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
         let value = column(1);
         let most = value.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        // Where the records do not reach, the band goes as far as the figure does.
+        // Without data the band extends over the whole figure.
         let half = |std: f64| if std.is_finite() { std.min(most) } else { most };
         let bound = |sign: f64| {
             unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>()

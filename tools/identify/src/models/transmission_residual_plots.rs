@@ -1,5 +1,5 @@
-//! What a transmission's residual depends on: position, velocity, torque, time since the last
-//! reversal, time, frequency.
+//! Plots of a transmission's residual over position, velocity, torque, time since the last
+//! reversal, time and frequency.
 
 use report::{Figure, Page, Sheet};
 
@@ -10,7 +10,7 @@ use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::residual_figures::{banded, drawn};
 use crate::spectral::periodogram;
 
-/// A side that is slower stands still, and turns when it next moves the other way (rad/s).
+/// Slower motion counts as rest; a reversal is the next motion in the other direction (rad/s).
 const STILL_RAD_S: f64 = 0.1;
 /// Longest time since a reversal that is drawn (s).
 const LONGEST_S: f64 = 1.0;

@@ -1,18 +1,17 @@
-//! What is known of a transmission once it has been searched: what its verdict, page and next
-//! experiment are made of.
+//! A transmission with its search result, from which verdict, page and next experiment follow.
 
 use crate::outcome::Calibration;
 use crate::prediction_error::search::SearchResult;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
-/// A transmission's records, and what they turned out to say.
+/// A transmission's model, records and search result.
 pub(super) struct Study {
     /// Declared model and records.
     pub(super) model: TransmissionModel,
     /// What the search found.
     pub(super) found: SearchResult,
-    /// What a reader should know of the data.
+    /// Notes on the data.
     pub(super) notes: Vec<String>,
-    /// What chance gives, where that was asked for.
+    /// Result of the parametric bootstrap, if requested.
     pub(super) calibration: Option<Calibration>,
 }
