@@ -104,141 +104,93 @@ pub fn table(scores: &[Score]) -> Table {
     let all = |set: Set| scores.iter().filter(|score| score.set == set).collect::<Vec<_>>();
     let seen =
         |set: Set| all(set).into_iter().filter(|score| score.detectable).collect::<Vec<&Score>>();
-    let mut share = |set: Set, what: &str, bar: &'static str, share: Share| {
-        let (what, found) = (what.to_owned(), share.to_string());
-        rows.push(Row { set: set.name(), what, bar, found, share: Some(share), value: None });
-    };
     for set in Set::ALL {
         let cases = all(set);
         if cases.is_empty() {
             continue;
         }
-        share(set, "a verdict at all", "", Share::of(&cases, |score| score.end == End::Done));
+        let mut shares =
+            vec![("a verdict at all", "", Share::of(&cases, |score| score.end == End::Done))];
         if set != Set::Clean {
-            share(
-                set,
-                "detectable (all rows below are of these)",
-                "",
-                Share::of(&cases, |score| score.detectable),
-            );
+            let share = Share::of(&cases, |score| score.detectable);
+            shares.push(("detectable (all rows below are of these)", "", share));
         }
         let seen = seen(set);
-        // What must not happen is counted over the cases that had an answer: silence is no merit.
-        let told: Vec<&Score> =
+        // Errors are counted over the cases with an answer: silence is no merit.
+        let answered: Vec<&Score> =
             seen.iter().copied().filter(|score| score.end == End::Done).collect();
-        match set {
-            Set::Listed => {
-                let naming =
-                    |naming: Naming| Share::of(&seen, |score| score.naming == Some(naming));
-                let wrong = |naming: Naming| Share::of(&told, |score| score.naming == Some(naming));
-                share(set, "right name first (id and site)", ">= 95 %", naming(Naming::Right));
-                share(
-                    set,
-                    "ambiguous, the truth among at most two",
-                    "counted apart",
-                    naming(Naming::Ambiguous),
-                );
-                share(
-                    set,
-                    "right or ambiguous with the truth",
-                    "",
-                    Share::of(&seen, |score| {
-                        matches!(score.naming, Some(Naming::Right | Naming::Ambiguous))
-                    }),
-                );
-                share(set, "wrong name first (of those answered)", "<= 2 %", wrong(Naming::Wrong));
-                share(
-                    set,
-                    "right id at another site (likewise)",
-                    "(in the 2 %)",
-                    wrong(Naming::WrongSite),
-                );
-                share(set, "said to have no name", "", naming(Naming::Unlisted));
-                share(set, "missed", "", naming(Naming::Missed));
-                share(set, "no answer", "", naming(Naming::NoAnswer));
-                share(
-                    set,
-                    "named more than the one effect",
-                    "",
-                    Share::of(&seen, |score| score.named.len() > 1),
-                );
-            }
-            Set::Clean => {
-                let (plain, foreign): (Vec<&Score>, Vec<&Score>) =
-                    told.iter().partition(|score| score.index % 2 == 0);
-                share(
-                    set,
-                    "false alarms (of those answered)",
-                    "0",
-                    Share::of(&told, |score| score.alarm),
-                );
-                share(
-                    set,
-                    "... with the model's own smoothing",
-                    "0",
-                    Share::of(&plain, |score| score.alarm),
-                );
-                share(
-                    set,
-                    "... with a smoothing it does not have",
-                    "0",
-                    Share::of(&foreign, |score| score.alarm),
-                );
-                share(
-                    set,
-                    "... that named an effect",
-                    "0",
-                    Share::of(&told, |score| !score.named.is_empty()),
-                );
-            }
-            Set::Unlisted => {
-                share(set, "flagged", ">= 95 %", Share::of(&seen, |score| score.flagged));
-                share(
-                    set,
-                    "a listed name (of those answered)",
-                    "<= 5 %",
-                    Share::of(&told, |score| !score.named.is_empty()),
-                );
-                share(
-                    set,
-                    "... and not flagged",
-                    "",
-                    Share::of(&told, |score| !score.named.is_empty() && !score.flagged),
-                );
-                share(
-                    set,
-                    "right site",
-                    ">= 85 %",
-                    Share::of(&seen, |score| score.site_right == Some(true)),
-                );
-                share(
-                    set,
-                    "right variable",
-                    ">= 60 %",
-                    Share::of(&seen, |score| score.variable_right == Some(true)),
-                );
-            }
-            Set::Pairs => {
-                share(
-                    set,
-                    "both named",
-                    ">= 80 %",
-                    Share::of(&seen, |score| score.both == Some(true)),
-                );
-                share(
-                    set,
-                    "a false third (of those answered)",
-                    "<= 5 %",
-                    Share::of(&told, |score| score.false_third == Some(true)),
-                );
-            }
-        }
+        shares.extend(match set {
+            Set::Listed => listed_shares(&seen, &answered),
+            Set::Clean => clean_shares(&answered),
+            Set::Unlisted => unlisted_shares(&seen, &answered),
+            Set::Pairs => pair_shares(&seen, &answered),
+        });
+        rows.extend(shares.into_iter().map(|(what, bar, share)| {
+            let (what, found) = (what.to_owned(), share.to_string());
+            Row { set: set.name(), what, bar, found, share: Some(share), value: None }
+        }));
     }
-    numbers(&mut rows, &seen);
+    accuracy(&mut rows, &seen);
+    sizes_and_times(&mut rows, &seen);
     Table { rows, by_effect: by_effect(scores) }
 }
 
-fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
+/// A row's text, its bar, and the share found.
+type ShareRow = (&'static str, &'static str, Share);
+
+fn listed_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
+    let naming = |naming: Naming| Share::of(seen, |score| score.naming == Some(naming));
+    let wrong = |naming: Naming| Share::of(answered, |score| score.naming == Some(naming));
+    let right =
+        Share::of(seen, |score| matches!(score.naming, Some(Naming::Right | Naming::Ambiguous)));
+    vec![
+        ("right name first (id and site)", ">= 95 %", naming(Naming::Right)),
+        ("ambiguous, the truth among at most two", "counted apart", naming(Naming::Ambiguous)),
+        ("right or ambiguous with the truth", "", right),
+        ("wrong name first (of those answered)", "<= 2 %", wrong(Naming::Wrong)),
+        ("right id at another site (likewise)", "(in the 2 %)", wrong(Naming::WrongSite)),
+        ("said to have no name", "", naming(Naming::Unlisted)),
+        ("missed", "", naming(Naming::Missed)),
+        ("no answer", "", naming(Naming::NoAnswer)),
+        ("named more than the one effect", "", Share::of(seen, |score| score.named.len() > 1)),
+    ]
+}
+
+fn clean_shares(answered: &[&Score]) -> Vec<ShareRow> {
+    let (plain, foreign): (Vec<&Score>, Vec<&Score>) =
+        answered.iter().partition(|score| score.index % 2 == 0);
+    let alarms = |cases: &[&Score]| Share::of(cases, |score| score.alarm);
+    vec![
+        ("false alarms (of those answered)", "0", alarms(answered)),
+        ("... with the model's own smoothing", "0", alarms(&plain)),
+        ("... with a smoothing it does not have", "0", alarms(&foreign)),
+        ("... that named an effect", "0", Share::of(answered, |score| !score.named.is_empty())),
+    ]
+}
+
+fn unlisted_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
+    let named = |score: &Score| !score.named.is_empty();
+    let unflagged = Share::of(answered, |score| named(score) && !score.flagged);
+    let site = Share::of(seen, |score| score.site_right == Some(true));
+    let variable = Share::of(seen, |score| score.variable_right == Some(true));
+    vec![
+        ("flagged", ">= 95 %", Share::of(seen, |score| score.flagged)),
+        ("a listed name (of those answered)", "<= 5 %", Share::of(answered, named)),
+        ("... and not flagged", "", unflagged),
+        ("right site", ">= 85 %", site),
+        ("right variable", ">= 60 %", variable),
+    ]
+}
+
+fn pair_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
+    let third = Share::of(answered, |score| score.false_third == Some(true));
+    vec![
+        ("both named", ">= 80 %", Share::of(seen, |score| score.both == Some(true))),
+        ("a false third (of those answered)", "<= 5 %", third),
+    ]
+}
+
+fn accuracy<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
     let mut number = |set: &'static str,
                       what: &str,
                       bar: &'static str,
@@ -248,9 +200,7 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
         rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
     };
     let listed = seen(Set::Listed);
-    let pairs = seen(Set::Pairs);
     let plain = |value: f64| format!("{value:.3}");
-    let percent = |value: f64| format!("{:.2} %", 100.0 * value);
     let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| {
         value.map_or_else(|| "none".to_owned(), text)
     };
@@ -293,6 +243,22 @@ fn numbers<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
             None,
         );
     }
+}
+
+fn sizes_and_times<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
+    let mut number = |set: &'static str,
+                      what: &str,
+                      bar: &'static str,
+                      value: Option<f64>,
+                      found: String,
+                      share: Option<Share>| {
+        rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
+    };
+    let (listed, pairs) = (seen(Set::Listed), seen(Set::Pairs));
+    let percent = |value: f64| format!("{:.2} %", 100.0 * value);
+    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| {
+        value.map_or_else(|| "none".to_owned(), text)
+    };
     let first = |errors: &[f64]| errors.first().copied().filter(|error| error.is_finite());
     // One effect a case: the size of another name is no size of this one.
     let sizes: Vec<Option<f64>> = listed.iter().map(|score| first(&score.size_errors)).collect();
