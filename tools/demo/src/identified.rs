@@ -29,7 +29,8 @@ pub enum Identified {
 impl Identified {
     /// Of a recording of this rig, on all processors: nothing else runs any more.
     pub fn of(recording: &Path, rig: &RigFile) -> Self {
-        match read(recording, rig).and_then(|series| study(rig, &[series], StudyOptions::default())) {
+        match read(recording, rig).and_then(|series| study(rig, &[series], StudyOptions::default()))
+        {
             Ok(Identification { outcome, sentence, detail, .. }) => {
                 Self::Said { outcome: Box::new(outcome), sentence, detail }
             }
