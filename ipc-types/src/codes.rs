@@ -12,6 +12,13 @@ macro_rules! codes {
             /// All values, in order.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
+            /// All values with their names and words, for schemas and screens.
+            pub const CODES: &'static [crate::Code] = &[$(crate::Code {
+                value: $value,
+                name: stringify!($variant),
+                text: $text,
+            }),+];
+
             /// The code in a message.
             pub const fn code(self) -> u8 { self as u8 }
 

@@ -86,6 +86,19 @@ pub struct Field {
     pub offset: usize,
     /// The field's documentation, unit included.
     pub doc: &'static str,
+    /// What the values of a coded field mean; empty for a number.
+    pub codes: &'static [Code],
+}
+
+/// One value of a coded field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Code {
+    /// The value in the message.
+    pub value: u8,
+    /// Name of the variant in the code, `ProcessStarted`.
+    pub name: &'static str,
+    /// In words, "process started".
+    pub text: &'static str,
 }
 
 impl Field {
@@ -95,6 +108,31 @@ impl Field {
             Some(n) => n,
             None => 1,
         }
+    }
+
+    /// What a value of this field means, in words: "process started" for 0 in an event's `kind`.
+    /// `None` where the field is a number, or the code is not known to this build.
+    pub fn meaning(&self, value: Value) -> Option<&'static str> {
+        let Value::Unsigned(value) = value else { return None };
+        self.codes.iter().find(|code| u64::from(code.value) == value).map(|code| code.text)
+    }
+
+    /// The codes as `ros2msg` constants, one a line: `uint8 KIND_PROCESS_STARTED=0`.
+    fn constants(&self) -> String {
+        let ros = self.primitive.ros();
+        let prefix = self.name.to_uppercase();
+        let mut lines = String::new();
+        for code in self.codes {
+            let mut name = String::new();
+            for letter in code.name.chars() {
+                if letter.is_uppercase() {
+                    name.push('_');
+                }
+                name.extend(letter.to_uppercase());
+            }
+            lines.push_str(&format!("{ros} {prefix}{name}={}\n", code.value));
+        }
+        lines
     }
 
     /// Element `index` out of the bytes of a message; `None` where the bytes are too short.
@@ -185,6 +223,7 @@ pub unsafe trait Message:
         for field in Self::FIELDS {
             let doc: Vec<&str> = field.doc.split_whitespace().collect();
             text.push_str(&format!("# {}\n", doc.join(" ")));
+            text.push_str(&field.constants());
             text.push_str(field.primitive.ros());
             if let Some(n) = field.array {
                 text.push_str(&format!("[{n}]"));
@@ -197,13 +236,35 @@ pub unsafe trait Message:
     }
 }
 
-/// Defines a message: the struct, its field table, its schema, and compile-time proof that
-/// it has no padding anywhere (each field begins where the one before ends).
+/// Defines a message: the struct, its field table, its schema, and compile-time proof that it has no
+/// padding anywhere (each field begins where the one before ends). The identity fields come first
+/// and are put in here. `name: u8 = Code` says which of `codes.rs` a field holds.
 macro_rules! message {
     (
         $(#[doc = $doc:literal])+
         $name:ident, $type_name:literal, $ros_name:literal {
-            $($(#[doc = $field_doc:literal])+ $field:ident : $type:ty,)+
+            $($(#[doc = $field_doc:literal])+ $field:ident : $type:ty $(= $code:ident)?,)+
+        }
+    ) => {
+        $crate::message::message! {
+            @all $(#[doc = $doc])+
+            $name, $type_name, $ros_name {
+                /// session of the rig
+                session: u64,
+                /// incarnation of the sender
+                incarnation: u64,
+                /// sequence number, per incarnation
+                sequence: u64,
+                /// time of publishing [ns, CLOCK_MONOTONIC]
+                time_ns: u64,
+                $($(#[doc = $field_doc])+ $field: $type $(= $code)?,)+
+            }
+        }
+    };
+    (
+        @all $(#[doc = $doc:literal])+
+        $name:ident, $type_name:literal, $ros_name:literal {
+            $($(#[doc = $field_doc:literal])+ $field:ident : $type:ty $(= $code:ident)?,)+
         }
     ) => {
         $(#[doc = $doc])+
@@ -226,6 +287,7 @@ macro_rules! message {
                 array: <$type as $crate::message::Element>::ARRAY,
                 offset: std::mem::offset_of!($name, $field),
                 doc: concat!($($field_doc, "\n"),+),
+                codes: message!(@codes $($code)?),
             },)+];
 
             fn zeroed() -> Self {
@@ -261,5 +323,7 @@ macro_rules! message {
             assert!(std::mem::offset_of!($name, time_ns) == 24);
         };
     };
+    (@codes $code:ident) => { $crate::$code::CODES };
+    (@codes) => { &[] };
 }
 pub(crate) use message;

@@ -1,6 +1,6 @@
-//! The messages. The first four fields of each are its identity: session (drawn by the keeper at
-//! each cold start), incarnation (drawn at each process start), sequence (from 0, per incarnation
-//! and topic), and the time of publishing.
+//! The messages. The macro puts four fields of identity before those written here: session (drawn by
+//! the keeper at each cold start), incarnation (drawn at each process start), sequence (from 0, per
+//! incarnation and topic), and the time of publishing.
 
 use crate::message::message;
 use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
@@ -8,14 +8,6 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 message! {
     /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
     Sample, "farreach.Sample.v1", "farreach/msg/Sample" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -67,13 +59,13 @@ message! {
         /// motor volts present, one bit an axis
         motor_present: u8,
         /// GateState
-        gate_state: u8,
+        gate_state: u8 = GateState,
         /// GateCause of the last burnt epoch
-        gate_cause: u8,
+        gate_cause: u8 = GateCause,
         /// Backend
-        backend: u8,
+        backend: u8 = Backend,
         /// Profile that acquisition was granted
-        profile: u8,
+        profile: u8 = Profile,
         /// 1 if the card reports the motor power on (enable line alive)
         motor_power: u8,
     }
@@ -82,14 +74,6 @@ message! {
 message! {
     /// Volts for the motors, from control.
     MotorCommand, "farreach.MotorCommand.v1", "farreach/msg/MotorCommand" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// tick of the sample that it was computed from
         sample_tick: u64,
         /// scan time of that sample [ns, CLOCK_MONOTONIC]
@@ -115,7 +99,7 @@ message! {
         /// control cycles that were skipped because it woke late
         cycles_missed: u64,
         /// Mode
-        mode: u8,
+        mode: u8 = Mode,
         /// axes of the rig
         axes: u8,
         /// 1 while the output limit acts
@@ -125,7 +109,7 @@ message! {
         /// 1 if the setpoint's lease has lapsed
         lapsed: u8,
         /// Profile that control was granted
-        profile: u8,
+        profile: u8 = Profile,
         /// none
         reserved: u16,
     }
@@ -134,14 +118,6 @@ message! {
 message! {
     /// The watchdog's leave to power the motor, for a few milliseconds.
     EnableToken, "farreach.EnableToken.v1", "farreach/msg/EnableToken" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
         /// incarnation of the watchdog that issued it
@@ -163,11 +139,11 @@ message! {
         /// 1 if the motor may be powered
         enabled: u8,
         /// WatchdogState
-        state: u8,
+        state: u8 = WatchdogState,
         /// TripCause of the last fault or trip
-        cause: u8,
+        cause: u8 = TripCause,
         /// Profile that the watchdog was granted
-        profile: u8,
+        profile: u8 = Profile,
         /// none
         reserved: u32,
     }
@@ -176,14 +152,6 @@ message! {
 message! {
     /// The watchdog's digital output: the card drops the motor when it stops toggling.
     EnableLine, "farreach.EnableLine.v1", "farreach/msg/EnableLine" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// enable epoch
         epoch: u64,
         /// how often the level changed since the watchdog started; the level is its lowest bit
@@ -192,17 +160,9 @@ message! {
 }
 
 message! {
-    /// One scan out of the virtual card's FIFO. A link between card and acquisition, recorded as
-    /// the witness of what the motor really got.
+    /// One scan from the simulated card's FIFO, from card to acquisition; recorded as evidence of
+    /// what the motor really got.
     CardScan, "farreach.CardScan.v1", "farreach/msg/CardScan" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation: the card counts every scan that it takes
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// tick of the acquisition grid
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -232,23 +192,15 @@ message! {
         /// axes of the rig
         axes: u8,
         /// Profile that the simulator was granted
-        profile: u8,
+        profile: u8 = Profile,
         /// none
         reserved: u8,
     }
 }
 
 message! {
-    /// What acquisition writes to the virtual card.
+    /// Volts that acquisition writes to the simulated card.
     CardOutput, "farreach.CardOutput.v1", "farreach/msg/CardOutput" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// volts for the DACs (V)
         volts: [f64; AXES],
         /// highest tick that acquisition has taken out of the FIFO and published
@@ -260,14 +212,6 @@ message! {
     /// Where the handle shall go, from the experiment or the operator; holds until its lease
     /// lapses.
     Setpoint, "farreach.Setpoint.v3", "farreach/msg/Setpoint" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
         at_ns: u64,
         /// until when it may be followed [ns, CLOCK_MONOTONIC]
@@ -317,9 +261,9 @@ message! {
         /// number of segments
         segments: u32,
         /// Mode
-        mode: u8,
+        mode: u8 = Mode,
         /// Process that owns the setpoint: experiment or operator
-        owner: u8,
+        owner: u8 = Process,
         /// axes that it means
         axes: u8,
         /// none
@@ -330,14 +274,6 @@ message! {
 message! {
     /// Something happened that a person or an analysis wants to know.
     Event, "farreach.Event.v1", "farreach/msg/Event" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// first value; its meaning depends on the kind
         a: f64,
         /// second value
@@ -345,11 +281,11 @@ message! {
         /// third value
         c: f64,
         /// EventKind
-        kind: u8,
+        kind: u8 = EventKind,
         /// Severity
-        severity: u8,
+        severity: u8 = Severity,
         /// Process that sends it
-        source: u8,
+        source: u8 = Process,
         /// length of the text (bytes)
         text_len: u8,
         /// index of the protocol's segment, where there is one

@@ -1,19 +1,10 @@
-//! The messages by which processes say how they fare: alive, punctual, without loss. Their first
-//! four fields are those of every message.
+//! The messages that monitor the processes: heartbeat, loop timing, loss, clock.
 
 use crate::message::message;
 
 message! {
     /// Sign of life of a slow process, 20 Hz.
     Heartbeat, "farreach.Heartbeat.v1", "farreach/msg/Heartbeat" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// messages lost on the way to this process since it started
         lost: u64,
         /// messages waiting in its own queue
@@ -21,11 +12,11 @@ message! {
         /// operating system's process id
         pid: u32,
         /// Process
-        source: u8,
+        source: u8 = Process,
         /// state, its meaning depends on the process (logger: 1 recording; experiment: 1 running)
         state: u8,
         /// Profile
-        profile: u8,
+        profile: u8 = Profile,
         /// none
         reserved: u8,
     }
@@ -35,14 +26,6 @@ message! {
     /// How punctual a periodic process was, once a second: over the last second, and since it
     /// started; and what it missed or could not hand on.
     LoopTiming, "farreach.LoopTiming.v2", "farreach/msg/LoopTiming" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// period of the loop (ns)
         period_ns: u64,
         /// phase of the loop within its period (ns)
@@ -62,9 +45,9 @@ message! {
         /// operating system's process id
         pid: u32,
         /// Process
-        source: u8,
+        source: u8 = Process,
         /// Profile
-        profile: u8,
+        profile: u8 = Profile,
         /// 1 if memory is locked
         memory_locked: u8,
         /// 1 if idle processors are kept awake
@@ -87,14 +70,6 @@ message! {
 message! {
     /// What the logger got, lost and wrote of one topic, once a second.
     LossCounters, "farreach.LossCounters.v1", "farreach/msg/LossCounters" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// messages received since the logger started
         received: u64,
         /// messages that never reached the logger (gaps in the sequence)
@@ -115,14 +90,6 @@ message! {
 message! {
     /// Monotonic against wall clock, once a second.
     ClockSync, "farreach.ClockSync.v1", "farreach/msg/ClockSync" {
-        /// session of the rig
-        session: u64,
-        /// incarnation of the sender
-        incarnation: u64,
-        /// sequence number, per incarnation
-        sequence: u64,
-        /// time of publishing [ns, CLOCK_MONOTONIC]
-        time_ns: u64,
         /// CLOCK_MONOTONIC at the middle of the measurement (ns)
         monotonic_ns: u64,
         /// CLOCK_REALTIME at the same instant (ns since 1970)

@@ -14,8 +14,19 @@ fn schema_lists_every_field_with_type_and_unit() {
     );
     assert!(schema.contains("uint64 tick\n"));
     assert!(schema.contains("int64[3] slave_counts\n"));
+    let constants = GateState::ALL.len() + GateCause::ALL.len() + Backend::ALL.len();
     let lines = schema.lines().filter(|line| !line.starts_with('#')).count();
-    assert_eq!(lines, Sample::FIELDS.len());
+    assert_eq!(lines, Sample::FIELDS.len() + constants + Profile::ALL.len());
+}
+
+#[test]
+fn codes_stand_in_the_schema_and_have_a_meaning() {
+    let schema = Event::schema();
+    assert!(schema.contains("uint8 KIND_PROCESS_STARTED=0\nuint8 KIND_"), "{schema}");
+    let kind = Event::FIELDS.iter().find(|field| field.name == "kind").unwrap();
+    assert_eq!(kind.meaning(Value::Unsigned(6)), Some("protocol done"));
+    assert_eq!(kind.meaning(Value::Unsigned(200)), None);
+    assert_eq!(Event::FIELDS[0].meaning(Value::Unsigned(0)), None, "a session is a number");
 }
 
 #[test]

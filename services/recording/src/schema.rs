@@ -80,7 +80,7 @@ impl LayoutField {
     /// Element `index` out of the bytes of a message; `None` where there is none.
     pub fn read(&self, bytes: &[u8], index: usize) -> Option<Value> {
         let Self { primitive, array, offset, .. } = *self;
-        Field { name: "", primitive, array, offset, doc: "" }.read(bytes, index)
+        Field { name: "", primitive, array, offset, doc: "", codes: &[] }.read(bytes, index)
     }
 
     /// All elements.
