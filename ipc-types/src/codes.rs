@@ -1,9 +1,15 @@
 //! The codes that messages carry as `u8`.
 
 macro_rules! codes {
-    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $vdoc:literal])+ $variant:ident = $value:literal, $text:literal;)+ }) => {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident {
+            $($(#[doc = $vdoc:literal])+ $variant:ident = $value:literal, $text:literal;)+
+        }
+    ) => {
         $(#[doc = $doc])+
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[derive(serde::Serialize, serde::Deserialize)]
         #[serde(rename_all = "snake_case")]
         #[repr(u8)]
         pub enum $name { $($(#[doc = $vdoc])+ $variant = $value,)+ }
@@ -34,7 +40,9 @@ macro_rules! codes {
         }
 
         impl std::fmt::Display for $name {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result { f.pad(self.text()) }
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.text())
+            }
         }
     };
 }

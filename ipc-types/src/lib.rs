@@ -21,7 +21,7 @@ mod types;
 mod upkeep;
 
 pub use codes::*;
-pub use message::{CDR_HEADER, Code, Field, Message, Primitive, Value};
+pub use message::{CDR_HEADER, Code, Field, Message, Primitive, Value, schema_comment};
 pub use requests::*;
 pub use sequence::{Arrival, SequenceTracker};
 pub use topics::*;

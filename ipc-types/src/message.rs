@@ -163,8 +163,14 @@ pub(crate) trait Element {
 }
 macro_rules! element {
     ($($t:ty => $p:ident),*) => {$(
-        impl Element for $t { const PRIMITIVE: Primitive = Primitive::$p; const ARRAY: Option<usize> = None; }
-        impl<const N: usize> Element for [$t; N] { const PRIMITIVE: Primitive = Primitive::$p; const ARRAY: Option<usize> = Some(N); }
+        impl Element for $t {
+            const PRIMITIVE: Primitive = Primitive::$p;
+            const ARRAY: Option<usize> = None;
+        }
+        impl<const N: usize> Element for [$t; N] {
+            const PRIMITIVE: Primitive = Primitive::$p;
+            const ARRAY: Option<usize> = Some(N);
+        }
     )*};
 }
 element!(u8 => U8, u16 => U16, u32 => U32, u64 => U64, i64 => I64, f64 => F64);
@@ -221,8 +227,7 @@ pub unsafe trait Message:
     fn schema() -> String {
         let mut text = String::new();
         for field in Self::FIELDS {
-            let doc: Vec<&str> = field.doc.split_whitespace().collect();
-            text.push_str(&format!("# {}\n", doc.join(" ")));
+            text.push_str(&schema_comment(field.doc));
             text.push_str(&field.constants());
             text.push_str(field.primitive.ros());
             if let Some(n) = field.array {
@@ -236,9 +241,27 @@ pub unsafe trait Message:
     }
 }
 
-/// Defines a message: the struct, its field table, its schema, and compile-time proof that it has no
-/// padding anywhere (each field begins where the one before ends). The identity fields come first
-/// and are put in here. `name: u8 = Code` says which of `codes.rs` a field holds.
+/// Wraps text into comment lines of a `ros2msg` schema, at most 100 columns each.
+pub fn schema_comment(text: &str) -> String {
+    let mut comment = String::from("#");
+    let mut column = 1;
+    for word in text.split_whitespace() {
+        let width = 1 + word.chars().count();
+        if column > 1 && column + width > 100 {
+            comment.push_str("\n#");
+            column = 1;
+        }
+        comment.push(' ');
+        comment.push_str(word);
+        column += width;
+    }
+    comment.push('\n');
+    comment
+}
+
+/// Defines a message: the struct, its field table, its schema, and compile-time proof that it has
+/// no padding anywhere (each field begins where the one before ends). The macro puts the identity
+/// fields first. `name: u8 = Code` says which enumeration of `codes.rs` a field holds.
 macro_rules! message {
     (
         $(#[doc = $doc:literal])+
@@ -313,7 +336,10 @@ macro_rules! message {
         const _: () = {
             let mut end = 0;
             $(
-                assert!(std::mem::offset_of!($name, $field) == end, concat!("padding before ", stringify!($name), ".", stringify!($field)));
+                assert!(
+                    std::mem::offset_of!($name, $field) == end,
+                    concat!("padding before ", stringify!($name), ".", stringify!($field))
+                );
                 end += size_of::<$type>();
             )+
             assert!(size_of::<$name>() == end, concat!("tail padding in ", stringify!($name)));

@@ -132,11 +132,21 @@ pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::
 pub const CLOCK: TypedTopic<ClockSync> = topic("clock", Process::Logger, Rate::Hertz(1), 16, 1);
 
 macro_rules! per_process {
-    ($(#[doc = $doc:literal])+ $name:ident, $type:ty, $prefix:literal, $rate:expr, $buffer:literal, $history:literal, [$($process:ident $text:literal),+]) => {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident, $type:ty, $prefix:literal, $rate:expr, $buffer:literal, $history:literal,
+        [$($process:ident $text:literal),+ $(,)?]
+    ) => {
         $(#[doc = $doc])+
         pub const fn $name(process: Process) -> Option<TypedTopic<$type>> {
             match process {
-                $(Process::$process => Some(topic::<$type>(concat!($prefix, "/", $text), Process::$process, $rate, $buffer, $history)),)+
+                $(Process::$process => Some(topic::<$type>(
+                    concat!($prefix, "/", $text),
+                    Process::$process,
+                    $rate,
+                    $buffer,
+                    $history,
+                )),)+
                 _ => None,
             }
         }
@@ -146,7 +156,10 @@ macro_rules! per_process {
 per_process! {
     /// Events of one process.
     event_topic, Event, "event", Rate::Sporadic, 64, 16,
-    [Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog", Logger "logger", Experiment "experiment"]
+    [
+        Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog",
+        Logger "logger", Experiment "experiment",
+    ]
 }
 per_process! {
     /// Heartbeats of one slow process.
@@ -156,7 +169,10 @@ per_process! {
 per_process! {
     /// Loop timing of one periodic process.
     timing_topic, LoopTiming, "timing", Rate::Hertz(1), 16, 1,
-    [Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog", Experiment "experiment"]
+    [
+        Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog",
+        Experiment "experiment",
+    ]
 }
 
 const fn event(process: Process) -> Topic {

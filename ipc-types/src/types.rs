@@ -1,4 +1,4 @@
-//! The messages. The macro puts four fields of identity before those written here: session (drawn by
+//! The messages. The macro puts four identity fields before those written here: session (drawn by
 //! the keeper at each cold start), incarnation (drawn at each process start), sequence (from 0, per
 //! incarnation and topic), and the time of publishing.
 

@@ -75,8 +75,14 @@ fn codes_round_trip_and_unknown_codes_are_none() {
 
 proptest! {
     #[test]
-    fn bytes_round_trip(tick: u64, position in any::<[f64; 3]>(), counts in any::<[i64; 3]>(), state: u8) {
-        let sample = Sample { tick, master_position: position, slave_counts: counts, gate_state: state, ..Sample::default() };
+    fn bytes_round_trip(
+        tick: u64,
+        master_position in any::<[f64; 3]>(),
+        slave_counts in any::<[i64; 3]>(),
+        gate_state: u8,
+    ) {
+        let sample =
+            Sample { tick, master_position, slave_counts, gate_state, ..Sample::default() };
         let bytes = sample.as_bytes();
         prop_assert_eq!(bytes.len(), size_of::<Sample>());
         let back = Sample::from_bytes(bytes).unwrap();
@@ -85,8 +91,8 @@ proptest! {
             let value = field.read(bytes, 0).unwrap();
             match field.name {
                 "tick" => prop_assert_eq!(value, Value::Unsigned(tick)),
-                "slave_counts" => prop_assert_eq!(value, Value::Signed(counts[0])),
-                "gate_state" => prop_assert_eq!(value, Value::Unsigned(u64::from(state))),
+                "slave_counts" => prop_assert_eq!(value, Value::Signed(slave_counts[0])),
+                "gate_state" => prop_assert_eq!(value, Value::Unsigned(u64::from(gate_state))),
                 _ => {}
             }
         }

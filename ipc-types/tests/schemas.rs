@@ -58,10 +58,11 @@ fn schemas() -> BTreeMap<&'static str, String> {
     for topic in TOPICS {
         let name = topic.ros_name.rsplit('/').next().unwrap();
         let text = format!(
-            "# {}: {} bytes, {} in shared memory. Generated from ipc-types; do not edit.\n\n{}",
-            topic.ros_name,
-            topic.size,
-            topic.type_name,
+            "{}\n{}",
+            ipc_types::schema_comment(&format!(
+                "{}: {} bytes, {} in shared memory. Generated from ipc-types; do not edit.",
+                topic.ros_name, topic.size, topic.type_name
+            )),
             (topic.schema)()
         );
         if let Some(other) = all.insert(name, text.clone()) {
@@ -93,10 +94,11 @@ fn the_table_of_topics_is_that_of_the_code() {
         "# Topics\n\n\
          Generated from `ipc-types/src/topics.rs`; do not edit. Fields and units of each message:\n\
          [schemas](schemas/).\n\n\
-         Each topic has one owner, the only process that may publish it. *Buffer* is the most messages that a\n\
-         subscriber may have waiting before the oldest is overwritten (the loss shows in the sequence and is\n\
-         counted). *History* is what a late subscriber still gets.\n\n\
-         | topic | owner | message | bytes | rate | buffer | history |\n|---|---|---|---|---|---|---|\n",
+         Each topic has one owner, the only process that may publish it. *Buffer* is how many\n\
+         messages may wait for a subscriber before the oldest is overwritten (the loss shows in\n\
+         the sequence and is counted). *History* is how many a late subscriber still gets.\n\n\
+         | topic | owner | message | bytes | rate | buffer | history |\n\
+         |---|---|---|---|---|---|---|\n",
     );
     for topic in TOPICS {
         let rate = match topic.rate {

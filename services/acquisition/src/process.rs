@@ -15,7 +15,7 @@ use thiserror::Error;
 
 use crate::{Converter, NullDaq, ReplayDaq, ReplayError, SimulatedDaq};
 
-/// Which card stands behind acquisition.
+/// Which card acquisition reads and writes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Card {
     /// The simulator process.
@@ -63,7 +63,7 @@ pub enum AcquisitionError {
 /// Runs acquisition until a signal ends it.
 pub fn run(options: &Options) -> Result<(), AcquisitionError> {
     let rig = RigFile::load(&options.rig_file)?;
-    // A record is read and checked before anything is joined.
+    // Reads and checks a record before the process joins the rig.
     let replay = match &options.card {
         Card::Replay { record, looped } => Some(ReplayDaq::open(record, &rig, *looped)?),
         _ => None,
@@ -81,6 +81,22 @@ pub fn run(options: &Options) -> Result<(), AcquisitionError> {
     }
 }
 
+/// A closed gate with the limits of the rig file.
+fn gate(rig: &RigFile, service: &Service) -> Gate {
+    let mut volts_max = [0.0; AXES];
+    for (limit, axis) in volts_max.iter_mut().zip(&rig.axes) {
+        *limit = axis.limits.volts_max;
+    }
+    let identity = service.identity();
+    Gate::new(GateConfig::for_profile(
+        service.domain().profile(),
+        identity.session,
+        identity.incarnation,
+        rig.axes.len(),
+        volts_max,
+    ))
+}
+
 fn run_loop(
     rig: &RigFile,
     service: &mut Service,
@@ -95,24 +111,13 @@ fn run_loop(
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.acquisition_ns);
     let converter = Converter::new(rig);
     let backend = daq.capabilities().backend.code();
-    let mut volts_max = [0.0; AXES];
-    for (limit, axis) in volts_max.iter_mut().zip(&rig.axes) {
-        *limit = axis.limits.volts_max;
-    }
-    let identity = service.identity();
-    let mut gate = Gate::new(GateConfig::for_profile(
-        service.domain().profile(),
-        identity.session,
-        identity.incarnation,
-        rig.axes.len(),
-        volts_max,
-    ));
-    // Whatever a predecessor left in the DACs is taken away before anything else.
+    let mut gate = gate(rig, service);
+    // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
     let mut meter =
         LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
-    let mut told_finished = false;
+    let mut reported_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {
             let Some(wake) = grid.wait() else { continue };
@@ -150,20 +155,20 @@ fn run_loop(
                 // Events are rare: who joined since the last one gets those before through this.
                 service.refresh_events();
             }
-            if daq.finished() && !told_finished {
-                told_finished = true;
+            if daq.finished() && !reported_finished {
+                reported_finished = true;
                 service.event(
                     EventKind::ReplayDone,
                     Severity::Info,
                     [0.0; 3],
-                    "the record came to its end",
+                    "the record has ended",
                 )?;
             }
             service.beat();
         }
         Ok(())
     };
-    // Whatever ends it: a card holds what it was given last.
+    // Whatever ended the loop: a card holds its last volts.
     let ended = cycles();
     let zeroed = daq.write([0.0; AXES]);
     ended?;
@@ -172,7 +177,7 @@ fn run_loop(
     Ok(())
 }
 
-/// What the gate did, into the sample.
+/// Writes what the gate did into the sample.
 fn stamp(sample: &mut Sample, output: &GateOutput, state: u8) {
     sample.output_v = output.volts;
     sample.epoch = output.epoch;

@@ -24,19 +24,21 @@ pub enum ReplayError {
     Record(#[from] RecordError),
     /// Its sampling is not the rig's.
     #[error(
-        "{record}: sampled at {found:.3} Hz, but {rig} acquires at {expected} Hz; set rates.acquisition_hz to the \
-         record's rate (a record is replayed at its own pace, never resampled)"
+        "{record}: sampled at {found:.3} Hz, but {rig} acquires at {expected} Hz; set \
+         rates.acquisition_hz to the record's rate (a record is replayed at its own pace, never \
+         resampled)"
     )]
     Rate { record: String, found: f64, rig: String, expected: u32 },
     /// None of the columns that the rig file names.
     #[error(
-        "{record}: holds no column \"{position}\" (position of axis 0); the rig file's [replay] section says which \
-         column is what, the record has: {found}"
+        "{record}: holds no column \"{position}\" (position of axis 0); the rig file's [replay] \
+         section says which column is what, the record has: {found}"
     )]
     NoPosition { record: String, position: String, found: String },
     /// It was cut off: to pass a part of it for the whole is the operator's decision.
     #[error(
-        "{record}: {what}; keep what can be read with `farreach rec recover {record} -o MENDED.mcap` and replay that"
+        "{record}: {what}; keep what can be read with `farreach rec recover {record} -o \
+         MENDED.mcap` and replay that"
     )]
     Torn { record: String, what: String },
 }

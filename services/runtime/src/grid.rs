@@ -142,7 +142,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn ticks_rise_and_every_tick_is_run_or_counted(steps in prop::collection::vec(0u64..5000, 1..200)) {
+        fn ticks_rise_and_every_tick_is_run_or_counted(
+            steps in prop::collection::vec(0u64..5000, 1..200),
+        ) {
             let mut grid = Grid::new(1000, 300);
             let mut now = 1_000_000;
             let mut first = None;
@@ -153,7 +155,8 @@ mod tests {
                 if let Some(wake) = grid.wake(now) {
                     prop_assert!(wake.scheduled_ns <= wake.woke_ns);
                     prop_assert!(wake.woke_ns - wake.scheduled_ns < 1000);
-                    prop_assert_eq!(wake.late_ns(), wake.woke_ns - wake.scheduled_ns + 1000 * wake.skipped);
+                    let late_ns = wake.woke_ns - wake.scheduled_ns + 1000 * wake.skipped;
+                    prop_assert_eq!(wake.late_ns(), late_ns);
                     prop_assert!(last.is_none_or(|last| wake.tick > last));
                     first.get_or_insert(wake.tick - wake.skipped);
                     last = Some(wake.tick);

@@ -41,6 +41,7 @@ mod ports;
 pub mod realtime;
 mod request;
 mod service;
+mod shared_memory;
 mod stall;
 mod sweep;
 mod timing;

@@ -138,7 +138,10 @@ pub(crate) fn hold(
     node: &Node<ipc::Service>,
     topic: &Topic,
 ) -> Result<Box<dyn std::any::Any>, DomainError> {
-    let held: Result<Box<dyn std::any::Any>, PortError> = with_type!(topic, T => hold_typed::<T>(node, topic).map(|service| Box::new(service) as Box<dyn std::any::Any>));
+    type Held = Box<dyn std::any::Any>;
+    let held: Result<Held, PortError> = with_type!(topic, T => {
+        hold_typed::<T>(node, topic).map(|service| Box::new(service) as Held)
+    });
     held.map_err(|error| DomainError::Library {
         action: "creating a topic".to_owned(),
         reason: error.to_string(),
@@ -327,5 +330,7 @@ pub fn open_raw(
     node: &Node<ipc::Service>,
     topic: &Topic,
 ) -> Result<Box<dyn RawSubscriber>, PortError> {
-    with_type!(topic, T => Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>))
+    with_type!(topic, T => {
+        Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>)
+    })
 }

@@ -276,14 +276,19 @@ mod tests {
 
     proptest! {
         #[test]
-        fn round_trip(path in ".{0,40}", metadata in prop::collection::vec((".{0,9}", ".{0,99}"), 0..4)) {
+        fn round_trip(
+            path in ".{0,40}",
+            metadata in prop::collection::vec((".{0,9}", ".{0,99}"), 0..4),
+        ) {
             let request = LoggerRequest::Start { path, metadata };
             let bytes = encode(&LOGGER_COMMANDS, &request).unwrap();
             prop_assert_eq!(decode::<LoggerRequest>("test", &bytes).unwrap(), request);
         }
 
         #[test]
-        fn any_bytes_decode_or_fail_but_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        fn any_bytes_decode_or_fail_but_never_panic(
+            bytes in prop::collection::vec(any::<u8>(), 0..200),
+        ) {
             let _result = decode::<LoggerRequest>("test", &bytes);
         }
     }

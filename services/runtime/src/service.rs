@@ -241,7 +241,8 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
         }
         if !started.load(Ordering::Relaxed) {
             eprintln!(
-                "farreach {process}: not ready after {START_LIMIT:?}; giving up so that it can be started again"
+                "farreach {process}: not ready after {START_LIMIT:?}; ends so that it can be \
+                 started again"
             );
             std::process::exit(1);
         }

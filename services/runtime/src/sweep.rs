@@ -7,7 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use crate::clock::{SECOND_NS, now_ns};
-use crate::domain::SHARED_MEMORY;
+use crate::shared_memory::SHARED_MEMORY;
 
 fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
     match result {

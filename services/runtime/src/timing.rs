@@ -219,8 +219,9 @@ mod tests {
             [losses.lost, losses.out_of_turn, losses.connections_failed, losses.undelivered],
             [2, 4, 6, 4]
         );
-        let all = "2 messages lost on the way to it, 4 out of turn, 6 senders dead while being connected, 4 of its own not \
-                   delivered, 5 dropped at a full queue of its own, 6 setpoints refused";
+        let all = "2 messages lost on the way to it, 4 out of turn, 6 senders dead while being \
+                   connected, 4 of its own not delivered, 5 dropped at a full queue of its own, \
+                   6 setpoints refused";
         assert_eq!(losses.to_string(), all);
         assert!(Losses::default().is_empty() && !losses.is_empty());
         assert_eq!(Losses::default().to_string(), "nothing lost");

@@ -17,6 +17,75 @@ fn segments(name: &RigName) -> Vec<String> {
         .collect()
 }
 
+fn samples_arrive_in_order_and_losses_are_counted(service: &Service) {
+    let mut samples = service.subscriber(SAMPLE).unwrap();
+    let mut publisher = service.publisher(SAMPLE).unwrap();
+    for tick in 0..100 {
+        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
+    }
+    for tick in 0..100 {
+        let sample = samples.take().unwrap().unwrap();
+        assert_eq!(
+            (sample.tick, sample.sequence, sample.incarnation),
+            (tick, tick, service.identity().incarnation)
+        );
+    }
+    assert!(samples.take().unwrap().is_none());
+
+    // a full buffer drops the oldest, and the gap is counted
+    let extra = 10;
+    for tick in 0..(SAMPLE.topic.buffer as u64 + extra) {
+        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
+    }
+    let newest = samples.latest().unwrap().unwrap();
+    assert_eq!(newest.tick, SAMPLE.topic.buffer as u64 + extra - 1);
+    assert_eq!(samples.counters().lost, extra);
+}
+
+fn card_fifo_outlives_its_reader_and_tokens_do_not(service: &Service) {
+    let mut scans = service.publisher(CARD_SCAN).unwrap();
+    let mut tokens = service.publisher(TOKEN).unwrap();
+    for tick in 0..700 {
+        scans.send(CardScan { tick, ..CardScan::default() }).unwrap();
+    }
+    tokens.send(EnableToken::default()).unwrap();
+    let mut late_scans = service.subscriber(CARD_SCAN).unwrap();
+    let mut late_tokens = service.subscriber(TOKEN).unwrap();
+    scans.refresh();
+    tokens.refresh();
+    let first = late_scans.take().unwrap().unwrap();
+    assert_eq!(first.tick, 700 - CARD_FIFO as u64);
+    assert!(late_tokens.take().unwrap().is_none());
+}
+
+fn requests_are_answered(service: &Service, rig: &str) {
+    let ask = |limit| call::<_, VerbAnswer>(service.node(), &WATCHDOG_COMMANDS, &Verb::Arm, limit);
+    assert!(matches!(ask(Duration::from_millis(50)), Err(RequestError::NobodyServes(..))));
+    let domain_name = rig.to_owned();
+    let (ready, wait) = std::sync::mpsc::channel();
+    let (finish, finished) = std::sync::mpsc::channel::<()>();
+    let server = std::thread::spawn(move || {
+        let domain = Domain::open(&domain_name.parse().unwrap()).unwrap();
+        let node = domain.node("server").unwrap();
+        let server = Server::new(&node, &WATCHDOG_COMMANDS).unwrap();
+        ready.send(()).unwrap();
+        while finished.try_recv().is_err() {
+            let answer = |verb: Verb| VerbAnswer {
+                done: verb == Verb::Arm,
+                state: WatchdogState::Armed,
+                reason: "r".repeat(500),
+            };
+            server.poll(answer, |error| panic!("{error}")).unwrap();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    });
+    wait.recv().unwrap();
+    let answer = ask(Duration::from_secs(10)).unwrap();
+    assert!(answer.done && answer.reason.len() == 500);
+    finish.send(()).unwrap();
+    server.join().unwrap();
+}
+
 #[test]
 fn a_rig_from_cold_start_to_clean_end() {
     let text = format!("rt-{}", std::process::id());
@@ -47,72 +116,10 @@ fn a_rig_from_cold_start_to_clean_end() {
 
     let service = Service::start(Process::Control, &text).unwrap();
     assert_eq!(service.identity().session, keeper.session());
-    let mut samples = service.subscriber(SAMPLE).unwrap();
-    let mut publisher = service.publisher(SAMPLE).unwrap();
-    for tick in 0..100 {
-        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
-    }
-    for tick in 0..100 {
-        let sample = samples.take().unwrap().unwrap();
-        assert_eq!(
-            (sample.tick, sample.sequence, sample.incarnation),
-            (tick, tick, service.identity().incarnation)
-        );
-    }
-    assert!(samples.take().unwrap().is_none());
+    samples_arrive_in_order_and_losses_are_counted(&service);
+    card_fifo_outlives_its_reader_and_tokens_do_not(&service);
+    requests_are_answered(&service, &text);
 
-    // a full buffer drops the oldest, and the gap is counted
-    let extra = 10;
-    for tick in 0..(SAMPLE.topic.buffer as u64 + extra) {
-        publisher.send(Sample { tick, ..Sample::default() }).unwrap();
-    }
-    let newest = samples.latest().unwrap().unwrap();
-    assert_eq!(newest.tick, SAMPLE.topic.buffer as u64 + extra - 1);
-    assert_eq!(samples.counters().lost, extra);
-
-    // the card's FIFO outlives its reader; tokens never reach a late joiner
-    let mut scans = service.publisher(CARD_SCAN).unwrap();
-    let mut tokens = service.publisher(TOKEN).unwrap();
-    for tick in 0..700 {
-        scans.send(CardScan { tick, ..CardScan::default() }).unwrap();
-    }
-    tokens.send(EnableToken::default()).unwrap();
-    let mut late_scans = service.subscriber(CARD_SCAN).unwrap();
-    let mut late_tokens = service.subscriber(TOKEN).unwrap();
-    scans.refresh();
-    tokens.refresh();
-    let first = late_scans.take().unwrap().unwrap();
-    assert_eq!(first.tick, 700 - CARD_FIFO as u64);
-    assert!(late_tokens.take().unwrap().is_none());
-
-    // requests
-    let ask = |limit| call::<_, VerbAnswer>(service.node(), &WATCHDOG_COMMANDS, &Verb::Arm, limit);
-    assert!(matches!(ask(Duration::from_millis(50)), Err(RequestError::NobodyServes(..))));
-    let domain_name = text.clone();
-    let (ready, wait) = std::sync::mpsc::channel();
-    let (finish, finished) = std::sync::mpsc::channel::<()>();
-    let server = std::thread::spawn(move || {
-        let domain = Domain::open(&domain_name.parse().unwrap()).unwrap();
-        let node = domain.node("server").unwrap();
-        let server = Server::new(&node, &WATCHDOG_COMMANDS).unwrap();
-        ready.send(()).unwrap();
-        while finished.try_recv().is_err() {
-            let answer = |verb: Verb| VerbAnswer {
-                done: verb == Verb::Arm,
-                state: WatchdogState::Armed,
-                reason: "r".repeat(500),
-            };
-            server.poll(answer, |error| panic!("{error}")).unwrap();
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    });
-    wait.recv().unwrap();
-    let answer = ask(Duration::from_secs(10)).unwrap();
-    assert!(answer.done && answer.reason.len() == 500);
-    finish.send(()).unwrap();
-    server.join().unwrap();
-
-    drop((samples, publisher, scans, tokens, late_scans, late_tokens));
     drop(service);
     keeper.clean();
     // An observer (a probe that was left open) does not hold the session of a rig that goes down.

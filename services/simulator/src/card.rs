@@ -27,8 +27,9 @@ pub enum CardError {
     Coupling(#[from] CouplingError),
     /// No plant for that.
     #[error(
-        "{file}: the virtual card has a plant for the model kinds \"hydrostatic\" and \"cable\"; found kind \"{kind}\". \
-         Put a measured record there instead (`farreach up --replay RECORD`)"
+        "{file}: the simulated card has a plant for the model kinds \"hydrostatic\" and \
+         \"cable\"; found kind \"{kind}\". Put a measured record there instead (`farreach up \
+         --replay RECORD`)"
     )]
     NoPlant { file: String, kind: &'static str },
 }

@@ -14,7 +14,7 @@ use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::attendant::{self, Attendance, Shared};
-use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers};
+use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers, StateChange};
 
 /// `arm` takes an axis that moves by fewer counts than this within the speed window as at rest.
 const REST_COUNTS: f64 = 3.0;
@@ -80,6 +80,34 @@ pub fn axis_limits(rig: &RigFile) -> [AxisLimits; AXES] {
     limits
 }
 
+/// The interlock's configuration for this session.
+fn config(rig: &RigFile, service: &Service) -> Config {
+    let identity = service.identity();
+    Config::for_profile(
+        service.domain().profile(),
+        identity.session,
+        identity.incarnation,
+        rig.axes.len(),
+        axis_limits(rig),
+        // The simulated card has the enable line.
+        true,
+    )
+}
+
+/// The event that reports a change of state.
+fn state_changed(change: &StateChange) -> Event {
+    let severity = match change.to {
+        WatchdogState::Tripped | WatchdogState::Faulted => Severity::Error,
+        _ => Severity::Info,
+    };
+    Event {
+        a: f64::from(change.from.code()),
+        b: f64::from(change.to.code()),
+        c: f64::from(change.cause.code()),
+        ..Event::new(Process::Watchdog, EventKind::StateChanged, severity, change.text())
+    }
+}
+
 /// Runs the watchdog until a signal ends it.
 pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let rig = RigFile::load(&options.rig_file)?;
@@ -103,16 +131,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let mut events = service.take_events().ok_or_else(no_topic)?;
     let mut meter =
         LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
-    let identity = service.identity();
-    let mut machine = Machine::new(Config::for_profile(
-        service.domain().profile(),
-        identity.session,
-        identity.incarnation,
-        rig.axes.len(),
-        axis_limits(&rig),
-        // The virtual card has the enable line; a real one will say so in its capabilities.
-        true,
-    ));
+    let mut machine = Machine::new(config(&rig, &service));
     let mut toggles = 0;
     let mut attendance = Attendance::default();
     while !service.stopping() {
@@ -142,17 +161,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
         }
         lines.send(EnableLine { epoch: token.epoch, toggles, ..EnableLine::default() })?;
         if let Some(change) = event {
-            let severity = match change.to {
-                WatchdogState::Tripped | WatchdogState::Faulted => Severity::Error,
-                _ => Severity::Info,
-            };
-            let told = Event {
-                a: f64::from(change.from.code()),
-                b: f64::from(change.to.code()),
-                c: f64::from(change.cause.code()),
-                ..Event::new(Process::Watchdog, EventKind::StateChanged, severity, change.text())
-            };
-            events.send(told)?;
+            events.send(state_changed(&change))?;
         }
         let end = now_ns();
         meter.record(&wake, end);

@@ -6,15 +6,15 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use super::SHARED_MEMORY;
-use super::room::MEBIBYTE;
+use crate::shared_memory::{MEBIBYTE, SHARED_MEMORY};
 
 /// Why a domain could not be founded or joined.
 #[derive(Debug, Error)]
 pub enum DomainError {
     /// The name breaks the rules.
     #[error(
-        "rig name {0:?}: expected 1 to 32 lower-case letters, digits or '-', beginning with a letter"
+        "rig name {0:?}: expected 1 to 32 lower-case letters, digits or '-', beginning with a \
+         letter"
     )]
     Name(String),
     /// A file operation failed.
@@ -29,7 +29,8 @@ pub enum DomainError {
     },
     /// The directory is not ours alone.
     #[error(
-        "{path} is not a directory of this user with mode 0700 ({found}); remove it or choose another rig name"
+        "{path} is not a directory of this user with mode 0700 ({found}); remove it or choose \
+         another rig name"
     )]
     NotOurs {
         /// The directory.
@@ -48,7 +49,8 @@ pub enum DomainError {
     KeeperNotReady(String, Duration),
     /// Processes live on in a domain whose founding never ended.
     #[error(
-        "rig {0}: processes of a broken start are still alive; stop them (`farreach down`) and start again"
+        "rig {0}: processes of a broken start are still alive; stop them (`farreach down`) and \
+         start again"
     )]
     BrokenStart(String),
     /// The file with the session cannot be read.
@@ -70,8 +72,11 @@ pub enum DomainError {
     /// Too little is free. A page that cannot be had later on kills the process that touches it
     /// (SIGBUS).
     #[error(
-        "shared memory is full: a rig needs {} MiB in {SHARED_MEMORY}, found {} MiB free; remove what is not needed there \
-         (`ls -l {SHARED_MEMORY}`) or make it larger (containers: --shm-size)", needed.div_ceil(MEBIBYTE), found / MEBIBYTE
+        "shared memory is full: a rig needs {} MiB in {SHARED_MEMORY}, found {} MiB free; remove \
+         what is not needed there (`ls -l {SHARED_MEMORY}`) or make it larger (containers: \
+         --shm-size)",
+        needed.div_ceil(MEBIBYTE),
+        found / MEBIBYTE
     )]
     NoRoom {
         /// What a rig needs (bytes).

@@ -8,14 +8,15 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::*;
 use ipc_types::{COMMAND_SERVICES, Profile, TOPICS};
 
+use super::capacity::check_capacity;
 use super::error::{at, library};
-use super::room::check_room;
 use super::{
-    ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SHARED_MEMORY,
-    SessionFile, join_configuration, make_node, parse_session, read_session, write_configuration,
+    ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SessionFile,
+    join_configuration, make_node, parse_session, read_session, write_configuration,
 };
 use crate::identity::random_u64;
 use crate::locks::LockFile;
+use crate::shared_memory::SHARED_MEMORY;
 use crate::stall::{HostStall, MEASURED_FOR};
 use crate::{ports, realtime, request, sweep};
 
@@ -62,7 +63,7 @@ impl Keeper {
             }
             sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
                 .map_err(at("cleaning", &directory))?;
-            check_room()?;
+            check_capacity()?;
             let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
             write_configuration(&directory, &prefix)?;
             let file = new_session(prefix);

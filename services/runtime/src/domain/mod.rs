@@ -6,10 +6,10 @@
 //! rig is alive, wipes what an earlier one left; a keeper that comes back while others live joins
 //! them and keeps their session.
 
+mod capacity;
 mod error;
 mod keeper;
 mod name;
-mod room;
 
 use std::fs;
 use std::path::Path;
@@ -27,8 +27,6 @@ pub use name::RigName;
 use crate::locks::LockFile;
 use crate::stall::HostStall;
 
-/// Where POSIX shared memory lives on Linux.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 const CONFIGURATION: &str = "iceoryx2.toml";
 const SESSION: &str = "session.toml";
 const KEEPER_LOCK: &str = "keeper.lock";

@@ -6,10 +6,11 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use super::capacity::check_capacity;
 use super::error::at;
-use super::room::check_room;
-use super::{ALIVE_LOCK, DomainError, KEEPER_LOCK, RUN, SHARED_MEMORY};
+use super::{ALIVE_LOCK, DomainError, KEEPER_LOCK, RUN};
 use crate::locks::LockFile;
+use crate::shared_memory::SHARED_MEMORY;
 use crate::sweep;
 
 /// The name of a rig: 1 to 32 lower-case letters, digits or '-', beginning with a letter.
@@ -62,7 +63,7 @@ impl RigName {
     pub fn make_directory(&self) -> Result<PathBuf, DomainError> {
         let path = self.directory();
         if !path.exists() {
-            check_room()?;
+            check_capacity()?;
         }
         match fs::DirBuilder::new().mode(0o700).create(&path) {
             Ok(()) => {}

@@ -1,6 +1,9 @@
 //! The fault table: each cause from each state, until a person brings the rig back.
 
-use super::*;
+use ipc_types::{MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState};
+use watchdog::machine::Refusal;
+
+use crate::world::{MS, World};
 
 /// One row of the fault table: how it comes, how it goes, and what it does.
 struct Fault {
@@ -11,8 +14,17 @@ struct Fault {
     within: [usize; 2],
 }
 
-fn faults() -> Vec<Fault> {
-    let once: fn(&mut World) = |_| {};
+/// For faults that end by themselves.
+fn once(_: &mut World) {}
+
+fn faults() -> impl Iterator<Item = Fault> {
+    [peer_faults(), order_faults(), axis_faults(), sensor_faults(), session_faults()]
+        .into_iter()
+        .flatten()
+}
+
+/// A peer is lost or was restarted.
+fn peer_faults() -> Vec<Fault> {
     vec![
         Fault {
             cause: TripCause::AcquisitionLost,
@@ -67,6 +79,12 @@ fn faults() -> Vec<Fault> {
             end: |w| w.control_runs = true,
             within: [1, 1],
         },
+    ]
+}
+
+/// Commands or samples are out of sequence.
+fn order_faults() -> Vec<Fault> {
+    vec![
         Fault {
             cause: TripCause::CommandBackwards,
             begin: |w| w.command.sequence -= 2,
@@ -105,6 +123,12 @@ fn faults() -> Vec<Fault> {
             end: once,
             within: [1, 1],
         },
+    ]
+}
+
+/// A limit of an axis is exceeded.
+fn axis_faults() -> Vec<Fault> {
+    vec![
         Fault {
             cause: TripCause::PositionLimit,
             begin: |w| w.sample.master_position[0] = 1.001,
@@ -165,6 +189,12 @@ fn faults() -> Vec<Fault> {
             end: |w| w.sample.slave_torque[0] = 0.0,
             within: [1, 1],
         },
+    ]
+}
+
+/// A sensor reports what cannot be.
+fn sensor_faults() -> Vec<Fault> {
+    vec![
         Fault {
             cause: TripCause::EncoderJump,
             begin: |w| w.sample.master_counts[0] += 21,
@@ -201,6 +231,12 @@ fn faults() -> Vec<Fault> {
             end: |w| w.sample.analog_v[0] = 0.0,
             within: [1, 1],
         },
+    ]
+}
+
+/// The launcher, the clock or the session is wrong.
+fn session_faults() -> Vec<Fault> {
+    vec![
         Fault {
             cause: TripCause::LauncherLost,
             begin: |w| w.peers.launcher_alive = false,
@@ -237,7 +273,7 @@ fn faults() -> Vec<Fault> {
 #[test]
 fn sr_11_fault_table() {
     for (column, profile) in [Profile::Realtime, Profile::BestEffort].into_iter().enumerate() {
-        for (row, fault) in faults().iter().enumerate() {
+        for (row, fault) in faults().enumerate() {
             for (before, after) in [
                 (WatchdogState::Disarmed, WatchdogState::Faulted),
                 (WatchdogState::Armed, WatchdogState::Tripped),

@@ -1,11 +1,12 @@
 //! Properties of the machine over arbitrary sequences of messages, verbs and steps.
 
-use ipc_types::{GateState, TripCause, Verb, WatchdogState};
+use ipc_types::{
+    GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
+};
 use proptest::prelude::*;
-use watchdog::machine::{Effect, Machine, effect};
+use watchdog::machine::{Effect, Machine, Peers, effect};
 
-use super::{MS, World, config};
-use ipc_types::Profile;
+use crate::world::{MS, SESSION, World, config};
 
 #[derive(Clone, Debug)]
 enum Act {
@@ -38,7 +39,11 @@ fn number() -> impl Strategy<Value = f64> {
 
 fn act() -> impl Strategy<Value = Act> {
     let verb = prop_oneof![
-        6 => Just(Verb::Reset), 6 => Just(Verb::Arm), 6 => Just(Verb::Enable), 1 => Just(Verb::Disarm), 1 => Just(Verb::Estop)
+        6 => Just(Verb::Reset),
+        6 => Just(Verb::Arm),
+        6 => Just(Verb::Enable),
+        1 => Just(Verb::Disarm),
+        1 => Just(Verb::Estop),
     ];
     prop_oneof![
         20 => (1u8..40).prop_map(Act::Cycles),
@@ -59,7 +64,7 @@ fn act() -> impl Strategy<Value = Act> {
         1 => Just(Act::AcquisitionRestarts),
         1 => Just(Act::ControlRestarts),
         1 => Just(Act::WatchdogRestarts),
-        2 => prop_oneof![3 => Just(super::SESSION), 1 => Just(12)].prop_map(Act::Session),
+        2 => prop_oneof![3 => Just(SESSION), 1 => Just(12)].prop_map(Act::Session),
         1 => (0u64..5).prop_map(Act::Sequence),
         2 => prop_oneof![3 => Just(0u8), 1 => any::<u8>()].prop_map(Act::Backend),
     ]
@@ -81,7 +86,10 @@ proptest! {
     /// fault and never otherwise; a token is enabled only in Enabled and only without a fault;
     /// epochs rise strictly with each enable.
     #[test]
-    fn sr_20_only_reset_arm_enable_in_order_give_power(realtime in any::<bool>(), acts in prop::collection::vec(act(), 1..150)) {
+    fn sr_20_only_reset_arm_enable_in_order_give_power(
+        realtime in any::<bool>(),
+        acts in prop::collection::vec(act(), 1..150),
+    ) {
         let profile = if realtime { Profile::Realtime } else { Profile::BestEffort };
         let mut world = World::new(profile);
         world.cycles(30);
@@ -98,13 +106,14 @@ proptest! {
                         (Verb::Arm, true, Steps::Reset) => Steps::Armed,
                         (Verb::Enable, true, Steps::Armed) => Steps::Enabled,
                         (verb, true, steps) => {
-                            return Err(TestCaseError::fail(format!("{verb:?} done after {steps:?}")));
+                            let what = format!("{verb:?} done after {steps:?}");
+                            return Err(TestCaseError::fail(what));
                         }
                         (_, false, steps) => steps,
                     };
                     if verb == Verb::Enable && answer.is_ok() {
                         let token = world.step().token;
-                        prop_assert!(token.epoch > last_epoch, "epoch {} after {last_epoch}", token.epoch);
+                        prop_assert!(token.epoch > last_epoch, "{} <= {last_epoch}", token.epoch);
                         last_epoch = token.epoch;
                     }
                 }
@@ -112,15 +121,18 @@ proptest! {
                     for _ in 0..count {
                         world.cycle();
                         let token = world.token;
+                        let faults = token.faults;
                         let tripping = TripCause::ALL.iter().any(|&cause| {
-                            token.faults & (1 << cause.code()) != 0 && effect(cause) != Effect::Blocks
+                            faults & (1 << cause.code()) != 0 && effect(cause) != Effect::Blocks
                         });
-                        prop_assert!(token.enabled == 0 || !tripping, "enabled with faults {:#b}", token.faults);
+                        prop_assert!(token.enabled == 0 || !tripping, "faults {faults:#b}");
                         prop_assert!(token.enabled == 0 || token.epoch == last_epoch);
-                        if matches!(world.machine.state(), WatchdogState::Faulted | WatchdogState::Tripped) {
+                        let state = world.machine.state();
+                        if matches!(state, WatchdogState::Faulted | WatchdogState::Tripped) {
                             steps = Steps::Nothing;
                         }
-                        prop_assert_eq!(world.machine.state() == WatchdogState::Enabled, steps == Steps::Enabled);
+                        let enabled = state == WatchdogState::Enabled;
+                        prop_assert_eq!(enabled, steps == Steps::Enabled);
                     }
                 }
                 Act::Late(by) => world.now += by * MS,
@@ -151,7 +163,9 @@ proptest! {
                     steps = Steps::Nothing;
                 }
                 Act::Session(session) => world.sample.session = session,
-                Act::Sequence(back) => world.command.sequence = world.command.sequence.saturating_sub(back),
+                Act::Sequence(back) => {
+                    world.command.sequence = world.command.sequence.saturating_sub(back);
+                }
                 Act::Backend(backend) => world.sample.backend = backend,
             }
         }
@@ -160,22 +174,29 @@ proptest! {
     /// What the messages hold is arbitrary bytes: nothing panics, and no leave is given.
     #[test]
     fn sr_20_arbitrary_bytes_are_harmless(
-        bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<ipc_types::Sample>()), any::<u64>(), any::<bool>()), 1..60),
+        bytes in prop::collection::vec(
+            (
+                prop::collection::vec(any::<u8>(), size_of::<Sample>()),
+                any::<u64>(),
+                any::<bool>(),
+            ),
+            1..60,
+        ),
     ) {
-        use ipc_types::{Message, MotorCommand, Sample};
         let mut machine = Machine::new(config(Profile::Realtime));
         for (bytes, now, ours) in bytes {
             let mut sample = Sample::from_bytes(&bytes).unwrap();
-            let mut command = MotorCommand::from_bytes(&bytes[..size_of::<MotorCommand>()]).unwrap();
+            let mut command =
+                MotorCommand::from_bytes(&bytes[..size_of::<MotorCommand>()]).unwrap();
             if ours {
-                (sample.session, command.session) = (super::SESSION, super::SESSION);
+                (sample.session, command.session) = (SESSION, SESSION);
             }
             machine.observe_sample(&sample);
             machine.observe_command(&command);
             for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
                 let _ = machine.command(verb, now);
             }
-            let peers = watchdog::machine::Peers { launcher_alive: true, keeper_alive: true };
+            let peers = Peers { launcher_alive: true, keeper_alive: true };
             prop_assert_eq!(machine.step(now, peers).token.enabled, 0);
         }
     }

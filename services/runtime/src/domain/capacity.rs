@@ -1,18 +1,16 @@
-//! What a rig takes in shared memory, and whether there is so much.
+//! Shared-memory capacity: what a rig needs, and whether it is free.
 
 use std::path::Path;
 
 use ipc_types::{COMMAND_SERVICES, TOPICS};
 
-use super::error::at;
-use super::{DomainError, SHARED_MEMORY};
+use super::error::{DomainError, at};
+use crate::shared_memory::{MEBIBYTE, SHARED_MEMORY};
 use crate::{ports, request};
 
-pub(super) const MEBIBYTE: u64 = 1 << 20;
-
-/// What a rig takes in shared memory once every page of it is in use, as it is at once where memory
-/// is locked (bytes).
-fn room_needed() -> u64 {
+/// What a rig needs in shared memory once every page is in use (bytes); where memory is locked,
+/// that is from the start.
+fn needed_bytes() -> u64 {
     // The library's header in front of each message, and its alignment.
     const HEADER: usize = 64;
     // Connections and tables of the library, the launcher's files.
@@ -30,13 +28,13 @@ fn room_needed() -> u64 {
 }
 
 /// Refuses to found a domain that would not fit.
-pub(super) fn check_room() -> Result<(), DomainError> {
+pub(super) fn check_capacity() -> Result<(), DomainError> {
     let found = rustix::fs::statvfs(SHARED_MEMORY)
         .map_err(|error| at("looking for free space in", Path::new(SHARED_MEMORY))(error.into()))?;
     // A tmpfs without a limit says that it has no blocks at all.
     let free =
         if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
-    fits(room_needed(), free)
+    fits(needed_bytes(), free)
 }
 
 fn fits(needed: u64, found: u64) -> Result<(), DomainError> {
@@ -49,7 +47,7 @@ mod tests {
 
     #[test]
     fn a_rig_fits_into_what_containers_have_and_says_what_it_lacks() {
-        let needed = room_needed();
+        let needed = needed_bytes();
         // What the segments of a running rig were measured to be, and the usual size in a
         // container.
         assert!((30 * MEBIBYTE..60 * MEBIBYTE).contains(&needed), "{needed}");

@@ -1,0 +1,153 @@
+//! A simulated rig round the interlock: a card, a gate and a control process.
+
+use ipc_types::{
+    AXES, Backend, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
+};
+use watchdog::machine::{AxisLimits, Config, Machine, Outputs, Peers, Refusal};
+
+pub(crate) const MS: u64 = 1_000_000;
+pub(crate) const SESSION: u64 = 11;
+pub(crate) const COUNT: f64 = std::f64::consts::TAU / 4000.0;
+
+pub(crate) fn config(profile: Profile) -> Config {
+    let limits = AxisLimits {
+        position_min: -1.0,
+        position_max: 1.0,
+        speed_max: 20.0,
+        rest_speed: 0.2,
+        volts_max: 5.0,
+        torque_max: 10.0,
+        torque_needed: false,
+        encoder_jump_counts: 20,
+        master_count: COUNT,
+        slave_count: COUNT,
+    };
+    Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], true)
+}
+
+/// A rig in good order around the machine: a card, a gate, a control, all of them obedient.
+pub(crate) struct World {
+    pub(crate) machine: Machine,
+    pub(crate) now: u64,
+    pub(crate) peers: Peers,
+    pub(crate) sample: Sample,
+    pub(crate) command: MotorCommand,
+    pub(crate) token: EnableToken,
+    pub(crate) acquisition_runs: bool,
+    pub(crate) control_runs: bool,
+    pub(crate) gate_obeys: bool,
+}
+
+impl World {
+    pub(crate) fn new(profile: Profile) -> Self {
+        let sample = Sample {
+            session: SESSION,
+            incarnation: 21,
+            axes: 1,
+            master_present: 1,
+            slave_present: 1,
+            torque_present: 1,
+            motor_present: 1,
+            analog_present: 1,
+            backend: Backend::Simulated.code(),
+            profile: profile.code(),
+            ..Sample::default()
+        };
+        let command = MotorCommand {
+            session: SESSION,
+            incarnation: 41,
+            profile: profile.code(),
+            ..MotorCommand::default()
+        };
+        Self {
+            machine: Machine::new(config(profile)),
+            now: 1_000 * MS,
+            peers: Peers { launcher_alive: true, keeper_alive: true },
+            sample,
+            command,
+            token: EnableToken::default(),
+            acquisition_runs: true,
+            control_runs: true,
+            gate_obeys: true,
+        }
+    }
+
+    pub(crate) fn sample_now(&mut self) {
+        self.sample.sequence += 1;
+        self.sample.tick += 1;
+        self.sample.time_ns = self.now;
+        self.sample.scan_time_ns = self.now;
+        self.sample.token_sequence = self.token.sequence;
+        if self.gate_obeys {
+            self.sample.epoch = self.token.epoch;
+            let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
+            self.sample.gate_state = state.code();
+        }
+        self.machine.observe_sample(&self.sample);
+    }
+
+    pub(crate) fn command_now(&mut self) {
+        self.command.sequence += 1;
+        self.command.time_ns = self.now;
+        self.command.computed_ns = self.now;
+        self.command.sample_time_ns = self.sample.scan_time_ns;
+        self.command.sample_tick = self.sample.tick;
+        self.command.token_sequence = self.token.sequence;
+        self.machine.observe_command(&self.command);
+    }
+
+    pub(crate) fn step(&mut self) -> Outputs {
+        let output = self.machine.step(self.now, self.peers);
+        assert_eq!(output.token.enabled == 1, self.machine.state() == WatchdogState::Enabled);
+        assert!(
+            !output.toggle_line || self.machine.state() == WatchdogState::Enabled,
+            "a line without leave"
+        );
+        assert_eq!(output.token.state, self.machine.state().code());
+        self.token = output.token;
+        output
+    }
+
+    /// One millisecond: two samples, a command, a step.
+    pub(crate) fn cycle(&mut self) -> Outputs {
+        for _ in 0..2 {
+            self.now += MS / 2;
+            if self.acquisition_runs {
+                self.sample_now();
+            }
+        }
+        if self.control_runs {
+            self.command_now();
+        }
+        self.step()
+    }
+
+    pub(crate) fn cycles(&mut self, count: usize) {
+        for _ in 0..count {
+            self.cycle();
+        }
+    }
+
+    pub(crate) fn verb(&mut self, verb: Verb) -> Result<WatchdogState, Refusal> {
+        self.machine.command(verb, self.now)
+    }
+
+    /// A world that was brought into `state` the lawful way.
+    pub(crate) fn in_state(profile: Profile, state: WatchdogState) -> Self {
+        let mut world = Self::new(profile);
+        world.cycles(30);
+        let verbs: &[Verb] = match state {
+            WatchdogState::Faulted => &[],
+            WatchdogState::Disarmed => &[Verb::Reset],
+            WatchdogState::Armed => &[Verb::Reset, Verb::Arm],
+            WatchdogState::Enabled => &[Verb::Reset, Verb::Arm, Verb::Enable],
+            WatchdogState::Tripped => &[Verb::Estop],
+        };
+        for &verb in verbs {
+            world.verb(verb).unwrap_or_else(|refusal| panic!("{verb:?}: {refusal}"));
+        }
+        world.cycles(30);
+        assert_eq!(world.machine.state(), state);
+        world
+    }
+}
