@@ -10,7 +10,7 @@ use crate::read::{Keys, Section, bounds};
 use crate::torque_channel::TorqueChannel;
 
 /// Gains and limits of the control law (§ 4.1).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisControl {
     /// Volts per position error: P of § 4.1 times the encoder's counts (V/rad or V/m).
     pub position_gain: f64,
@@ -33,7 +33,7 @@ pub struct AxisControl {
 }
 
 /// Feed-forward of § 4.1, fig. 4.3A: a triangle against friction and an inertia term.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Feedforward {
     /// Friction compensation at the turning points of the movement (V).
     pub friction_peak_v: f64,

@@ -4,7 +4,7 @@ use crate::axis_unit::AxisKeys;
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// Limits of an axis, enforced by the watchdog and the gate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
     /// Lowest position of master and slave (rad or m).
     pub position_min: f64,

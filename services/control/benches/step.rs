@@ -11,8 +11,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use control::law::{Law, friction};
-use control::law_config;
+use control::law::{Law, LawConfig, friction};
 use criterion::{Criterion, criterion_group};
 use hdrhistogram::Histogram;
 use ipc_types::{Mode, Sample, Setpoint};
@@ -91,7 +90,7 @@ fn with(kind: CompensationKind, observer: bool, slave: bool) -> Law {
     options.compensation.kind = kind;
     options.observer = observer.then(Observer::default);
     options.slave = slave.then(SlaveLoop::default);
-    Law::new(law_config(&rig))
+    Law::new(LawConfig::of_rig(&rig))
 }
 
 fn learner() -> Learner {

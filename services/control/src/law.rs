@@ -10,10 +10,9 @@
 //! the output therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to
 //! the real motion of the hand.
 //!
-//! **Options** ([`LawOptions`]). Friction compensation from the identified model in place of the
-//! printed triangle, a disturbance observer, and a loop on the slave that moves the master's
-//! reference. `reference_position` of the command is then the master's, not where the slave should
-//! be.
+//! **Options** ([`rig::ControlOptions`]). Friction compensation from the identified model in place
+//! of the printed triangle, a disturbance observer, and a loop on the slave that moves the master's
+//! reference. `reference_position` of the command is then the master's reference, not the slave's.
 //!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
 //! ([`force`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
@@ -32,6 +31,7 @@
 mod blend;
 mod bounds;
 mod compensation;
+mod config;
 mod estimate;
 mod feedforward;
 pub mod field;
@@ -45,14 +45,14 @@ mod slave;
 
 use blend::{Blend, Motion, stopping_way};
 use bounds::within;
+pub use config::{AxisLaw, LawConfig};
 use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 pub use observer::OBSERVER_SLEW_S;
-pub use options::LawOptions;
-use options::OptionState;
-use rig::{ACCELERATION_HZ, ForceControl};
+use options::{OptionState, sanitised};
+use rig::ACCELERATION_HZ;
 
 /// Time in which the output gets or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;
@@ -69,73 +69,6 @@ pub const STOP_S: f64 = 0.25;
 pub const EXTRAPOLATION_S: f64 = 0.1;
 /// Longest time that one step may stand for, however late the loop was (s).
 const LONGEST_STEP_S: f64 = 0.05;
-
-/// Gains and limits of one axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisLaw {
-    /// Volts per position error: P of § 4.1, 4.5e-3 V/count, times the encoder's counts (V/rad or
-    /// V/m).
-    pub position_gain: f64,
-    /// Volts per velocity error: D of § 4.1, 7e-4 V·s/count, times the encoder's counts (V·s/rad or
-    /// V·s/m).
-    pub velocity_gain: f64,
-    /// Cut-off of the velocity estimate (Hz).
-    pub velocity_filter_hz: f64,
-    /// The output stays within ± this (V).
-    pub output_limit_v: f64,
-    /// Friction feed-forward at the extremes of a movement (V).
-    pub friction_peak_v: f64,
-    /// Friction feed-forward at mid-movement (V).
-    pub friction_floor_v: f64,
-    /// Inertia feed-forward per reference acceleration (V·s²/rad or V·s²/m).
-    pub inertia_v: f64,
-    /// Time in which the reference passes to a new target, where that is near (s).
-    pub ramp_s: f64,
-    /// Highest speed at which the reference catches up with a far target, on top of the target's
-    /// own (rad/s or m/s).
-    pub catch_up_speed: f64,
-    /// Lowest position to hold at (rad or m).
-    pub position_min: f64,
-    /// Highest position to hold at (rad or m).
-    pub position_max: f64,
-    /// Force control; `None` where no torque is measured.
-    pub force: Option<ForceControl>,
-    /// Which compensation, observer and loop on the slave.
-    pub options: LawOptions,
-}
-
-impl AxisLaw {
-    /// Gains in encoder counts, as § 4.1 prints them: P (V/count), D (V·s/count).
-    #[must_use]
-    pub fn with_count_gains(
-        self,
-        p_v_per_count: f64,
-        d_v_s_per_count: f64,
-        counts_per_unit: f64,
-    ) -> Self {
-        Self {
-            position_gain: p_v_per_count * counts_per_unit,
-            velocity_gain: d_v_s_per_count * counts_per_unit,
-            ..self
-        }
-    }
-
-    /// Time in which a moving reference comes to rest when its target is lost or replaced (s).
-    fn stop_s(&self) -> f64 {
-        self.ramp_s.min(STOP_S)
-    }
-}
-
-/// What the law needs to know about its rig.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LawConfig {
-    /// Axes of the rig.
-    pub axes: usize,
-    /// The law of each axis.
-    pub axis: [AxisLaw; AXES],
-    /// Period of the control loop (s): what the first step stands for.
-    pub period_s: f64,
-}
 
 /// Whose target the reference follows; a change of it begins a blend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -196,17 +129,21 @@ impl Law {
     pub fn new(mut config: LawConfig) -> Self {
         config.axes = config.axes.min(AXES);
         for law in &mut config.axis {
-            for limit in
-                [&mut law.output_limit_v, &mut law.friction_peak_v, &mut law.friction_floor_v]
-            {
+            let control = &mut law.control;
+            let feedforward = &mut control.feedforward;
+            for limit in [
+                &mut control.output_limit_v,
+                &mut feedforward.friction_peak_v,
+                &mut feedforward.friction_floor_v,
+            ] {
                 *limit = if limit.is_finite() { limit.max(0.0) } else { 0.0 };
             }
-            law.options = law.options.sanitised();
+            control.options = sanitised(control.options);
         }
         Self {
             config,
             axis: config.axis.map(|axis| Axis {
-                velocity: VelocityEstimate::new(axis.velocity_filter_hz),
+                velocity: VelocityEstimate::new(axis.control.velocity_filter_hz),
                 reference: Motion::default(),
                 target: Motion::default(),
                 target_ns: 0,
@@ -214,7 +151,7 @@ impl Law {
                 friction: Slew::default(),
                 inertia: Slew::default(),
                 options: OptionState::default(),
-                handle: VelocityEstimate::new(axis.velocity_filter_hz),
+                handle: VelocityEstimate::new(axis.control.velocity_filter_hz),
                 acceleration: VelocityEstimate::new(ACCELERATION_HZ),
                 force_v: 0.0,
                 force_controlled: false,
@@ -239,7 +176,8 @@ impl Law {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
             + period_s
-                * (3.0 * law.output_limit_v / AUTHORITY_S + law.output_limit_v / INERTIA_SLEW_S)
+                * (3.0 * law.control.output_limit_v / AUTHORITY_S
+                    + law.control.output_limit_v / INERTIA_SLEW_S)
             + law.options_step_v(period_s)
     }
 
@@ -268,34 +206,14 @@ impl Law {
             mode: Mode::Passive.code(),
             ..MotorCommand::default()
         };
-        let axes = self.config.axes;
-        let measured = (0..axes).all(|axis| {
-            sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0
-        });
-        if !measured {
-            self.release_output();
-            self.axis.iter_mut().for_each(|axis| {
-                axis.velocity.reset();
-                axis.handle.reset();
-                axis.acceleration.reset();
-            });
+        if !self.observe(sample) {
             command.limited = 1;
             return command;
         }
+        let axes = self.config.axes;
         let time_ns = sample.scan_time_ns;
-        if time_ns < self.last_sample_ns {
-            // Another acquisition's clock: begin anew from what is measured.
-            self.release_output();
-        }
-        self.last_sample_ns = time_ns;
-        for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
-            axis.velocity.update(time_ns, sample.master_position[index]);
-            let speed = axis.handle.update(time_ns, handle_position(sample, index));
-            axis.acceleration.update(time_ns, speed);
-        }
-
         let live = setpoint.filter(|setpoint| {
-            now_ns <= setpoint.lease_until_ns && usable(setpoint, sample.scan_time_ns, axes)
+            now_ns <= setpoint.lease_until_ns && usable(setpoint, time_ns, axes)
         });
         command.lapsed = u8::from(setpoint.is_some() && live.is_none());
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
@@ -308,7 +226,7 @@ impl Law {
         }
 
         if mode.yields() && !self.has_force_control(sample) {
-            // Without a torque there is nothing to move with.
+            // Without a measured torque force control has no input.
             self.release_output();
             command.limited = 1;
         } else if !powered || (mode == Mode::Passive && self.authority == 0.0) {
@@ -324,17 +242,59 @@ impl Law {
             }
             command.mode = mode.code();
         }
+        self.compute_outputs(sample, live, elapsed_s, &mut command);
+        command
+    }
+
+    /// Updates the velocity estimates. Returns false, and releases the output, if the position of
+    /// an axis is missing or not finite.
+    fn observe(&mut self, sample: &Sample) -> bool {
+        let axes = self.config.axes;
+        let measured = (0..axes).all(|axis| {
+            sample.master_position[axis].is_finite() && sample.master_present & (1 << axis) != 0
+        });
+        if !measured {
+            self.release_output();
+            self.axis.iter_mut().for_each(|axis| {
+                axis.velocity.reset();
+                axis.handle.reset();
+                axis.acceleration.reset();
+            });
+            return false;
+        }
+        let time_ns = sample.scan_time_ns;
+        if time_ns < self.last_sample_ns {
+            // The clock of another acquisition process: start again from the measured position.
+            self.release_output();
+        }
+        self.last_sample_ns = time_ns;
+        for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
+            axis.velocity.update(time_ns, sample.master_position[index]);
+            let speed = axis.handle.update(time_ns, handle_position(sample, index));
+            axis.acceleration.update(time_ns, speed);
+        }
+        true
+    }
+
+    /// Writes the outputs of all axes into the command. If a value is not finite, releases every
+    /// axis.
+    fn compute_outputs(
+        &mut self,
+        sample: &Sample,
+        live: Option<&Setpoint>,
+        elapsed_s: f64,
+        command: &mut MotorCommand,
+    ) {
         let mut finite = true;
-        for axis in 0..axes {
+        for axis in 0..self.config.axes {
             finite &= match (self.source, live) {
                 (Some(Source::Hand), Some(setpoint)) => {
-                    self.control_force(axis, sample, setpoint, elapsed_s, &mut command)
+                    self.control_force(axis, sample, setpoint, elapsed_s, command)
                 }
-                _ => self.control_position(axis, sample, live, elapsed_s, &mut command),
+                _ => self.control_position(axis, sample, live, elapsed_s, command),
             };
         }
         if !finite {
-            // A reference or a gain beyond what numbers can hold: let go on every axis.
             self.release_output();
             command.volts = [0.0; AXES];
             command.feedforward_v = [0.0; AXES];
@@ -343,10 +303,9 @@ impl Law {
             command.mode = Mode::Passive.code();
             command.limited = 1;
         }
-        command
     }
 
-    /// No output, and the reference follows the hand.
+    /// Sets the output to zero; the reference then follows the hand.
     fn release_output(&mut self) {
         self.source = None;
         self.authority = 0.0;
@@ -389,7 +348,7 @@ impl Law {
             let reference = axis.present_reference(time_ns);
             if begins || !reference.is_finite() {
                 // Power came: from the hand's own motion, so that there is no error to begin with.
-                let speed = law.catch_up_speed.abs();
+                let speed = law.catch_up_speed().abs();
                 let velocity = within(axis.velocity.velocity(), speed);
                 axis.reference = Motion { position, velocity, acceleration: 0.0 };
                 axis.blend = None;
@@ -406,16 +365,18 @@ impl Law {
                 _ => axis.target_at(time_ns),
             };
             let step = target.minus(&axis.target_at(time_ns));
-            let jumps = law.position_gain.abs() * step.position.abs()
-                + law.velocity_gain.abs() * step.velocity.abs()
+            let jumps = law.control.position_gain.abs() * step.position.abs()
+                + law.control.velocity_gain.abs() * step.velocity.abs()
                 > SWITCH_STEP_V;
             if changed || jumps {
                 let offset = axis.reference.minus(&target);
-                let speed = law.catch_up_speed;
-                let ramps =
-                    law.ramp_s > 0.0 && law.ramp_s.is_finite() && speed > 0.0 && offset.is_finite();
-                axis.blend =
-                    ramps.then(|| Blend::new(time_ns, &offset, law.stop_s(), law.ramp_s, speed));
+                let speed = law.catch_up_speed();
+                let ramps = law.control.ramp_s > 0.0
+                    && law.control.ramp_s.is_finite()
+                    && speed > 0.0
+                    && offset.is_finite();
+                axis.blend = ramps
+                    .then(|| Blend::new(time_ns, &offset, law.stop_s(), law.control.ramp_s, speed));
             }
             axis.target = target;
             axis.target_ns = time_ns;
@@ -451,7 +412,11 @@ impl Axis {
     /// Where a moving reference comes to rest when it slows down evenly, within the limits.
     fn resting_place(&self, law: &AxisLaw) -> Motion {
         let way = stopping_way(self.reference.velocity, law.stop_s());
-        Motion::at_rest((self.reference.position + way).max(law.position_min).min(law.position_max))
+        Motion::at_rest(
+            (self.reference.position + way)
+                .max(law.limits.position_min)
+                .min(law.limits.position_max),
+        )
     }
 }
 

@@ -3,19 +3,16 @@
 use std::path::PathBuf;
 
 use ipc_types::{
-    AXES, COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity,
-    TOKEN, TypedTopic, timing_topic,
+    COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity, TOKEN,
+    TypedTopic, timing_topic,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
 use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
-use crate::law::{AxisLaw, Law, LawConfig, LawOptions};
+use crate::law::{Law, LawConfig};
 use crate::setpoint_validation::SetpointValidation;
-
-/// The reference catches up with a far target at this fraction of the axis's speed limit.
-const CATCH_UP: f64 = 0.2;
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -40,45 +37,6 @@ pub enum ControlError {
     NoTopic(Process),
 }
 
-/// Gains and limits of a rig file, as the law wants them.
-pub fn law_config(rig: &RigFile) -> LawConfig {
-    let nothing = AxisLaw {
-        position_gain: 0.0,
-        velocity_gain: 0.0,
-        velocity_filter_hz: 1.0,
-        output_limit_v: 0.0,
-        friction_peak_v: 0.0,
-        friction_floor_v: 0.0,
-        inertia_v: 0.0,
-        ramp_s: 1.0,
-        catch_up_speed: 0.0,
-        position_min: 0.0,
-        position_max: 0.0,
-        force: None,
-        options: LawOptions::default(),
-    };
-    let mut laws = [nothing; AXES];
-    for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
-        let control = &axis.control;
-        *law = AxisLaw {
-            position_gain: control.position_gain,
-            velocity_gain: control.velocity_gain,
-            velocity_filter_hz: control.velocity_filter_hz,
-            output_limit_v: control.output_limit_v,
-            friction_peak_v: control.feedforward.friction_peak_v,
-            friction_floor_v: control.feedforward.friction_floor_v,
-            inertia_v: control.feedforward.inertia_v,
-            ramp_s: control.ramp_s,
-            catch_up_speed: CATCH_UP * axis.limits.speed_max,
-            position_min: axis.limits.position_min,
-            position_max: axis.limits.position_max,
-            force: control.force,
-            options: LawOptions { control: control.options, model: rig.reflected_dynamics(index) },
-        };
-    }
-    LawConfig { axes: rig.axes.len(), axis: laws, period_s: 1.0 / f64::from(rig.rates.control_hz) }
-}
-
 /// Runs control until a signal ends it.
 pub fn run(options: &Options) -> Result<(), ControlError> {
     let rig = RigFile::load(&options.rig_file)?;
@@ -92,7 +50,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
     let mut commands = service.publisher(COMMAND)?;
     let mut timings = service.publisher(timing_topic)?;
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
-    let mut law = Law::new(law_config(&rig));
+    let mut law = Law::new(LawConfig::of_rig(&rig));
     let identity = service.identity();
     let mut validation = SetpointValidation::of_rig(identity.session, &rig);
     let profile = service.enter_loop()?;

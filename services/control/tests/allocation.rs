@@ -4,8 +4,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use control::law::Law;
-use control::law_config;
+use control::law::{Law, LawConfig};
 use ipc_types::{Mode, Sample, Setpoint};
 use rig::{CompensationKind, RigFile};
 
@@ -47,7 +46,7 @@ fn rig(kind: CompensationKind, options: bool) -> RigFile {
 fn a_step_allocates_nothing_in_any_mode_with_any_option() {
     for kind in [CompensationKind::Printed, CompensationKind::Identified, CompensationKind::None] {
         for options in [false, true] {
-            let mut law = Law::new(law_config(&rig(kind, options)));
+            let mut law = Law::new(LawConfig::of_rig(&rig(kind, options)));
             let mut now = 1_000_000_000u64;
             let before = COUNT.with(Cell::get);
             assert!(before > 0, "the counter counts");

@@ -30,8 +30,7 @@ pub mod learning;
 use std::collections::VecDeque;
 
 use acquisition::Converter;
-use control::law::Law;
-use control::law_config;
+use control::law::{Law, LawConfig};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use plant::transmission::Motion;
 use rig::{ChannelKind, RigFile};
@@ -170,7 +169,7 @@ impl Twin {
         Ok(Self {
             daq: LockStepDaq::new(rig, effects, LINE_NS, true)?,
             converter: Converter::new(rig),
-            law: Law::new(law_config(rig)),
+            law: Law::new(LawConfig::of_rig(rig)),
             under_way: VecDeque::with_capacity(ANSWER_TICKS as usize + 1),
             axes: rig.axes.len() as u8,
             gears,

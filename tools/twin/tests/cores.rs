@@ -16,8 +16,7 @@
 use std::sync::Arc;
 
 use acquisition::Converter;
-use control::law::Law;
-use control::law_config;
+use control::law::{Law, LawConfig};
 use experiment::player::{Player, Program, Settings};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Profile, Sample, Setpoint, Verb, WatchdogState,
@@ -90,7 +89,7 @@ impl Rig {
                 rig.axes.len(),
                 volts_max,
             )),
-            law: Law::new(law_config(rig)),
+            law: Law::new(LawConfig::of_rig(rig)),
             machine: Machine::new(Config::for_profile(
                 PROFILE,
                 SESSION,

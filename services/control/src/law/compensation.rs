@@ -20,14 +20,14 @@ use super::{AxisLaw, FRICTION_SLEW_S};
 impl AxisLaw {
     /// Highest friction compensation (V).
     pub(super) fn friction_peak(&self) -> f64 {
-        let compensation = &self.options.control.compensation;
-        match (compensation.kind, &self.options.model) {
-            (CompensationKind::Printed, _) => self.friction_peak_v,
+        let compensation = &self.control.options.compensation;
+        match (compensation.kind, &self.model) {
+            (CompensationKind::Printed, _) => self.control.feedforward.friction_peak_v,
             (CompensationKind::Identified, Some(model)) => {
                 let peak_v = compensation.share
                     * (model.master_friction.peak_v() + model.slave_friction.peak_v());
                 // A minimum would make a number of what is none.
-                if peak_v >= 0.0 { peak_v.min(self.output_limit_v) } else { 0.0 }
+                if peak_v >= 0.0 { peak_v.min(self.control.output_limit_v) } else { 0.0 }
             }
             _ => 0.0,
         }
@@ -36,14 +36,14 @@ impl AxisLaw {
     /// Most that the options make the output change in a step, on top of a law with the printed
     /// feed-forward (V).
     pub(super) fn options_step_v(&self, period_s: f64) -> f64 {
-        let observer_v = self.options.control.observer.map_or(0.0, |observer| observer.limit_v);
+        let observer_v = self.control.options.observer.map_or(0.0, |observer| observer.limit_v);
         period_s * (self.friction_peak() / FRICTION_SLEW_S + observer_v / OBSERVER_SLEW_S)
     }
 
     /// Volts per acceleration of the feed-forward (V·s²/rad or V·s²/m).
     pub(super) fn inertia(&self) -> f64 {
-        match (self.options.control.compensation.kind, &self.options.model) {
-            (CompensationKind::Printed, _) => self.inertia_v,
+        match (self.control.options.compensation.kind, &self.model) {
+            (CompensationKind::Printed, _) => self.control.feedforward.inertia_v,
             (CompensationKind::Identified, Some(model)) => model.inertia_v,
             _ => 0.0,
         }
@@ -57,13 +57,13 @@ impl AxisLaw {
         reference: &Motion,
         peak_speed: f64,
     ) -> f64 {
-        let compensation = &self.options.control.compensation;
-        match (compensation.kind, &self.options.model) {
+        let compensation = &self.control.options.compensation;
+        match (compensation.kind, &self.model) {
             (CompensationKind::Printed, _) => friction(
                 reference.velocity,
                 peak_speed,
-                self.friction_peak_v,
-                self.friction_floor_v,
+                self.control.feedforward.friction_peak_v,
+                self.control.feedforward.friction_floor_v,
             ),
             (CompensationKind::Identified, Some(model)) => {
                 let near = model.master_friction.level_v(reference.velocity);

@@ -18,7 +18,7 @@ impl Law {
     /// Whether every axis has force control and a measured torque.
     pub(super) fn has_force_control(&self, sample: &Sample) -> bool {
         (0..self.config.axes).all(|axis| {
-            self.config.axis[axis].force.is_some()
+            self.config.axis[axis].control.force.is_some()
                 && sample.torque_present & (1 << axis) != 0
                 && sample.slave_torque[axis].is_finite()
         })
@@ -46,13 +46,18 @@ impl Law {
     ) -> bool {
         let handle = self.handle(sample);
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
-        let Some(force) = &law.force else { return false };
+        let Some(force) = &law.control.force else { return false };
         let limit_v = axis.limit_v;
         // The torque that takes the output to its limit: the field's inertia term, the least certain
         // one, asks for no more.
         let most = limit_v / force.volts_per_hand_torque();
         let field = field_torque(setpoint, index, &handle, most)
-            + end_stop_torque(force, handle.position[index], law.position_min, law.position_max);
+            + end_stop_torque(
+                force,
+                handle.position[index],
+                law.limits.position_min,
+                law.limits.position_max,
+            );
         let torque = sample.slave_torque[index] + field;
         let before_v = if axis.force_controlled { axis.force_v } else { 0.0 };
         // The motor's speed: most of the friction is at the motor.

@@ -18,7 +18,7 @@ use super::{AUTHORITY_S, Axis, AxisLaw, Motion};
 /// rig's.
 fn wanted_v(law: &AxisLaw, setpoint: Option<&Setpoint>, axis: usize) -> f64 {
     let asked_v = setpoint.map_or(0.0, |setpoint| setpoint.output_limit_v[axis]);
-    if asked_v > 0.0 { asked_v.min(law.output_limit_v) } else { law.output_limit_v }
+    if asked_v > 0.0 { asked_v.min(law.control.output_limit_v) } else { law.control.output_limit_v }
 }
 
 impl Axis {
@@ -33,7 +33,7 @@ impl Axis {
         elapsed_s: f64,
     ) {
         let wanted_v = wanted_v(law, live, index);
-        let largest = law.output_limit_v * elapsed_s / AUTHORITY_S;
+        let largest = law.control.output_limit_v * elapsed_s / AUTHORITY_S;
         self.limit_v = if begins {
             wanted_v
         } else {
@@ -57,7 +57,7 @@ impl Axis {
         initialises: bool,
         elapsed_s: f64,
     ) {
-        let gain = law.position_gain.abs();
+        let gain = law.control.position_gain.abs();
         let wanted = self.limit_v / gain;
         // Without a gain the output holds nothing, and there is nothing to wind up.
         if !initialises || !wanted.is_finite() || !self.reference.is_finite() {
@@ -65,7 +65,7 @@ impl Axis {
             return;
         }
         let offset = self.reference.position - position;
-        let largest = law.output_limit_v * elapsed_s / AUTHORITY_S / gain;
+        let largest = law.control.output_limit_v * elapsed_s / AUTHORITY_S / gain;
         self.lead = wanted.max(self.lead.min(offset.abs()) - largest);
         self.held_back = offset.abs() > self.lead;
         if self.held_back {

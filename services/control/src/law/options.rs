@@ -8,29 +8,18 @@ use super::bounds::within;
 use super::observer::Disturbance;
 use super::slave::SlaveOffset;
 
-/// Options of the position law, and the model that they go by.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LawOptions {
-    /// Which compensation, observer and loop on the slave.
-    pub control: ControlOptions,
-    /// What the declared model says of the axis; without it, what would go by it is silent.
-    pub model: Option<ReflectedDynamics>,
-}
-
-impl LawOptions {
-    /// Limits that are none, or no numbers, count as 0.
-    pub(super) fn sanitised(mut self) -> Self {
-        let bounded = |value: f64| if value.is_finite() { value.max(0.0) } else { 0.0 };
-        if let Some(observer) = &mut self.control.observer {
-            observer.limit_v = bounded(observer.limit_v);
-            observer.share = bounded(observer.share).min(1.0);
-        }
-        if let Some(slave) = &mut self.control.slave {
-            slave.limit = bounded(slave.limit);
-        }
-        self.control.compensation.share = bounded(self.control.compensation.share).min(1.0);
-        self
+/// Replaces negative and non-finite limits and shares by 0.
+pub(super) fn sanitised(mut options: ControlOptions) -> ControlOptions {
+    let bounded = |value: f64| if value.is_finite() { value.max(0.0) } else { 0.0 };
+    if let Some(observer) = &mut options.observer {
+        observer.limit_v = bounded(observer.limit_v);
+        observer.share = bounded(observer.share).min(1.0);
     }
+    if let Some(slave) = &mut options.slave {
+        slave.limit = bounded(slave.limit);
+    }
+    options.compensation.share = bounded(options.compensation.share).min(1.0);
+    options
 }
 
 /// Friction beyond the line, as the motor feels it along the reference (V).

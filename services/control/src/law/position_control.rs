@@ -44,8 +44,8 @@ impl Law {
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let observed_v = axis.observed(law, sample, index, friction_v, elapsed_s);
         let feedforward_v = friction_v + inertia_v + observed_v;
-        let feedback_v = law.position_gain * (reference.position - position)
-            + law.velocity_gain * (reference.velocity - velocity);
+        let feedback_v = law.control.position_gain * (reference.position - position)
+            + law.control.velocity_gain * (reference.velocity - velocity);
         let wanted_v = feedback_v + feedforward_v;
         if !wanted_v.is_finite() {
             return false;
@@ -78,7 +78,7 @@ impl Axis {
         peak_speed: f64,
         elapsed_s: f64,
     ) -> Motion {
-        let (Some(settings), Some(model)) = (&law.options.control.slave, &law.options.model) else {
+        let (Some(settings), Some(model)) = (&law.control.options.slave, &law.model) else {
             return self.reference;
         };
         let position = sample.slave_position[index];
@@ -87,7 +87,7 @@ impl Axis {
             position: (sample.slave_present & (1 << index) != 0 && position.is_finite())
                 .then_some(position),
             peak_speed,
-            speed: law.catch_up_speed.abs(),
+            speed: law.catch_up_speed().abs(),
             elapsed_s,
         };
         self.reference.plus(&self.options.slave.step(settings, model, &seen))
@@ -102,20 +102,16 @@ impl Axis {
         friction_v: f64,
         elapsed_s: f64,
     ) -> f64 {
-        let options = &law.options;
-        let (Some(settings), Some(model)) = (&options.control.observer, &options.model) else {
+        let options = &law.control.options;
+        let (Some(settings), Some(model)) = (&options.observer, &law.model) else {
             return 0.0;
         };
-        let compensated_v = if options.control.compensation.kind == CompensationKind::None {
-            0.0
-        } else {
-            friction_v
-        };
+        let compensated_v =
+            if options.compensation.kind == CompensationKind::None { 0.0 } else { friction_v };
         let seen = observer::Seen {
             volts: written_v(sample, index) - compensated_v,
             velocity: self.velocity.velocity(),
-            moves: self.reference.velocity.abs()
-                > RESTS * options.control.compensation.reversal_speed,
+            moves: self.reference.velocity.abs() > RESTS * options.compensation.reversal_speed,
             elapsed_s,
         };
         self.options.disturbance.step(settings, model.inertia_v, &seen)

@@ -202,7 +202,7 @@ fn without_a_torque_there_is_no_force_control() {
     for broken in 0..4 {
         let mut axis = axis_law();
         if broken == 0 {
-            axis.force = None;
+            axis.control.force = None;
         }
         let mut law = Law::new(config(axis, 500));
         let mut now = SECOND;

@@ -61,7 +61,7 @@ fn sr_21_the_limit_comes_and_goes_gradually() {
 #[test]
 fn sr_21_against_a_stop_the_reference_does_not_wind_up() {
     let law_of_axis = axis_law();
-    let lead = 1.5 / law_of_axis.position_gain;
+    let lead = 1.5 / law_of_axis.control.position_gain;
     // Driven at 0.5 rad/s against a stop at 0 for 3 s.
     let drive = |law: &mut Law, mode: Mode| {
         play(law, 0, 1500, |now| {

@@ -6,31 +6,26 @@ mod limit;
 mod options;
 mod properties;
 
-use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig, LawOptions};
+use control::law::{AUTHORITY_S, AxisLaw, Law, LawConfig};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
-use rig::ForceControl;
+use rig::{AxisControl, Feedforward, ForceControl, Limits};
 
 const SECOND: u64 = 1_000_000_000;
 const COUNTS: f64 = 4000.0 / std::f64::consts::TAU;
 
 /// The thesis's gains; 4,000 counts per turn.
 fn axis_law() -> AxisLaw {
-    AxisLaw {
-        position_gain: 0.0,
-        velocity_gain: 0.0,
+    let control = AxisControl {
         velocity_filter_hz: 30.0,
         output_limit_v: 5.0,
-        friction_peak_v: 1.5,
-        friction_floor_v: 0.6,
-        inertia_v: 0.011,
+        feedforward: Feedforward { friction_peak_v: 1.5, friction_floor_v: 0.6, inertia_v: 0.011 },
         ramp_s: 0.5,
-        catch_up_speed: 2.0,
-        position_min: -2.0,
-        position_max: 2.0,
         force: Some(force_control()),
-        options: LawOptions::default(),
-    }
-    .with_count_gains(4.5e-3, 7e-4, COUNTS)
+        ..AxisControl::default()
+    };
+    let limits =
+        Limits { position_min: -2.0, position_max: 2.0, speed_max: 10.0, ..Limits::default() };
+    AxisLaw { control, limits, model: None }.with_count_gains(4.5e-3, 7e-4, COUNTS)
 }
 
 /// Eq. 4.2.1 to 4.2.3, with a torque cell of 0.5 V/(N·m).
@@ -133,7 +128,7 @@ fn closed_loop(
         let now = SECOND + cycle * SECOND / rate;
         let command = controller.step(now, &sample(now, mass.position), aim(now).as_ref(), true);
         look(now, mass, &command);
-        mass.advance(command.volts[0], law.inertia_v, 1.0 / rate as f64);
+        mass.advance(command.volts[0], law.control.feedforward.inertia_v, 1.0 / rate as f64);
     }
 }
 
@@ -141,7 +136,8 @@ fn closed_loop(
 fn gains_per_count_are_those_of_the_thesis() {
     let law = axis_law();
     assert!(
-        (law.position_gain - 2.8648).abs() < 1e-4 && (law.velocity_gain - 0.44563).abs() < 1e-5
+        (law.control.position_gain - 2.8648).abs() < 1e-4
+            && (law.control.velocity_gain - 0.44563).abs() < 1e-5
     );
 }
 
@@ -149,9 +145,11 @@ fn gains_per_count_are_those_of_the_thesis() {
 /// Held against the closed form, with an error that falls in proportion to the period.
 #[test]
 fn feedback_on_a_pure_inertia_has_the_closed_form() {
-    let law = AxisLaw { velocity_gain: 0.1, velocity_filter_hz: 1e6, ..axis_law() };
-    let damping = law.velocity_gain / (2.0 * law.inertia_v);
-    let omega = (law.position_gain / law.inertia_v - damping * damping).sqrt();
+    let mut law = axis_law();
+    (law.control.velocity_gain, law.control.velocity_filter_hz) = (0.1, 1e6);
+    let damping = law.control.velocity_gain / (2.0 * law.control.feedforward.inertia_v);
+    let omega =
+        (law.control.position_gain / law.control.feedforward.inertia_v - damping * damping).sqrt();
     let mut errors = vec![];
     for rate in [1_000, 2_000, 4_000] {
         let mut mass = Mass::default();
@@ -202,7 +200,7 @@ fn feedforward_of_a_sine_is_the_curve_of_fig_4_3_a() {
         if cycle > 1_000 && aim[1].abs() > 0.3 * aim[3] {
             let phase = (aim[1].abs() / aim[3]).asin() * 2.0 / std::f64::consts::PI;
             let triangle = (1.5 - 0.9 * phase).copysign(aim[1]);
-            let expected = triangle + law.inertia_v * aim[2];
+            let expected = triangle + law.control.feedforward.inertia_v * aim[2];
             assert!(
                 (command.feedforward_v[0] - expected).abs() < 0.01,
                 "{} {expected}",
@@ -235,12 +233,10 @@ fn feedforward_makes_a_mass_with_friction_follow_better() {
         f64::sqrt(sum / count)
     };
     let with = rms(axis_law());
-    let without = rms(AxisLaw {
-        friction_peak_v: 0.0,
-        friction_floor_v: 0.0,
-        inertia_v: 0.011,
-        ..axis_law()
-    });
+    let mut law = axis_law();
+    law.control.feedforward =
+        Feedforward { friction_peak_v: 0.0, friction_floor_v: 0.0, inertia_v: 0.011 };
+    let without = rms(law);
     assert!(with < 0.5 * without, "with {with} rad, without {without} rad");
     assert!(with < 0.12, "{with} rad");
 }
@@ -370,7 +366,7 @@ fn sr_23_without_a_setpoint_it_holds_the_place_where_power_came() {
             (0.3, Mode::Hold.code(), 0)
         );
         if cycle > 200 {
-            assert!((command.volts[0] + 0.1 * axis_law().position_gain).abs() < 1e-3);
+            assert!((command.volts[0] + 0.1 * axis_law().control.position_gain).abs() < 1e-3);
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Compensation from the identified model, disturbance observer, loop on the slave.
 
-use control::law::{AxisLaw, Law, LawOptions};
+use control::law::{AxisLaw, Law};
 use ipc_types::Mode;
 use plant::reflected::{FrictionCurve, ReflectedDynamics};
-use rig::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
+use rig::{AxisControl, Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 
 use super::{Mass, SECOND, axis_law, config, sample, setpoint, sine};
 
@@ -41,8 +41,9 @@ fn slave() -> SlaveLoop {
     }
 }
 
-fn with(control: ControlOptions) -> AxisLaw {
-    AxisLaw { options: LawOptions { control, model: Some(model()) }, ..axis_law() }
+fn with(options: ControlOptions) -> AxisLaw {
+    let control = AxisControl { options, ..axis_law().control };
+    AxisLaw { control, model: Some(model()), ..axis_law() }
 }
 
 /// The law with each of its options, and with all of them.
@@ -72,8 +73,8 @@ pub(super) fn with_settings(
     law: AxisLaw,
     [first, second, third, fourth, fifth]: [f64; 5],
 ) -> AxisLaw {
-    let control = &law.options.control;
-    let control = ControlOptions {
+    let control = &law.control.options;
+    let options = ControlOptions {
         compensation: Compensation { share: first, reversal_speed: second, ..control.compensation },
         observer: control.observer.map(|_| Observer {
             cutoff_hz: first,
@@ -89,14 +90,14 @@ pub(super) fn with_settings(
             lead_s: fourth,
         }),
     };
-    let model = law.options.model.map(|model| ReflectedDynamics {
+    let model = law.model.map(|model| ReflectedDynamics {
         inertia_v: first,
         master_friction: FrictionCurve::new(second, |_| third),
         line_v: fourth,
         ratio: fifth,
         ..model
     });
-    AxisLaw { options: LawOptions { control, model }, ..law }
+    AxisLaw { control: AxisControl { options, ..law.control }, model, ..law }
 }
 
 /// Root mean square of the master's error on a mass with friction over the last two of four seconds
@@ -116,7 +117,7 @@ fn rms(law: AxisLaw, friction_v: f64) -> f64 {
         if cycle >= 1000 {
             sum += (aim[0] - mass.position).powi(2);
         }
-        mass.advance(written_v, law.inertia_v, 2e-3);
+        mass.advance(written_v, law.control.feedforward.inertia_v, 2e-3);
     }
     (sum / 1000.0).sqrt()
 }
@@ -128,12 +129,12 @@ fn each_option_takes_friction_away_that_the_feedback_leaves() {
         ..ControlOptions::default()
     });
     let mut identified = variant(1);
-    if let Some(model) = &mut identified.options.model {
+    if let Some(model) = &mut identified.model {
         // A mass without a line: all of its friction is the motor's.
         model.master_friction = FrictionCurve::new(25.0, |_| 1.5);
         model.slave_friction = FrictionCurve::new(25.0, |_| 0.0);
     }
-    let observed = with(ControlOptions { observer: Some(observer()), ..none.options.control });
+    let observed = with(ControlOptions { observer: Some(observer()), ..none.control.options });
     let [alone, identified, observed] = [none, identified, observed].map(|law| rms(law, 1.5));
     assert!(alone > 0.2, "{alone}");
     assert!(identified < 0.1 * alone, "{identified} of {alone}");
@@ -143,7 +144,7 @@ fn each_option_takes_friction_away_that_the_feedback_leaves() {
 #[test]
 fn without_a_model_the_options_are_silent() {
     let mut law = variant(5);
-    law.options.model = None;
+    law.model = None;
     let none = with(ControlOptions {
         compensation: compensation(CompensationKind::None),
         ..ControlOptions::default()

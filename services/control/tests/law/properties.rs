@@ -185,19 +185,19 @@ proptest! {
             if let Some(before) = before {
                 let moved = (command.reference_position[0] - before.reference_position[0]).abs();
                 let sped = (command.reference_velocity[0] - before.reference_velocity[0]).abs();
-                let mut bound = controller.step_bound_v(0, 2e-3) + law.position_gain * moved + law.velocity_gain * sped;
+                let mut bound = controller.step_bound_v(0, 2e-3) + law.control.position_gain * moved + law.control.velocity_gain * sped;
                 let yields = |code| Mode::from_code(code).is_some_and(Mode::yields);
                 if yields(command.mode) || yields(before.mode) {
                     // Eq. 4.2.1 goes 0.4 of its way in a step, from limit to limit at most.
-                    bound += 0.4 * 2.0 * law.output_limit_v;
+                    bound += 0.4 * 2.0 * law.control.output_limit_v;
                 }
                 let step = (command.volts[0] - before.volts[0]).abs();
                 let mode = Mode::from_code(command.mode);
                 // Two sines of 2 Hz in opposite phase, and the speed of catching up, once for the
                 // reference and once for the slave's loop. Where the reference is held back, it is
                 // drawn near as fast as the limit on the output may change.
-                let drawn = if mode == Some(Mode::Initialise) { law.output_limit_v * 2e-3 / AUTHORITY_S } else { 0.0 };
-                let jumped = moved > 2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.position_gain
+                let drawn = if mode == Some(Mode::Initialise) { law.control.output_limit_v * 2e-3 / AUTHORITY_S } else { 0.0 };
+                let jumped = moved > 2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.control.position_gain
                     // Where the law lets go, the reference is where the hand is.
                     && !mode.is_some_and(|mode| mode == Mode::Passive || mode.yields());
                 if step > bound || jumped {
@@ -257,7 +257,10 @@ proptest! {
         options in (0..VARIANTS, [number(), number(), number(), number(), number()]),
     ) {
         let [position_gain, velocity_gain, inertia_v, friction_peak_v, ramp_s] = gains;
-        let axis = AxisLaw { position_gain, velocity_gain, inertia_v, friction_peak_v, ramp_s, ..variant(options.0) };
+        let mut axis = variant(options.0);
+        let control = &mut axis.control;
+        (control.position_gain, control.velocity_gain, control.ramp_s) = (position_gain, velocity_gain, ramp_s);
+        (control.feedforward.inertia_v, control.feedforward.friction_peak_v) = (inertia_v, friction_peak_v);
         let axis = with_settings(axis, options.1);
         let mut law = Law::new(config(axis, 500));
         for (bytes, now, ours) in bytes {

@@ -1,0 +1,74 @@
+//! Configuration of the control law, taken from the rig file.
+
+use ipc_types::AXES;
+use plant::reflected::ReflectedDynamics;
+use rig::{AxisControl, Limits, RigFile};
+
+use super::STOP_S;
+
+/// The reference catches up with a far target at this fraction of the axis's speed limit.
+const CATCH_UP: f64 = 0.2;
+
+/// Gains, limits and model of one axis, as the rig file has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxisLaw {
+    /// Gains and options.
+    pub control: AxisControl,
+    /// Limits on position, speed and output.
+    pub limits: Limits,
+    /// Dynamics of the declared model; options that need it are off without it.
+    pub model: Option<ReflectedDynamics>,
+}
+
+impl AxisLaw {
+    /// Gains in encoder counts, as § 4.1 prints them: P (V/count), D (V·s/count).
+    #[must_use]
+    pub fn with_count_gains(
+        self,
+        p_v_per_count: f64,
+        d_v_s_per_count: f64,
+        counts_per_unit: f64,
+    ) -> Self {
+        let control = AxisControl {
+            position_gain: p_v_per_count * counts_per_unit,
+            velocity_gain: d_v_s_per_count * counts_per_unit,
+            ..self.control
+        };
+        Self { control, ..self }
+    }
+
+    /// Highest speed at which the reference catches up with a far target, on top of the target's
+    /// own (rad/s or m/s).
+    pub(super) fn catch_up_speed(&self) -> f64 {
+        CATCH_UP * self.limits.speed_max
+    }
+
+    /// Time in which a moving reference comes to rest when its target is lost or replaced (s).
+    pub(super) fn stop_s(&self) -> f64 {
+        self.control.ramp_s.min(STOP_S)
+    }
+}
+
+/// Configuration of the law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LawConfig {
+    /// Axes of the rig.
+    pub axes: usize,
+    /// Gains, limits and model of each axis.
+    pub axis: [AxisLaw; AXES],
+    /// Period of the control loop (s), taken as the elapsed time of the first step.
+    pub period_s: f64,
+}
+
+impl LawConfig {
+    /// Reads the configuration from a rig file.
+    pub fn of_rig(rig: &RigFile) -> Self {
+        let mut laws = [AxisLaw::default(); AXES];
+        for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
+            let (control, limits) = (axis.control, axis.limits);
+            *law = AxisLaw { control, limits, model: rig.reflected_dynamics(index) };
+        }
+        let period_s = 1.0 / f64::from(rig.rates.control_hz);
+        Self { axes: rig.axes.len(), axis: laws, period_s }
+    }
+}
