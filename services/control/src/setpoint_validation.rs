@@ -197,9 +197,9 @@ impl SetpointValidation {
         verdict
     }
 
-    /// What is to be told of a refusal of that setpoint; `None` where the reason was told within
-    /// [`REPORT_INTERVAL_NS`], and where another owner asked for nothing: the experiment at rest says passive
-    /// for ever.
+    /// Returns the notice to publish for a refused setpoint. `None` if the same reason was reported
+    /// within [`REPORT_INTERVAL_NS`], or if the setpoint of another owner is passive, as the idle
+    /// experiment's always is.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
         if is_idle(refusal, setpoint) {
             return None;

@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! fade in ─> [a sine for each harmonic, three cycles each] ─> trial 1 ─> trial 2 ─> ... ─> out
-//!                       │ the slave's path                      │ the slave's path  ^
-//!                       v                                       v                   │ next reference
+//!                       │ slave's path                          │ slave's path      ^
+//!                       v                                       v                   │ reference
 //!                 ilc_update ──────────────────────────── ilc_update ───────────────┘
 //! ```
 //!
@@ -337,8 +337,9 @@ impl IlcTrials {
                 if step < end {
                     let each = (self.schedule.cycle * IDENTIFYING_CYCLES as usize) as i64;
                     let harmonic = ((step - from) / each) as u32 + 1;
-                    if !matches!(self.new, Source::Sine { harmonic: playing } if playing == harmonic)
-                    {
+                    let same =
+                        matches!(self.new, Source::Sine { harmonic: now } if now == harmonic);
+                    if !same {
                         self.follow(
                             Source::Sine { harmonic },
                             from + i64::from(harmonic - 1) * each,

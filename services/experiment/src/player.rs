@@ -1,4 +1,4 @@
-//! Plays a protocol: a state machine of which the time is an argument.
+//! Plays a protocol: a state machine that takes the time as an argument.
 //!
 //! ```text
 //! Idle ──start──> Playing ──end of the last segment──> Holding ──0.5 s──> Idle, passive
@@ -10,8 +10,8 @@
 //! ```
 //!
 //! Each [`Player::step`] returns the setpoint for its instant, with a lease: when the process that
-//! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] goes on
-//! at the beginning of the segment that was interrupted, from where the handle then is.
+//! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] starts the
+//! interrupted segment again, from where the handle then is.
 
 mod ilc;
 mod job;
@@ -40,8 +40,7 @@ use supervision::{Supervision, Verdict};
 /// Times of the player.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// How long a setpoint may be followed; also the longest pause between two steps that counts as
-    /// none (ns).
+    /// Lease of a setpoint (ns). A longer pause between two steps starts the segment again.
     pub lease_ns: u64,
     /// Time from a stop to rest (ns).
     pub stop_fade_ns: u64,
@@ -62,40 +61,40 @@ impl Default for Settings {
     }
 }
 
-/// What changed in a step; one at most.
+/// A change of state; at most one in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// The protocol began, and with it segment 0.
     Started,
     /// The next segment began.
     Segment(u32),
-    /// The segment began again, after a restart or a pause.
+    /// The segment was started again, after a restart or a pause.
     Resumed(u32),
     /// The last segment ended.
     Done,
     /// Playing was stopped in this segment.
     Stopped(u32),
-    /// The protocol ended in this segment, because it cannot or may not go on.
+    /// The protocol was aborted in this segment.
     Aborted(u32, Reason),
 }
 
-/// What a step returns.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// What to publish, identity and sequence left to the publisher; `None` before the first
+    /// The setpoint, whose identity and sequence the publisher fills in; `None` before the first
     /// protocol.
     pub setpoint: Option<Setpoint>,
-    /// What changed; to be told as an event, and the state to be kept.
+    /// The change of state; the caller publishes it as an event and saves the state.
     pub change: Option<Change>,
 }
 
-/// Why a kept state cannot be resumed.
+/// Why a saved state cannot be resumed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ResumeError {
-    /// It was kept when nothing was being played.
-    #[error("nothing was being played when the state was kept; start a protocol")]
+    /// No protocol was running when it was saved.
+    #[error("no protocol was running when the state was saved; start a protocol")]
     NotRunning,
-    /// It belongs to another text.
+    /// It belongs to another protocol text.
     #[error(
         "the state is of the protocol {expected:016x}, the text given is {found:016x}; resume \
             with the text in the state"
@@ -118,19 +117,19 @@ pub enum ResumeError {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
-    /// Nothing is played; 0 V if something ever was.
+    /// No protocol is running; the output is 0 V.
     Idle,
     /// The segment begins with the next step, which brings the measured position.
     Entering { segment: usize, change: Change },
     /// Playing since `begun_ns`.
     Playing { segment: usize, begun_ns: u64 },
-    /// Fading to rest at `hold`, with the segment going on underneath.
+    /// Blending from the running segment to rest at `hold`.
     Stopping { segment: usize, begun_ns: u64, stopped_ns: u64 },
     /// At rest under power.
     Holding { segment: usize, since_ns: u64 },
 }
 
-/// Why a protocol is to end before its last segment does.
+/// Why a protocol ends early.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
     Stop,
@@ -156,11 +155,11 @@ pub struct Player {
     phase: Phase,
     /// Where each axis rests, or where the running segment found it (rad or m).
     rest: [f64; AXES],
-    /// Where each axis was when a stop was asked for (rad or m).
+    /// Where each axis was when the stop was requested (rad or m).
     hold: [f64; AXES],
     /// How to end the protocol in the next step.
     end: Option<End>,
-    /// The enable and the lease that the protocol depends on.
+    /// The enable epoch and the client lease that the protocol depends on.
     supervision: Supervision,
     /// A resumed protocol waits for its permission and its client.
     waiting: bool,
@@ -168,9 +167,9 @@ pub struct Player {
     completed: bool,
     segment: u32,
     elapsed_s: f64,
-    /// By how much the segments so far were shorter than planned (s): a search ends when it finds.
+    /// By how much the segments so far were shorter than planned (s): a range search ends early.
     early_s: f64,
-    /// Where the handles' own encoders see them (rad or m); NaN where there is none.
+    /// Positions of the slaves' encoders (rad or m); NaN for an axis without one.
     handles: [f64; AXES],
     /// The search for the ends of an axis, and when its segment began.
     finder: Option<(u64, RangeFinder)>,
@@ -183,7 +182,7 @@ pub struct Player {
 }
 
 impl Player {
-    /// A player that plays nothing yet.
+    /// Creates an idle player.
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -209,14 +208,12 @@ impl Player {
         }
     }
 
-    /// Whether a protocol is being played (the fade after a stop and the hold after the end are not
-    /// playing).
+    /// Whether a protocol is running; the fade after a stop and the final hold do not count.
     pub fn is_running(&self) -> bool {
         matches!(self.phase, Phase::Entering { .. } | Phase::Playing { .. })
     }
 
-    /// Whether a step is due even where no samples arrive: every end is carried out, and 0 V goes on
-    /// being asked for after it.
+    /// Whether a step is due even without samples: to end a protocol, and to request 0 V after it.
     pub fn is_ending(&self) -> bool {
         self.end.is_some() || !self.is_running()
     }
@@ -231,19 +228,18 @@ impl Player {
         self.program.as_ref()
     }
 
-    /// Begins a protocol with the next step, under the watchdog's enable `epoch`. One that is being
-    /// played is dropped: whoever calls this has asked [`Player::is_running`] first.
+    /// Starts a protocol with the next step, in the watchdog's enable `epoch`. Replaces a running
+    /// protocol: check [`Player::is_running`] first.
     pub fn start(&mut self, program: Arc<Program>, epoch: u64) {
         self.supervision = Supervision::new(epoch, false);
         self.enter(program, 0, Change::Started);
     }
 
-    /// Goes on where a kept state left off, at the beginning of its segment, once
-    /// [`Player::supervise`] has seen that the motor is still enabled in the same epoch and that the
-    /// client is still there.
+    /// Resumes a saved state at the beginning of its segment, once [`Player::supervise`] has seen
+    /// that the motor is still enabled in the same epoch and that the client is still there.
     ///
     /// # Errors
-    /// [`ResumeError`] where the state does not fit the program; nothing is changed then.
+    /// [`ResumeError`] if the state does not belong to the program; nothing is changed then.
     pub fn resume(
         &mut self,
         state: &PlayerState,
@@ -281,8 +277,8 @@ impl Player {
         self.segment = segment as u32;
     }
 
-    /// Stops playing with the next step: the movement fades to rest, is held, and power is let go.
-    /// Does nothing when nothing is played.
+    /// Stops with the next step: the movement fades to rest, the handle is held, then the output goes
+    /// to 0 V. Does nothing if no protocol is running.
     pub fn stop(&mut self) {
         if self.is_running() {
             self.end.get_or_insert(End::Stop);
@@ -291,7 +287,7 @@ impl Player {
 
     /// Checks, before a step, whether the protocol may go on: the watchdog's `permission`, and the
     /// time at which the client last renewed its lease (ns, CLOCK_MONOTONIC; 0: not yet). Without
-    /// permission the protocol ends at once, without its client in good order.
+    /// permission the protocol ends at once; without its client it fades to rest first.
     pub fn supervise(&mut self, now_ns: u64, permission: Permission, renewed_ns: u64) {
         if self.phase == Phase::Idle {
             return;
@@ -308,7 +304,7 @@ impl Player {
         }
     }
 
-    /// What a restarted process needs to go on; `session` is that of the rig.
+    /// The state that a restarted process needs to resume; `session` is the rig's.
     pub fn state(&self, session: u64, client: u64) -> PlayerState {
         let program = self.program.as_ref();
         PlayerState {
@@ -323,7 +319,7 @@ impl Player {
         }
     }
 
-    /// How far it is.
+    /// The progress of the protocol.
     pub fn status(&self) -> ExperimentAnswer {
         ExperimentAnswer {
             running: self.is_running(),
@@ -336,11 +332,11 @@ impl Player {
         }
     }
 
-    /// One cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters (rad or
-    /// m).
+    /// Runs one cycle at `now_ns` (CLOCK_MONOTONIC) with the measured positions of the masters (rad
+    /// or m).
     ///
-    /// Time that goes backwards counts as standing still. A pause longer than the lease means that
-    /// control has ramped to hold meanwhile: the segment begins again from where the handle is.
+    /// A time before the last step's is replaced by that. After a pause longer than the lease
+    /// control has ramped to hold, so the segment starts again from where the handle is.
     pub fn step(&mut self, now_ns: u64, measured: &[f64; AXES]) -> Output {
         let Some(program) = self.program.clone().filter(|_| !self.waiting || self.end.is_some())
         else {
@@ -407,8 +403,8 @@ impl Player {
         }
     }
 
-    /// Ends the protocol: at once where power is gone, or where nobody knows where the reference
-    /// is; else by a fade to rest.
+    /// Ends the protocol: at once if power is gone or the reference is unknown, otherwise by a fade to
+    /// rest.
     fn end_by(
         &mut self,
         end: End,
@@ -436,8 +432,8 @@ impl Player {
         running.then(|| end.change(self.segment))
     }
 
-    /// Passes the edge between two segments, when it is time. The next one begins at the edge, not
-    /// at the step after it, so that the protocol keeps its time.
+    /// Starts the next segment when the present one has ended. It begins at the nominal end, not at
+    /// the step after it, so that the protocol keeps its time.
     fn next_segment(
         &mut self,
         program: &Arc<Program>,
@@ -448,7 +444,7 @@ impl Player {
     ) -> Option<Change> {
         let step = program.steps.get(segment)?;
         let edge_ns = match &self.ilc {
-            // It may begin with a later block, or wait for its worker.
+            // It may start at a later block, or wait for its worker thread.
             Some(ilc) => ilc.ends_ns()?,
             None => begun_ns + (step.track.duration_s() * 1e9).round() as u64,
         };
@@ -490,8 +486,8 @@ impl Player {
     }
 }
 
-/// Whether nobody knows where the handle will be: the hand has it to itself, or its ends are
-/// sought.
+/// Whether the position at the segment's end is unknown: the hand moves freely, or the range is
+/// searched.
 fn is_given_away(program: &Program, segment: usize) -> bool {
     program.steps.get(segment).is_some_and(|step| step.track.movement().end_is_unknown())
 }

@@ -258,8 +258,8 @@ impl Runner {
                 // Who asked was told that it is not played: nothing may move behind their back.
                 Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
                 Order::Play(number, program, _) => {
-                    // The request handler holds this program and the one before: nothing is freed here.
-                    // Without permission it ends with the step below.
+                    // The request handler holds this program and the previous one, so nothing is
+                    // freed here. Without permission the step below ends the protocol.
                     let epoch = self.token.map_or(0, |token| token.epoch);
                     self.player.start(program, epoch);
                     self.link.progress.renew(wake.woke_ns);
@@ -289,8 +289,8 @@ impl Runner {
             }
             if let Some(change) = output.change {
                 tell(change, self.player.program().map(AsRef::as_ref), events)?;
-                // A full ring means that the request thread has hung for minutes; then only a restart
-                // resumes too early.
+                // The ring is full only if the request thread has hung for minutes; then a restart
+                // would resume at an earlier segment.
                 if self
                     .link
                     .notes

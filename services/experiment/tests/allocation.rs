@@ -50,9 +50,12 @@ fn counted<T>(total: &mut usize, work: impl FnOnce() -> T) -> T {
 fn the_loop_allocates_and_frees_nothing() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
     let rig = RigFile::load(path).unwrap();
-    let text = "[protocol]\nname = \"two\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 6\n\
-                law = \"published\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 4\n\
-                law = \"model-based\"\nharmonics = 3\n";
+    let text = "\
+        [protocol]\nname = \"two\"\n\
+        [[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 6\n\
+        law = \"published\"\n\
+        [[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 2\nblocks = 4\n\
+        law = \"model-based\"\nharmonics = 3\n";
     let program =
         Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
     let mut player = Player::new(Settings::default());

@@ -29,7 +29,8 @@ fn played(lines: &str) -> Setpoint {
 #[test]
 fn inertia_and_tables() {
     let setpoint = played(
-        "inertia = 0.004\nposition_table_deg = [[-40, 0.0], [0, 0.5], [40, -0.5]]\nvelocity_table_deg_s = [[-50, 0.1], [100, -0.1]]\n",
+        "inertia = 0.004\nposition_table_deg = [[-40, 0.0], [0, 0.5], [40, -0.5]]\n\
+         velocity_table_deg_s = [[-50, 0.1], [100, -0.1]]\n",
     );
     assert_eq!(Mode::from_code(setpoint.mode), Some(Mode::Impedance));
     assert_eq!(setpoint.inertia[0], 0.004);
@@ -56,7 +57,8 @@ fn inertia_and_tables() {
 #[test]
 fn a_matrix_with_its_centre() {
     let setpoint = played(
-        "matrix_stiffness = [[0.5]]\nmatrix_damping = [[0.1]]\nmatrix_inertia = [[0.001]]\ncentres_deg = [10.0]\n",
+        "matrix_stiffness = [[0.5]]\nmatrix_damping = [[0.1]]\nmatrix_inertia = [[0.001]]\n\
+         centres_deg = [10.0]\n",
     );
     assert_eq!(
         (setpoint.stiffness[0], setpoint.damping[0], setpoint.inertia[0]),

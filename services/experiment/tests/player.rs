@@ -305,7 +305,9 @@ proptest! {
             if mode(&setpoint) != Mode::Passive {
                 powered.push(setpoint);
             }
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            random = random
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             now += 200_000 + (random >> 40) % 4_000_000;
         }
         for pair in powered.windows(2) {

@@ -14,7 +14,7 @@ use ipc_types::*;
 use rig::RigFile;
 use runtime::{Keeper, RigName, Service, Subscriber, call};
 
-/// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
+/// Keeps a broken test from hanging; far longer than any step takes.
 const LONG: Duration = Duration::from_secs(60);
 
 /// The number of the test as a client.
@@ -66,7 +66,7 @@ impl Running {
     }
 }
 
-/// A part of the rig that the test plays, in a thread, until it is dropped.
+/// A simulated process in a thread; ends when dropped.
 struct Background {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -143,22 +143,7 @@ impl Drop for Background {
     }
 }
 
-fn ask(service: &Service, request: &ExperimentRequest) -> ExperimentAnswer {
-    call(service.node(), &EXPERIMENT_COMMANDS, request, LONG).unwrap()
-}
-
-fn run(service: &Service, protocol: &str) -> ExperimentAnswer {
-    ask(
-        service,
-        &ExperimentRequest::Run {
-            protocol: protocol.to_owned(),
-            name: "short.toml".to_owned(),
-            client: CLIENT,
-        },
-    )
-}
-
-/// Polls until `done`; what was taken on the way.
+/// Polls until `done`; returns all messages received.
 fn collect<T: Message>(
     subscriber: &mut Subscriber<T>,
     mut done: impl FnMut(&[T]) -> bool,
@@ -183,162 +168,209 @@ fn kinds(events: &[Event]) -> Vec<EventKind> {
     events.iter().map(|event| EventKind::from_code(event.kind).unwrap()).collect()
 }
 
+/// The rig, and the test's ports on it.
+struct Fixture {
+    text: String,
+    name: RigName,
+    service: Service,
+    setpoints: Subscriber<Setpoint>,
+    events: Subscriber<Event>,
+    heartbeats: Subscriber<Heartbeat>,
+    epoch: Arc<AtomicU64>,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        let text = format!("ex-{}", std::process::id());
+        let service = Service::start(Process::Operator, &text).unwrap();
+        Self {
+            name: text.parse().unwrap(),
+            setpoints: service.subscriber(SETPOINT).unwrap(),
+            events: service.subscriber(event_topic(Process::Experiment).unwrap()).unwrap(),
+            heartbeats: service.subscriber(heartbeat_topic(Process::Experiment).unwrap()).unwrap(),
+            epoch: Arc::default(),
+            text,
+            service,
+        }
+    }
+
+    fn run(&self, protocol: &str) -> ExperimentAnswer {
+        let (protocol, name) = (protocol.to_owned(), "short.toml".to_owned());
+        self.ask(&ExperimentRequest::Run { protocol, name, client: CLIENT })
+    }
+
+    fn ask(&self, request: &ExperimentRequest) -> ExperimentAnswer {
+        call(self.service.node(), &EXPERIMENT_COMMANDS, request, LONG).unwrap()
+    }
+
+    /// Waits for the event, and returns it with those before it.
+    fn wait_for(&mut self, kind: EventKind) -> Vec<Event> {
+        collect(&mut self.events, has(kind))
+    }
+
+    fn wait_until_running(&mut self) {
+        collect(&mut self.heartbeats, |beats| beats.iter().any(|beat| beat.state == 1));
+    }
+
+    fn assert_nothing_published(&mut self, heartbeats: usize) {
+        collect(&mut self.heartbeats, |beats| beats.len() > heartbeats);
+        assert!(self.setpoints.take().unwrap().is_none(), "setpoints without samples");
+    }
+
+    fn discard_setpoints(&mut self) {
+        while self.setpoints.take().unwrap().is_some() {}
+    }
+}
+
 #[test]
-fn a_protocol_is_played_stopped_and_taken_up_again() {
-    let text = format!("ex-{}", std::process::id());
-    let name: RigName = text.parse().unwrap();
+fn a_protocol_is_played_stopped_and_resumed() {
+    let name: RigName = format!("ex-{}", std::process::id()).parse().unwrap();
     let keeper = Keeper::start(&name).unwrap();
-    let service = Service::start(Process::Operator, &text).unwrap();
-    let mut setpoints = service.subscriber(SETPOINT).unwrap();
-    let mut events = service.subscriber(event_topic(Process::Experiment).unwrap()).unwrap();
-    let mut heartbeats = service.subscriber(heartbeat_topic(Process::Experiment).unwrap()).unwrap();
-    let process = Running::launch(&text);
-    collect(&mut events, has(EventKind::ProcessStarted));
-    // a late joiner gets the events before, although none follows
-    let mut late = service.subscriber(event_topic(Process::Experiment).unwrap()).unwrap();
-    collect(&mut late, has(EventKind::ProcessStarted));
-    drop(late);
+    let mut rig = Fixture::new();
+    let process = Running::launch(&rig.text);
+    rig.wait_for(EventKind::ProcessStarted);
+    // A late subscriber receives the earlier events.
+    let topic = event_topic(Process::Experiment).unwrap();
+    collect(&mut rig.service.subscriber(topic).unwrap(), has(EventKind::ProcessStarted));
 
-    // nothing is played against a handle of which nobody knows where it is
-    let answer = run(&service, PROTOCOL);
+    // A protocol needs samples and an enabled motor.
+    let answer = rig.run(PROTOCOL);
     assert!(!answer.running && answer.error.contains("no samples"), "{answer:?}");
-    let acquisition = Background::acquisition(&text);
-    collect(&mut heartbeats, |beats| beats.len() > 4);
-
-    // nor without permission
-    let epoch = Arc::new(AtomicU64::new(0));
-    let watchdog = Background::watchdog(&text, &epoch);
-    let client = Background::client(&text);
-    let answer = run(&service, PROTOCOL);
+    let acquisition = Background::acquisition(&rig.text);
+    collect(&mut rig.heartbeats, |beats| beats.len() > 4);
+    let watchdog = Background::watchdog(&rig.text, &rig.epoch);
+    let client = Background::client(&rig.text);
+    let answer = rig.run(PROTOCOL);
     assert!(!answer.running && answer.error.contains("not enabled"), "{answer:?}");
-    epoch.store(3, Ordering::Relaxed);
+    rig.epoch.store(3, Ordering::Relaxed);
 
-    // the whole protocol, from where the handle is
-    assert!(run(&service, "[protocol]\nname = 3").error.contains("name"));
-    let answer = run(&service, PROTOCOL);
+    plays_the_whole_protocol(&mut rig);
+    let client = ends_by_stop_trip_and_lost_client(&mut rig, client);
+    resumes_after_a_restart_and_lost_samples(&mut rig, process, acquisition);
+    drop(client);
+    reports_a_damaged_state_once(&mut rig);
+
+    drop(watchdog);
+    let Fixture { service, setpoints, events, heartbeats, .. } = rig;
+    drop((setpoints, events, heartbeats));
+    drop(service);
+    assert!(keeper.end().unwrap(), "a process is still alive");
+    assert!(name.remove().unwrap());
+}
+
+fn plays_the_whole_protocol(rig: &mut Fixture) {
+    assert!(rig.run("[protocol]\nname = 3").error.contains("name"));
+    let answer = rig.run(PROTOCOL);
     assert_eq!((answer.running, answer.segments, answer.error.as_str()), (true, 2, ""));
     assert!((answer.duration_s - 0.9).abs() < 1e-9);
-    let mut told = collect(&mut events, has(EventKind::ProtocolDone));
-    // A machine that stalls for longer than the lease makes a segment begin again, as it should.
-    told.retain(|event| event.kind != EventKind::ProtocolResumed.code());
+    let mut events = rig.wait_for(EventKind::ProtocolDone);
+    // On a host that stalls for longer than the lease a segment starts again, as it should.
+    events.retain(|event| event.kind != EventKind::ProtocolResumed.code());
     let expected = [
         EventKind::ProtocolStarted,
         EventKind::SegmentStarted,
         EventKind::SegmentStarted,
         EventKind::ProtocolDone,
     ];
-    assert_eq!(kinds(&told), expected);
-    assert_eq!((told[1].text(), told[2].text(), told[2].segment), ("here", "ten degrees", 1));
-    let played = collect(&mut setpoints, |all| all.iter().any(|s| s.mode == Mode::Passive.code()));
+    assert_eq!(kinds(&events), expected);
+    let labels = (events[1].text(), events[2].text(), events[2].segment);
+    assert_eq!(labels, ("here", "ten degrees", 1));
+    let passive = Mode::Passive.code();
+    let played = collect(&mut rig.setpoints, |all| all.iter().any(|s| s.mode == passive));
     assert_eq!((played[0].position[0], played[0].mode), (0.1, Mode::Hold.code()));
     let reached = played.iter().rfind(|s| s.mode == Mode::Hold.code()).unwrap();
     assert!((reached.position[0] - 10f64.to_radians()).abs() < 1e-9, "{reached:?}");
     for pair in played.windows(2) {
         assert!(pair[1].at_ns > pair[0].at_ns && pair[1].sequence == pair[0].sequence + 1);
         assert!(pair[1].lease_until_ns > pair[1].at_ns);
-        // minimum jerk: at most 1.875 × distance / duration
-        let most = 1.875 * (10f64.to_radians() - 0.1) / 0.4
-            * (pair[1].at_ns - pair[0].at_ns) as f64
-            * 1e-9;
-        let passive = pair[1].mode == Mode::Passive.code();
+        // The peak speed of a minimum-jerk movement is 1.875 × distance / duration.
+        let elapsed_s = (pair[1].at_ns - pair[0].at_ns) as f64 * 1e-9;
+        let most = 1.875 * (10f64.to_radians() - 0.1) / 0.4 * elapsed_s;
         let stalled = pair[1].at_ns > pair[0].lease_until_ns;
-        assert!(
-            passive || stalled || (pair[1].position[0] - pair[0].position[0]).abs() <= most + 1e-12
-        );
+        let moved = (pair[1].position[0] - pair[0].position[0]).abs();
+        assert!(pair[1].mode == passive || stalled || moved <= most + 1e-12);
     }
-    let status = ask(&service, &ExperimentRequest::Status);
+    let status = rig.ask(&ExperimentRequest::Status);
     assert!(!status.running && status.completed, "{status:?}");
+}
 
-    // stopped by a person
+/// Returns the client that is alive afterwards.
+fn ends_by_stop_trip_and_lost_client(rig: &mut Fixture, client: Background) -> Background {
     let long = PROTOCOL.replace("duration_s = 0.3", "duration_s = 600.0");
-    assert!(run(&service, &long).running);
-    assert!(run(&service, &long).error.contains("short is running"));
-    collect(&mut heartbeats, |beats| beats.iter().any(|beat| beat.state == 1));
-    let answer = ask(&service, &ExperimentRequest::Stop { client: None });
+    let stop = ExperimentRequest::Stop { client: None };
+    assert!(rig.run(&long).running);
+    assert!(rig.run(&long).error.contains("short is running"));
+    rig.wait_until_running();
+    let answer = rig.ask(&stop);
     assert_eq!((answer.running, answer.completed, answer.error.as_str()), (false, false, ""));
-    collect(&mut events, has(EventKind::ProtocolStopped));
-    assert!(
-        ask(&service, &ExperimentRequest::Stop { client: None })
-            .error
-            .contains("no protocol is running")
-    );
+    rig.wait_for(EventKind::ProtocolStopped);
+    assert!(rig.ask(&stop).error.contains("no protocol is running"));
 
-    // ended by a trip; a later enable starts nothing
-    assert!(run(&service, &long).running);
-    collect(&mut heartbeats, |beats| beats.iter().any(|beat| beat.state == 1));
-    epoch.store(0, Ordering::Relaxed);
-    let told = collect(&mut events, has(EventKind::ProtocolStopped));
-    assert!(told.last().unwrap().text().contains("a trip"), "{told:?}");
-    epoch.store(4, Ordering::Relaxed);
-    let status = ask(&service, &ExperimentRequest::Status);
+    // A trip ends the protocol; enabling again starts nothing.
+    assert!(rig.run(&long).running);
+    rig.wait_until_running();
+    rig.epoch.store(0, Ordering::Relaxed);
+    let events = rig.wait_for(EventKind::ProtocolStopped);
+    assert!(events.last().unwrap().text().contains("a trip"), "{events:?}");
+    rig.epoch.store(4, Ordering::Relaxed);
+    let status = rig.ask(&ExperimentRequest::Status);
     assert!(!status.running && status.permission_lost, "{status:?}");
 
-    // ended by the silence of its client
-    assert!(run(&service, &long).running);
+    assert!(rig.run(&long).running);
     drop(client);
-    let told = collect(&mut events, has(EventKind::ProtocolStopped));
-    assert!(told.last().unwrap().text().contains("client has gone"), "{told:?}");
-    let client = Background::client(&text);
+    let events = rig.wait_for(EventKind::ProtocolStopped);
+    assert!(events.last().unwrap().text().contains("client has gone"), "{events:?}");
+    Background::client(&rig.text)
+}
 
-    // a process that ends while it plays is followed by one that goes on at the segment's edge
+fn resumes_after_a_restart_and_lost_samples(
+    rig: &mut Fixture,
+    process: Running,
+    acquisition: Background,
+) {
     let second_long = PROTOCOL.replace("dwell_s = 0.2", "dwell_s = 600.0");
-    assert!(run(&service, &second_long).running);
-    collect(&mut events, |all| all.iter().any(|e| e.segment == 1));
+    assert!(rig.run(&second_long).running);
+    collect(&mut rig.events, |all| all.iter().any(|event| event.segment == 1));
     process.end();
     drop(acquisition);
-    while setpoints.take().unwrap().is_some() {}
-    let process = Running::launch(&text);
-    let status = ask(&service, &ExperimentRequest::Status);
+    rig.discard_setpoints();
+    let process = Running::launch(&rig.text);
+    let status = rig.ask(&ExperimentRequest::Status);
     assert!(status.running && status.segments == 2, "{status:?}");
-    collect(&mut heartbeats, |beats| beats.len() > 10);
-    assert!(setpoints.take().unwrap().is_none(), "played without samples");
-    let acquisition = Background::acquisition(&text);
-    let told = collect(&mut events, has(EventKind::ProtocolResumed));
-    assert_eq!(
-        told.iter().find(|e| e.kind == EventKind::ProtocolResumed.code()).unwrap().segment,
-        1
-    );
-    let played = collect(&mut setpoints, |all| !all.is_empty());
-    assert!(
-        (played[0].position[0] - 0.1).abs() < 1e-6 && played[0].segment == 1,
-        "{:?}",
-        played[0]
-    );
+    rig.assert_nothing_published(10);
+    let acquisition = Background::acquisition(&rig.text);
+    let events = rig.wait_for(EventKind::ProtocolResumed);
+    let resumed = events.iter().find(|e| e.kind == EventKind::ProtocolResumed.code()).unwrap();
+    assert_eq!(resumed.segment, 1);
+    let first = collect(&mut rig.setpoints, |all| !all.is_empty())[0];
+    assert!((first.position[0] - 0.1).abs() < 1e-6 && first.segment == 1, "{first:?}");
 
-    // samples that fail: nothing is published, and it goes on where the handle is when they come
-    // back
+    // Without samples no setpoint is published; the segment starts again when they return.
     drop(acquisition);
     std::thread::sleep(Duration::from_millis(300));
-    while setpoints.take().unwrap().is_some() {}
-    collect(&mut heartbeats, |beats| beats.len() > 4);
-    assert!(setpoints.take().unwrap().is_none(), "played without samples");
-    let acquisition = Background::acquisition(&text);
-    collect(&mut events, has(EventKind::ProtocolResumed));
-    // a stop is carried out even without them
+    rig.discard_setpoints();
+    rig.assert_nothing_published(4);
+    let acquisition = Background::acquisition(&rig.text);
+    rig.wait_for(EventKind::ProtocolResumed);
+    // A stop needs no samples.
     drop(acquisition);
     std::thread::sleep(Duration::from_millis(300));
-    assert!(!ask(&service, &ExperimentRequest::Stop { client: None }).running);
+    assert!(!rig.ask(&ExperimentRequest::Stop { client: None }).running);
     process.end();
-    drop(client);
+}
 
-    // a damaged state is told of once, and nothing is played
-    let file = name.run_directory().join("experiment.state");
+fn reports_a_damaged_state_once(rig: &mut Fixture) {
+    let file = rig.name.run_directory().join("experiment.state");
     let mut bytes = std::fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&file, bytes).unwrap();
-    while events.take().unwrap().is_some() {}
+    while rig.events.take().unwrap().is_some() {}
     for damaged in [true, false] {
-        let process = Running::launch(&text);
-        let told = collect(&mut events, has(EventKind::ProcessStarted));
-        assert_eq!(has(EventKind::ProtocolStopped)(&told), damaged, "{told:?}");
-        let status = ask(&service, &ExperimentRequest::Status);
+        let process = Running::launch(&rig.text);
+        let events = rig.wait_for(EventKind::ProcessStarted);
+        assert_eq!(has(EventKind::ProtocolStopped)(&events), damaged, "{events:?}");
+        let status = rig.ask(&ExperimentRequest::Status);
         assert_eq!((status.running, status.segments), (false, 0));
         process.end();
     }
-
-    drop(watchdog);
-    drop((setpoints, events, heartbeats));
-    drop(service);
-    assert!(keeper.end().unwrap(), "nothing else is alive");
-    assert!(name.remove().unwrap());
 }

@@ -49,7 +49,8 @@ fn says_what_is_wrong() {
     let error = PlayerState::decode(b"hello").unwrap_err().to_string();
     assert_eq!(
         error,
-        "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found 5 bytes; delete the file"
+        "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found 5 bytes; \
+         delete the file"
     );
     let mut bytes = state(0, "").encode().unwrap();
     bytes[4] = 9;
@@ -60,7 +61,7 @@ fn says_what_is_wrong() {
     assert!(error.starts_with("state is damaged: expected checksum "), "{error}");
 }
 
-/// What version 1 wrote: header, then session, name, text, protocol, segment and running in bincode.
+/// Version 1: header, then session, name, text, protocol, segment and running in bincode.
 #[test]
 fn a_state_of_version_1_is_read_and_not_resumed() {
     let body = b"\x07\x04demo\x02ab\x09\x03\x01";

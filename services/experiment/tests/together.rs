@@ -34,7 +34,8 @@ fn play(text: &str) -> Vec<Setpoint> {
 #[test]
 fn two_axes_a_quarter_period_apart_go_round_in_a_circle() {
     let setpoints = play(
-        "[protocol]\nname = \"circle\"\n[[segments]]\nkind = \"guided_sine\"\naxes = [0, 2]\nphases_deg = [0.0, 90.0]\n\
+        "[protocol]\nname = \"circle\"\n\
+         [[segments]]\nkind = \"guided_sine\"\naxes = [0, 2]\nphases_deg = [0.0, 90.0]\n\
          amplitude_deg = 20.0\nfrequency_hz = 0.5\nduration_s = 8.0\nfade_in_s = 1.0\n",
     );
     let radius = 20.0_f64.to_radians();
@@ -67,8 +68,10 @@ fn two_axes_a_quarter_period_apart_go_round_in_a_circle() {
 #[test]
 fn each_goes_on_from_where_it_came_to_rest() {
     let setpoints = play(
-        "[protocol]\nname = \"steps\"\n[[segments]]\nkind = \"steps\"\naxes = [1, 0]\nscales = [1.0, -0.5]\n\
-         positions_deg = [10.0]\nrise_s = 0.5\ndwell_s = 0.5\n[[segments]]\nkind = \"hold\"\naxis = 2\nposition_deg = 8.0\n\
+        "[protocol]\nname = \"steps\"\n\
+         [[segments]]\nkind = \"steps\"\naxes = [1, 0]\nscales = [1.0, -0.5]\n\
+         positions_deg = [10.0]\nrise_s = 0.5\ndwell_s = 0.5\n\
+         [[segments]]\nkind = \"hold\"\naxis = 2\nposition_deg = 8.0\n\
          rise_s = 0.5\nduration_s = 1.0\n",
     );
     let at = |ms: usize| setpoints[ms].position.map(|rad| (rad.to_degrees() * 1e6).round() / 1e6);
@@ -79,7 +82,8 @@ fn each_goes_on_from_where_it_came_to_rest() {
 #[test]
 fn a_field_acts_on_every_axis_that_is_named() {
     let setpoints = play(
-        "[protocol]\nname = \"free\"\n[[segments]]\nkind = \"free\"\naxes = [0, 2]\nspring = 2.0\nduration_s = 1.0\n",
+        "[protocol]\nname = \"free\"\n\
+         [[segments]]\nkind = \"free\"\naxes = [0, 2]\nspring = 2.0\nduration_s = 1.0\n",
     );
     let stiffness = setpoints[500].stiffness;
     assert_eq!([stiffness[0], stiffness[4], stiffness[8]], [2.0, 0.0, 2.0]);

@@ -76,6 +76,11 @@ fn scales(track: &Track, start: f64) -> (f64, f64) {
     (speed, acceleration)
 }
 
+/// Lowest and highest position of a movement and its start.
+fn hull(movement: &Movement, start: f64) -> (f64, f64) {
+    movement.range().map_or((start, start), |(low, high)| (low.min(start), high.max(start)))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
@@ -86,13 +91,14 @@ proptest! {
         let track = Track::new(movement);
         let h = 1e-5;
         let t = h + part * (track.duration_s() - 2.0 * h);
-        let (before, here, after) = (track.at(start, t - h), track.at(start, t), track.at(start, t + h));
+        let [before, here, after] = [t - h, t, t + h].map(|t| track.at(start, t));
         let (speed, acceleration) = scales(&track, start);
         let velocity = (after.position - before.position) / (2.0 * h);
         prop_assert!((velocity - here.velocity).abs() < 1e-3 * speed + 1e-6, "{velocity} {here:?}");
         // central difference; the jerk jumps where a blend begins, hence h times a jerk of ω a
         let slope = (after.velocity - before.velocity) / (2.0 * h);
-        prop_assert!((slope - here.acceleration).abs() < 2e-2 * acceleration + 1e-6, "{slope} {here:?}");
+        let most = 2e-2 * acceleration + 1e-6;
+        prop_assert!((slope - here.acceleration).abs() < most, "{slope} {here:?}");
     }
 
     #[test]
@@ -109,13 +115,16 @@ proptest! {
     }
 
     #[test]
-    fn it_stays_in_its_range_and_below_its_speed_bound(movement in movements(), start in -1.0..1.0_f64) {
-        let (least, most) = movement.range().map_or((start, start), |(a, b)| (a.min(start), b.max(start)));
+    fn it_stays_in_its_range_and_below_its_speed_bound(
+        movement in movements(), start in -1.0..1.0_f64,
+    ) {
+        let (least, most) = hull(&movement, start);
         let bound = movement.peak_speed_from(start);
         let track = Track::new(movement);
         for i in 0..=1000 {
             let point = track.at(start, track.duration_s() * f64::from(i) / 1000.0);
-            prop_assert!(point.position >= least - 1e-9 && point.position <= most + 1e-9, "{point:?} {least} {most}");
+            prop_assert!(point.position >= least - 1e-9, "{point:?} {least}");
+            prop_assert!(point.position <= most + 1e-9, "{point:?} {most}");
             prop_assert!(point.velocity.abs() <= bound * (1.0 + 1e-9) + 1e-12, "{point:?} {bound}");
         }
     }
@@ -133,21 +142,25 @@ proptest! {
             prop_assert!((point.velocity - before.velocity).abs() <= 1.1 * h * acceleration + 1e-9);
             // a fade of 0.1 s has the steepest jerk: 60/T per second, of an acceleration that goes
             // with 5.8/T²
-            prop_assert!((point.acceleration - before.acceleration).abs() <= 0.05 * acceleration + 1e-9);
+            let jump = (point.acceleration - before.acceleration).abs();
+            prop_assert!(jump <= 0.05 * acceleration + 1e-9);
             before = point;
         }
     }
 
     #[test]
-    fn a_stop_fades_to_rest_within_the_hull(movement in movements(), start in -1.0..1.0_f64, part in 0.0..1.0_f64) {
-        let (least, most) = movement.range().map_or((start, start), |(a, b)| (a.min(start), b.max(start)));
+    fn a_stop_fades_to_rest_within_the_hull(
+        movement in movements(), start in -1.0..1.0_f64, part in 0.0..1.0_f64,
+    ) {
+        let (least, most) = hull(&movement, start);
         let track = Track::new(movement);
         let (stopped, fade) = (part * track.duration_s(), 0.5);
         let hold = track.at(start, stopped).position;
         let at = |since: f64| stopping(track.at(start, stopped + since), hold, since, fade);
         prop_assert_eq!(at(0.0), track.at(start, stopped));
         let end = at(fade);
-        prop_assert!((end.position - hold).abs() < 1e-12 && end.velocity.abs() < 1e-9 && end.acceleration.abs() < 1e-9);
+        prop_assert!((end.position - hold).abs() < 1e-12);
+        prop_assert!(end.velocity.abs() < 1e-9 && end.acceleration.abs() < 1e-9);
         for i in 0..=100 {
             let point = at(fade * f64::from(i) / 100.0);
             prop_assert!(point.position >= least - 1e-9 && point.position <= most + 1e-9);

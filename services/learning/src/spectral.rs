@@ -233,7 +233,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn advance_is_exact_and_circular(values in prop::collection::vec(-9.0..9.0f64, 1..80), by in 0usize..200) {
+        fn advance_is_exact_and_circular(
+            values in prop::collection::vec(-9.0..9.0f64, 1..80), by in 0usize..200,
+        ) {
             let mut advanced = values.clone();
             advance(&mut advanced, by);
             for (n, value) in advanced.iter().enumerate() {
@@ -243,7 +245,9 @@ mod tests {
 
         #[test]
         fn low_pass_is_linear_and_turns_with_its_input(
-            values in prop::collection::vec(-9.0..9.0f64, 50), by in 0usize..50, scale in -3.0..3.0f64,
+            values in prop::collection::vec(-9.0..9.0f64, 50),
+            by in 0usize..50,
+            scale in -3.0..3.0f64,
         ) {
             let mut spectral = Spectral::new(50, 100.0);
             let mut filtered = values.clone();

@@ -120,7 +120,7 @@ fn check_effect(
         })) => {
             let expected = format!("{minimum} to {maximum} {unit}");
             let advice = format!("the value is in {unit}");
-            source.problem(&parameter_key(&name), expected, value, advice);
+            source.problem(&parameter_key(name), expected, value, advice);
         }
         Err(other) => {
             let advice = "correct the entry, or take it out";

@@ -1,5 +1,5 @@
-//! Force control: the machine renders an impedance, so that the hand feels a spring, a damper and an
-//! inertia ([`Mode::Impedance`], [`Mode::Rhythm`]).
+//! Force control: the machine renders an impedance, so that the hand feels a spring, a damper and
+//! an inertia ([`Mode::Impedance`], [`Mode::Rhythm`]).
 //!
 //! The thesis's command IMPEDENCE is something else: a sine under position control, played here as
 //! a `guided_sine` segment in [`Mode::Position`].
@@ -35,7 +35,8 @@ impl Law {
         handle
     }
 
-    /// Writes the force control of one axis into the command. Returns false if a value is not finite.
+    /// Writes the force control of one axis into the command. Returns false if a value is not
+    /// finite.
     pub(super) fn control_force(
         &mut self,
         index: usize,
@@ -48,8 +49,8 @@ impl Law {
         let (law, axis) = (&self.config.axis[index], &mut self.axis[index]);
         let Some(force) = &law.control.force else { return false };
         let limit_v = axis.limit_v;
-        // The torque that takes the output to its limit: the field's inertia term, the least certain
-        // one, asks for no more.
+        // The field's inertia term, the least certain one, is limited to the torque that takes the
+        // output to its limit.
         let most = limit_v / force.volts_per_hand_torque();
         let field = field_torque(setpoint, index, &handle, most)
             + end_stop_torque(

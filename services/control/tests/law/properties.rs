@@ -68,15 +68,17 @@ fn fields() -> impl Strategy<Value = Fields> {
 fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
     let act = prop_oneof![
         3 => (0.1..2.0f64).prop_map(Act::Sine),
-        2 => (-2.0..2.0f64, -3.0..3.0f64).prop_map(|(position, velocity)| Act::Jump(position, velocity)),
+        2 => (-2.0..2.0f64, -3.0..3.0f64).prop_map(|(x, v)| Act::Jump(x, v)),
         2 => (-2.0..2.0f64).prop_map(Act::Hold),
         1 => Just(Act::Passive),
         1 => Just(Act::Nothing),
         1 => Just(Act::Lapse),
         1 => Just(Act::Restart),
         1 => any::<u8>().prop_map(Act::Owner),
-        3 => (-8.0..8.0f64, -5.0..10.0f64, -0.5..2.0f64).prop_map(|(torque, k, d)| Act::Free(torque, k, d)),
-        8 => (fields(), -8.0..8.0f64).prop_map(|(fields, torque)| Act::Any(Box::new(fields), torque)),
+        3 => (-8.0..8.0f64, -5.0..10.0f64, -0.5..2.0f64)
+            .prop_map(|(torque, k, d)| Act::Free(torque, k, d)),
+        8 => (fields(), -8.0..8.0f64)
+            .prop_map(|(fields, torque)| Act::Any(Box::new(fields), torque)),
     ];
     prop::collection::vec((act, 1u16..200), 1..12)
 }
@@ -165,7 +167,13 @@ fn play(
 }
 
 fn number() -> impl Strategy<Value = f64> {
-    prop_oneof![4 => -3.0..3.0f64, 2 => any::<f64>(), 1 => Just(f64::NAN), 1 => Just(f64::INFINITY), 1 => Just(f64::MAX)]
+    prop_oneof![
+        4 => -3.0..3.0f64,
+        2 => any::<f64>(),
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => Just(f64::MAX),
+    ]
 }
 
 proptest! {
@@ -175,17 +183,21 @@ proptest! {
     /// more than the stated bound and what the reference's own movement asks for, and the reference
     /// never jumps.
     #[test]
-    fn sr_21_nothing_makes_the_output_jump(acts in acts(), hand in -1.5..1.5f64, options in 0..VARIANTS) {
+    fn sr_21_nothing_makes_the_output_jump(
+        acts in acts(), hand in -1.5..1.5f64, options in 0..VARIANTS,
+    ) {
         let law = variant(options);
         let mut last: Option<MotorCommand> = None;
         let mut failed = None;
         play(law, &acts, hand, 1.0, |controller, command, restarted| {
-            // A law that was restarted begins at 0 V: the gate saw to that before.
+            // A restarted law begins at 0 V: the gate has closed before.
             let before = last.filter(|_| !restarted);
             if let Some(before) = before {
                 let moved = (command.reference_position[0] - before.reference_position[0]).abs();
                 let sped = (command.reference_velocity[0] - before.reference_velocity[0]).abs();
-                let mut bound = controller.step_bound_v(0, 2e-3) + law.control.position_gain * moved + law.control.velocity_gain * sped;
+                let mut bound = controller.step_bound_v(0, 2e-3)
+                    + law.control.position_gain * moved
+                    + law.control.velocity_gain * sped;
                 let yields = |code| Mode::from_code(code).is_some_and(Mode::yields);
                 if yields(command.mode) || yields(before.mode) {
                     // Eq. 4.2.1 goes 0.4 of its way in a step, from limit to limit at most.
@@ -196,8 +208,13 @@ proptest! {
                 // Two sines of 2 Hz in opposite phase, and the speed of catching up, once for the
                 // reference and once for the slave's loop. Where the reference is held back, it is
                 // drawn near as fast as the limit on the output may change.
-                let drawn = if mode == Some(Mode::Initialise) { law.control.output_limit_v * 2e-3 / AUTHORITY_S } else { 0.0 };
-                let jumped = moved > 2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.control.position_gain
+                let drawn = match mode {
+                    Some(Mode::Initialise) => law.control.output_limit_v * 2e-3 / AUTHORITY_S,
+                    _ => 0.0,
+                };
+                let most =
+                    2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.control.position_gain;
+                let jumped = moved > most
                     // Where the law lets go, the reference is where the hand is.
                     && !mode.is_some_and(|mode| mode == Mode::Passive || mode.yields());
                 if step > bound || jumped {
@@ -212,7 +229,9 @@ proptest! {
     }
 
     #[test]
-    fn sr_21_left_and_right_are_alike(acts in acts(), hand in -1.5..1.5f64, options in 0..VARIANTS) {
+    fn sr_21_left_and_right_are_alike(
+        acts in acts(), hand in -1.5..1.5f64, options in 0..VARIANTS,
+    ) {
         let mut right = vec![];
         play(variant(options), &acts, hand, 1.0, |_, command, _| right.push(*command));
         let mut left = vec![];
@@ -227,7 +246,18 @@ proptest! {
     /// Whatever is measured and asked for, by numbers of any kind: finite, within the limit.
     #[test]
     fn sr_22_any_input_gives_a_finite_output_within_the_limit(
-        cycles in prop::collection::vec((number(), [number(), number(), number(), number()], 0u8..9, any::<bool>(), -1i64..20_000_000, number(), number()), 1..80),
+        cycles in prop::collection::vec(
+            (
+                number(),
+                [number(), number(), number(), number()],
+                0u8..9,
+                any::<bool>(),
+                -1i64..20_000_000,
+                number(),
+                number(),
+            ),
+            1..80,
+        ),
         options in 0..VARIANTS,
     ) {
         let mut law = Law::new(config(variant(options), 500));
@@ -243,7 +273,12 @@ proptest! {
             aim.stiffness[0] = torque;
             aim.output_limit_v[0] = limit_v;
             let command = law.step(now, &sample, Some(&aim), powered);
-            let values = [command.volts, command.feedforward_v, command.reference_position, command.reference_velocity];
+            let values = [
+                command.volts,
+                command.feedforward_v,
+                command.reference_position,
+                command.reference_velocity,
+            ];
             prop_assert!(values.iter().flatten().all(|value| value.is_finite()), "{command:?}");
             prop_assert!(command.volts[0].abs() <= 5.0);
             prop_assert!(powered || command.volts == [0.0; AXES]);
@@ -252,20 +287,26 @@ proptest! {
 
     #[test]
     fn sr_22_arbitrary_bytes_and_gains_are_harmless(
-        bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), LONGEST), any::<u64>(), any::<bool>()), 1..40),
+        bytes in prop::collection::vec(
+            (prop::collection::vec(any::<u8>(), LONGEST), any::<u64>(), any::<bool>()), 1..40,
+        ),
         gains in [number(), number(), number(), number(), number()],
         options in (0..VARIANTS, [number(), number(), number(), number(), number()]),
     ) {
         let [position_gain, velocity_gain, inertia_v, friction_peak_v, ramp_s] = gains;
         let mut axis = variant(options.0);
         let control = &mut axis.control;
-        (control.position_gain, control.velocity_gain, control.ramp_s) = (position_gain, velocity_gain, ramp_s);
-        (control.feedforward.inertia_v, control.feedforward.friction_peak_v) = (inertia_v, friction_peak_v);
+        control.position_gain = position_gain;
+        control.velocity_gain = velocity_gain;
+        control.ramp_s = ramp_s;
+        control.feedforward.inertia_v = inertia_v;
+        control.feedforward.friction_peak_v = friction_peak_v;
         let axis = with_settings(axis, options.1);
         let mut law = Law::new(config(axis, 500));
         for (bytes, now, ours) in bytes {
             let mut sample = Sample::from_bytes(&bytes[..size_of::<Sample>()]).unwrap();
-            let mut setpoint = Setpoint::from_bytes(&bytes[bytes.len() - size_of::<Setpoint>()..]).unwrap();
+            let last = &bytes[bytes.len() - size_of::<Setpoint>()..];
+            let mut setpoint = Setpoint::from_bytes(last).unwrap();
             if ours {
                 sample.master_present = 1;
                 sample.master_position[0] = 0.5;
@@ -273,7 +314,8 @@ proptest! {
                 setpoint.mode %= Mode::ALL.len() as u8;
             }
             let command = law.step(now, &sample, Some(&setpoint), true);
-            prop_assert!(command.volts.iter().all(|volts| volts.is_finite() && volts.abs() <= 5.0), "{command:?}");
+            let bounded = command.volts.iter().all(|volts| volts.is_finite() && volts.abs() <= 5.0);
+            prop_assert!(bounded, "{command:?}");
         }
     }
 }

@@ -175,7 +175,16 @@ proptest! {
     /// Whatever comes: what is followed is within the limits and in order, and the counts add up.
     #[test]
     fn sr_25_what_is_followed_is_in_range_and_in_order(
-        bytes in prop::collection::vec((prop::collection::vec(any::<u8>(), size_of::<Setpoint>()), any::<u64>(), any::<bool>(), -3.0..3.0f64, -12.0..12.0f64), 1..60),
+        bytes in prop::collection::vec(
+            (
+                prop::collection::vec(any::<u8>(), size_of::<Setpoint>()),
+                any::<u64>(),
+                any::<bool>(),
+                -3.0..3.0f64,
+                -12.0..12.0f64,
+            ),
+            1..60,
+        ),
     ) {
         let mut validation = validation();
         let (mut followed, mut refused) = (None::<Setpoint>, 0);
@@ -185,7 +194,9 @@ proptest! {
                 (came.session, came.axes, came.owner) = (SESSION, 1, Process::Experiment.code());
                 came.mode %= Mode::ALL.len() as u8;
                 came.incarnation %= 3;
-                (came.position[0], came.velocity[0], came.acceleration[0]) = (position, velocity, 0.0);
+                came.position[0] = position;
+                came.velocity[0] = velocity;
+                came.acceleration[0] = 0.0;
             }
             match validation.validate(now, &came) {
                 Ok(()) => {
@@ -195,7 +206,7 @@ proptest! {
                         prop_assert!((-2.0 - 1e-5..=1.5 + 1e-5).contains(&came.position[0]));
                         prop_assert!(!mode.moves() || came.velocity[0].abs() <= 10.0 + 1e-4);
                     }
-                    if let Some(before) = followed.filter(|before| before.incarnation == came.incarnation) {
+                    if let Some(before) = followed.filter(|b| b.incarnation == came.incarnation) {
                         prop_assert!(came.sequence > before.sequence && came.at_ns >= before.at_ns);
                     }
                     followed = Some(came);
@@ -203,6 +214,7 @@ proptest! {
                 Err(_) => refused += 1,
             }
         }
-        prop_assert_eq!(Refusal::ALL.iter().map(|refusal| validation.refused(*refusal)).sum::<u64>(), refused);
+        let counted: u64 = Refusal::ALL.iter().map(|refusal| validation.refused(*refusal)).sum();
+        prop_assert_eq!(counted, refused);
     }
 }

@@ -8,6 +8,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use csv::StringRecord;
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
 use crate::error::{Problem, ProtocolError};
@@ -150,15 +151,43 @@ fn put(segment: &mut Table, table: &Columns) {
         .insert(if table.metres { "positions_m" } else { "positions_deg" }, list(&table.positions));
 }
 
+/// Problems found in a CSV file.
+struct Problems {
+    file: String,
+    list: Vec<Problem>,
+}
+
+impl Problems {
+    fn add(&mut self, line: usize, key: &str, expected: String, found: String, advice: &str) {
+        let (file, key, advice) = (self.file.clone(), key.to_owned(), advice.to_owned());
+        self.list.push(Problem { file, line, key, expected, found, advice });
+    }
+
+    /// Reads the number in a column of a row.
+    fn number(&mut self, line: usize, row: &StringRecord, column: (usize, &str)) -> Option<f64> {
+        let (index, name) = column;
+        let text = row.get(index).unwrap_or_default();
+        let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+        if value.is_none() {
+            let expected = "a finite number".to_owned();
+            self.add(line, name, expected, format!("\"{text}\""), "correct the row");
+        }
+        value
+    }
+
+    fn check_time(&mut self, line: usize, t: f64, before: Option<f64>) {
+        if !(0.0..=LONGEST_S).contains(&t) || before.is_some_and(|before| t <= before) {
+            let least = before.map_or("from 0".to_owned(), |before| format!("after {before}"));
+            let expected = format!("increasing times {least} to {LONGEST_S} s");
+            self.add(line, "t_s", expected, format!("{t}"), "put the rows in order of time");
+        }
+    }
+}
+
 fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError> {
     let text = std::fs::read_to_string(path)
         .map_err(|source| ProtocolError::Unreadable { path: path.to_owned(), source })?;
-    let file = path.display().to_string();
-    let mut problems = Vec::new();
-    let mut problem = |line: usize, key: &str, expected: String, found: String, advice: &str| {
-        let (file, key, advice) = (file.clone(), key.to_owned(), advice.to_owned());
-        problems.push(Problem { file, line, key, expected, found, advice });
-    };
+    let mut problems = Problems { file: path.display().to_string(), list: Vec::new() };
     let mut rows = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
         .trim(csv::Trim::All)
@@ -171,16 +200,10 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
         None => name.ends_with("_deg") || name.ends_with("_m"),
     });
     let (Some(time), Some(place)) = (time, place) else {
-        let expected =
-            format!("columns t_s and {}", column.unwrap_or("one whose name ends in _deg or _m"));
-        problem(
-            1,
-            "",
-            expected,
-            format!("\"{}\"", names.join(",")),
-            "name the columns in the first row",
-        );
-        return Err(ProtocolError::Invalid { problems });
+        let name = column.unwrap_or("one whose name ends in _deg or _m");
+        let (expected, found) = (format!("columns t_s and {name}"), names.join(","));
+        problems.add(1, "", expected, format!("\"{found}\""), "name the columns in the first row");
+        return Err(ProtocolError::Invalid { problems: problems.list });
     };
     let metres = names[place].ends_with("_m");
     let most = if metres { POSITION_M.most } else { POSITION_DEG.most };
@@ -191,60 +214,34 @@ fn read_csv(path: &Path, column: Option<&str>) -> Result<Columns, ProtocolError>
             Ok(row) => row,
             Err(error) => {
                 let line = error.position().map_or(index + 2, |at| at.line() as usize);
-                problem(
-                    line,
-                    "",
-                    format!("{} columns", names.len()),
-                    error.to_string(),
-                    "correct the row",
-                );
+                let expected = format!("{} columns", names.len());
+                problems.add(line, "", expected, error.to_string(), "correct the row");
                 continue;
             }
         };
         let line = row.position().map_or(index + 2, |at| at.line() as usize);
-        let mut number = |column: usize| {
-            let text = row.get(column).unwrap_or_default();
-            let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
-            if value.is_none() {
-                problem(
-                    line,
-                    &names[column],
-                    "a finite number".to_owned(),
-                    format!("\"{text}\""),
-                    "correct the row",
-                );
-            }
-            value
-        };
-        let (t, position) = (number(time), number(place));
+        let t = problems.number(line, &row, (time, &names[time]));
+        let position = problems.number(line, &row, (place, &names[place]));
         if let Some(t) = t {
-            if !(0.0..=LONGEST_S).contains(&t) || before.is_some_and(|before| t <= before) {
-                let least =
-                    before.map_or_else(|| "from 0".to_owned(), |before| format!("after {before}"));
-                let expected = format!("increasing times {least} to {LONGEST_S} s");
-                problem(line, "t_s", expected, format!("{t}"), "put the rows in order of time");
-            }
+            problems.check_time(line, t, before);
             before = Some(t);
         }
         let (Some(t), Some(position)) = (t, position) else { continue };
         if position.abs() > most {
-            problem(
-                line,
-                &names[place],
-                format!("positions within ±{most}"),
-                format!("{position}"),
-                "move less",
-            );
+            let expected = format!("positions within ±{most}");
+            problems.add(line, &names[place], expected, format!("{position}"), "move less");
         }
         columns.times_s.push(t);
         columns.positions.push(position);
     }
     let count = columns.times_s.len();
-    if problems.is_empty() && !(2..=ROWS).contains(&count) {
-        let (expected, found) = (format!("2 to {ROWS} rows"), count.to_string());
-        let (key, advice) =
-            (String::new(), "give each point a row; thin out a long table".to_owned());
-        problems.push(Problem { file, line: 1, key, expected, found, advice });
+    if problems.list.is_empty() && !(2..=ROWS).contains(&count) {
+        let expected = format!("2 to {ROWS} rows");
+        let advice = "give each point a row; thin out a long table";
+        problems.add(1, "", expected, count.to_string(), advice);
     }
-    if problems.is_empty() { Ok(columns) } else { Err(ProtocolError::Invalid { problems }) }
+    match problems.list.is_empty() {
+        true => Ok(columns),
+        false => Err(ProtocolError::Invalid { problems: problems.list }),
+    }
 }

@@ -82,7 +82,8 @@ pub enum LearnLaw {
 /// evaluated.
 pub const IDENTIFYING_CYCLES: u32 = 3;
 
-const LEARN_HZ: Bounds = bounds(0.1, 3.0, "guided movements are of up to 3 Hz (ch. 4)");
+const LEARN_HZ: Bounds =
+    bounds(0.1, 3.0, "guided movements are of 0.2 to 2 Hz (ch. 4), up to 3 Hz in the appendix");
 /// Largest sum of the two gains.
 const MOST_GAMMA: f64 = 0.5;
 const GAMMA: Bounds = bounds(
@@ -177,20 +178,26 @@ impl Learn {
                 if section.has("settling_cycles") { "settling_cycles" } else { "cycles_per_block" };
             section.problem(key, expected, learn.settling_cycles, "leave a cycle to learn from");
         }
-        match learn.law {
-            LearnLaw::Keep if learn.load.is_none() => {
+        learn.check_law(section);
+        learn
+    }
+
+    /// Checks the learning law's parameters against the movement.
+    fn check_law(&self, section: &Section<'_>) {
+        match self.law {
+            LearnLaw::Keep if self.load.is_none() => {
                 section.problem(
                     "law",
                     "`load` beside law = \"none\"",
                     "no `load`",
-                    "name a kept reference to play",
+                    "name the saved reference to play",
                 );
             }
             LearnLaw::Published { gamma_p, gamma_d, delay_s, .. } => {
                 let sum = gamma_p + gamma_d;
                 if !(sum > 0.0 && sum <= MOST_GAMMA) {
                     let key = if section.has("gamma_p") { "gamma_p" } else { "gamma_d" };
-                    let expected = format!("gamma_p + gamma_d above 0 and up to {}", MOST_GAMMA);
+                    let expected = format!("gamma_p + gamma_d above 0 and up to {MOST_GAMMA}");
                     section.problem(
                         key,
                         expected,
@@ -198,9 +205,9 @@ impl Learn {
                         "with more, learning does not converge (eq. 4.3.12)",
                     );
                 }
-                if delay_s * learn.frequency_hz >= 0.5 {
+                if delay_s * self.frequency_hz >= 0.5 {
                     let expected =
-                        format!("less than half a cycle ({} s)", 0.5 / learn.frequency_hz);
+                        format!("less than half a cycle ({} s)", 0.5 / self.frequency_hz);
                     section.problem(
                         "delay_s",
                         expected,
@@ -210,10 +217,10 @@ impl Learn {
                 }
             }
             LearnLaw::ModelBased { harmonics, .. }
-                if f64::from(harmonics) * learn.frequency_hz > HIGHEST_HZ =>
+                if f64::from(harmonics) * self.frequency_hz > HIGHEST_HZ =>
             {
                 let expected = format!("harmonics up to {HIGHEST_HZ} Hz");
-                let found = format!("{} Hz", f64::from(harmonics) * learn.frequency_hz);
+                let found = format!("{} Hz", f64::from(harmonics) * self.frequency_hz);
                 section.problem(
                     "harmonics",
                     expected,
@@ -223,7 +230,6 @@ impl Learn {
             }
             _ => {}
         }
-        learn
     }
 
     /// Number of cycles of the identification.
