@@ -58,6 +58,7 @@ mod page;
 mod run;
 mod session;
 mod summary;
+mod tables;
 
 pub use folder::{Folder, FolderError};
 pub use identified::Identified;

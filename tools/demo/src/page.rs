@@ -1,20 +1,16 @@
 //! `report.html`: one page that shows what happened.
 
-use ipc_types::{EventKind, Process, TripCause};
+use ipc_types::{Process, TripCause};
 use report::{Colour, Figure, Page, Table, Tone};
 use rig::RigFile;
 
-use crate::analysis::{Analysis, Model, Outage, Percentiles, Trace, dark};
+use crate::analysis::{Analysis, Model, Outage, Trace, dark};
 use crate::display_unit::DisplayUnit;
+use crate::tables::{events, tables};
 use crate::{Identified, Outcome, Summary};
 
 /// Wide figures, CSS pixels.
 const WIDTH: u32 = 860;
-
-/// Numbers of a table; a dash where there is none.
-fn ms(value: Option<f64>) -> String {
-    value.map_or("–".to_owned(), |ms| format!("{ms:.1}"))
-}
 
 /// The page of one run.
 ///
@@ -216,10 +212,32 @@ fn outage(
     if end_ns.iter().any(|end| end.is_none_or(|end| end <= outage.kill.at_ns)) {
         return page.paragraph("The recording ends before this kill: it shows nothing of it.");
     }
+    let trip = outage.trip_ms.unwrap_or(20.0);
+    let range = (-(trip.max(10.0)), trip * 2.0 + 10.0);
+    let volts = volts(trace, outage, index, range);
+    let states = states(analysis, outage, index, range);
+
+    let recovery = recovery(trace, outage, index, shown);
+    let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
+    page.paragraph(&told(outage, process, cause))
+        .figure(&volts, match process {
+            Process::Acquisition => {
+                "With acquisition dead nobody writes the DAC: it holds its last value, as a real \
+                    card does. The watchdog stops \
+                 toggling the enable line, and the card itself takes the motor's power."
+            }
+            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one \
+                has outlived its time.",
+        })
+        .figure(&states, STATES)
+        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is \
+            started anew when power is back.")
+}
+
+/// Volts around the kill: commanded, held by the DAC, at the motor.
+fn volts(trace: &Trace, outage: &Outage, index: usize, (from, until): (f64, f64)) -> Figure {
     // ms since the kill
     let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
-    let trip = outage.trip_ms.unwrap_or(20.0);
-    let (from, until) = (-(trip.max(10.0)), trip * 2.0 + 10.0);
     let within = |at: f64| at >= from - 1.0 && at <= until + 1.0;
 
     let scans: Vec<_> = trace
@@ -234,7 +252,7 @@ fn outage(
     let (command_x, command_y): (Vec<f64>, Vec<f64>) =
         commands.filter(|(at, _)| within(*at)).unzip();
     let mut volts = Figure::new(
-        format!("Kill {}: {process}, volts", index + 1),
+        format!("Kill {}: {}, volts", index + 1, outage.kill.process),
         "time since the kill / ms",
         "volts / V",
     )
@@ -250,9 +268,12 @@ fn outage(
     if let Some(trip) = outage.trip_ms {
         volts = volts.colour(Colour::Green).vertical(format!("0 V after {trip:.1} ms"), trip);
     }
+    volts
+}
 
-    let states = states(analysis, outage, index, from, until);
-
+/// The movement from a second before the kill until two seconds after power is back.
+fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -> Figure {
+    let kill_s = trace.seconds(outage.kill.at_ns);
     let until_s = kill_s + outage.powered_ms.or(outage.restart_ms).unwrap_or(1000.0) * 1e-3 + 2.0;
     let from_s = kill_s - 1.0;
     let (time, reference) = reference(trace, shown, from_s, until_s);
@@ -264,7 +285,7 @@ fn outage(
         .collect();
     let sample_time: Vec<f64> = samples.iter().map(|(at, _)| *at).collect();
     let mut recovery = Figure::new(
-        format!("Kill {}: {process}, back to the movement", index + 1),
+        format!("Kill {}: {}, back to the movement", index + 1, outage.kill.process),
         "time / s",
         format!("position / {}", shown.unit),
     )
@@ -285,27 +306,14 @@ fn outage(
             .colour(Colour::Purple)
             .vertical("enabled by the operator", kill_s + enabled * 1e-3);
     }
-    let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
-    page.paragraph(&told(outage, process, cause))
-        .figure(&volts, match process {
-            Process::Acquisition => {
-                "With acquisition dead nobody writes the DAC: it holds its last value, as a real \
-                    card does. The watchdog stops \
-                 toggling the enable line, and the card itself takes the motor's power."
-            }
-            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one \
-                has outlived its time.",
-        })
-        .figure(&states, STATES)
-        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is \
-            started anew when power is back.")
+    recovery
 }
 
 const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, \
     0 faulted), as its tokens say. Lower line: the \
     gate's (2 latched closed, 1 open, 0 closed), as the samples say.";
 
-fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: f64) -> Figure {
+fn states(analysis: &Analysis, outage: &Outage, index: usize, (from, until): (f64, f64)) -> Figure {
     let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
     let within = |at: &f64| *at >= from - 1.0 && *at <= until + 1.0;
     let trace = &analysis.trace;
@@ -328,16 +336,6 @@ fn states(analysis: &Analysis, outage: &Outage, index: usize, from: f64, until: 
     .colour(Colour::Green)
     .dashed("gate", &gate_x, &gate_y)
     .vertical("killed", 0.0)
-}
-
-/// What the processes said, a line each.
-fn events(trace: &Trace) -> String {
-    let line = |event: &ipc_types::Event| {
-        let source = Process::from_code(event.source).map_or("unknown", Process::text);
-        let kind = EventKind::from_code(event.kind).map_or("unknown", EventKind::text);
-        format!("{:9.3} s  {source:<12} {kind:<20} {}", trace.seconds(event.time_ns), event.text())
-    };
-    trace.events.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
@@ -417,82 +415,4 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> P
         ]);
     }
     page.table(table, "Error of the declared model by channel.")
-}
-
-fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
-    let mut kills = Table::new([
-        "killed",
-        "V before",
-        "0 V / ms",
-        "tripped / ms",
-        "back / ms",
-        "enabled / ms",
-        "volts again / ms",
-    ]);
-    for outage in &analysis.outages {
-        kills = kills.row([
-            outage.kill.process.to_string(),
-            format!("{:.2}", outage.volts_before),
-            ms(outage.trip_ms),
-            ms(outage.tripped_ms),
-            ms(outage.restart_ms),
-            ms(outage.enabled_ms),
-            ms(outage.powered_ms),
-        ]);
-    }
-    let mut trips = Table::new(["time / s", "cause"]);
-    for trip in &analysis.unprovoked {
-        let cause = TripCause::from_code(trip.cause).unwrap_or(TripCause::None);
-        trips =
-            trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
-    }
-    let mut timing =
-        Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
-    let row = |name: String, p: &Percentiles, missed: Option<u64>| {
-        let us = |value: f64| format!("{value:.0}");
-        let missed = missed.map_or("–".to_owned(), |count| count.to_string());
-        [name, us(p.p50), us(p.p99), us(p.p99_9), us(p.max), missed]
-    };
-    for (process, late) in &summary.wake_late_us.by_process {
-        timing = timing.row(row(
-            format!("{process} woke late"),
-            late,
-            summary.missed_periods.get(process).copied(),
-        ));
-    }
-    timing = timing.row(row("sample to command".to_owned(), &summary.sample_to_command_us, None));
-    let mut rates = Table::new(["incarnation of control", "commands / Hz"]);
-    for (index, rate) in analysis.timing.command_rates.iter().enumerate() {
-        rates = rates
-            .row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
-    }
-    let mut disk = Table::new(["topic", "on disk", "lost"]);
-    for topic in &analysis.losses.topics {
-        disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
-    }
-    let mut page = page.heading("Timing").table(
-        kills,
-        "Each kill: ms from just before the signal, \
-        read from the card's scans, the tokens, and the topic of the process.",
-    );
-    if !analysis.unprovoked.is_empty() {
-        page = page.table(trips, "Trips that nobody provoked.");
-    }
-    page.table(
-        timing,
-        "Wake lateness of each loop since its start (of processes that ran twice, \
-            the worse), and the time from the card's scan to the first command that answers it.",
-    )
-    .table(rates, "Rate of control by incarnation, its downtime excluded.")
-    .heading("Recording")
-    .paragraph(&format!(
-        "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While \
-                acquisition was dead, the scans waited \
-             in the card's FIFO for its successor.",
-        summary.samples,
-        summary.samples_lost,
-        summary.samples_missed,
-        summary.recording_bytes as f64 * 1e-6
-    ))
-    .table(disk, "Messages by topic.")
 }

@@ -129,8 +129,10 @@ mod tests {
         let folder = directory.path().join("figures");
         write(&folder, &files("one")).unwrap();
         fs::write(folder.join("notes.txt"), "mine").unwrap();
+        let error = check(&folder).unwrap_err();
         assert!(
-            matches!(check(&folder).unwrap_err(), FiguresError::NotOurs { found, .. } if found == "notes.txt")
+            matches!(&error, FiguresError::NotOurs { found, .. } if found == "notes.txt"),
+            "{error}"
         );
     }
 }

@@ -84,7 +84,8 @@ impl Learning {
 
     /// Error per block (°), one row each.
     pub fn csv(&self) -> String {
-        let mut text = "block,published_law_traced_deg,model_based_law_traced_deg,published_law_printed_constants_deg,\
+        let mut text = "block,published_law_traced_deg,model_based_law_traced_deg,\
+                        published_law_printed_constants_deg,\
                         model_based_law_printed_constants_deg\n"
             .to_owned();
         let columns =

@@ -70,8 +70,53 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
 }
 
 fn tracing(page: Page, study: &Study) -> Result<Page> {
+    let share = |friction: Friction| short(Some(friction.share()));
+    Ok(page
+        .heading("The loop, closed on published measurements")
+        .paragraph(
+            "One number was fitted, the stiffness of the line, to one number, the measured \
+                resonance. Everything else is predicted. \
+             Explanations other than a softer line were given whatever size makes them peak at 8 \
+             Hz, and then had to predict the same.",
+        )
+        .table(
+            explanations(study)?,
+            "Explanations of the measured 8 Hz. The miss is the root mean square of \
+                ln(predicted/published), over the two rows measured on \
+             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such \
+             cut-off or peak within five times the resonance; an \
+             explanation with such a row is not ranked.",
+        )
+        .paragraph(&rival_words(study)?)
+        .paragraph(&softening_words(study))
+        .table(
+            statements(study),
+            "Statements tried in every cell of the grid below. One cell against a \
+            statement takes it back.",
+        )
+        .table(
+            grid_cells(study),
+            &format!(
+                "The same fit over what the thesis leaves open. Friction as printed (2.74 N·m at \
+                    the motor), as measured \
+                 (0.95 N·m, {} times the printed), and half-way ({} times). Gain at 1 Hz, lag at 1 \
+                 Hz.",
+                share(Friction::Measured),
+                share(Friction::Between)
+            ),
+        )
+        .paragraph(&cable_words(study)?)
+        .table(
+            cable_cells(&study.cable),
+            "The cable's stiffness, fitted anew for each amplitude and each damping of half a \
+                cable. The thesis prints neither.",
+        ))
+}
+
+/// What a line this much softer would mean for its parts.
+fn softening_words(study: &Study) -> String {
     let by = study.common.tracing.softening_as();
-    let softening = format!(
+    format!(
         "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, \
             assumed; polyamide has 1 to 3 GPa), \
          {} % of gas in the oil by volume (badly bled oil holds as much), belts of {} kN/m (a \
@@ -86,7 +131,11 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
         short(Some(1e-9 * by.bulk_modulus_pa)),
         plausible(&by),
         short(Some(study.common.tracing.misprint_difference)),
-    );
+    )
+}
+
+/// Every statement, and whether it holds in each cell of the grid.
+fn statements(study: &Study) -> Table {
     let mut statements = Table::new(["holds", "statement", "over the grid"]);
     for conclusion in &study.conclusions {
         let holds = if conclusion.survives() {
@@ -104,6 +153,11 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
         });
         statements = statements.row([holds, conclusion.statement.clone(), range]);
     }
+    statements
+}
+
+/// The fit in each cell of the grid over friction and amplitude.
+fn grid_cells(study: &Study) -> Table {
     let mut cells = Table::new([
         "friction",
         "amplitude / °",
@@ -127,47 +181,7 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
             short(t.short_cut_off_hz),
         ]);
     }
-    let share = |friction: Friction| short(Some(friction.share()));
-    Ok(page
-        .heading("The loop, closed on published measurements")
-        .paragraph(
-            "One number was fitted, the stiffness of the line, to one number, the measured \
-                resonance. Everything else is predicted. \
-             Explanations other than a softer line were given whatever size makes them peak at 8 \
-             Hz, and then had to predict the same.",
-        )
-        .table(
-            explanations(study)?,
-            "Explanations of the measured 8 Hz. The miss is the root mean square of \
-                ln(predicted/published), over the two rows measured on \
-             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such \
-             cut-off or peak within five times the resonance; an \
-             explanation with such a row is not ranked.",
-        )
-        .paragraph(&rival_words(study)?)
-        .paragraph(&softening)
-        .table(
-            statements,
-            "Statements tried in every cell of the grid below. One cell against a \
-            statement takes it back.",
-        )
-        .table(
-            cells,
-            &format!(
-                "The same fit over what the thesis leaves open. Friction as printed (2.74 N·m at \
-                    the motor), as measured \
-                 (0.95 N·m, {} times the printed), and half-way ({} times). Gain at 1 Hz, lag at 1 \
-                 Hz.",
-                share(Friction::Measured),
-                share(Friction::Between)
-            ),
-        )
-        .paragraph(&cable_words(study)?)
-        .table(
-            cable_cells(&study.cable),
-            "The cable's stiffness, fitted anew for each amplitude and each damping of half a \
-                cable. The thesis prints neither.",
-        ))
+    cells
 }
 
 /// What the cable's fit comes to over its own grid.
@@ -330,8 +344,7 @@ fn values(rows: &[Row]) -> Table {
             short(row.published),
             short(row.printed_constants),
             short(row.traced),
-            row.traced_error_percent
-                .map_or("–".to_owned(), |error| format!("{error:+.0}").replace('-', "−")),
+            row.traced_error_percent.map_or("–".to_owned(), |error| format!("{error:+.0}")),
         ]);
     }
     table

@@ -51,10 +51,17 @@ pub struct Published {
 }
 
 macro_rules! published {
-    ($($id:literal $figure:literal $section:literal $kind:ident $value:literal $unit:literal;)+) => {
+    ($(
+        $id:literal $figure:literal $section:literal $kind:ident $value:literal $unit:literal;
+    )+) => {
         /// All published values on response, friction, delay, fits and learning.
         pub const PUBLISHED: &[Published] = &[$(Published {
-            id: $id, figure: $figure, section: $section, kind: Kind::$kind, unit: $unit, value: $value,
+            id: $id,
+            figure: $figure,
+            section: $section,
+            kind: Kind::$kind,
+            unit: $unit,
+            value: $value,
         }),+];
     };
 }

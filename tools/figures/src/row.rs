@@ -144,5 +144,5 @@ pub fn short(value: Option<f64>) -> String {
         return "0".to_owned();
     }
     let digits = (2 - value.abs().log10().floor() as i32).clamp(0, 6) as usize;
-    format!("{value:.digits$}").replace('-', "−")
+    format!("{value:.digits$}")
 }

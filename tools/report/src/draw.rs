@@ -1,8 +1,9 @@
-//! From a [`Figure`] to SVG through plotters' SVG back end.
+//! Draws a [`Figure`] as SVG with plotters' SVG back end.
 //!
-//! The back end knows whole pixels only, so everything is drawn `FINE` times larger than it is
-//! shown: lines are then smooth to a fifth of a CSS pixel. Axes are our own: plotters' mesh has no
-//! inward ticks, no decades with minor ticks and no legend outside of the data.
+//! The back end knows whole pixels only. Everything is therefore drawn `FINE` times larger than it
+//! is shown, which makes lines smooth to a fifth of a CSS pixel. The axes are drawn here because
+//! plotters' mesh has no inward ticks, no minor ticks between decades and no legend outside the
+//! data area.
 
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
@@ -13,10 +14,11 @@ use plotters::style::{
     Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle,
 };
 
+use crate::axes::{Axes, round};
 use crate::decimate;
 use crate::escape::escape;
 use crate::figure::{Figure, Mark, Series};
-use crate::scale::{Kind, Scale};
+use crate::scale::{Kind, Scale, Tick};
 use crate::{Error, Result};
 
 const FINE: i32 = 5;
@@ -34,89 +36,6 @@ type Drawn = std::result::Result<(), String>;
 fn text_width(text: &str) -> i32 {
     (text.chars().map(|c| if "il.,:;|()−' ".contains(c) { 0.34 } else { 0.58 }).sum::<f64>()
         * f64::from(TEXT)) as i32
-}
-
-/// Frame of the data area and the two scales, in fine pixels.
-struct Axes {
-    left: i32,
-    right: i32,
-    top: i32,
-    bottom: i32,
-    x: Scale,
-    y: Scale,
-}
-
-impl Axes {
-    fn px(&self, x: f64) -> f64 {
-        f64::from(self.left) + self.x.fraction(x) * f64::from(self.right - self.left)
-    }
-    fn py(&self, y: f64) -> f64 {
-        f64::from(self.bottom) - self.y.fraction(y) * f64::from(self.bottom - self.top)
-    }
-    fn inside(&self, p: (f64, f64)) -> bool {
-        p.0 >= f64::from(self.left) - 1.0
-            && p.0 <= f64::from(self.right) + 1.0
-            && p.1 >= f64::from(self.top) - 1.0
-            && p.1 <= f64::from(self.bottom) + 1.0
-    }
-
-    /// The part of a segment that lies in the frame (Liang and Barsky).
-    fn clip(&self, a: (f64, f64), b: (f64, f64)) -> Option<((f64, f64), (f64, f64))> {
-        let (dx, dy) = (b.0 - a.0, b.1 - a.1);
-        let (mut from, mut to) = (0.0f64, 1.0f64);
-        for (p, q) in [
-            (-dx, a.0 - f64::from(self.left)),
-            (dx, f64::from(self.right) - a.0),
-            (-dy, a.1 - f64::from(self.top)),
-            (dy, f64::from(self.bottom) - a.1),
-        ] {
-            if p == 0.0 {
-                if q < 0.0 {
-                    return None;
-                }
-            } else if p < 0.0 {
-                from = from.max(q / p);
-            } else {
-                to = to.min(q / p);
-            }
-        }
-        (from <= to).then_some(((a.0 + from * dx, a.1 + from * dy), (a.0 + to * dx, a.1 + to * dy)))
-    }
-
-    /// The series as runs of fine pixels inside the frame, broken where values are not finite.
-    fn runs(&self, xs: &[f64], ys: &[f64]) -> Vec<Vec<(i32, i32)>> {
-        let mut runs: Vec<Vec<(i32, i32)>> = Vec::new();
-        let mut before: Option<(f64, f64)> = None;
-        let mut open = false;
-        for (x, y) in xs.iter().zip(ys) {
-            let p = (self.px(*x), self.py(*y));
-            if !(p.0.is_finite() && p.1.is_finite()) {
-                before = None;
-                open = false;
-                continue;
-            }
-            if let Some(a) = before {
-                match self.clip(a, p) {
-                    Some((from, to)) => {
-                        if !open {
-                            runs.push(vec![round(from)]);
-                        }
-                        if let Some(run) = runs.last_mut() {
-                            run.push(round(to));
-                        }
-                        open = self.inside(p);
-                    }
-                    None => open = false,
-                }
-            }
-            before = Some(p);
-        }
-        runs
-    }
-}
-
-fn round(p: (f64, f64)) -> (i32, i32) {
-    (p.0.round() as i32, p.1.round() as i32)
 }
 
 impl Figure {
@@ -208,15 +127,7 @@ fn draw(
         y,
     };
     area.fill(&RGBColor(255, 255, 255)).map_err(|e| e.to_string())?;
-
-    for tick in x_ticks.iter().filter(|t| t.label.is_some()) {
-        let at = axes.px(tick.at).round() as i32;
-        line(&area, &[(at, axes.top), (at, axes.bottom)], GRID, 0.8)?;
-    }
-    for tick in y_ticks.iter().filter(|t| t.label.is_some()) {
-        let at = axes.py(tick.at).round() as i32;
-        line(&area, &[(axes.left, at), (axes.right, at)], GRID, 0.8)?;
-    }
+    grid(&area, &axes, &x_ticks, &y_ticks)?;
     // Shaded areas lie under everything else.
     for s in figure.series.iter().filter(|s| s.mark == Mark::Band) {
         series(&area, &axes, s)?;
@@ -224,7 +135,27 @@ fn draw(
     for s in figure.series.iter().filter(|s| s.mark != Mark::Band) {
         series(&area, &axes, s)?;
     }
+    frame(&area, &axes, &x_ticks, &y_ticks)?;
+    labels(&area, &axes, figure, height)?;
+    draw_legend(&area, &legend, title_height)?;
+    area.present().map_err(|e| e.to_string())
+}
 
+/// One grid line at every labelled tick.
+fn grid(area: &Area<'_>, axes: &Axes, x_ticks: &[Tick], y_ticks: &[Tick]) -> Drawn {
+    for tick in x_ticks.iter().filter(|t| t.label.is_some()) {
+        let at = axes.px(tick.at).round() as i32;
+        line(area, &[(at, axes.top), (at, axes.bottom)], GRID, 0.8)?;
+    }
+    for tick in y_ticks.iter().filter(|t| t.label.is_some()) {
+        let at = axes.py(tick.at).round() as i32;
+        line(area, &[(axes.left, at), (axes.right, at)], GRID, 0.8)?;
+    }
+    Ok(())
+}
+
+/// The frame with ticks on all four sides, labelled below and on the left.
+fn frame(area: &Area<'_>, axes: &Axes, x_ticks: &[Tick], y_ticks: &[Tick]) -> Drawn {
     // A path, since the back end draws rectangles without a line width.
     let corners = [
         (axes.left, axes.top),
@@ -232,66 +163,57 @@ fn draw(
         (axes.right, axes.bottom),
         (axes.left, axes.bottom),
     ];
-    line(&area, &[corners[0], corners[1], corners[2], corners[3], corners[0]], INK, 1.0)?;
-    for tick in &x_ticks {
+    line(area, &[corners[0], corners[1], corners[2], corners[3], corners[0]], INK, 1.0)?;
+    for tick in x_ticks {
         let at = axes.px(tick.at).round() as i32;
         let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
-        line(&area, &[(at, axes.bottom), (at, axes.bottom - long)], INK, 1.0)?;
-        line(&area, &[(at, axes.top), (at, axes.top + long)], INK, 1.0)?;
+        line(area, &[(at, axes.bottom), (at, axes.bottom - long)], INK, 1.0)?;
+        line(area, &[(at, axes.top), (at, axes.top + long)], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            text(
-                &area,
-                label,
-                (at, axes.bottom + 6 * FINE),
-                HPos::Center,
-                VPos::Top,
-                FontStyle::Normal,
-            )?;
+            let below = (at, axes.bottom + 6 * FINE);
+            text(area, label, below, HPos::Center, VPos::Top, FontStyle::Normal)?;
         }
     }
-    for tick in &y_ticks {
+    for tick in y_ticks {
         let at = axes.py(tick.at).round() as i32;
         let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
-        line(&area, &[(axes.left, at), (axes.left + long, at)], INK, 1.0)?;
-        line(&area, &[(axes.right, at), (axes.right - long, at)], INK, 1.0)?;
+        line(area, &[(axes.left, at), (axes.left + long, at)], INK, 1.0)?;
+        line(area, &[(axes.right, at), (axes.right - long, at)], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            text(
-                &area,
-                label,
-                (axes.left - 6 * FINE, at),
-                HPos::Right,
-                VPos::Center,
-                FontStyle::Normal,
-            )?;
+            let beside = (axes.left - 6 * FINE, at);
+            text(area, label, beside, HPos::Right, VPos::Center, FontStyle::Normal)?;
         }
     }
+    Ok(())
+}
+
+/// The title and the labels of both axes.
+fn labels(area: &Area<'_>, axes: &Axes, figure: &Figure, height: i32) -> Drawn {
     let middle = ((axes.left + axes.right) / 2, (axes.top + axes.bottom) / 2);
     let below = (middle.0, (height - 8) * FINE);
-    text(&area, &figure.x_label, below, HPos::Center, VPos::Bottom, FontStyle::Normal)?;
+    text(area, &figure.x_label, below, HPos::Center, VPos::Bottom, FontStyle::Normal)?;
     let style =
         text_style(FontStyle::Normal, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
     area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style))
         .map_err(|e| e.to_string())?;
-    if !figure.title.is_empty() {
-        text(&area, &figure.title, (12 * FINE, 7 * FINE), HPos::Left, VPos::Top, FontStyle::Bold)?;
+    if figure.title.is_empty() {
+        return Ok(());
     }
-    for (i, row) in legend.iter().enumerate() {
+    text(area, &figure.title, (12 * FINE, 7 * FINE), HPos::Left, VPos::Top, FontStyle::Bold)
+}
+
+fn draw_legend(area: &Area<'_>, rows: &[Vec<&Series>], title_height: i32) -> Drawn {
+    for (i, row) in rows.iter().enumerate() {
         let at = (title_height + 19 * i as i32 + 9) * FINE;
         let mut from = 12 * FINE;
         for s in row {
-            legend_mark(&area, s, (from, at))?;
-            text(
-                &area,
-                &s.name,
-                (from + 30 * FINE, at),
-                HPos::Left,
-                VPos::Center,
-                FontStyle::Normal,
-            )?;
+            legend_mark(area, s, (from, at))?;
+            let beside = (from + 30 * FINE, at);
+            text(area, &s.name, beside, HPos::Left, VPos::Center, FontStyle::Normal)?;
             from += legend_width(s) * FINE;
         }
     }
-    area.present().map_err(|e| e.to_string())
+    Ok(())
 }
 
 fn legend_width(s: &Series) -> i32 {

@@ -115,6 +115,14 @@ pub fn write(path: &Path, script: Script) {
         }
         writer.tick(scan_ns).unwrap();
     }
+    timings(&mut writer);
+    let topic = TOPICS.iter().position(|topic| topic.name == SAMPLE.topic.name).unwrap() as u32;
+    let counters =
+        LossCounters { topic, dropped: script.dropped_at_end, ..LossCounters::default() };
+    writer.finish(&[counters]).unwrap();
+}
+
+fn timings(writer: &mut Writer) {
     for (process, incarnation, missed, late) in [
         (Process::Acquisition, 1, 1, [10_000, 20_000, 30_000, 40_000]),
         (Process::Acquisition, 2, 2, [5_000, 25_000, 26_000, 90_000]),
@@ -133,10 +141,6 @@ pub fn write(path: &Path, script: Script) {
             writer.write_message(&timing_topic(process).unwrap(), &timing).unwrap();
         }
     }
-    let topic = TOPICS.iter().position(|topic| topic.name == SAMPLE.topic.name).unwrap() as u32;
-    let counters =
-        LossCounters { topic, dropped: script.dropped_at_end, ..LossCounters::default() };
-    writer.finish(&[counters]).unwrap();
 }
 
 fn scan(writer: &mut Writer, index: u64, scan_ns: u64, motor: f64) {

@@ -133,9 +133,33 @@ pub fn free_movement() -> Result<Drawn> {
         }))
         .panel(cycle("C  Traced line, 1 Hz", &traced[DRAWN[0]]))
         .panel(cycle("D  Traced line, 3 Hz", &traced[DRAWN[1]]));
-    let limits = &rigs[1].axes[0].limits;
+    let caption = caption(traced);
+    let mut rows = claims(
+        &rigs,
+        [printed, traced].map(|pairs| highest_hz(pairs, &rigs[1])),
+        [&printed[3][1], &traced[3][1]],
+    )?;
+    for (at, hertz) in HERTZ.into_iter().enumerate() {
+        rows.extend(values(hertz, &printed[at], &traced[at]));
+    }
+    for (at, pair) in cases.iter().enumerate() {
+        let (case, hertz) = (&CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]);
+        let [dead, free] = pair;
+        for (name, value) in [
+            ("uncompensated_hand_torque_rms_nm", dead.rms),
+            ("hand_torque_rms_nm", free.rms),
+            ("torque_ripple_nm", free.ripple),
+        ] {
+            let id = format!("own.free.{}.{hertz}hz.{name}", case.id);
+            rows.push(Row::own(id, "4.2", "N·m", None, Some(value)).note(case.what));
+        }
+    }
+    Ok(Drawn { number: "4.2", title: "Free movement under force control", caption, sheet, rows })
+}
+
+fn caption(traced: &[Pair]) -> String {
     let [slow, fast] = DRAWN.map(|at| &traced[at]);
-    let caption = format!(
+    format!(
         "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end \
             to end, the traced line (full) and the \
          printed constants (dashed), with the motor at 0 V and under the force control of § 4.2. \
@@ -156,38 +180,23 @@ pub fn free_movement() -> Result<Drawn> {
         short(Some(fast[1].peak)),
         short(Some(fast[0].peak)),
         1e3 * TURN_S,
-    );
-    let possible = |pairs: &[Pair]| {
-        let within = |spent: &Spent| {
-            (spent.amplitude / Swing::of_the_thesis(1.0).amplitude - 1.0).abs() < 0.03
-                && spent.speed < limits.speed_max
-                && limits.torque_max.is_none_or(|most| spent.peak < most)
-        };
-        HERTZ
-            .iter()
-            .zip(pairs)
-            .filter(|(_, pair)| within(&pair[1]))
-            .map(|(hertz, _)| *hertz)
-            .next_back()
+    )
+}
+
+/// The highest frequency at which the published amplitude is moved within the rig's limits, Hz.
+fn highest_hz(pairs: &[Pair], rig: &RigFile) -> Option<f64> {
+    let limits = &rig.axes[0].limits;
+    let within = |spent: &Spent| {
+        (spent.amplitude / Swing::of_the_thesis(1.0).amplitude - 1.0).abs() < 0.03
+            && spent.speed < limits.speed_max
+            && limits.torque_max.is_none_or(|most| spent.peak < most)
     };
-    let mut rows =
-        claims(&rigs, [possible(printed), possible(traced)], [&printed[3][1], &traced[3][1]])?;
-    for (at, hertz) in HERTZ.into_iter().enumerate() {
-        rows.extend(values(hertz, &printed[at], &traced[at]));
-    }
-    for (at, pair) in cases.iter().enumerate() {
-        let (case, hertz) = (&CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]);
-        let [dead, free] = pair;
-        for (name, value) in [
-            ("uncompensated_hand_torque_rms_nm", dead.rms),
-            ("hand_torque_rms_nm", free.rms),
-            ("torque_ripple_nm", free.ripple),
-        ] {
-            let id = format!("own.free.{}.{hertz}hz.{name}", case.id);
-            rows.push(Row::own(id, "4.2", "N·m", None, Some(value)).note(case.what));
-        }
-    }
-    Ok(Drawn { number: "4.2", title: "Free movement under force control", caption, sheet, rows })
+    HERTZ
+        .iter()
+        .zip(pairs)
+        .filter(|(_, pair)| within(&pair[1]))
+        .map(|(hertz, _)| *hertz)
+        .next_back()
 }
 
 /// The published gains and the claim, beside what is used and what came of it.

@@ -70,7 +70,8 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
         short(in_traced),
         short(in_printed),
     );
-    let rows = vec![Row::own("own.ilc.opposite_velocities_percent", "4.5", "%", in_printed, in_traced).note(format!(
+    let id = "own.ilc.opposite_velocities_percent";
+    let rows = vec![Row::own(id, "4.5", "%", in_printed, in_traced).note(format!(
         "share of the last cycle of block {MIDDLE} in which master and slave move in opposite \
             directions, both faster \
          than {standing:.0} °/s"

@@ -50,6 +50,22 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
             ("eq. 3.3.1", &LinearSystem::TEN_METRES),
             common.fitted[1].as_ref(),
         )?);
+    let rows = ten_metre_rows(common, &printed, &traced)?;
+    let caption =
+        "Slave over master, the master moved along a sine of ±30°: gain and phase of the \
+        fundamental from 0.2 to 24 Hz. \
+        The grey line is 0.707. With the printed constants the peak lies beyond the figure, near \
+        30 Hz; the traced line has it at \
+        the measured 8 Hz. Where the line wound up by the master no longer breaks the slave loose, \
+        the gain drops out of the \
+        figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat \
+        tops."
+            .to_owned();
+    Ok(Drawn { number: "3.4", title: "Frequency response, 10 m", caption, sheet, rows })
+}
+
+/// The published values on the response of 10 m of hose, beside those of both lines.
+fn ten_metre_rows(common: &Common, printed: &[Response], traced: &[Response]) -> Result<Vec<Row>> {
     let (p, t) = (&common.tracing.printed, &common.tracing.traced);
     let decibels = |gain: Option<f64>| gain.map(|gain| 20.0 * gain.log10());
     let smallest = |responses: &[Response], cut_off: Option<f64>| {
@@ -61,7 +77,7 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
         Ok(Row::beside(published(id)?, Role::Predicted, printed, traced))
     };
     let slowest = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    let rows: Vec<Row> = vec![
+    let rows = vec![
         beside(
             "hydrostatic.linear_fit_10m.low_frequency_gain",
             p.low_frequency_gain,
@@ -84,8 +100,8 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
             .note("lag of the slave's fundamental at 1 Hz, ±30°"),
         beside(
             "hydrostatic.gain_bounds.min_db",
-            smallest(&printed, p.cut_off_hz.filter(|cut_off| *cut_off <= 24.0)),
-            smallest(&traced, t.cut_off_hz),
+            smallest(printed, p.cut_off_hz.filter(|cut_off| *cut_off <= 24.0)),
+            smallest(traced, t.cut_off_hz),
         )?
         .note(
             "smallest gain from 0.2 Hz to the cut-off, or to 24 Hz where the cut-off lies higher",
@@ -95,21 +111,8 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
         beside("hydrostatic.vanishing.frequency_hz", p.vanishing_hz, t.vanishing_hz)?.note(
             format!("gain falls below {VANISHED_GAIN}; the thesis says \"almost disappears\""),
         ),
-    ]
-    .into_iter()
-    .chain(fit_rows("10m", "3.4", &common.fitted))
-    .collect();
-    let caption =
-        "Slave over master, the master moved along a sine of ±30°: gain and phase of the \
-        fundamental from 0.2 to 24 Hz. \
-        The grey line is 0.707. With the printed constants the peak lies beyond the figure, near \
-        30 Hz; the traced line has it at \
-        the measured 8 Hz. Where the line wound up by the master no longer breaks the slave loose, \
-        the gain drops out of the \
-        figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat \
-        tops."
-            .to_owned();
-    Ok(Drawn { number: "3.4", title: "Frequency response, 10 m", caption, sheet, rows })
+    ];
+    Ok(rows.into_iter().chain(fit_rows("10m", "3.4", &common.fitted)).collect())
 }
 
 /// Fig. 3.7.

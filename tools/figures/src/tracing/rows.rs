@@ -55,6 +55,21 @@ pub fn rows(
         Row::own(format!("own.softening_as.{name}"), FIGURE, unit, None, Some(value))
             .note(format!("what the softening would be, by itself: {note}"))
     }));
+    rows.extend(grid_rows(cells));
+    rows.extend(rival_rows(rivals)?);
+    for conclusion in conclusions {
+        let mut row = Row::own(format!("own.conclusion.{}", conclusion.id), FIGURE, "", None, None)
+            .note(conclusion.statement.clone());
+        row.survives = Some(conclusion.survives());
+        row.contradicted_by = Some(conclusion.against.clone());
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// What the fit gives in every cell of the grid.
+fn grid_rows(cells: &[Cell]) -> Vec<Row> {
+    let mut rows = Vec::new();
     for cell in cells {
         let (p, t) = (&cell.printed, &cell.traced);
         let values = [
@@ -78,6 +93,12 @@ pub fn rows(
             );
         }
     }
+    rows
+}
+
+/// What every explanation predicts, and by how much it misses.
+fn rival_rows(rivals: &[Rival]) -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
     for rival in rivals {
         let (id, t) = (rival.id, &rival.prediction);
         rows.push(
@@ -102,13 +123,6 @@ pub fn rows(
                     .role(role),
             );
         }
-    }
-    for conclusion in conclusions {
-        let mut row = Row::own(format!("own.conclusion.{}", conclusion.id), FIGURE, "", None, None)
-            .note(conclusion.statement.clone());
-        row.survives = Some(conclusion.survives());
-        row.contradicted_by = Some(conclusion.against.clone());
-        rows.push(row);
     }
     Ok(rows)
 }

@@ -1,0 +1,101 @@
+//! The page's tables of timing and losses, and the list of events.
+
+use ipc_types::{EventKind, Process, TripCause};
+use report::{Page, Table};
+
+use crate::Summary;
+use crate::analysis::{Analysis, Percentiles, Trace};
+
+/// Milliseconds for a table cell; a dash where there is no value.
+fn ms(value: Option<f64>) -> String {
+    value.map_or("–".to_owned(), |ms| format!("{ms:.1}"))
+}
+
+/// The recorded events, one per line.
+pub(crate) fn events(trace: &Trace) -> String {
+    let line = |event: &ipc_types::Event| {
+        let source = Process::from_code(event.source).map_or("unknown", Process::text);
+        let kind = EventKind::from_code(event.kind).map_or("unknown", EventKind::text);
+        format!("{:9.3} s  {source:<12} {kind:<20} {}", trace.seconds(event.time_ns), event.text())
+    };
+    trace.events.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// The sections on timing and on the recording.
+pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
+    let mut kills = Table::new([
+        "killed",
+        "V before",
+        "0 V / ms",
+        "tripped / ms",
+        "back / ms",
+        "enabled / ms",
+        "volts again / ms",
+    ]);
+    for outage in &analysis.outages {
+        kills = kills.row([
+            outage.kill.process.to_string(),
+            format!("{:.2}", outage.volts_before),
+            ms(outage.trip_ms),
+            ms(outage.tripped_ms),
+            ms(outage.restart_ms),
+            ms(outage.enabled_ms),
+            ms(outage.powered_ms),
+        ]);
+    }
+    let mut trips = Table::new(["time / s", "cause"]);
+    for trip in &analysis.unprovoked {
+        let cause = TripCause::from_code(trip.cause).unwrap_or(TripCause::None);
+        trips =
+            trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
+    }
+    let mut timing =
+        Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
+    let row = |name: String, p: &Percentiles, missed: Option<u64>| {
+        let us = |value: f64| format!("{value:.0}");
+        let missed = missed.map_or("–".to_owned(), |count| count.to_string());
+        [name, us(p.p50), us(p.p99), us(p.p99_9), us(p.max), missed]
+    };
+    for (process, late) in &summary.wake_late_us.by_process {
+        timing = timing.row(row(
+            format!("{process} woke late"),
+            late,
+            summary.missed_periods.get(process).copied(),
+        ));
+    }
+    timing = timing.row(row("sample to command".to_owned(), &summary.sample_to_command_us, None));
+    let mut rates = Table::new(["incarnation of control", "commands / Hz"]);
+    for (index, rate) in analysis.timing.command_rates.iter().enumerate() {
+        rates = rates
+            .row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
+    }
+    let mut disk = Table::new(["topic", "on disk", "lost"]);
+    for topic in &analysis.losses.topics {
+        disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
+    }
+    let mut page = page.heading("Timing").table(
+        kills,
+        "Each kill: ms from just before the signal, \
+        read from the card's scans, the tokens, and the topic of the process.",
+    );
+    if !analysis.unprovoked.is_empty() {
+        page = page.table(trips, "Trips that nobody provoked.");
+    }
+    page.table(
+        timing,
+        "Wake lateness of each loop since its start (of processes that ran twice, \
+            the worse), and the time from the card's scan to the first command that answers it.",
+    )
+    .table(rates, "Rate of control by incarnation, its downtime excluded.")
+    .heading("Recording")
+    .paragraph(&format!(
+        "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While \
+                acquisition was dead, the scans waited \
+             in the card's FIFO for its successor.",
+        summary.samples,
+        summary.samples_lost,
+        summary.samples_missed,
+        summary.recording_bytes as f64 * 1e-6
+    ))
+    .table(disk, "Messages by topic.")
+}
