@@ -191,8 +191,8 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     assert_off(monitor, unit, struck_ns, 0);
     let causes = monitor.seen().causes();
     let expected: BTreeSet<TripCause> = match unit {
-        "acquisition" => [TripCause::AcquisitionChanged, TripCause::GateBurnt].into(),
-        _ => [TripCause::ControlChanged, TripCause::GateBurnt].into(),
+        "acquisition" => [TripCause::AcquisitionChanged, TripCause::GateLatched].into(),
+        _ => [TripCause::ControlChanged, TripCause::GateLatched].into(),
     };
     assert!(!causes.is_disjoint(&expected), "{unit}: {causes:?}");
     // Both still speak: as long as they do, nobody can reset it away.

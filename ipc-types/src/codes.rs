@@ -4,7 +4,8 @@ macro_rules! codes {
     (
         $(#[doc = $doc:literal])+
         $name:ident {
-            $($(#[doc = $vdoc:literal])+ $variant:ident = $value:literal, $text:literal;)+
+            $($(#[doc = $vdoc:literal])+ $(#[serde($serde:meta)])? $variant:ident = $value:literal,
+                $text:literal;)+
         }
     ) => {
         $(#[doc = $doc])+
@@ -12,7 +13,7 @@ macro_rules! codes {
         #[derive(serde::Serialize, serde::Deserialize)]
         #[serde(rename_all = "snake_case")]
         #[repr(u8)]
-        pub enum $name { $($(#[doc = $vdoc])+ $variant = $value,)+ }
+        pub enum $name { $($(#[doc = $vdoc])+ $(#[serde($serde)])? $variant = $value,)+ }
 
         impl $name {
             /// All values, in order.
@@ -52,7 +53,7 @@ codes! {
     Process {
         /// Holds every service open and cleans up after the dead.
         Keeper = 0, "keeper";
-        /// The virtual card with the simulated plant behind it.
+        /// The simulated card with the simulated plant behind it.
         Simulator = 1, "simulator";
         /// Card to shared memory; holds the gate.
         Acquisition = 2, "acquisition";
@@ -78,13 +79,14 @@ codes! {
         Closed = 0, "closed";
         /// The command's volts pass.
         Open = 1, "open";
-        /// Writes 0 V; the epoch is burnt and only a higher one opens the gate again.
-        Burnt = 2, "burnt";
+        /// Writes 0 V; latched closed by a violation until a higher enable epoch.
+        #[serde(rename = "burnt")]
+        LatchedClosed = 2, "latched closed";
     }
 }
 
 codes! {
-    /// Why the gate burnt an epoch.
+    /// Why the gate closed and ended an enable epoch.
     GateCause {
         /// Nothing was wrong so far.
         None = 0, "none";
@@ -130,7 +132,7 @@ codes! {
 codes! {
     /// State of the watchdog.
     WatchdogState {
-        /// A fault stands, or stood since the last reset; no power.
+        /// A fault is active, or was since the last reset; no power.
         Faulted = 0, "faulted";
         /// No fault, no power.
         Disarmed = 1, "disarmed";
@@ -160,8 +162,9 @@ codes! {
         AcquisitionChanged = 5, "acquisition restarted";
         /// Control was restarted or replaced.
         ControlChanged = 6, "control restarted";
-        /// The gate burnt the epoch.
-        GateBurnt = 7, "gate burnt the epoch";
+        /// The gate latched closed and ended the epoch.
+        #[serde(rename = "gate_burnt")]
+        GateLatched = 7, "gate closed, re-enable required";
         /// The gate did not open in time.
         GateNotOpen = 8, "gate did not open";
         /// The command answers a sample that is too old, or comes too late.
@@ -194,7 +197,7 @@ codes! {
         EchoLost = 22, "token echo lost";
         /// The keeper is gone.
         KeeperLost = 23, "keeper lost";
-        /// The card that stands behind acquisition cannot take volts (a replayed record, no card).
+        /// Acquisition's card has no outputs (a replayed record, no card).
         NoOutput = 24, "no output behind acquisition";
     }
 }
@@ -239,7 +242,7 @@ impl Mode {
 }
 
 codes! {
-    /// Which card stands behind acquisition.
+    /// Acquisition's card.
     Backend {
         /// The simulator process.
         Simulated = 0, "simulated";

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verb {
-    /// Clears a fault that no longer stands.
+    /// Clears a fault that is no longer active.
     Reset,
     /// Makes ready; only a person does this.
     Arm,

@@ -101,7 +101,7 @@ const fn topic<T: Message>(
     }
 }
 
-/// Scans in the virtual card's FIFO.
+/// Scans in the simulated card's FIFO.
 pub const CARD_FIFO: usize = 512;
 
 /// Acquisition's samples.
@@ -116,11 +116,11 @@ pub const TOKEN: TypedTopic<EnableToken> =
 /// The watchdog's enable line; no history.
 pub const ENABLE_LINE: TypedTopic<EnableLine> =
     topic("enable_line", Process::Watchdog, Rate::Watchdog, 512, 0);
-/// The virtual card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that
+/// The simulated card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that
 /// reads it.
 pub const CARD_SCAN: TypedTopic<CardScan> =
     topic("card_scan", Process::Simulator, Rate::Acquisition, 1024, CARD_FIFO);
-/// Volts for the virtual card; no history.
+/// Volts for the simulated card; no history.
 pub const CARD_OUTPUT: TypedTopic<CardOutput> =
     topic("card_output", Process::Acquisition, Rate::Acquisition, 1024, 0);
 /// The setpoint.

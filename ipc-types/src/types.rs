@@ -60,7 +60,7 @@ message! {
         motor_present: u8,
         /// GateState
         gate_state: u8 = GateState,
-        /// GateCause of the last burnt epoch
+        /// GateCause of the last epoch that the gate ended
         gate_cause: u8 = GateCause,
         /// Backend
         backend: u8 = Backend,
@@ -116,7 +116,7 @@ message! {
 }
 
 message! {
-    /// The watchdog's leave to power the motor, for a few milliseconds.
+    /// The watchdog's permission to power the motor, for a few milliseconds.
     EnableToken, "farreach.EnableToken.v1", "farreach/msg/EnableToken" {
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
@@ -132,7 +132,7 @@ message! {
         valid_until_ns: u64,
         /// tick of the newest sample that the watchdog saw
         sample_tick: u64,
-        /// faults that stand now, one bit for each TripCause
+        /// active faults, one bit for each TripCause
         faults: u64,
         /// watchdog cycles that were skipped because it woke late
         cycles_missed: u64,

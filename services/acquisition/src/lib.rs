@@ -1,7 +1,7 @@
 //! The acquisition process: reads the card, converts, holds the gate, publishes samples.
 //!
 //! The loop is thin: [`runtime::daq::Daq`] is the card, [`runtime::gate::Gate`] decides what is
-//! written, [`Converter`] turns counts and volts into SI. Which card stands behind it is a [`Card`]
+//! written, [`Converter`] turns counts and volts into SI. The card is chosen by a [`Card`]
 //! of the options: the simulator process, a measured record, or none.
 
 mod convert;

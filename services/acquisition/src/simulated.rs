@@ -1,4 +1,4 @@
-//! The virtual card, over shared memory.
+//! The simulated card, over shared memory.
 
 use ipc_types::{AXES, Backend, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardOutput, CardScan};
 use rig::RigFile;
@@ -20,7 +20,7 @@ pub struct SimulatedDaq {
 }
 
 impl SimulatedDaq {
-    /// Joins the virtual card of the service's rig.
+    /// Joins the simulated card of the service's rig.
     pub fn new(service: &Service, rig: &RigFile) -> Result<Self, PortError> {
         Ok(Self {
             scans: service.subscriber(CARD_SCAN)?,

@@ -158,7 +158,7 @@ fn counts_and_volts_become_si() {
     assert_eq!((absent.master_present, absent.slave_present, absent.torque_present), (0, 0, 0));
 }
 
-/// The virtual card over shared memory, with the card's side driven by the bench.
+/// The simulated card over shared memory, with the card's side driven by the bench.
 struct SharedBench {
     daq: Option<SimulatedDaq>,
     card: Card,

@@ -2,9 +2,9 @@
 //!
 //! Acquisition runs it once a cycle. It lets a command's volts pass only while the newest
 //! [`EnableToken`] and the newest [`MotorCommand`] are fresh, in sequence, in range, finite, of
-//! this session and from the senders that the token names. It *latches*: a violation burns the
-//! enable epoch, and only a strictly higher epoch (issued by the watchdog after reset, arm and
-//! enable) opens the gate again.
+//! this session and from the senders that the token names. It *latches*: a violation closes
+//! the gate and ends the enable epoch; only a strictly higher epoch (issued by the watchdog after
+//! reset, arm and enable) opens the gate again.
 //!
 //! Pure: the time is an argument, nothing is allocated, no message is formatted.
 //!
@@ -81,10 +81,10 @@ pub struct GateOutput {
     pub volts: [f64; AXES],
     /// State after this cycle.
     pub state: GateState,
-    /// Why the last epoch was burnt.
+    /// Why the last epoch ended.
     pub cause: GateCause,
-    /// What keeps a gate that is not open from opening; [`GateCause::None`] while open, or while no
-    /// leave is given.
+    /// What keeps a gate that is not open from opening; [`GateCause::None`] while open, or without
+    /// permission.
     pub hindrance: GateCause,
     /// Highest enable epoch that the gate saw.
     pub epoch: u64,
@@ -110,10 +110,10 @@ pub struct Gate {
     config: GateConfig,
     limits: [f64; AXES],
     open: Option<OpenEpoch>,
-    burnt_state: GateState,
+    closed_state: GateState,
     cause: GateCause,
-    /// No epoch up to this one ever opens (again).
-    burnt_epoch: u64,
+    /// Highest ended epoch: none up to it ever opens again.
+    ended_epoch: u64,
     seen_epoch: u64,
     token: Option<EnableToken>,
     command: Option<MotorCommand>,
@@ -138,9 +138,9 @@ impl Gate {
             config,
             limits,
             open: None,
-            burnt_state: GateState::Closed,
+            closed_state: GateState::Closed,
             cause: GateCause::None,
-            burnt_epoch: 0,
+            ended_epoch: 0,
             seen_epoch: 0,
             token: None,
             command: None,
@@ -173,12 +173,12 @@ impl Gate {
         }
         // A withdrawal counts even where the token is out of order: it can only take power away.
         if !enabled {
-            self.burnt_epoch = self.burnt_epoch.max(token.epoch);
+            self.ended_epoch = self.ended_epoch.max(token.epoch);
         }
         // An epoch belongs to one watchdog: another one that speaks ends it, also before it opened.
         // Else the sequence of the first would be forgotten between its messages.
         if let Some(last) = self.token.filter(|last| last.incarnation != token.incarnation) {
-            self.burnt_epoch = self.burnt_epoch.max(last.epoch);
+            self.ended_epoch = self.ended_epoch.max(last.epoch);
         }
         if let Some(last) = self.token.as_mut().filter(|last| last.incarnation == token.incarnation)
         {
@@ -203,8 +203,8 @@ impl Gate {
             }
         }
         if enabled && token.acquisition_incarnation == self.config.acquisition_incarnation {
-            // Leave for an epoch ends all earlier ones.
-            self.burnt_epoch = self.burnt_epoch.max(token.epoch.saturating_sub(1));
+            // Permission for an epoch ends all earlier ones.
+            self.ended_epoch = self.ended_epoch.max(token.epoch.saturating_sub(1));
         }
         self.token = Some(*token);
         self.token_refused = false;
@@ -224,7 +224,7 @@ impl Gate {
         let other =
             self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
         if other && self.pending().is_some() {
-            // Two controls speak while leave is given: which of them would get it?
+            // Two controls send commands during the permission, which is meant for one.
             self.violated(GateCause::CommandSender);
         }
         if let Some(last) =
@@ -270,10 +270,10 @@ impl Gate {
             let violation = violation.or(late.then_some(GateCause::GateLate));
             match violation.map_or_else(|| self.passing(now_ns), Err) {
                 Ok(passed) => volts = passed,
-                Err(cause) => self.burn(open.epoch, cause),
+                Err(cause) => self.latch_closed(open.epoch, cause),
             }
         } else if let Some(pending) = self.pending() {
-            self.burnt_state = GateState::Closed;
+            self.closed_state = GateState::Closed;
             match violation.map_or_else(|| self.passing(now_ns), Err) {
                 Ok(_) if late => hindrance = GateCause::GateLate,
                 Ok(passed) => {
@@ -287,7 +287,7 @@ impl Gate {
                     | GateCause::WriteFailed),
                 ) => hindrance = cause,
                 Err(cause) => {
-                    self.burn(pending.epoch, cause);
+                    self.latch_closed(pending.epoch, cause);
                     hindrance = cause;
                 }
             }
@@ -309,25 +309,25 @@ impl Gate {
         }
     }
 
-    /// The card refused the volts of the last step: an open epoch burns at once, a waiting one does
+    /// The card refused the volts of the last step: an open epoch ends at once, a waiting one does
     /// not open in the next cycle.
     pub fn write_failed(&mut self) {
         match self.open {
-            Some(open) => self.burn(open.epoch, GateCause::WriteFailed),
+            Some(open) => self.latch_closed(open.epoch, GateCause::WriteFailed),
             None => self.violated(GateCause::WriteFailed),
         }
     }
 
     /// Present state.
     pub fn state(&self) -> GateState {
-        if self.open.is_some() { GateState::Open } else { self.burnt_state }
+        if self.open.is_some() { GateState::Open } else { self.closed_state }
     }
 
-    /// The epoch that the newest token gives leave for, if the gate may still open for it.
+    /// The epoch that the newest token permits, if the gate may still open for it.
     fn pending(&self) -> Option<OpenEpoch> {
         let token = self.token.as_ref()?;
         let ours = token.acquisition_incarnation == self.config.acquisition_incarnation;
-        (token.enabled == 1 && ours && token.epoch > self.burnt_epoch).then_some(OpenEpoch {
+        (token.enabled == 1 && ours && token.epoch > self.ended_epoch).then_some(OpenEpoch {
             epoch: token.epoch,
             watchdog: token.watchdog_incarnation,
             control: token.control_incarnation,
@@ -402,12 +402,15 @@ impl Gate {
         self.violated(cause);
     }
 
-    fn burn(&mut self, epoch: u64, cause: GateCause) {
-        self.burnt_epoch = self.burnt_epoch.max(epoch);
+    fn latch_closed(&mut self, epoch: u64, cause: GateCause) {
+        self.ended_epoch = self.ended_epoch.max(epoch);
         self.open = None;
         self.cause = cause;
-        // A withdrawal in good order is no alarm; its epoch is burnt all the same.
-        self.burnt_state =
-            if cause == GateCause::Withdrawn { GateState::Closed } else { GateState::Burnt };
+        // A withdrawal in good order is no alarm; it ends its epoch all the same.
+        self.closed_state = if cause == GateCause::Withdrawn {
+            GateState::Closed
+        } else {
+            GateState::LatchedClosed
+        };
     }
 }

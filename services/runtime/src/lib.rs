@@ -42,8 +42,8 @@ pub mod realtime;
 mod request;
 mod service;
 mod shared_memory;
+mod stale_cleanup;
 mod stall;
-mod sweep;
 mod timing;
 mod worker;
 

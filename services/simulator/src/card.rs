@@ -13,7 +13,7 @@ use rand_pcg::Pcg64Mcg;
 use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
 use thiserror::Error;
 
-/// The virtual card cannot be made from this rig file.
+/// The simulated card cannot be made from this rig file.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum CardError {

@@ -1,4 +1,4 @@
-//! The virtual card, and the process around it.
+//! The simulated card, and the process around it.
 //!
 //! [`Card`] is what a laboratory's card and rig are together, without a clock: DACs that hold
 //! whatever was last written, whoever dies; a motor that loses power when the enable line stops

@@ -8,7 +8,7 @@ use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
 
 use crate::card::{Card, CardError};
 
-/// A virtual card that time passes on only when [`LockStepDaq::advance`] is called.
+/// A simulated card that time passes on only when [`LockStepDaq::advance`] is called.
 #[derive(Debug)]
 pub struct LockStepDaq {
     card: Card,

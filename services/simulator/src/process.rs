@@ -43,7 +43,7 @@ pub enum SimulatorError {
     NoTopic(Process),
 }
 
-/// Runs the virtual card until a signal ends it.
+/// Runs the simulated card until a signal ends it.
 pub fn run(options: &Options) -> Result<(), SimulatorError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Simulator, &options.rig_name)?;
@@ -77,7 +77,7 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
                 EventKind::CardFault,
                 Severity::Error,
                 [lost as f64, 0.0, 0.0],
-                "the virtual card was not run for too long; scans were skipped",
+                "the simulated card was not run for too long; scans were skipped",
             )?;
         }
         for tick in first..=wake.tick {

@@ -1,4 +1,4 @@
-//! The virtual card: conformance, and what a real card does when the others die.
+//! The simulated card: conformance, and what a real card does when the others die.
 #![allow(clippy::unwrap_used)]
 
 use rig::RigFile;

@@ -1,5 +1,5 @@
-//! The shipped rigs under their own control: the law of the control process on the virtual card, in
-//! lock step.
+//! The shipped rigs under their own control: the law of the control process on the simulated card,
+//! in lock step.
 #![allow(clippy::unwrap_used)]
 
 use rig::RigFile;

@@ -1,11 +1,11 @@
 //! The safety watchdog: interlocks and the enable line.
 //!
-//! [`machine`] is the pure state machine; [`run`] the loop around it. What is slow (the operator's
-//! verbs, looking after launcher and keeper) is a thread of its own and reaches the loop through
-//! queues that never block.
+//! [`interlock`] is the pure state machine; [`run`] the loop around it. The command thread does
+//! what is slow: it serves the operator's commands, follows launcher and keeper, and reaches the
+//! loop through queues that never block.
 
-mod attendant;
-pub mod machine;
+mod command_thread;
+pub mod interlock;
 mod process;
 
 pub use process::{Options, WatchdogError, axis_limits, run};

@@ -1,4 +1,4 @@
-//! The process: the loop around the machine.
+//! The process: the loop around the interlock.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use runtime::clock::now_ns;
 use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
-use crate::attendant::{self, Attendance, Shared};
-use crate::machine::{AxisLimits, Config, Machine, Outputs, Peers, StateChange};
+use crate::command_thread::{self, Heartbeat, Shared};
+use crate::interlock::{AxisLimits, Config, Interlock, Outputs, Peers, StateChange};
 
-/// `arm` takes an axis that moves by fewer counts than this within the speed window as at rest.
+/// For `arm`, an axis that moves by fewer counts than this within the speed window is at rest.
 const REST_COUNTS: f64 = 3.0;
 
 /// What the process is started with.
@@ -42,12 +42,12 @@ pub enum WatchdogError {
     Thread(#[from] std::io::Error),
     #[error("{0} has no topic for its timing or events")]
     NoTopic(Process),
-    /// The thread that answers the operator's verbs gave up.
-    #[error("the operator's verbs are not heard any more")]
-    Deaf,
+    /// The command thread has ended.
+    #[error("the command thread has ended: the operator's commands have no effect")]
+    CommandThreadDead,
 }
 
-/// The limits of a rig file, as the machine wants them.
+/// The limits of a rig file, for the interlock.
 pub fn axis_limits(rig: &RigFile) -> [AxisLimits; AXES] {
     let nothing = AxisLimits {
         position_min: 0.0,
@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let mut lines = service.publisher(ENABLE_LINE)?;
     let mut timings = service.publisher(timing_topic)?;
     let shared = Arc::new(Shared::new());
-    let attendant = attendant::start(
+    let command_thread = command_thread::start(
         service.domain().name().clone(),
         Arc::clone(&shared),
         service.stop_flag(),
@@ -131,16 +131,16 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let mut events = service.take_events().ok_or_else(no_topic)?;
     let mut meter =
         LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
-    let mut machine = Machine::new(config(&rig, &service));
+    let mut interlock = Interlock::new(config(&rig, &service));
     let mut toggles = 0;
-    let mut attendance = Attendance::default();
+    let mut heartbeat = Heartbeat::default();
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
         while let Some(sample) = samples.take()? {
-            machine.observe_sample(&sample);
+            interlock.observe_sample(&sample);
         }
         while let Some(command) = commands.take()? {
-            machine.observe_command(&command);
+            interlock.observe_command(&command);
         }
         let peers = Peers {
             launcher_alive: shared.launcher.load(Ordering::Relaxed),
@@ -148,11 +148,11 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
         };
         let now = now_ns();
         if let Some(verb) = shared.verbs.pop() {
-            // Nobody waits for more than one answer: the queue has a place for it.
-            let _told = shared.answers.push(machine.command(verb, now));
+            // Only one answer is ever awaited: the queue has a place for it.
+            let _queued = shared.answers.push(interlock.command(verb, now));
         }
-        let outputs = machine.step(now, peers);
-        shared.state.store(machine.state().code(), Ordering::Relaxed);
+        let outputs = interlock.step(now, peers);
+        shared.state.store(interlock.state().code(), Ordering::Relaxed);
         let Outputs { mut token, toggle_line, event } = outputs;
         token.cycles_missed = grid.missed();
         tokens.send(token)?;
@@ -171,21 +171,25 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
             timings.send(
                 losses.sent(tokens.undelivered()).sent(lines.undelivered()).told_in(timing),
             )?;
-            // Events are rare: who joined since the last one gets those before through this.
+            // Events are rare: this delivers earlier ones to subscribers that joined since.
             events.refresh();
         }
-        // Who does not beat is killed, which takes the motor's power away, and started anew.
-        if attendance.holds(shared.rounds.load(Ordering::Relaxed), end) {
+        // A watchdog without heartbeat is killed, which cuts the motor's power, and restarted.
+        if heartbeat.is_alive(shared.cycles.load(Ordering::Relaxed), end) {
             service.beat();
         }
     }
-    // The motor first: leave is withdrawn in good order, and the line stands still.
+    // The motor first: withdraws the permission in good order and stops the line.
     let now = now_ns();
-    let _state = machine.command(Verb::Disarm, now);
+    let _state = interlock.command(Verb::Disarm, now);
     let peers = Peers { launcher_alive: true, keeper_alive: true };
-    tokens.send(machine.step(now, peers).token)?;
+    tokens.send(interlock.step(now, peers).token)?;
     events.send(Event::new(Process::Watchdog, EventKind::ProcessEnding, Severity::Info, ""))?;
-    // It ends on the same flag; a panic in it has been printed.
-    let panicked = attendant.join().is_err();
-    if panicked || shared.deaf.load(Ordering::Relaxed) { Err(WatchdogError::Deaf) } else { Ok(()) }
+    // It ends on the same flag; a panic has been printed.
+    let panicked = command_thread.join().is_err();
+    if panicked || shared.dead.load(Ordering::Relaxed) {
+        Err(WatchdogError::CommandThreadDead)
+    } else {
+        Ok(())
+    }
 }

@@ -38,7 +38,7 @@ fn every_requirement_has_the_tests_that_it_claims() {
     let mut found = BTreeMap::new();
     for tests in [
         "services/runtime/tests/gate",
-        "services/watchdog/tests/machine",
+        "services/watchdog/tests/interlock",
         "services/control/tests/law",
         "services/control/tests/setpoint_validation",
         "services/experiment/tests",

@@ -265,7 +265,7 @@ impl<'a> Session<'a> {
             .unwrap_or(TripCause::None);
         let gate = self.sample.and_then(|sample| GateCause::from_code(sample.gate_cause));
         let words = match (cause, gate) {
-            (TripCause::GateBurnt, Some(gate)) => format!("{cause}: {gate}"),
+            (TripCause::GateLatched, Some(gate)) => format!("{cause}: {gate}"),
             _ => cause.to_string(),
         };
         let took = self.power()?;

@@ -168,7 +168,7 @@ fn so_do_the_cables() {
     leaves_only_the_resolution(&cable, 3.0, "coulomb_friction@slave=0.3");
 }
 
-/// Plays a sine of volts on the virtual card, as declared and with an effect of slave friction.
+/// Plays a sine of volts on the simulated card, as declared and with an effect of slave friction.
 fn leaves_only_the_resolution(rig: &RigFile, peak_v: f64, effect: &str) {
     let mut rig = rig.clone();
     // Volts without feedback drive the handle far: no stop shall end that.

@@ -1,4 +1,4 @@
-//! The rig without a clock: the control law of the rig on its virtual card, in lock step, as fast
+//! The rig without a clock: the control law of the rig on its simulated card, in lock step, as fast
 //! as the processor goes.
 //!
 //! Nothing here is a copy: [`control::law::Law`] with the rig file's gains,
@@ -67,7 +67,7 @@ pub enum TwinError {
     /// The rig file has no plant that can be simulated, or an effect or constant is out of range.
     #[error(transparent)]
     Card(#[from] CardError),
-    /// The virtual card refused (volts that are not finite).
+    /// The simulated card refused (volts that are not finite).
     #[error(transparent)]
     Daq(#[from] DaqError),
     /// The rates of the rig do not divide; a rig that was read from a file has been checked for

@@ -29,7 +29,7 @@ use runtime::gate::{Gate, GateConfig};
 use simulator::Card;
 use twin::Twin;
 use watchdog::axis_limits;
-use watchdog::machine::{Config, Machine, Peers};
+use watchdog::interlock::{Config, Interlock, Peers};
 
 const SESSION: u64 = 7;
 const ACQUISITION: u64 = 11;
@@ -52,7 +52,7 @@ struct Rig {
     converter: Converter,
     gate: Gate,
     law: Law,
-    machine: Machine,
+    machine: Interlock,
     player: Player,
     program: Arc<Program>,
     present: Present,
@@ -90,7 +90,7 @@ impl Rig {
                 volts_max,
             )),
             law: Law::new(LawConfig::of_rig(rig)),
-            machine: Machine::new(Config::for_profile(
+            machine: Interlock::new(Config::for_profile(
                 PROFILE,
                 SESSION,
                 WATCHDOG,

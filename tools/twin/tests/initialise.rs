@@ -1,5 +1,5 @@
 //! A search for the ends of the travel on the rig without a clock: the player's setpoints, the real
-//! law, the virtual card.
+//! law, the simulated card.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::sync::Arc;

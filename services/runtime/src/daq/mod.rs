@@ -52,7 +52,7 @@ pub struct Physical {
 }
 
 impl Scan {
-    /// A scan of the virtual card; `present` is what its rig has.
+    /// A scan of the simulated card; `present` is what its rig has.
     pub fn of_card(scan: &CardScan, present: Present) -> Self {
         Self {
             tick: scan.tick,

@@ -18,7 +18,7 @@ use crate::identity::random_u64;
 use crate::locks::LockFile;
 use crate::shared_memory::SHARED_MEMORY;
 use crate::stall::{HostStall, MEASURED_FOR};
-use crate::{ports, realtime, request, sweep};
+use crate::{ports, realtime, request, stale_cleanup};
 
 /// The founder of a domain: holds every service open and cleans up after the dead; has no ports.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ pub struct Keeper {
     // Field order is drop order: services before node, node before locks.
     services: Vec<Box<dyn std::any::Any>>,
     node: Node<ipc::Service>,
-    orphans: sweep::Orphans,
+    orphans: stale_cleanup::Orphans,
     name: RigName,
     session: u64,
     profile: Profile,
@@ -61,7 +61,7 @@ impl Keeper {
                 }
                 _ => {}
             }
-            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
+            stale_cleanup::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
                 .map_err(at("cleaning", &directory))?;
             check_capacity()?;
             let prefix = format!("{}{:016x}_", name.segment_prefix(), random_u64());
@@ -98,12 +98,12 @@ impl Keeper {
         }
         // The library makes one of its segments world-writable; the rest of the machine has no
         // business with it.
-        sweep::close_to_others(&name.segment_prefix())
+        stale_cleanup::close_to_others(&name.segment_prefix())
             .map_err(at("closing to other users", Path::new(SHARED_MEMORY)))?;
         let kept = Self {
             services,
             node,
-            orphans: sweep::Orphans::new(&directory.join(LIBRARY_ROOT), &file.prefix),
+            orphans: stale_cleanup::Orphans::new(&directory.join(LIBRARY_ROOT), &file.prefix),
             name: name.clone(),
             session: parse_session(directory, &file)?,
             profile: file.profile,
@@ -159,7 +159,7 @@ impl Keeper {
     /// Cleans up after processes that died: call every 20 to 50 ms.
     pub fn clean(&mut self) {
         self.node.try_cleanup_dead_nodes();
-        self.orphans.sweep();
+        self.orphans.clean();
     }
 
     /// Ends in good order: wipes the domain if nothing else of it is alive. Returns whether it did.
@@ -172,7 +172,7 @@ impl Keeper {
         if alone {
             let session = directory.join(SESSION);
             fs::remove_file(&session).map_err(at("removing", &session))?;
-            sweep::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
+            stale_cleanup::domain(&directory.join(LIBRARY_ROOT), &name.segment_prefix())
                 .map_err(at("cleaning", &directory))?;
         }
         Ok(alone)

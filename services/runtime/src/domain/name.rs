@@ -11,7 +11,7 @@ use super::error::at;
 use super::{ALIVE_LOCK, DomainError, KEEPER_LOCK, RUN};
 use crate::locks::LockFile;
 use crate::shared_memory::SHARED_MEMORY;
-use crate::sweep;
+use crate::stale_cleanup;
 
 /// The name of a rig: 1 to 32 lower-case letters, digits or '-', beginning with a letter.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -84,7 +84,7 @@ impl RigName {
     pub fn remove(&self) -> Result<bool, DomainError> {
         let directory = self.directory();
         if !directory.exists() {
-            return sweep::segments(&self.segment_prefix())
+            return stale_cleanup::segments(&self.segment_prefix())
                 .map(|()| true)
                 .map_err(at("cleaning", &directory));
         }
@@ -95,7 +95,7 @@ impl RigName {
         let free = keeper.try_exclusive().map_err(at("locking", &keeper_path))?
             && alive.try_exclusive().map_err(at("locking", &alive_path))?;
         if free {
-            sweep::segments(&self.segment_prefix()).map_err(at("cleaning", &directory))?;
+            stale_cleanup::segments(&self.segment_prefix()).map_err(at("cleaning", &directory))?;
             fs::remove_dir_all(&directory).map_err(at("removing", &directory))?;
         }
         Ok(free)

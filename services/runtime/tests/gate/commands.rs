@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn sr_05_stale_command_burns() {
+fn sr_05_stale_command_latches() {
     let mut rig = Rig::opened();
     let command = rig.command;
     for _ in 0..11 {
@@ -11,11 +11,11 @@ fn sr_05_stale_command_burns() {
         rig.renew();
         rig.command = command;
     }
-    rig.burns(GateCause::CommandStale);
+    rig.latches_closed(GateCause::CommandStale);
 }
 
 #[test]
-fn sr_05_command_sequence_or_sample_backwards_burns() {
+fn sr_05_command_sequence_or_sample_backwards_latches() {
     for field in 0..4 {
         let mut rig = Rig::opened();
         rig.renew();
@@ -28,12 +28,12 @@ fn sr_05_command_sequence_or_sample_backwards_burns() {
             2 => rig.command.sample_time_ns = last.sample_time_ns - 1,
             _ => rig.command.computed_ns = last.computed_ns - 1,
         }
-        rig.burns(GateCause::CommandBackwards);
+        rig.latches_closed(GateCause::CommandBackwards);
     }
 }
 
 #[test]
-fn sr_05_command_from_an_old_sample_burns() {
+fn sr_05_command_from_an_old_sample_latches() {
     let mut rig = Rig::opened();
     let sample_time = rig.command.sample_time_ns;
     while rig.now < sample_time + 10 * MS {
@@ -43,11 +43,11 @@ fn sr_05_command_from_an_old_sample_burns() {
     }
     rig.renew();
     rig.command.sample_time_ns = sample_time;
-    rig.burns(GateCause::CommandSampleOld);
+    rig.latches_closed(GateCause::CommandSampleOld);
 }
 
 #[test]
-fn sr_05_command_from_the_future_burns() {
+fn sr_05_command_from_the_future_latches() {
     for field in 0..3 {
         let mut rig = Rig::opened();
         rig.renew();
@@ -59,18 +59,21 @@ fn sr_05_command_from_the_future_burns() {
         }
         // What follows must not look like a step backwards from that future.
         let output = rig.step();
-        assert_eq!((output.state, output.cause), (GateState::Burnt, GateCause::CommandTime));
+        assert_eq!(
+            (output.state, output.cause),
+            (GateState::LatchedClosed, GateCause::CommandTime)
+        );
     }
 }
 
 #[test]
-fn sr_06_not_finite_burns_on_any_axis() {
+fn sr_06_not_finite_latches_on_any_axis() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         for axis in 0..AXES {
             let mut rig = Rig::opened();
             rig.renew();
             rig.command.volts[axis] = bad;
-            rig.burns(GateCause::CommandNotFinite);
+            rig.latches_closed(GateCause::CommandNotFinite);
         }
     }
 }
@@ -81,7 +84,7 @@ fn sr_06_beyond_the_limit_burns_and_unused_axes_get_nothing() {
         let mut rig = Rig::opened();
         rig.renew();
         rig.command.volts[axis] = volts;
-        rig.burns(GateCause::CommandRange);
+        rig.latches_closed(GateCause::CommandRange);
     }
     let mut rig = Rig::opened();
     rig.renew();
@@ -96,6 +99,6 @@ fn sr_06_a_limit_that_is_no_number_lets_nothing_pass() {
         rig.gate = Gate::new(GateConfig { volts_max: [limit; AXES], ..config() });
         rig.renew();
         assert_eq!(rig.step().volts, [0.0; AXES]);
-        assert_eq!(rig.gate.state(), GateState::Burnt);
+        assert_eq!(rig.gate.state(), GateState::LatchedClosed);
     }
 }

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn sr_07_a_disabled_token_withdraws_and_the_epoch_stays_burnt() {
+fn sr_07_a_disabled_token_withdraws_and_the_epoch_stays_closed() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.enabled = 0;
@@ -74,7 +74,7 @@ fn sr_08_a_waiting_epoch_survives_an_absent_or_stale_command() {
 }
 
 #[test]
-fn sr_08_a_waiting_epoch_burns_on_a_bad_command() {
+fn sr_08_a_waiting_epoch_latches_on_a_bad_command() {
     type Spoil = fn(&mut MotorCommand);
     let cases: [(Spoil, GateCause); 3] = [
         (|command| command.volts[0] = 5.5, GateCause::CommandRange),
@@ -85,27 +85,27 @@ fn sr_08_a_waiting_epoch_burns_on_a_bad_command() {
         let mut rig = Rig::new();
         rig.renew();
         spoil(&mut rig.command);
-        rig.burns(cause);
+        rig.latches_closed(cause);
     }
 }
 
 #[test]
-fn sr_09_a_late_gate_burns() {
+fn sr_09_a_late_gate_latches() {
     let mut rig = Rig::opened();
     for _ in 0..11 {
         rig.renew();
     }
-    rig.burns(GateCause::GateLate);
+    rig.latches_closed(GateCause::GateLate);
 }
 
 #[test]
-fn sr_09_time_going_backwards_burns() {
+fn sr_09_time_going_backwards_latches() {
     let mut rig = Rig::opened();
     rig.now -= 1;
     let output = rig.step();
     assert_eq!(
         (output.state, output.cause, output.volts),
-        (GateState::Burnt, GateCause::GateLate, [0.0; AXES])
+        (GateState::LatchedClosed, GateCause::GateLate, [0.0; AXES])
     );
 }
 
@@ -123,10 +123,10 @@ fn sr_09_a_late_gate_does_not_open_in_that_cycle() {
 }
 
 #[test]
-fn sr_09_a_refused_write_burns() {
+fn sr_09_a_refused_write_latches() {
     let mut rig = Rig::opened();
     rig.gate.write_failed();
-    assert_eq!(rig.gate.state(), GateState::Burnt);
+    assert_eq!(rig.gate.state(), GateState::LatchedClosed);
     rig.renew();
-    rig.burns(GateCause::WriteFailed);
+    rig.latches_closed(GateCause::WriteFailed);
 }

@@ -76,14 +76,14 @@ impl Rig {
         rig
     }
 
-    /// The next cycle burns the epoch with this cause, good messages do not open it again, a higher
+    /// The next cycle ends the epoch with this cause, good messages do not open it again, a higher
     /// epoch does.
-    fn burns(mut self, cause: GateCause) {
+    fn latches_closed(mut self, cause: GateCause) {
         let epoch = self.token.epoch.min(1);
         let output = self.step();
         assert_eq!(
             (output.state, output.cause, output.volts),
-            (GateState::Burnt, cause, [0.0; AXES])
+            (GateState::LatchedClosed, cause, [0.0; AXES])
         );
         let mut good = Self::new();
         good.gate = self.gate;
@@ -144,7 +144,7 @@ fn sr_01_the_same_messages_again_pass_until_they_are_stale() {
 }
 
 #[test]
-fn sr_02_stale_token_burns() {
+fn sr_02_stale_token_latches() {
     let mut rig = Rig::opened();
     for _ in 0..10 {
         let token = rig.token;
@@ -155,7 +155,7 @@ fn sr_02_stale_token_burns() {
     let token = rig.token;
     rig.renew();
     rig.token = token;
-    rig.burns(GateCause::TokenStale);
+    rig.latches_closed(GateCause::TokenStale);
 }
 
 #[test]
@@ -169,19 +169,19 @@ fn sr_02_a_token_may_expire_sooner_than_the_profile_allows() {
     rig.renew();
     rig.renew();
     rig.token = token;
-    rig.burns(GateCause::TokenStale);
+    rig.latches_closed(GateCause::TokenStale);
 }
 
 #[test]
-fn sr_02_a_token_of_too_long_a_life_burns() {
+fn sr_02_a_token_of_too_long_a_life_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.valid_until_ns = rig.now + 5 * MS + 1;
-    rig.burns(GateCause::TokenTime);
+    rig.latches_closed(GateCause::TokenTime);
 }
 
 #[test]
-fn sr_02_a_token_from_the_future_burns() {
+fn sr_02_a_token_from_the_future_latches() {
     for field in 0..2 {
         let mut rig = Rig::opened();
         rig.renew();
@@ -190,20 +190,20 @@ fn sr_02_a_token_from_the_future_burns() {
             0 => (rig.token.issued_ns, rig.token.valid_until_ns) = (future, future + MS),
             _ => rig.token.time_ns = future,
         }
-        rig.burns(GateCause::TokenTime);
+        rig.latches_closed(GateCause::TokenTime);
     }
 }
 
 #[test]
-fn sr_02_a_token_that_ends_before_it_begins_burns() {
+fn sr_02_a_token_that_ends_before_it_begins_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.valid_until_ns = rig.token.issued_ns - 1;
-    rig.burns(GateCause::TokenTime);
+    rig.latches_closed(GateCause::TokenTime);
 }
 
 #[test]
-fn sr_03_token_sequence_backwards_burns() {
+fn sr_03_token_sequence_backwards_latches() {
     for by in [0, 1, 7] {
         let mut rig = Rig::opened();
         for _ in 0..10 {
@@ -213,21 +213,21 @@ fn sr_03_token_sequence_backwards_burns() {
         let sequence = rig.token.sequence;
         rig.renew();
         rig.token.sequence = sequence - by;
-        rig.burns(GateCause::TokenBackwards);
+        rig.latches_closed(GateCause::TokenBackwards);
     }
 }
 
 #[test]
-fn sr_03_token_issued_earlier_than_its_predecessor_burns() {
+fn sr_03_token_issued_earlier_than_its_predecessor_latches() {
     let mut rig = Rig::opened();
     let issued = rig.token.issued_ns;
     rig.renew();
     rig.token.issued_ns = issued - 1;
-    rig.burns(GateCause::TokenBackwards);
+    rig.latches_closed(GateCause::TokenBackwards);
 }
 
 #[test]
-fn sr_03_epoch_backwards_burns() {
+fn sr_03_epoch_backwards_latches() {
     let mut rig = Rig::new();
     rig.token.epoch = 2;
     rig.renew();
@@ -235,66 +235,66 @@ fn sr_03_epoch_backwards_burns() {
     rig.renew();
     rig.token.epoch = 1;
     let output = rig.step();
-    assert_eq!((output.state, output.cause), (GateState::Burnt, GateCause::EpochBackwards));
+    assert_eq!((output.state, output.cause), (GateState::LatchedClosed, GateCause::EpochBackwards));
     rig.token.epoch = 2;
     for _ in 0..20 {
         rig.renew();
-        assert_eq!(rig.step().state, GateState::Burnt);
+        assert_eq!(rig.step().state, GateState::LatchedClosed);
     }
 }
 
 #[test]
-fn sr_03_a_backward_step_hidden_between_two_cycles_burns() {
+fn sr_03_a_backward_step_hidden_between_two_cycles_latches() {
     let mut rig = Rig::opened();
     let old = rig.command;
     rig.renew();
     rig.gate.observe_command(&rig.command);
     rig.gate.observe_command(&MotorCommand { volts: [0.1, 0.0, 0.0], ..old });
     rig.renew();
-    rig.burns(GateCause::CommandBackwards);
+    rig.latches_closed(GateCause::CommandBackwards);
 }
 
 #[test]
-fn sr_04_token_of_another_session_burns() {
+fn sr_04_token_of_another_session_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.session = 12;
-    rig.burns(GateCause::TokenSession);
+    rig.latches_closed(GateCause::TokenSession);
 }
 
 #[test]
-fn sr_04_command_of_another_session_burns() {
+fn sr_04_command_of_another_session_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.command.session = 12;
-    rig.burns(GateCause::CommandSession);
+    rig.latches_closed(GateCause::CommandSession);
 }
 
 #[test]
-fn sr_04_token_whose_sender_is_not_the_one_it_names_burns() {
+fn sr_04_token_whose_sender_is_not_the_one_it_names_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.incarnation = 99;
-    rig.burns(GateCause::TokenSender);
+    rig.latches_closed(GateCause::TokenSender);
 }
 
 #[test]
-fn sr_04_another_watchdog_within_the_epoch_burns_enabled_or_not() {
+fn sr_04_another_watchdog_within_the_epoch_latches_enabled_or_not() {
     for enabled in [0, 1] {
         let mut rig = Rig::opened();
         rig.renew();
         let other = EnableToken { incarnation: 32, watchdog_incarnation: 32, enabled, ..rig.token };
         rig.gate.observe_token(&other);
-        rig.burns(GateCause::TokenSender);
+        rig.latches_closed(GateCause::TokenSender);
     }
 }
 
 #[test]
-fn sr_04_token_for_another_acquisition_burns() {
+fn sr_04_token_for_another_acquisition_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.acquisition_incarnation = 22;
-    rig.burns(GateCause::TokenReceiver);
+    rig.latches_closed(GateCause::TokenReceiver);
 }
 
 #[test]
@@ -309,19 +309,19 @@ fn sr_04_a_new_acquisition_never_opens_for_the_token_of_the_one_before() {
 }
 
 #[test]
-fn sr_04_command_from_another_control_burns() {
+fn sr_04_command_from_another_control_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.command.incarnation = 42;
-    rig.burns(GateCause::CommandSender);
+    rig.latches_closed(GateCause::CommandSender);
 }
 
 #[test]
-fn sr_04_two_interleaved_controls_burn_even_if_the_named_one_speaks_last() {
+fn sr_04_two_interleaved_controls_latch_even_if_the_named_one_speaks_last() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.gate.observe_command(&MotorCommand { incarnation: 42, ..rig.command });
-    rig.burns(GateCause::CommandSender);
+    rig.latches_closed(GateCause::CommandSender);
 }
 
 #[test]
@@ -349,19 +349,19 @@ fn sr_04_an_epoch_that_two_watchdogs_speak_in_never_opens() {
 }
 
 #[test]
-fn sr_04_two_controls_that_speak_while_an_epoch_waits_burn_it() {
+fn sr_04_two_controls_that_speak_while_an_epoch_waits_end_it() {
     let mut rig = Rig::new();
     rig.renew();
     rig.gate.step(rig.now, Some(&rig.token), None);
     rig.renew();
     rig.gate.observe_command(&MotorCommand { incarnation: 42, ..rig.command });
-    rig.burns(GateCause::CommandSender);
+    rig.latches_closed(GateCause::CommandSender);
 }
 
 #[test]
-fn sr_04_another_control_named_within_the_epoch_burns() {
+fn sr_04_another_control_named_within_the_epoch_latches() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.control_incarnation = 42;
-    rig.burns(GateCause::CommandSender);
+    rig.latches_closed(GateCause::CommandSender);
 }

@@ -182,7 +182,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 
     /// Whatever arrives, in whatever order: volts other than 0 only with the oracle's consent,
-    /// never beyond the limits, and never again for an epoch that was burnt.
+    /// never beyond the limits, and never again for an epoch that was ended.
     #[test]
     fn sr_10_no_stream_of_messages_gets_volts_past_the_gate_unlawfully(acts in acts()) {
         let config = config();
@@ -190,7 +190,7 @@ proptest! {
         let mut oracle = Oracle::default();
         let mut now = START;
         let mut sequences = [100u64, 100];
-        let mut burnt = 0u64;
+        let mut ended = 0u64;
         let mut last_state = GateState::Closed;
         let mut last_epoch = 0;
         let mut stepped = false;
@@ -218,7 +218,7 @@ proptest! {
                 Act::WriteFailed => {
                     gate.write_failed();
                     if last_state == GateState::Open {
-                        burnt = burnt.max(last_epoch);
+                        ended = ended.max(last_epoch);
                     }
                 }
                 Act::Step(by) => {
@@ -233,7 +233,7 @@ proptest! {
                         let epoch = oracle.tokens.last().unwrap().epoch;
                         // The first step knows of no time before it.
                         prop_assert!(!backwards || !stepped, "open although time went backwards");
-                        prop_assert!(epoch > burnt, "open for {epoch}, burnt up to {burnt}");
+                        prop_assert!(epoch > ended, "open for {epoch}, ended up to {ended}");
                         if let Err(what) = oracle.allows(&config, now, output.volts) {
                             return Err(TestCaseError::fail(what));
                         }
@@ -241,7 +241,7 @@ proptest! {
                     } else {
                         prop_assert_eq!(output.volts, [0.0; AXES]);
                         if last_state == GateState::Open {
-                            burnt = burnt.max(last_epoch);
+                            ended = ended.max(last_epoch);
                         }
                     }
                     last_state = output.state;
@@ -253,7 +253,7 @@ proptest! {
 
     /// In good order, whatever the jitter below the lives, it opens at once and stays open.
     #[test]
-    fn sr_10_good_order_is_never_burnt(
+    fn sr_10_good_order_is_never_latched(
         gaps in prop::collection::vec((1u64..4_000_000, 1u8..4), 1..200),
     ) {
         let mut rig = Rig::new();

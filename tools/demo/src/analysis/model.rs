@@ -126,7 +126,7 @@ fn median(rows: &[SampleRow], value: fn(&SampleRow) -> f64) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// What the hand does to the handle, as in the virtual card.
+/// What the hand does to the handle, as in the simulated card.
 fn hand_torque(plant: &Plant, hand: &Hand) -> f64 {
     let motion = plant.motion();
     hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, 0.0)

@@ -1,4 +1,4 @@
-//! What the machine remembers of the messages that it saw, and what is wrong with each.
+//! The newest messages that the interlock saw, and the faults that they show.
 
 use ipc_types::{AXES, Backend, Message, MotorCommand, Profile, Sample, TripCause};
 
@@ -6,7 +6,7 @@ use super::config::Config;
 use super::faults::FaultSet;
 use super::speed::SpeedWindow;
 
-/// The samples, as the machine saw them.
+/// The samples seen.
 #[derive(Clone, Debug)]
 pub(super) struct SampleWatch {
     pub(super) newest: Option<Sample>,
@@ -19,7 +19,7 @@ impl SampleWatch {
         Self { newest: None, master: [SpeedWindow::new(); AXES], slave: [SpeedWindow::new(); AXES] }
     }
 
-    /// Takes a sample in; the faults that it shows.
+    /// Takes a sample; returns the faults that it shows.
     pub(super) fn observe(&mut self, sample: &Sample, config: &Config) -> FaultSet {
         let mut faults = FaultSet::NONE;
         if sample.session != config.session {
@@ -79,14 +79,14 @@ impl SampleWatch {
     }
 }
 
-/// The commands, as the machine saw them.
+/// The commands seen.
 #[derive(Clone, Debug)]
 pub(super) struct CommandWatch {
     pub(super) newest: Option<MotorCommand>,
 }
 
 impl CommandWatch {
-    /// Takes a command in; the faults that it shows.
+    /// Takes a command; returns the faults that it shows.
     pub(super) fn observe(&mut self, command: &MotorCommand, config: &Config) -> FaultSet {
         let mut faults = FaultSet::NONE;
         if command.session != config.session {
@@ -128,12 +128,12 @@ pub(super) fn age_ns(
         .then(|| now_ns.saturating_sub(message.time_ns().min(other_ns)))
 }
 
-/// Whether the card behind a sample can take volts at all.
+/// Whether the card that took a sample has outputs.
 pub(super) fn takes_volts(sample: &Sample) -> bool {
     matches!(Backend::from_code(sample.backend), Some(Backend::Simulated | Backend::Hardware))
 }
 
-/// Whether a real card stands behind a sample and somebody lacks real-time scheduling.
+/// Whether the card is real and a process lacks real-time scheduling.
 pub(super) fn lacks_realtime(
     sample: &Sample,
     command: Option<&MotorCommand>,

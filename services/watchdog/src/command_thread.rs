@@ -1,4 +1,4 @@
-//! The slow side of the watchdog: answers the operator's verbs, looks after launcher and keeper.
+//! The command thread: serves the operator's verbs, follows launcher and keeper.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,34 +13,34 @@ use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
-use crate::machine::Refusal;
+use crate::interlock::Refusal;
 
-/// How often it looks around.
-const ROUND: Duration = Duration::from_millis(2);
-/// How often it looks after the keeper.
-const KEEPER_EVERY: Duration = Duration::from_millis(50);
-/// How long the loop may take to do a verb.
+/// Period of the thread.
+const PERIOD: Duration = Duration::from_millis(2);
+/// Period of the keeper's check.
+const KEEPER_PERIOD: Duration = Duration::from_millis(50);
+/// How long the loop may take to execute a verb.
 const VERB_LIMIT: Duration = Duration::from_millis(500);
-/// An attendant that has not gone round for so long hangs (ns): twice what a verb may take.
-const PATIENCE_NS: u64 = 1_000_000_000;
+/// A command thread without a cycle for so long hangs (ns): twice what a verb may take.
+const HANG_NS: u64 = 1_000_000_000;
 
-/// What the loop and the attendant share. Nothing here blocks.
+/// What the loop and the command thread share. Nothing here blocks.
 #[derive(Debug)]
 pub(crate) struct Shared {
     /// Verbs for the loop.
     pub(crate) verbs: ArrayQueue<Verb>,
-    /// What came of them.
+    /// Their results.
     pub(crate) answers: ArrayQueue<Result<WatchdogState, Refusal>>,
-    /// The launcher lives, or there is none to look for.
+    /// The launcher is alive, or there never was one.
     pub(crate) launcher: AtomicBool,
-    /// The keeper lives.
+    /// The keeper is alive.
     pub(crate) keeper: AtomicBool,
     /// The watchdog's state, for answers.
     pub(crate) state: AtomicU8,
-    /// The attendant gave up.
-    pub(crate) deaf: AtomicBool,
-    /// How often it went round.
-    pub(crate) rounds: AtomicU64,
+    /// The command thread has ended.
+    pub(crate) dead: AtomicBool,
+    /// Cycles of the thread.
+    pub(crate) cycles: AtomicU64,
 }
 
 impl Shared {
@@ -51,41 +51,41 @@ impl Shared {
             launcher: AtomicBool::new(true),
             keeper: AtomicBool::new(true),
             state: AtomicU8::new(WatchdogState::Faulted.code()),
-            deaf: AtomicBool::new(false),
-            rounds: AtomicU64::new(0),
+            dead: AtomicBool::new(false),
+            cycles: AtomicU64::new(0),
         }
     }
 }
 
-/// Whether the attendant goes round, as the loop sees it. One that hangs hears no `estop` and sees
-/// no launcher die.
+/// The command thread's heartbeat, as the loop sees it. A thread that hangs executes no `estop` and
+/// sees no launcher die.
 #[derive(Debug, Default)]
-pub(crate) struct Attendance {
-    rounds: u64,
+pub(crate) struct Heartbeat {
+    cycles: u64,
     since_ns: Option<u64>,
 }
 
-impl Attendance {
-    /// Whether it went round lately; `rounds` as it counts them.
-    pub(crate) fn holds(&mut self, rounds: u64, now_ns: u64) -> bool {
-        if rounds != self.rounds {
-            (self.rounds, self.since_ns) = (rounds, Some(now_ns));
+impl Heartbeat {
+    /// Whether the thread has run lately; `cycles` is its counter.
+    pub(crate) fn is_alive(&mut self, cycles: u64, now_ns: u64) -> bool {
+        if cycles != self.cycles {
+            (self.cycles, self.since_ns) = (cycles, Some(now_ns));
         }
-        now_ns.saturating_sub(*self.since_ns.get_or_insert(now_ns)) <= PATIENCE_NS
+        now_ns.saturating_sub(*self.since_ns.get_or_insert(now_ns)) <= HANG_NS
     }
 }
 
-/// Held by the attendant's thread: however it ends before the process is to, a panic among it, the
-/// watchdog ends too, and the service manager starts it anew. Without ears it must not go on.
-struct Ears {
+/// Held by the command thread. However the thread ends early, by a panic too, the watchdog ends
+/// with it and the service manager restarts it: without the thread `estop` has no effect.
+struct CommandThreadGuard {
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
 }
 
-impl Drop for Ears {
+impl Drop for CommandThreadGuard {
     fn drop(&mut self) {
         if !self.stop.load(Ordering::Relaxed) {
-            self.shared.deaf.store(true, Ordering::Relaxed);
+            self.shared.dead.store(true, Ordering::Relaxed);
             self.stop.store(true, Ordering::Relaxed);
         }
     }
@@ -96,7 +96,7 @@ impl Drop for Ears {
 struct Launcher {
     file: PathBuf,
     handle: Option<OwnedFd>,
-    /// There was a launcher once, so that its absence means something.
+    /// A launcher was seen, so that its absence is a loss.
     expected: bool,
 }
 
@@ -137,30 +137,30 @@ impl Launcher {
     }
 }
 
-/// Begins the attendant. It ends with the process's stop flag.
+/// Starts the command thread. It ends with the process's stop flag.
 pub(crate) fn start(
     name: RigName,
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
-        let ears = Ears { shared, stop };
-        if let Err(error) = attend(&name, &ears.shared, &ears.stop) {
-            eprintln!("farreach watchdog: the operator's verbs are not heard: {error}");
+        let guard = CommandThreadGuard { shared, stop };
+        if let Err(error) = serve(&name, &guard.shared, &guard.stop) {
+            eprintln!("farreach watchdog: the command thread ended: {error}");
         }
     })
 }
 
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)]
-enum AttendError {
+enum CommandThreadError {
     #[error(transparent)]
     Domain(#[from] DomainError),
     #[error(transparent)]
     Request(#[from] RequestError),
 }
 
-fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), AttendError> {
+fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), CommandThreadError> {
     let domain = Domain::open(name)?;
     runtime::realtime::request_helper(domain.fifo());
     let node = domain.node("watchdog-verbs")?;
@@ -169,16 +169,16 @@ fn attend(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Atte
     let mut keeper_seen = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         shared.launcher.store(launcher.alive(), Ordering::Relaxed);
-        if keeper_seen.elapsed() >= KEEPER_EVERY {
+        if keeper_seen.elapsed() >= KEEPER_PERIOD {
             keeper_seen = Instant::now();
             shared.keeper.store(domain.keeper_lives(), Ordering::Relaxed);
         }
         server.poll(
             |verb: Verb| answer(verb, shared),
-            |error| eprintln!("farreach watchdog: a verb could not be answered: {error}"),
+            |error| eprintln!("farreach watchdog: a command could not be answered: {error}"),
         )?;
-        shared.rounds.fetch_add(1, Ordering::Relaxed);
-        std::thread::sleep(ROUND);
+        shared.cycles.fetch_add(1, Ordering::Relaxed);
+        std::thread::sleep(PERIOD);
     }
     Ok(())
 }
@@ -188,11 +188,11 @@ fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
         WatchdogState::from_code(shared.state.load(Ordering::Relaxed))
             .unwrap_or(WatchdogState::Faulted)
     };
-    // An answer that came too late for the verb before must not be taken for this one's.
+    // Discards a late answer to an earlier verb.
     while shared.answers.pop().is_some() {}
     let refused = |reason: String| VerbAnswer { done: false, state: state(), reason };
     if shared.verbs.push(verb).is_err() {
-        return refused("the watchdog has not done the verb before yet".to_owned());
+        return refused("the watchdog is still executing an earlier command".to_owned());
     }
     let asked = Instant::now();
     loop {
@@ -200,9 +200,9 @@ fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
             Some(Ok(state)) => return VerbAnswer { done: true, state, reason: String::new() },
             Some(Err(refusal)) => return refused(refusal.to_string()),
             None if asked.elapsed() > VERB_LIMIT => {
-                // Taken back, so that it is not done behind the operator's back later.
+                // Taken back, so that it is not executed later, unseen by the operator.
                 let taken_back = shared.verbs.pop().is_some();
-                let what = if taken_back { "it was not done" } else { "look at the state" };
+                let what = if taken_back { "it was not executed" } else { "check the state" };
                 return refused(format!("the watchdog's loop did not answer; {what}"));
             }
             None => std::thread::sleep(Duration::from_millis(1)),
@@ -215,10 +215,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_verb_that_the_loop_does_not_do_is_taken_back() {
+    fn a_verb_that_the_loop_does_not_execute_is_taken_back() {
         let shared = Shared::new();
         let said = answer(Verb::Enable, &shared);
-        assert!(!said.done && said.reason.contains("not done"), "{said:?}");
+        assert!(!said.done && said.reason.contains("not executed"), "{said:?}");
         assert!(shared.verbs.is_empty());
     }
 
@@ -238,30 +238,30 @@ mod tests {
     }
 
     #[test]
-    fn an_attendant_that_panics_ends_the_watchdog() {
+    fn a_command_thread_that_panics_ends_the_watchdog() {
         let (shared, stop) = (Arc::new(Shared::new()), Arc::new(AtomicBool::new(false)));
-        let ears = Ears { shared: Arc::clone(&shared), stop: Arc::clone(&stop) };
+        let guard = CommandThreadGuard { shared: Arc::clone(&shared), stop: Arc::clone(&stop) };
         let thread = std::thread::spawn(move || {
-            let _ears = ears;
+            let _guard = guard;
             panic!("as a port may");
         });
         assert!(thread.join().is_err());
-        assert!(shared.deaf.load(Ordering::Relaxed) && stop.load(Ordering::Relaxed));
-        // One that ends because it is to is not deaf.
+        assert!(shared.dead.load(Ordering::Relaxed) && stop.load(Ordering::Relaxed));
+        // One that ends on request is not reported dead.
         let shared = Arc::new(Shared::new());
-        drop(Ears { shared: Arc::clone(&shared), stop });
-        assert!(!shared.deaf.load(Ordering::Relaxed));
+        drop(CommandThreadGuard { shared: Arc::clone(&shared), stop });
+        assert!(!shared.dead.load(Ordering::Relaxed));
     }
 
     #[test]
-    fn an_attendant_that_hangs_is_noticed_and_a_slow_one_is_not() {
-        let mut attendance = Attendance::default();
-        assert!(attendance.holds(0, 5_000_000_000), "its time begins with the first look");
-        assert!(attendance.holds(0, 5_000_000_000 + PATIENCE_NS));
-        assert!(!attendance.holds(0, 5_000_000_001 + PATIENCE_NS));
-        assert!(attendance.holds(1, 7_000_000_000), "it goes round again");
-        assert!(attendance.holds(1, 7_000_000_000 + PATIENCE_NS));
-        assert!(!attendance.holds(1, 9_000_000_000));
+    fn a_command_thread_that_hangs_is_noticed_and_a_slow_one_is_not() {
+        let mut heartbeat = Heartbeat::default();
+        assert!(heartbeat.is_alive(0, 5_000_000_000), "its time begins with the first check");
+        assert!(heartbeat.is_alive(0, 5_000_000_000 + HANG_NS));
+        assert!(!heartbeat.is_alive(0, 5_000_000_001 + HANG_NS));
+        assert!(heartbeat.is_alive(1, 7_000_000_000), "it runs again");
+        assert!(heartbeat.is_alive(1, 7_000_000_000 + HANG_NS));
+        assert!(!heartbeat.is_alive(1, 9_000_000_000));
     }
 
     #[test]

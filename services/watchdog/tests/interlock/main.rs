@@ -7,14 +7,14 @@ mod properties;
 mod world;
 
 use ipc_types::{Backend, GateState, Message, Profile, TripCause, Verb, WatchdogState};
-use watchdog::machine::{Config, Machine, Peers, Refusal};
+use watchdog::interlock::{Config, Interlock, Peers, Refusal};
 
 use world::{COUNT, MS, SESSION, World, config};
 
 #[test]
-fn sr_12_gate_burnt_trips() {
+fn sr_12_gate_latched_trips() {
     for (state, epoch_offset) in
-        [(GateState::Burnt, 0), (GateState::Closed, 0), (GateState::Open, 1)]
+        [(GateState::LatchedClosed, 0), (GateState::Closed, 0), (GateState::Open, 1)]
     {
         let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
         world.gate_obeys = false;
@@ -22,25 +22,25 @@ fn sr_12_gate_burnt_trips() {
         world.sample.epoch += epoch_offset;
         world.cycle();
         assert_eq!(
-            (world.machine.state(), world.machine.cause()),
-            (WatchdogState::Tripped, TripCause::GateBurnt)
+            (world.interlock.state(), world.interlock.cause()),
+            (WatchdogState::Tripped, TripCause::GateLatched)
         );
     }
 }
 
 #[test]
-fn sr_12_gate_burnt_before_it_opened_trips_an_earlier_burnt_epoch_does_not() {
+fn sr_12_gate_latched_before_it_opened_trips_an_earlier_latched_epoch_does_not() {
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
     world.gate_obeys = false;
-    world.sample.gate_state = GateState::Burnt.code();
+    world.sample.gate_state = GateState::LatchedClosed.code();
     world.verb(Verb::Enable).unwrap();
     world.cycles(5);
-    assert_eq!(world.machine.state(), WatchdogState::Enabled);
+    assert_eq!(world.interlock.state(), WatchdogState::Enabled);
     world.sample.epoch = world.token.epoch;
     world.cycle();
     assert_eq!(
-        (world.machine.state(), world.machine.cause()),
-        (WatchdogState::Tripped, TripCause::GateBurnt)
+        (world.interlock.state(), world.interlock.cause()),
+        (WatchdogState::Tripped, TripCause::GateLatched)
     );
 }
 
@@ -51,10 +51,10 @@ fn sr_12_gate_that_does_not_open_trips() {
         world.gate_obeys = false;
         world.verb(Verb::Enable).unwrap();
         world.cycles(within);
-        assert_eq!(world.machine.state(), WatchdogState::Enabled);
+        assert_eq!(world.interlock.state(), WatchdogState::Enabled);
         world.cycle();
         assert_eq!(
-            (world.machine.state(), world.machine.cause()),
+            (world.interlock.state(), world.interlock.cause()),
             (WatchdogState::Tripped, TripCause::GateNotOpen)
         );
     }
@@ -67,7 +67,7 @@ fn sr_13_lost_echo_trips() {
             let mut world = World::in_state(profile, WatchdogState::Enabled);
             let old = world.token.sequence;
             let mut cycles = 0;
-            while world.machine.state() == WatchdogState::Enabled {
+            while world.interlock.state() == WatchdogState::Enabled {
                 world.now += MS;
                 let token = world.token.sequence;
                 if from_sample {
@@ -81,7 +81,7 @@ fn sr_13_lost_echo_trips() {
                 cycles += 1;
             }
             assert_eq!(
-                (world.machine.cause(), cycles),
+                (world.interlock.cause(), cycles),
                 (TripCause::EchoLost, within + 1),
                 "{profile}"
             );
@@ -94,7 +94,7 @@ fn sr_13_an_echo_of_a_token_that_was_never_issued_trips() {
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
     world.token.sequence += 1;
     world.cycle();
-    assert_eq!(world.machine.cause(), TripCause::EchoLost);
+    assert_eq!(world.interlock.cause(), TripCause::EchoLost);
 }
 
 #[test]
@@ -102,8 +102,10 @@ fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
     for who in 0..3 {
         let mut world = World::new(Profile::Realtime);
         if who == 0 {
-            world.machine =
-                Machine::new(Config { profile: Profile::BestEffort, ..config(Profile::Realtime) });
+            world.interlock = Interlock::new(Config {
+                profile: Profile::BestEffort,
+                ..config(Profile::Realtime)
+            });
         }
         world.sample.backend = Backend::Hardware.code();
         world.sample.profile =
@@ -112,9 +114,9 @@ fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
             if who == 2 { Profile::BestEffort } else { Profile::Realtime }.code();
         world.cycles(30);
         assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
-        assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::NotRealtime)));
+        assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::NotRealtime)));
         world.cycles(5);
-        assert_eq!(world.machine.state(), WatchdogState::Disarmed);
+        assert_eq!(world.interlock.state(), WatchdogState::Disarmed);
     }
 }
 
@@ -125,7 +127,7 @@ fn sr_14_a_card_that_cannot_take_volts_never_arms() {
         world.sample.backend = backend;
         world.cycles(30);
         world.verb(Verb::Reset).unwrap();
-        assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::NoOutput)));
+        assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::NoOutput)));
     }
 }
 
@@ -134,8 +136,8 @@ fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
     for (line, expected) in [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))]
     {
         let mut world = World::new(Profile::Realtime);
-        world.machine =
-            Machine::new(Config { line_or_override: line, ..config(Profile::Realtime) });
+        world.interlock =
+            Interlock::new(Config { line_or_override: line, ..config(Profile::Realtime) });
         world.sample.backend = Backend::Hardware.code();
         world.cycles(30);
         world.verb(Verb::Reset).unwrap();
@@ -149,17 +151,17 @@ fn sr_15_keeper_lost_blocks_arming_and_trips_nothing() {
         let mut world = World::in_state(Profile::Realtime, state);
         world.peers.keeper_alive = false;
         world.cycles(100);
-        assert_eq!(world.machine.state(), state);
-        assert!(world.machine.standing().contains(TripCause::KeeperLost));
+        assert_eq!(world.interlock.state(), state);
+        assert!(world.interlock.active_faults().contains(TripCause::KeeperLost));
         if state != WatchdogState::Enabled {
             world.verb(Verb::Disarm).unwrap();
-            assert_eq!(world.verb(Verb::Arm), Err(Refusal::Standing(TripCause::KeeperLost)));
+            assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::KeeperLost)));
         }
     }
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
     world.peers.keeper_alive = false;
     world.cycle();
-    assert_eq!(world.verb(Verb::Enable), Err(Refusal::Standing(TripCause::KeeperLost)));
+    assert_eq!(world.verb(Verb::Enable), Err(Refusal::FaultActive(TripCause::KeeperLost)));
 }
 
 #[test]
@@ -183,7 +185,7 @@ fn sr_16_verbs_in_each_state() {
             let answer = world.verb(verb);
             assert_eq!(answer.ok(), expected, "{verb:?} in {state}");
             if let Err(refusal) = answer {
-                assert_eq!(world.machine.state(), state);
+                assert_eq!(world.interlock.state(), state);
                 assert!(!refusal.text().is_empty() && !refusal.to_string().is_empty());
             }
             let output = world.cycle();
@@ -194,7 +196,7 @@ fn sr_16_verbs_in_each_state() {
                 event,
                 "{verb:?} in {state}"
             );
-            assert_eq!(world.machine.state(), to);
+            assert_eq!(world.interlock.state(), to);
         }
     }
 }
@@ -206,7 +208,7 @@ fn sr_16_estop_latches() {
     let output = world.cycle();
     assert_eq!((output.token.enabled, output.token.cause), (0, TripCause::EmergencyStop.code()));
     world.cycles(500);
-    assert_eq!(world.machine.state(), WatchdogState::Tripped);
+    assert_eq!(world.interlock.state(), WatchdogState::Tripped);
 }
 
 #[test]
@@ -234,7 +236,7 @@ fn sr_16_arms_at_rest_only() {
 }
 
 #[test]
-fn sr_16_refuses_to_arm_a_gate_or_a_motor_that_is_on_without_leave() {
+fn sr_16_refuses_to_arm_a_gate_or_a_motor_that_is_on_without_permission() {
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Disarmed);
     world.sample.motor_power = 1;
     world.cycle();
@@ -247,32 +249,32 @@ fn sr_16_refuses_to_arm_a_gate_or_a_motor_that_is_on_without_leave() {
 }
 
 #[test]
-fn sr_16_volts_that_outlive_the_leave_are_a_fault() {
+fn sr_16_volts_that_outlive_the_permission_are_a_fault() {
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
     world.sample.output_v[0] = 1.0;
     world.cycles(5);
     world.verb(Verb::Disarm).unwrap();
     world.cycles(13);
-    assert_eq!(world.machine.state(), WatchdogState::Disarmed);
+    assert_eq!(world.interlock.state(), WatchdogState::Disarmed);
     world.cycle();
     assert_eq!(
-        (world.machine.state(), world.machine.cause()),
+        (world.interlock.state(), world.interlock.cause()),
         (WatchdogState::Faulted, TripCause::VoltageLimit)
     );
 }
 
 #[test]
 fn sr_17_nothing_is_allowed_before_the_first_step() {
-    let mut machine = Machine::new(config(Profile::Realtime));
+    let mut interlock = Interlock::new(config(Profile::Realtime));
     for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
-        assert!(machine.command(verb, MS).is_err());
+        assert!(interlock.command(verb, MS).is_err());
     }
-    let output = machine.step(MS, Peers { launcher_alive: true, keeper_alive: true });
+    let output = interlock.step(MS, Peers { launcher_alive: true, keeper_alive: true });
     assert_eq!((output.token.enabled, output.token.state), (0, WatchdogState::Faulted.code()));
     assert_eq!(output.token.cause, TripCause::Started.code());
     assert_eq!(
-        machine.command(Verb::Reset, MS),
-        Err(Refusal::Standing(TripCause::AcquisitionLost))
+        interlock.command(Verb::Reset, MS),
+        Err(Refusal::FaultActive(TripCause::AcquisitionLost))
     );
 }
 
@@ -295,8 +297,8 @@ fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
 fn sr_18_epochs_rise_over_restarts_and_above_any_that_was_seen() {
     let mut world = World::in_state(Profile::Realtime, WatchdogState::Enabled);
     let first = world.token.epoch;
-    // Another watchdog: a new machine in front of the same rig.
-    world.machine = Machine::new(config(Profile::Realtime));
+    // Another watchdog: a new interlock in front of the same rig.
+    world.interlock = Interlock::new(config(Profile::Realtime));
     world.cycles(300);
     for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
         world.verb(verb).unwrap();
@@ -335,7 +337,7 @@ fn sr_19_stopping_any_party_ends_in_a_trip() {
             }
             (world.acquisition_runs, world.control_runs) = (true, true);
             world.cycles(500);
-            assert_eq!(world.machine.state(), WatchdogState::Tripped, "party {party}, {profile}");
+            assert_eq!(world.interlock.state(), WatchdogState::Tripped, "party {party}, {profile}");
         }
     }
 }
@@ -349,8 +351,8 @@ fn sr_19_two_controls_that_alternate_trip_and_cannot_be_reset() {
             world.command.incarnation = if world.command.incarnation == 41 { 42 } else { 41 };
         }
         world.cycle();
-        assert_eq!(world.machine.state(), WatchdogState::Tripped);
-        assert_eq!(world.verb(Verb::Reset), Err(Refusal::Standing(TripCause::ControlChanged)));
+        assert_eq!(world.interlock.state(), WatchdogState::Tripped);
+        assert_eq!(world.verb(Verb::Reset), Err(Refusal::FaultActive(TripCause::ControlChanged)));
     }
     world.cycles(20);
     assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
@@ -363,7 +365,7 @@ fn sr_19_best_effort_jitter_trips_nothing() {
         // Up to 20 ms late, the messages too.
         world.now += (cycle * 7919) % 21 * MS;
         world.cycle();
-        assert_eq!(world.machine.state(), WatchdogState::Enabled, "{}", world.machine.cause());
+        assert_eq!(world.interlock.state(), WatchdogState::Enabled, "{}", world.interlock.cause());
     }
     assert!(world.sample.time_ns() > 0);
 }
@@ -387,7 +389,7 @@ fn sr_24_a_line_without_fresh_samples_pauses_and_a_long_pause_trips() {
                 assert_eq!(tripped, None, "the line toggles after the trip");
                 last_toggle = world.now;
             }
-            if world.machine.state() == WatchdogState::Tripped && tripped.is_none() {
+            if world.interlock.state() == WatchdogState::Tripped && tripped.is_none() {
                 tripped = Some(world.now);
             }
         }
@@ -398,7 +400,7 @@ fn sr_24_a_line_without_fresh_samples_pauses_and_a_long_pause_trips() {
             tripped <= dropped,
             "{profile:?}: the card drops the motor before the watchdog trips"
         );
-        assert_eq!(world.machine.cause(), TripCause::AcquisitionLost);
+        assert_eq!(world.interlock.cause(), TripCause::AcquisitionLost);
     }
 }
 
@@ -411,7 +413,7 @@ fn sr_24_a_short_pause_is_borne_a_longer_one_is_not() {
         world.cycles(missing);
         world.acquisition_runs = true;
         world.cycles(20);
-        assert_eq!(world.machine.state(), expected, "{missing} ms without samples");
+        assert_eq!(world.interlock.state(), expected, "{missing} ms without samples");
         assert_eq!(world.cycle().toggle_line, expected == WatchdogState::Enabled);
     }
 }

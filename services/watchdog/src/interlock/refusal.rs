@@ -1,4 +1,4 @@
-//! Why a verb was not done.
+//! Why a verb was refused.
 
 use ipc_types::{TripCause, WatchdogState};
 use thiserror::Error;
@@ -6,9 +6,9 @@ use thiserror::Error;
 /// Why the watchdog refuses a verb, in words a person can act on (its `Display`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
-    /// A fault stands.
-    #[error("a fault stands: {0}; mend it, then `reset`")]
-    Standing(TripCause),
+    /// A fault is active.
+    #[error("fault active: {0}; clear it, then `reset`")]
+    FaultActive(TripCause),
     /// The verb needs another state first.
     #[error("the watchdog is {found}, expected {expected}; {}", self.text())]
     State {
@@ -23,12 +23,14 @@ pub enum Refusal {
     /// The speed is not known yet.
     #[error("the speed is not known yet: too few samples since acquisition started; try again")]
     SpeedUnknown,
-    /// The gate is open without our leave.
-    #[error("acquisition's gate is open without leave from this watchdog; is there a second one?")]
-    GateOpen,
-    /// The card reports motor power although the enable line stands still.
+    /// The gate is open without our permission.
     #[error(
-        "the card reports motor power on although the enable line stands still; check the relay"
+        "acquisition's gate is open without permission from this watchdog; is there a second one?"
+    )]
+    GateOpen,
+    /// The card reports motor power although the enable line does not toggle.
+    #[error(
+        "the card reports motor power on although the enable line does not toggle; check the relay"
     )]
     MotorPowered,
     /// A real card without an enable line and without a recorded override.
@@ -43,7 +45,7 @@ impl Refusal {
     /// What to do, without formatting.
     pub const fn text(&self) -> &'static str {
         match self {
-            Self::Standing(cause) => cause.text(),
+            Self::FaultActive(cause) => cause.text(),
             Self::State { found: WatchdogState::Faulted | WatchdogState::Tripped, .. } => {
                 "`reset` first"
             }
@@ -51,8 +53,8 @@ impl Refusal {
             Self::State { .. } => "`disarm` first",
             Self::Moving => "the machine moves",
             Self::SpeedUnknown => "the speed is not known yet",
-            Self::GateOpen => "the gate is open without leave",
-            Self::MotorPowered => "the motor is powered although the enable line stands still",
+            Self::GateOpen => "the gate is open without permission",
+            Self::MotorPowered => "the motor is powered although the enable line does not toggle",
             Self::NoEnableLine => "the card has no enable line",
             Self::EpochExhausted => "no higher enable epoch is left",
         }

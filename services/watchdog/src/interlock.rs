@@ -1,22 +1,21 @@
-//! The watchdog's core: states, faults, tokens. Pure: the loop around it passes messages, verbs and
-//! the time, and publishes what comes out.
+//! The watchdog's interlock: states, faults, tokens. Pure: the loop around it passes messages,
+//! commands and the time, and publishes the outputs.
 //!
 //! ```text
-//!            reset (no fault stands)      arm           enable (new epoch)
+//!            reset (no fault active)      arm           enable (new epoch)
 //!  Faulted ─────────────────────────> Disarmed ──> Armed ──────────────────> Enabled
 //!     ^  ^           fault               │  ^        │ disarm                   │ │
 //!     │  └───────────────────────────────┘  └────────┴──────────────────────────┘ │
 //!   start          Tripped <──────────── fault while Armed or Enabled; estop ──────┘
-//!                     └─ reset (no fault stands) ─> Disarmed
+//!                     └─ reset (no fault active) ─> Disarmed
 //! ```
 //!
-//! Nothing enables by itself: a fault that goes away leaves Faulted or Tripped standing until a
-//! person resets.
+//! Nothing enables by itself: Faulted and Tripped outlast their fault until a person resets.
 //!
-//! Use, once a cycle: every received message to [`Machine::observe_sample`] and
-//! [`Machine::observe_command`], every received verb to [`Machine::command`], then read the clock
-//! and call [`Machine::step`]. Publish each step's token exactly once, so that its sequence is the
-//! one that the publisher stamps.
+//! Use, once a cycle: every received message to [`Interlock::observe_sample`] and
+//! [`Interlock::observe_command`], every received verb to [`Interlock::command`], then read the
+//! clock and call [`Interlock::step`]. Publish each step's token exactly once, so that its sequence
+//! is the one that the publisher stamps.
 
 mod config;
 mod faults;
@@ -36,12 +35,12 @@ use watch::{CommandWatch, SampleWatch, age_ns, lacks_realtime, takes_volts};
 const ISSUED: usize = 256;
 const CAUSES: usize = TripCause::ALL.len();
 
-/// Processes that do not publish but must be there.
+/// Processes that do not publish but must be alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Peers {
-    /// Whoever restarts what dies (launcher or systemd) is there.
+    /// The launcher or systemd, which restarts what dies, is alive.
     pub launcher_alive: bool,
-    /// The keeper is there.
+    /// The keeper is alive.
     pub keeper_alive: bool,
 }
 
@@ -74,50 +73,50 @@ pub struct Outputs {
     pub token: EnableToken,
     /// Whether to toggle the enable line in this cycle.
     pub toggle_line: bool,
-    /// What to tell as an event.
+    /// The change of state to publish as an event.
     pub event: Option<StateChange>,
 }
 
-/// The watchdog's state machine. See the module's documentation.
+/// The watchdog's state machine; the module's documentation shows its states.
 #[derive(Clone, Debug)]
-pub struct Machine {
+pub struct Interlock {
     config: Config,
     state: WatchdogState,
-    told: WatchdogState,
+    reported: WatchdogState,
     cause: TripCause,
     samples: SampleWatch,
     commands: CommandWatch,
     /// Momentary faults since the last step.
     momentary: FaultSet,
-    /// Until when each momentary fault counts as standing.
+    /// Until when each momentary fault counts as active.
     held_until_ns: [u64; CAUSES],
-    standing: FaultSet,
+    active: FaultSet,
     epoch: u64,
     seen_epoch: u64,
     enabled_ns: u64,
-    /// When the enable line was last toggled, or power was given.
+    /// When the enable line was last toggled, or power was enabled.
     toggled_ns: u64,
     gate_opened: bool,
-    /// When power was last given away: by then the gate must write 0 V.
+    /// When power was last taken away: the gate must write 0 V soon after.
     unpowered_ns: Option<u64>,
     sequence: u64,
     issued_ns: [u64; ISSUED],
     last_step_ns: Option<u64>,
 }
 
-impl Machine {
-    /// A machine that has just started: faulted, and nothing seen yet.
+impl Interlock {
+    /// An interlock that has just started: faulted, no message seen.
     pub const fn new(config: Config) -> Self {
         Self {
             config,
             state: WatchdogState::Faulted,
-            told: WatchdogState::Faulted,
+            reported: WatchdogState::Faulted,
             cause: TripCause::Started,
             samples: SampleWatch::new(),
             commands: CommandWatch { newest: None },
             momentary: FaultSet::NONE,
             held_until_ns: [0; CAUSES],
-            standing: FaultSet::NONE,
+            active: FaultSet::NONE,
             epoch: 0,
             seen_epoch: 0,
             enabled_ns: 0,
@@ -140,9 +139,9 @@ impl Machine {
         self.cause
     }
 
-    /// Faults that stood at the last step.
-    pub const fn standing(&self) -> FaultSet {
-        self.standing
+    /// Faults that were active at the last step.
+    pub const fn active_faults(&self) -> FaultSet {
+        self.active
     }
 
     /// Takes a received sample in.
@@ -158,11 +157,11 @@ impl Machine {
             if sample.epoch == self.epoch && open {
                 self.gate_opened = true;
             } else {
-                // Before it opened, only a sample that knows our epoch can say that it was burnt.
+                // Before it opened, only a sample of our epoch can report it latched closed.
                 let waiting = sample.epoch < self.epoch
                     || (sample.epoch == self.epoch
                         && sample.gate_state == GateState::Closed.code());
-                self.momentary.insert_if(self.gate_opened || !waiting, TripCause::GateBurnt);
+                self.momentary.insert_if(self.gate_opened || !waiting, TripCause::GateLatched);
             }
         }
     }
@@ -173,26 +172,26 @@ impl Machine {
         self.momentary.merge(faults);
     }
 
-    /// Does a verb, or says why not.
+    /// Executes a verb.
     ///
     /// # Errors
-    /// A [`Refusal`]; the state is then what it was.
+    /// A [`Refusal`]; the state is then unchanged.
     pub fn command(&mut self, verb: Verb, now_ns: u64) -> Result<WatchdogState, Refusal> {
-        // What came since the last step counts as well.
-        self.standing.merge(self.momentary);
+        // Faults seen since the last step count as well.
+        self.active.merge(self.momentary);
         match verb {
             Verb::Estop => self.trip(TripCause::EmergencyStop, now_ns),
             Verb::Disarm => {
-                // Where there is no power and no readiness, nothing is left to take away.
+                // Only Armed and Enabled have anything to take away.
                 if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
-                    self.leave(WatchdogState::Disarmed, now_ns);
+                    self.change_state(WatchdogState::Disarmed, now_ns);
                 }
             }
             Verb::Reset => {
                 if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
                     return Err(self.wrong_state(WatchdogState::Tripped));
                 }
-                self.refuse_standing(|effect| effect == Effect::Trips)?;
+                self.refuse_active(|effect| effect == Effect::Trips)?;
                 self.state = WatchdogState::Disarmed;
             }
             Verb::Arm => self.arm(now_ns)?,
@@ -203,12 +202,12 @@ impl Machine {
 
     /// One cycle. `now_ns` is CLOCK_MONOTONIC, read after the last receive.
     pub fn step(&mut self, now_ns: u64, peers: Peers) -> Outputs {
-        self.judge(now_ns, peers);
+        self.update_faults(now_ns, peers);
         let cause = match self.state {
             WatchdogState::Armed | WatchdogState::Enabled => {
-                self.standing.first(|effect| effect != Effect::Blocks)
+                self.active.first(|effect| effect != Effect::Blocks)
             }
-            WatchdogState::Disarmed => self.standing.first(|effect| effect == Effect::Trips),
+            WatchdogState::Disarmed => self.active.first(|effect| effect == Effect::Trips),
             WatchdogState::Faulted | WatchdogState::Tripped => None,
         };
         if let Some(cause) = cause {
@@ -219,12 +218,12 @@ impl Machine {
                 self.trip(cause, now_ns);
             }
         }
-        let event = (self.state != self.told).then_some(StateChange {
-            from: self.told,
+        let event = (self.state != self.reported).then_some(StateChange {
+            from: self.reported,
             to: self.state,
             cause: self.cause,
         });
-        self.told = self.state;
+        self.reported = self.state;
         let token = self.token(now_ns);
         self.issued_ns[self.sequence as usize % ISSUED] = now_ns;
         self.sequence += 1;
@@ -242,10 +241,10 @@ impl Machine {
         })
     }
 
-    /// Finds out which faults stand now.
-    fn judge(&mut self, now_ns: u64, peers: Peers) {
+    /// Updates the set of active faults.
+    fn update_faults(&mut self, now_ns: u64, peers: Peers) {
         let config = &self.config;
-        let mut standing = FaultSet::NONE;
+        let mut active = FaultSet::NONE;
         let mut momentary = std::mem::take(&mut self.momentary);
 
         let gap_ns = self.last_step_ns.map(|last| now_ns.checked_sub(last));
@@ -259,48 +258,47 @@ impl Machine {
         if let Some(sample) = &self.samples.newest {
             let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
             momentary.insert_if(age.is_none(), TripCause::SampleBackwards);
-            standing.insert_if(
+            active.insert_if(
                 age.is_none_or(|age| age > config.peer_lost_ns),
                 TripCause::AcquisitionLost,
             );
-            // The line has paused for want of fresh samples for almost as long as the card is
-            // patient.
+            // Without fresh samples the line has paused almost until the card drops the motor.
             let paused_ns = now_ns.saturating_sub(self.toggled_ns);
             let paused = self.state == WatchdogState::Enabled && paused_ns > config.line_gap_ns;
             let fresh = self.samples_are_fresh(now_ns);
-            standing.insert_if(
+            active.insert_if(
                 paused,
                 if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost },
             );
-            standing.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
-            standing.insert_if(!takes_volts(sample), TripCause::NoOutput);
-            standing.insert_if(
+            active.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
+            active.insert_if(!takes_volts(sample), TripCause::NoOutput);
+            active.insert_if(
                 lacks_realtime(sample, self.commands.newest.as_ref(), config),
                 TripCause::NotRealtime,
             );
-            // The gate must write 0 V soon after leave is withdrawn: watched here, so that it is
-            // not its own judge.
+            // The gate must write 0 V soon after the permission ends. Checked here, independently
+            // of the gate.
             let overdue = self.state != WatchdogState::Enabled
                 && now_ns.saturating_sub(unpowered_ns) > config.echo_lost_ns
                 && sample.output_v.iter().any(|&volts| volts != 0.0);
-            standing.insert_if(overdue, TripCause::VoltageLimit);
+            active.insert_if(overdue, TripCause::VoltageLimit);
         } else {
-            standing.insert(TripCause::AcquisitionLost);
+            active.insert(TripCause::AcquisitionLost);
         }
         if let Some(command) = &self.commands.newest {
             let age = age_ns(now_ns, command, command.computed_ns, config);
             momentary.insert_if(age.is_none(), TripCause::CommandBackwards);
-            standing
+            active
                 .insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
             let answer_ns = now_ns.saturating_sub(command.sample_time_ns);
-            standing.insert_if(answer_ns > config.echo_lost_ns, TripCause::CommandStale);
-            standing.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
+            active.insert_if(answer_ns > config.echo_lost_ns, TripCause::CommandStale);
+            active.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
         } else {
-            standing.insert(TripCause::ControlLost);
+            active.insert(TripCause::ControlLost);
         }
-        standing.insert_if(!peers.launcher_alive, TripCause::LauncherLost);
-        standing.insert_if(!peers.keeper_alive, TripCause::KeeperLost);
-        standing.insert_if(
+        active.insert_if(!peers.launcher_alive, TripCause::LauncherLost);
+        active.insert_if(!peers.keeper_alive, TripCause::KeeperLost);
+        active.insert_if(
             self.state == WatchdogState::Enabled
                 && !self.gate_opened
                 && now_ns.saturating_sub(self.enabled_ns) > config.gate_open_ns,
@@ -312,18 +310,18 @@ impl Machine {
             if momentary.contains(cause) {
                 *held_until_ns = now_ns.saturating_add(config.hold_ns);
             }
-            standing.insert_if(momentary.contains(cause) || now_ns < *held_until_ns, cause);
+            active.insert_if(momentary.contains(cause) || now_ns < *held_until_ns, cause);
         }
-        self.standing = standing;
+        self.active = active;
     }
 
     fn arm(&mut self, now_ns: u64) -> Result<(), Refusal> {
         if self.state != WatchdogState::Disarmed {
             return Err(self.wrong_state(WatchdogState::Disarmed));
         }
-        self.refuse_standing(|_| true)?;
+        self.refuse_active(|_| true)?;
         let sample =
-            self.samples.newest.as_ref().ok_or(Refusal::Standing(TripCause::AcquisitionLost))?;
+            self.samples.newest.as_ref().ok_or(Refusal::FaultActive(TripCause::AcquisitionLost))?;
         if sample.backend == ipc_types::Backend::Hardware.code() && !self.config.line_or_override {
             return Err(Refusal::NoEnableLine);
         }
@@ -350,8 +348,8 @@ impl Machine {
         if self.state != WatchdogState::Armed {
             return Err(self.wrong_state(WatchdogState::Armed));
         }
-        self.refuse_standing(|_| true)?;
-        // The clock makes it rise over restarts of the watchdog; what samples show makes sure.
+        self.refuse_active(|_| true)?;
+        // The clock makes epochs rise over restarts; the epoch seen in samples is a second check.
         let above =
             self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
         self.epoch = now_ns.max(above);
@@ -362,12 +360,12 @@ impl Machine {
         Ok(())
     }
 
-    fn refuse_standing(&self, counts: impl Fn(Effect) -> bool) -> Result<(), Refusal> {
-        // Before the first step nothing is known, and nothing is no leave.
+    fn refuse_active(&self, counts: impl Fn(Effect) -> bool) -> Result<(), Refusal> {
+        // Before the first step no fault is known, which is no permission.
         if self.last_step_ns.is_none() {
-            return Err(Refusal::Standing(TripCause::Started));
+            return Err(Refusal::FaultActive(TripCause::Started));
         }
-        self.standing.first(counts).map_or(Ok(()), |cause| Err(Refusal::Standing(cause)))
+        self.active.first(counts).map_or(Ok(()), |cause| Err(Refusal::FaultActive(cause)))
     }
 
     const fn wrong_state(&self, expected: WatchdogState) -> Refusal {
@@ -376,10 +374,10 @@ impl Machine {
 
     fn trip(&mut self, cause: TripCause, now_ns: u64) {
         self.cause = cause;
-        self.leave(WatchdogState::Tripped, now_ns);
+        self.change_state(WatchdogState::Tripped, now_ns);
     }
 
-    fn leave(&mut self, to: WatchdogState, now_ns: u64) {
+    fn change_state(&mut self, to: WatchdogState, now_ns: u64) {
         if self.state == WatchdogState::Enabled {
             self.unpowered_ns = Some(now_ns);
         }
@@ -425,7 +423,7 @@ impl Machine {
                 0
             }),
             sample_tick: self.samples.newest.as_ref().map_or(0, |sample| sample.tick),
-            faults: self.standing.bits(),
+            faults: self.active.bits(),
             enabled: u8::from(enabled),
             state: self.state.code(),
             cause: self.cause.code(),

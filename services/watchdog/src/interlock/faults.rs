@@ -6,10 +6,10 @@ use ipc_types::TripCause;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultSet(u64);
 
-/// What a standing fault does.
+/// What an active fault does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effect {
-    /// Trips from Armed and Enabled, faults from Disarmed, refuses `reset` while it stands.
+    /// Trips from Armed and Enabled, faults from Disarmed, refuses `reset` while active.
     Trips,
     /// Trips from Armed and Enabled and refuses `arm`; changes nothing in Disarmed, where it is no
     /// danger.
@@ -18,8 +18,8 @@ pub enum Effect {
     Blocks,
 }
 
-/// Every fault, most telling first: the first one in this list that stands is the cause of a trip.
-/// What names a culprit comes before what merely follows from it.
+/// Every fault, most specific first: the first active one in this list is the cause of a trip.
+/// Root causes come before their consequences.
 pub const PRIORITY: &[TripCause] = &[
     TripCause::EmergencyStop,
     TripCause::WatchdogLate,
@@ -38,7 +38,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::ControlLost,
     TripCause::LauncherLost,
     TripCause::CommandStale,
-    TripCause::GateBurnt,
+    TripCause::GateLatched,
     TripCause::GateNotOpen,
     TripCause::EchoLost,
     TripCause::NotRealtime,
@@ -46,7 +46,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::KeeperLost,
 ];
 
-/// What `cause` does while it stands.
+/// What `cause` does while active.
 pub const fn effect(cause: TripCause) -> Effect {
     match cause {
         TripCause::NotRealtime | TripCause::NoOutput => Effect::TripsWhenArmed,
@@ -76,9 +76,9 @@ impl FaultSet {
         self.0 |= 1 << cause.code();
     }
 
-    /// Adds `cause` where `stands`.
-    pub const fn insert_if(&mut self, stands: bool, cause: TripCause) {
-        if stands {
+    /// Adds `cause` where `active`.
+    pub const fn insert_if(&mut self, active: bool, cause: TripCause) {
+        if active {
             self.insert(cause);
         }
     }
@@ -88,7 +88,7 @@ impl FaultSet {
         self.0 |= other.0;
     }
 
-    /// The most telling one for which `counts` holds.
+    /// The most specific fault for which `counts` holds.
     pub fn first(self, counts: impl Fn(Effect) -> bool) -> Option<TripCause> {
         PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(effect(cause)))
     }

@@ -1,10 +1,10 @@
-//! Properties of the machine over arbitrary sequences of messages, verbs and steps.
+//! Properties of the interlock over arbitrary sequences of messages, verbs and steps.
 
 use ipc_types::{
     GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
 };
 use proptest::prelude::*;
-use watchdog::machine::{Effect, Machine, Peers, effect};
+use watchdog::interlock::{Effect, Interlock, Peers, effect};
 
 use crate::world::{MS, SESSION, World, config};
 
@@ -70,7 +70,7 @@ fn act() -> impl Strategy<Value = Act> {
     ]
 }
 
-/// What a person did since the last fault, judged without looking into the machine.
+/// What a person did since the last fault, judged without looking into the interlock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Steps {
     Nothing,
@@ -127,7 +127,7 @@ proptest! {
                         });
                         prop_assert!(token.enabled == 0 || !tripping, "faults {faults:#b}");
                         prop_assert!(token.enabled == 0 || token.epoch == last_epoch);
-                        let state = world.machine.state();
+                        let state = world.interlock.state();
                         if matches!(state, WatchdogState::Faulted | WatchdogState::Tripped) {
                             steps = Steps::Nothing;
                         }
@@ -159,7 +159,7 @@ proptest! {
                     world.command.sequence = 0;
                 }
                 Act::WatchdogRestarts => {
-                    world.machine = Machine::new(config(profile));
+                    world.interlock = Interlock::new(config(profile));
                     steps = Steps::Nothing;
                 }
                 Act::Session(session) => world.sample.session = session,
@@ -171,7 +171,7 @@ proptest! {
         }
     }
 
-    /// What the messages hold is arbitrary bytes: nothing panics, and no leave is given.
+    /// What the messages hold is arbitrary bytes: nothing panics, and no permission is given.
     #[test]
     fn sr_20_arbitrary_bytes_are_harmless(
         bytes in prop::collection::vec(
@@ -183,7 +183,7 @@ proptest! {
             1..60,
         ),
     ) {
-        let mut machine = Machine::new(config(Profile::Realtime));
+        let mut interlock = Interlock::new(config(Profile::Realtime));
         for (bytes, now, ours) in bytes {
             let mut sample = Sample::from_bytes(&bytes).unwrap();
             let mut command =
@@ -191,13 +191,13 @@ proptest! {
             if ours {
                 (sample.session, command.session) = (SESSION, SESSION);
             }
-            machine.observe_sample(&sample);
-            machine.observe_command(&command);
+            interlock.observe_sample(&sample);
+            interlock.observe_command(&command);
             for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
-                let _ = machine.command(verb, now);
+                let _ = interlock.command(verb, now);
             }
             let peers = Peers { launcher_alive: true, keeper_alive: true };
-            prop_assert_eq!(machine.step(now, peers).token.enabled, 0);
+            prop_assert_eq!(interlock.step(now, peers).token.enabled, 0);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the machine needs to know about its rig.
+//! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
 use runtime::Timeouts;
@@ -28,7 +28,7 @@ pub struct AxisLimits {
     pub slave_count: f64,
 }
 
-/// What the machine needs to know about its rig.
+/// What the interlock needs to know about its rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Session of the rig.
@@ -41,18 +41,18 @@ pub struct Config {
     pub token_life_ns: u64,
     /// Silence after which acquisition or control is lost (ns).
     pub peer_lost_ns: u64,
-    /// The enable line toggles only while the newest sample is younger than this: acquisition that
-    /// died must not be covered for until it counts as lost (ns).
+    /// The enable line toggles only while the newest sample is younger than this, so that the motor
+    /// loses power before a dead acquisition counts as lost (ns).
     pub line_pause_ns: u64,
-    /// A pause of the line that lasts this long is a trip. Less than the card's patience, so that
-    /// the motor never loses power without a trip and gets it back by itself (ns).
+    /// A pause of the line that lasts this long is a trip. Less than the card's timeout, so that
+    /// the motor never loses power, and regains it, without a trip (ns).
     pub line_gap_ns: u64,
     /// Time that the gate has to open after `enable` (ns).
     pub gate_open_ns: u64,
     /// Oldest token that a sample or a command may echo, and oldest sample that a command may
     /// answer (ns).
     pub echo_lost_ns: u64,
-    /// How long a momentary fault (a backward step, an encoder jump) counts as standing (ns).
+    /// How long a momentary fault (a backward step, an encoder jump) counts as active (ns).
     pub hold_ns: u64,
     /// Length over which speed is measured (ns).
     pub speed_window_ns: u64,
@@ -62,8 +62,8 @@ pub struct Config {
     pub axes: usize,
     /// Limits of each axis.
     pub limits: [AxisLimits; AXES],
-    /// Whether the card drops the motor when the enable line stands still, or a person recorded in
-    /// the rig file that it does without.
+    /// Whether the card drops the motor when the enable line stops toggling, or the rig file
+    /// records an override.
     pub line_or_override: bool,
 }
 

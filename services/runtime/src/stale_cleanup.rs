@@ -107,7 +107,7 @@ impl Orphans {
     }
 
     /// Looks once a second. What cannot be removed now is tried again the next time.
-    pub(crate) fn sweep(&mut self) {
+    pub(crate) fn clean(&mut self) {
         let now = now_ns();
         if now < self.swept_at_ns + SECOND_NS {
             return;
@@ -183,11 +183,11 @@ mod tests {
             fs::write(nodes.join(format!("p_{id}.node_monitor")), "").unwrap();
         }
         let mut orphans = Orphans::new(root.path(), "p_");
-        orphans.sweep();
+        orphans.clean();
         assert!(nodes.join(dead.to_string()).exists(), "the library gets its time first");
         orphans.swept_at_ns = 0;
         orphans.seen_dead_ns.values_mut().for_each(|since| *since -= Orphans::PATIENCE_NS);
-        orphans.sweep();
+        orphans.clean();
         assert!(!nodes.join(dead.to_string()).exists());
         assert!(!nodes.join(format!("p_{dead}.node_monitor")).exists());
         assert!(nodes.join(living.to_string()).exists());

@@ -3,7 +3,7 @@
 use ipc_types::{
     AXES, Backend, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
 };
-use watchdog::machine::{AxisLimits, Config, Machine, Outputs, Peers, Refusal};
+use watchdog::interlock::{AxisLimits, Config, Interlock, Outputs, Peers, Refusal};
 
 pub(crate) const MS: u64 = 1_000_000;
 pub(crate) const SESSION: u64 = 11;
@@ -25,9 +25,9 @@ pub(crate) fn config(profile: Profile) -> Config {
     Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], true)
 }
 
-/// A rig in good order around the machine: a card, a gate, a control, all of them obedient.
+/// A healthy rig around the interlock: a card, a gate and a control process.
 pub(crate) struct World {
-    pub(crate) machine: Machine,
+    pub(crate) interlock: Interlock,
     pub(crate) now: u64,
     pub(crate) peers: Peers,
     pub(crate) sample: Sample,
@@ -60,7 +60,7 @@ impl World {
             ..MotorCommand::default()
         };
         Self {
-            machine: Machine::new(config(profile)),
+            interlock: Interlock::new(config(profile)),
             now: 1_000 * MS,
             peers: Peers { launcher_alive: true, keeper_alive: true },
             sample,
@@ -83,7 +83,7 @@ impl World {
             let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
             self.sample.gate_state = state.code();
         }
-        self.machine.observe_sample(&self.sample);
+        self.interlock.observe_sample(&self.sample);
     }
 
     pub(crate) fn command_now(&mut self) {
@@ -93,17 +93,17 @@ impl World {
         self.command.sample_time_ns = self.sample.scan_time_ns;
         self.command.sample_tick = self.sample.tick;
         self.command.token_sequence = self.token.sequence;
-        self.machine.observe_command(&self.command);
+        self.interlock.observe_command(&self.command);
     }
 
     pub(crate) fn step(&mut self) -> Outputs {
-        let output = self.machine.step(self.now, self.peers);
-        assert_eq!(output.token.enabled == 1, self.machine.state() == WatchdogState::Enabled);
+        let output = self.interlock.step(self.now, self.peers);
+        assert_eq!(output.token.enabled == 1, self.interlock.state() == WatchdogState::Enabled);
         assert!(
-            !output.toggle_line || self.machine.state() == WatchdogState::Enabled,
-            "a line without leave"
+            !output.toggle_line || self.interlock.state() == WatchdogState::Enabled,
+            "the line toggles without permission"
         );
-        assert_eq!(output.token.state, self.machine.state().code());
+        assert_eq!(output.token.state, self.interlock.state().code());
         self.token = output.token;
         output
     }
@@ -129,7 +129,7 @@ impl World {
     }
 
     pub(crate) fn verb(&mut self, verb: Verb) -> Result<WatchdogState, Refusal> {
-        self.machine.command(verb, self.now)
+        self.interlock.command(verb, self.now)
     }
 
     /// A world that was brought into `state` the lawful way.
@@ -147,7 +147,7 @@ impl World {
             world.verb(verb).unwrap_or_else(|refusal| panic!("{verb:?}: {refusal}"));
         }
         world.cycles(30);
-        assert_eq!(world.machine.state(), state);
+        assert_eq!(world.interlock.state(), state);
         world
     }
 }

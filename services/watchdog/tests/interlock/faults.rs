@@ -1,7 +1,7 @@
 //! The fault table: each cause from each state, until a person brings the rig back.
 
 use ipc_types::{MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState};
-use watchdog::machine::Refusal;
+use watchdog::interlock::Refusal;
 
 use crate::world::{MS, World};
 
@@ -72,7 +72,7 @@ fn peer_faults() -> Vec<Fault> {
                     w.command.sequence += 1;
                     (w.command.time_ns, w.command.computed_ns) = (w.now, w.now);
                     w.command.token_sequence = w.token.sequence;
-                    w.machine.observe_command(&w.command);
+                    w.interlock.observe_command(&w.command);
                     w.step();
                 }
             },
@@ -97,7 +97,7 @@ fn order_faults() -> Vec<Fault> {
                 let tick = w.command.sample_tick;
                 w.command.sequence += 1;
                 w.command.sample_tick -= 1;
-                w.machine.observe_command(&w.command);
+                w.interlock.observe_command(&w.command);
                 w.command.sample_tick = tick;
             },
             end: once,
@@ -108,7 +108,7 @@ fn order_faults() -> Vec<Fault> {
             begin: |w| {
                 let sequence = w.sample.sequence;
                 w.sample.sequence -= 1;
-                w.machine.observe_sample(&w.sample);
+                w.interlock.observe_sample(&w.sample);
                 w.sample.sequence = sequence;
             },
             end: once,
@@ -118,7 +118,7 @@ fn order_faults() -> Vec<Fault> {
             cause: TripCause::SampleBackwards,
             begin: |w| {
                 w.sample.sequence += 1;
-                w.machine.observe_sample(&w.sample);
+                w.interlock.observe_sample(&w.sample);
             },
             end: once,
             within: [1, 1],
@@ -257,13 +257,13 @@ fn session_faults() -> Vec<Fault> {
         },
         Fault {
             cause: TripCause::SessionMismatch,
-            begin: |w| w.machine.observe_sample(&Sample { session: 12, ..w.sample }),
+            begin: |w| w.interlock.observe_sample(&Sample { session: 12, ..w.sample }),
             end: once,
             within: [1, 1],
         },
         Fault {
             cause: TripCause::SessionMismatch,
-            begin: |w| w.machine.observe_command(&MotorCommand { session: 12, ..w.command }),
+            begin: |w| w.interlock.observe_command(&MotorCommand { session: 12, ..w.command }),
             end: once,
             within: [1, 1],
         },
@@ -285,25 +285,25 @@ fn sr_11_fault_table() {
                 let mut world = World::in_state(profile, before);
                 (fault.begin)(&mut world);
                 let mut refused = false;
-                let mut stood = false;
+                let mut was_active = false;
                 for _ in 0..fault.within[column] {
                     world.cycle();
-                    if world.machine.standing().contains(fault.cause) {
-                        stood = true;
-                        refused |= matches!(world.verb(Verb::Reset), Err(Refusal::Standing(_)));
+                    if world.interlock.active_faults().contains(fault.cause) {
+                        was_active = true;
+                        refused |= matches!(world.verb(Verb::Reset), Err(Refusal::FaultActive(_)));
                     }
                 }
-                assert!(stood, "{what}: the token does not show it");
-                assert_eq!(world.machine.state(), after, "{what}");
+                assert!(was_active, "{what}: the token does not show it");
+                assert_eq!(world.interlock.state(), after, "{what}");
                 if before != after {
-                    assert_eq!(world.machine.cause(), fault.cause, "{what}");
+                    assert_eq!(world.interlock.cause(), fault.cause, "{what}");
                 }
-                assert!(refused, "{what}: reset while it stands");
+                assert!(refused, "{what}: reset while active");
                 // It goes away: nothing happens by itself, and then a person can bring the rig
                 // back.
                 (fault.end)(&mut world);
                 world.cycles(200);
-                assert_eq!(world.machine.state(), after, "{what}: left the state by itself");
+                assert_eq!(world.interlock.state(), after, "{what}: left the state by itself");
                 assert!(matches!(world.verb(Verb::Enable), Err(Refusal::State { .. })), "{what}");
                 for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
                     world
@@ -311,7 +311,7 @@ fn sr_11_fault_table() {
                         .unwrap_or_else(|refusal| panic!("{what}: {verb:?}: {refusal}"));
                 }
                 world.cycles(50);
-                assert_eq!(world.machine.state(), WatchdogState::Enabled, "{what}");
+                assert_eq!(world.interlock.state(), WatchdogState::Enabled, "{what}");
             }
         }
     }
