@@ -1,14 +1,14 @@
-//! The work between two trials: identifies the response, computes the next reference, and keeps
-//! what was learnt. Pure, but slow: it runs in another thread than the loop.
+//! The update between two trials: identifies the response and computes the next reference. Pure,
+//! but too slow for the real-time loop: it runs in a worker thread.
 
 use std::f64::consts::TAU;
 
 use ipc_types::{Event, EventKind, Process, Severity};
 use learning::spectral::Spectral;
-use learning::store::{Belongs, LearntReference, StoreError};
+use learning::store::{LearntReference, ReferenceScope, StoreError};
 use learning::{
-    BlockReport, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, Memory, ModelBased,
-    Published, Response, Step, Stop,
+    BlockOutcome, BlockReport, Frozen, Learner, LearnerConfig, LearnerState, LearningError,
+    LearningLaw, ModelBased, Published, Response, Stop,
 };
 use rig::RigFile;
 use rig::protocol::trajectory::MIN_JERK_PEAK_SPEED;
@@ -19,25 +19,25 @@ use crate::ilc_trial::{IlcResult, Reference};
 use crate::trial_record::{Fault, TrialRecord};
 use crate::trial_schedule::Schedule;
 
-/// A slave that moves by fewer counts than this tells nothing of the response.
+/// Least amplitude of the slave for a valid response (encoder counts).
 const LEAST_COUNTS: f64 = 2.0;
 
-/// A learning segment of a protocol, prepared for one machine.
+/// A learning segment of a protocol, prepared for one rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Its times.
     pub schedule: Schedule,
-    /// What its reference belongs to.
-    pub belongs: Belongs,
+    /// The rig and movement to which its reference applies.
+    pub scope: ReferenceScope,
     /// The axis that moves.
     pub axis: usize,
     /// Position limits of the axis (rad or m).
     limits: (f64, f64),
     /// Its limit on speed (rad/s or m/s).
     speed_max: f64,
-    /// A slave that moves by this or less tells nothing (rad or m).
+    /// Least amplitude of the slave for a valid response (rad or m).
     least: f64,
-    /// Whether the axis is in rad: degrees are for people.
+    /// Whether the axis is in rad, which texts show in degrees.
     in_radians: bool,
 }
 
@@ -48,7 +48,7 @@ impl Plan {
         let found = rig.axes.get(axis)?;
         let cycle = learn.steps_per_cycle(rig.rates.control_hz)?;
         Some(Self {
-            belongs: Belongs {
+            scope: ReferenceScope {
                 rig: rig.identity(),
                 rig_name: rig.name.clone(),
                 axis: axis as u32,
@@ -88,7 +88,7 @@ impl Plan {
     fn config(&self, law: LearningLaw) -> LearnerConfig {
         let learn = self.learn();
         LearnerConfig {
-            rate_hz: f64::from(self.belongs.rate_hz),
+            rate_hz: f64::from(self.scope.rate_hz),
             cycles_per_block: learn.cycles_per_block as usize,
             settling_cycles: learn.settling_cycles as usize,
             law,
@@ -98,7 +98,7 @@ impl Plan {
         }
     }
 
-    /// For a person's eye.
+    /// Formats a position error for an event's text.
     fn shown(&self, value: f64) -> String {
         if self.in_radians {
             format!("{:.2}°", value.to_degrees())
@@ -110,17 +110,17 @@ impl Plan {
 
 /// The state with which a restarted process continues a learning run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Kept {
-    /// Session of the rig; what is of another session is history.
+pub struct IlcState {
+    /// Session of the rig; a state of another session is not used.
     pub session: u64,
     /// Identity of the protocol's text.
     pub protocol: u64,
     /// Its segment, repeats counted.
     pub segment: u32,
-    /// Blocks that were played.
+    /// Number of finished blocks.
     pub done: u32,
-    /// What the learner knows.
-    pub memory: Memory,
+    /// State of the learner.
+    pub learner: LearnerState,
     /// The identified response, real and imaginary part at harmonic 0, 1, 2, ...; empty where none
     /// is used.
     pub response: Vec<Option<(f64, f64)>>,
@@ -132,7 +132,7 @@ pub enum IlcError {
     /// The learner refused.
     #[error("learning cannot begin: {0}")]
     Learning(#[from] LearningError),
-    /// The kept reference cannot be used.
+    /// The saved reference cannot be used.
     #[error("the learnt reference \"{name}\" cannot be used: {source}")]
     Load {
         /// Its name.
@@ -140,19 +140,19 @@ pub enum IlcError {
         /// Why.
         source: StoreError,
     },
-    /// The identification saw nothing.
+    /// The response cannot be identified.
     #[error("the response cannot be identified: {0}")]
     Identification(&'static str),
 }
 
-/// What became of a record.
+/// Result of the update by one trial record.
 #[derive(Debug)]
 pub struct Updated {
-    /// A better reference.
+    /// The next reference.
     pub reference: Option<Box<Reference>>,
-    /// What to tell.
+    /// Event to publish.
     pub event: Option<Event>,
-    /// What else to tell, where learning ended with it.
+    /// Second event to publish, if learning has ended.
     pub ended: Option<Event>,
     /// Whether the learning run cannot go on.
     pub failed: bool,
@@ -182,7 +182,7 @@ impl IlcUpdater {
         plan: Plan,
         segment: u32,
         loaded: Option<LearntReference>,
-        kept: Option<Kept>,
+        saved: Option<IlcState>,
     ) -> Result<Self, IlcError> {
         let first = loaded.map_or_else(|| plan.desired(), |loaded| loaded.positions);
         let mut updater = Self {
@@ -195,14 +195,14 @@ impl IlcUpdater {
             segment,
             plan,
         };
-        if let Some(kept) = kept {
-            updater.response = Response::from_parts(&kept.response);
-            updater.done = kept.done;
+        if let Some(saved) = saved {
+            updater.response = Response::from_parts(&saved.response);
+            updater.done = saved.done;
             let law = updater.law();
             let desired = updater.plan.desired();
-            updater.ended = kept.memory.frozen.is_some();
+            updater.ended = saved.learner.frozen.is_some();
             updater.learner =
-                Some(Learner::recall(&desired, kept.memory, updater.plan.config(law))?);
+                Some(Learner::restore(&desired, saved.learner, updater.plan.config(law))?);
         } else if !updater.must_identify() {
             updater.create_learner()?;
         }
@@ -219,7 +219,7 @@ impl IlcUpdater {
         self.segment
     }
 
-    /// Blocks that were played.
+    /// Number of finished blocks.
     pub fn done(&self) -> u32 {
         self.done
     }
@@ -229,7 +229,7 @@ impl IlcUpdater {
         self.learner.is_some()
     }
 
-    /// What the learning run begins with; `run_id` is its number.
+    /// The first result of the learning run with number `run_id`.
     pub fn ready(&self, run_id: u32) -> IlcResult {
         let empty = || Box::new(TrialRecord::new(&self.plan.schedule));
         IlcResult::Ready {
@@ -249,7 +249,7 @@ impl IlcUpdater {
         }
         match &self.learner {
             Some(learner) => Some(copy(learner)),
-            // The identification is yet to come: the law does not matter for the points.
+            // Before the identification: the points do not depend on the law.
             None => {
                 let law = LearningLaw::Published(NOTHING);
                 Learner::from_reference(&self.plan.desired(), &self.first, self.plan.config(law))
@@ -259,20 +259,20 @@ impl IlcUpdater {
         }
     }
 
-    /// Looks at a record.
+    /// Processes a trial record.
     pub fn update(&mut self, record: &TrialRecord) -> Updated {
         if record.block == 0 { self.identify(record) } else { self.block(record) }
     }
 
-    /// What to keep for a restart; `None` before the first block can begin.
-    pub fn keep(&self, session: u64, protocol: u64) -> Option<Kept> {
+    /// The state for a restart; `None` before the first block can begin.
+    pub fn state(&self, session: u64, protocol: u64) -> Option<IlcState> {
         let learner = self.learner.as_ref()?;
-        Some(Kept {
+        Some(IlcState {
             session,
             protocol,
             segment: self.segment,
             done: self.done,
-            memory: learner.memory(),
+            learner: learner.state(),
             response: self.response.parts(),
         })
     }
@@ -284,10 +284,11 @@ impl IlcUpdater {
     pub fn best(&self) -> Option<Result<LearntReference, StoreError>> {
         let learner = self.learner.as_ref().filter(|_| self.learnt > 0 || self.done > 0)?;
         let error = learner.best_error()?;
-        Some(LearntReference::new(&self.plan.belongs, error, learner.best_reference().to_vec()))
+        Some(LearntReference::new(&self.plan.scope, error, learner.best_reference().to_vec()))
     }
 
-    /// Ends the learning run before its last block; what to tell, if it was not told.
+    /// Ends the learning run before its last block. Returns the event to publish, if learning had
+    /// not ended before.
     pub fn stop(&mut self) -> Option<Event> {
         if self.ended || self.learner.is_none() {
             return None;
@@ -330,14 +331,14 @@ impl IlcUpdater {
     fn identify(&mut self, record: &TrialRecord) -> Updated {
         let LearnLaw::ModelBased { harmonics, identify_amplitude, .. } = self.plan.learn().law
         else {
-            return self.failed("it was not asked for");
+            return self.failed("the learning law needs none");
         };
         if record.fault.is_some() {
             return self
                 .failed("the motor had no power; arm and enable, then run the protocol again");
         }
         let cycle = self.plan.schedule.cycle;
-        let mut spectral = Spectral::new(cycle, f64::from(self.plan.belongs.rate_hz));
+        let mut spectral = Spectral::new(cycle, f64::from(self.plan.scope.rate_hz));
         let each = cycle * IDENTIFYING_CYCLES as usize;
         for (index, path) in record.path().chunks_exact(each).take(harmonics as usize).enumerate() {
             let harmonic = index + 1;
@@ -349,7 +350,7 @@ impl IlcUpdater {
             if output.iter().all(|value| value.is_finite()) {
                 let input = spectral.spectrum(&input)[harmonic];
                 let output = spectral.spectrum(output)[harmonic];
-                self.response.learn(harmonic, input, output, self.plan.least);
+                self.response.set(harmonic, input, output, self.plan.least);
             }
         }
         if self.response.known() == 0 {
@@ -390,7 +391,7 @@ impl IlcUpdater {
         let before = learner.reference().to_vec();
         let report = learner.finish_block();
         let mut too_fast = false;
-        if report.step == Step::Learnt {
+        if report.outcome == BlockOutcome::Learnt {
             let furthest = before
                 .iter()
                 .zip(learner.reference())
@@ -403,14 +404,14 @@ impl IlcUpdater {
             }
         }
         let reference = (learner.reference() != before).then(|| copy(learner));
-        self.learnt += u32::from(report.step == Step::Learnt);
-        let told = self.told(record, &report);
+        self.learnt += u32::from(report.outcome == BlockOutcome::Learnt);
+        let event = self.block_event(record, &report);
         let keeps = self.plan.learn().law == LearnLaw::Keep;
-        let why = match report.step {
+        let why = match report.outcome {
             _ if too_fast => {
                 Some("the change to the next reference would pass the limit on speed".to_owned())
             }
-            Step::Frozen(why) if !keeps => Some(self.reason(why)),
+            BlockOutcome::Frozen(why) if !keeps => Some(self.reason(why)),
             _ if record.last => Some("all blocks are done".to_owned()),
             _ => None,
         };
@@ -418,7 +419,7 @@ impl IlcUpdater {
             self.ended = true;
             self.ending(&why)
         });
-        Updated { reference, event: Some(told), ended, failed: false }
+        Updated { reference, event: Some(event), ended, failed: false }
     }
 
     fn reason(&self, why: Frozen) -> String {
@@ -435,23 +436,23 @@ impl IlcUpdater {
                 self.plan.shown(position),
                 self.plan.shown(speed)
             ),
-            Frozen::Asked => "it was asked to end".to_owned(),
+            Frozen::Requested => "stopped on request".to_owned(),
         }
     }
 
-    fn told(&self, record: &TrialRecord, report: &BlockReport) -> Event {
-        let text = match (record.fault, report.step) {
+    fn block_event(&self, record: &TrialRecord, report: &BlockReport) -> Event {
+        let text = match (record.fault, report.outcome) {
             (Some(Fault::NoPower), _) => "not learnt from: the motor had no power".to_owned(),
             (Some(Fault::OldReference), _) => {
                 "not learnt from: the new reference came too late for it".to_owned()
             }
-            (None, Step::Missing(steps)) => {
+            (None, BlockOutcome::Missing(steps)) => {
                 format!("not learnt from: {steps} steps of the cycle were not measured")
             }
-            (None, Step::Frozen(_)) => "measured, not learnt from".to_owned(),
-            (None, Step::Learnt) => String::new(),
+            (None, BlockOutcome::Frozen(_)) => "measured, not learnt from".to_owned(),
+            (None, BlockOutcome::Learnt) => String::new(),
         };
-        let missing = matches!(report.step, Step::Missing(_)) || record.fault.is_some();
+        let missing = matches!(report.outcome, BlockOutcome::Missing(_)) || record.fault.is_some();
         let severity = if missing { Severity::Warning } else { Severity::Info };
         let best = self.learner.as_ref().and_then(Learner::best_error);
         let mut event = self.event(EventKind::BlockLearnt, severity, &text);
@@ -477,7 +478,7 @@ impl IlcUpdater {
     }
 }
 
-/// The published law with nothing to learn.
+/// The published law with zero gains.
 const NOTHING: Published = Published { gamma_p: 0.0, gamma_d: 0.0, cutoff_hz: 8.0, delay_s: 0.0 };
 
 fn copy(learner: &Learner) -> Box<Reference> {

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! Each [`Player::step`] returns the setpoint for its instant, with a lease: when the process that
-//! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] starts the
-//! interrupted segment again, from where the handle then is.
+//! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] starts
+//! the interrupted segment again, from where the handle then is.
 
 mod ilc;
 mod job;
@@ -277,8 +277,8 @@ impl Player {
         self.segment = segment as u32;
     }
 
-    /// Stops with the next step: the movement fades to rest, the handle is held, then the output goes
-    /// to 0 V. Does nothing if no protocol is running.
+    /// Stops with the next step: the movement fades to rest, the handle is held, then the output
+    /// goes to 0 V. Does nothing if no protocol is running.
     pub fn stop(&mut self) {
         if self.is_running() {
             self.end.get_or_insert(End::Stop);
@@ -403,8 +403,8 @@ impl Player {
         }
     }
 
-    /// Ends the protocol: at once if power is gone or the reference is unknown, otherwise by a fade to
-    /// rest.
+    /// Ends the protocol: at once if power is gone or the reference is unknown, otherwise by a fade
+    /// to rest.
     fn end_by(
         &mut self,
         end: End,

@@ -36,12 +36,12 @@ use request_handler::{Current, RequestHandler, RequestThread};
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// Name of the state's file.
 const STATE: &str = "experiment.state";
-/// Name of the file with what a learning run knows between two blocks.
+/// Name of the file with the state of a learning run between two blocks.
 const ILC_STATE: &str = "experiment.lesson";
 /// Name of the folder of learnt references, where none was given.
 const LEARNT: &str = "learnt";
 
-/// What the process is started with.
+/// Options of the process.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Name of the rig.
@@ -65,7 +65,7 @@ pub enum ExperimentError {
     Port(#[from] PortError),
     #[error("{0} lacks a topic for its timing, heartbeat or events")]
     NoTopic(Process),
-    #[error("{}: cannot keep the experiment's state: {source}", path.display())]
+    #[error("{}: cannot save the experiment's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
     #[error("the thread that answers requests, or the one that learns, ended")]
     ThreadEnded,
@@ -104,11 +104,11 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Joins the topics and takes up the protocol that was being played when an earlier process of
-    /// this session ended.
+    /// Opens the ports and resumes the protocol that an earlier process of this session was
+    /// playing.
     ///
     /// # Errors
-    /// Those of the ports. A state that cannot be used is none: it is told as an event.
+    /// Those of the ports. A saved state that cannot be used is reported as an event.
     pub fn new(service: Service, rig: &RigFile) -> Result<Self, ExperimentError> {
         Self::with_learnt(service, rig, None)
     }
@@ -153,7 +153,7 @@ impl Runner {
         )
         .map_err(ServiceError::from)?;
         // Before the request thread starts, so that its first answer knows the restored protocol.
-        link.progress.tell(0, &player.status(), 0, false);
+        link.progress.update(0, &player.status(), 0, false);
         let handler = RequestHandler {
             rig: rig.clone(),
             session,
@@ -186,12 +186,12 @@ impl Runner {
         })
     }
 
-    /// Raise it to end [`Runner::run`]; signals do.
+    /// The flag that ends [`Runner::run`]; signals set it.
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         self.service.stop_flag()
     }
 
-    /// Plays what it is asked to until a signal ends it.
+    /// Serves requests until a signal ends the process.
     ///
     /// # Errors
     /// Those of the ports, and [`ExperimentError::ThreadEnded`].
@@ -211,10 +211,9 @@ impl Runner {
             if beat != last_beat {
                 last_beat = beat;
                 self.heartbeat(profile)?;
-                // Whoever joined since the last event gets the ones before only through this.
+                // Late subscribers receive the earlier events only through this.
                 events.refresh();
-                // Idle for hours it may be: it lets go of the dead, and meets the living, before it
-                // has to speak.
+                // The process may be idle for hours: keep the list of subscribers current.
                 self.setpoints.refresh();
             }
             let end = now_ns();
@@ -238,8 +237,8 @@ impl Runner {
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
-        // Each of them: a learning run needs the slave's position at every step, however late this
-        // loop wakes.
+        // Every sample: learning needs the slave's position at each step, however late this loop
+        // wakes.
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
@@ -255,7 +254,7 @@ impl Runner {
         let permission = self.permission(wake.woke_ns);
         while let Ok(order) = self.link.orders.pop() {
             match order {
-                // Who asked was told that it is not played: nothing may move behind their back.
+                // The client has been told that the request timed out, so it must not start now.
                 Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
                 Order::Play(number, program, _) => {
                     // The request handler holds this program and the previous one, so nothing is
@@ -274,8 +273,8 @@ impl Runner {
         self.player.supervise(wake.woke_ns, permission, self.link.progress.renewed_ns());
         let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
         let fresh = wake.woke_ns.saturating_sub(sample_ns) <= self.settings.lease_ns;
-        // Without samples nobody knows where the handle is: nothing is played, the lease lapses,
-        // control ramps to hold. When they come back, the player begins the segment again from
+        // Without samples the handle's position is unknown: no setpoint is published, the lease
+        // lapses and control ramps to hold. When samples return, the segment starts again from
         // where the handle then is. A stop is always carried out.
         if fresh || self.player.is_ending() {
             let sample = self.newest.as_ref().filter(|_| fresh);
@@ -285,10 +284,10 @@ impl Runner {
                 self.setpoints.send(setpoint)?;
             }
             if let Some(notice) = self.player.take_notice() {
-                tell_notice(notice, self.player.status().segment, events)?;
+                publish_notice(notice, self.player.status().segment, events)?;
             }
             if let Some(change) = output.change {
-                tell(change, self.player.program().map(AsRef::as_ref), events)?;
+                publish_change(change, self.player.program().map(AsRef::as_ref), events)?;
                 // The ring is full only if the request thread has hung for minutes; then a restart
                 // would resume at an earlier segment.
                 if self
@@ -302,17 +301,17 @@ impl Runner {
             }
         }
         while let Some(job) = self.player.job() {
-            if let Some(job) = self.ilc_worker.give(job) {
+            if let Some(job) = self.ilc_worker.send(job) {
                 self.player.return_job(job);
                 break;
             }
         }
         let permitted = matches!(permission, Permission::Enabled(_));
-        self.link.progress.tell(self.taken, &self.player.status(), sample_ns, permitted);
+        self.link.progress.update(self.taken, &self.player.status(), sample_ns, permitted);
         Ok(())
     }
 
-    /// What the watchdog allows. A silent watchdog allows nothing: the gate is closed by then.
+    /// The watchdog's permission; withdrawn if its token is stale, as the gate is closed by then.
     fn permission(&self, now_ns: u64) -> Permission {
         let Some(token) = &self.token else { return Permission::Unknown };
         let age_ns = now_ns.saturating_sub(token.time_ns);
@@ -365,7 +364,7 @@ fn handles(sample: Option<&Sample>) -> [f64; AXES] {
 
 /// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the
 /// limits are much wider, what the motor's did: positions in protocols are the motor's.
-fn tell_notice(
+fn publish_notice(
     notice: Notice,
     segment: u32,
     events: &mut Publisher<Event>,
@@ -406,7 +405,7 @@ fn tell_notice(
 }
 
 /// The events of a change. Texts are copied, not formatted.
-fn tell(
+fn publish_change(
     change: Change,
     program: Option<&Program>,
     events: &mut Publisher<Event>,
@@ -446,7 +445,7 @@ fn restore(
     let bytes = match fs::read(file) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(format!("the kept state cannot be read: {error}")),
+        Err(error) => return Err(format!("the saved state cannot be read: {error}")),
     };
     let result = PlayerState::decode(&bytes).map_err(|error| error.to_string()).and_then(|state| {
         if state.session != session || !state.running {

@@ -1,9 +1,9 @@
-//! What was measured in one block of cycles.
+//! Measurements of one block of cycles.
 
-/// How far the slave was from where it should be.
+/// Error of the slave's position in a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BlockError {
-    /// Mean magnitude (rad or m): what fig. 4.6B shows.
+    /// Mean absolute error (rad or m), as in fig. 4.6B.
     pub mean_abs: f64,
     /// Root mean square (rad or m).
     pub rms: f64,
@@ -37,7 +37,7 @@ impl Sums {
     }
 }
 
-/// Gathers the slave's path over a block. What is not a number is left out, and counted.
+/// Averages the slave's path over a block. Counts and ignores values that are not finite.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
     sums: Vec<f64>,
@@ -58,8 +58,8 @@ impl Block {
         }
     }
 
-    /// Takes in the slave's position at a step of the cycle. `settled`: the change of the reference
-    /// has died away.
+    /// Records the slave's position at a step of the cycle. `settled`: the transient after the
+    /// update of the reference has decayed.
     pub(crate) fn record(&mut self, step: usize, slave: f64, desired: f64, settled: bool) {
         let error = desired - slave;
         if !error.is_finite() {
@@ -81,17 +81,18 @@ impl Block {
         Some((self.whole.error()?, self.settled.error()?))
     }
 
-    /// Values that were no numbers.
+    /// Number of values that were not finite.
     pub(crate) fn not_finite(&self) -> usize {
         self.not_finite
     }
 
-    /// Steps of the cycle that no settled cycle has a value for.
+    /// Number of steps of the cycle without a value in any settled cycle.
     pub(crate) fn missing(&self) -> usize {
         self.counts.iter().filter(|count| **count == 0).count()
     }
 
-    /// The slave's mean path over the settled cycles; call with nothing [`Block::missing`].
+    /// Writes the slave's mean path over the settled cycles; requires that none is
+    /// [`Block::missing`].
     pub(crate) fn path(&self, path: &mut [f64]) {
         for ((value, sum), count) in path.iter_mut().zip(&self.sums).zip(&self.counts) {
             *value = sum / f64::from((*count).max(1));

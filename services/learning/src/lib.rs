@@ -1,42 +1,42 @@
-//! Iterative learning of a periodic movement (§ 4.3): the master's position reference is made
-//! better from block to block, until the slave goes where it should. An ordinary law (that of the
-//! control process) moves the master along the reference.
+//! Iterative learning control of a periodic movement (§ 4.3). Updates the master's position
+//! reference after each block so that the slave follows the desired movement; the control process
+//! moves the master along the reference.
 //!
-//! A movement repeats with a fixed period of N control steps. A *block* is a few cycles with one
-//! reference: the first ones let the change of reference die away, the mean of the others is what
-//! is learnt from. Two learning laws:
+//! The movement has a period of N control steps. A *block* is a few cycles with the same reference:
+//! during the settling cycles the transient after the update decays, the others are averaged. Two
+//! learning laws:
 //!
-//! - [`Published`], eq. 4.3.2 and 4.3.3: the error (slave reference less slave), low-passed without
-//!   shift of phase and taken earlier by the delay of the transmission, times small gains, is added
-//!   to the reference;
-//! - [`ModelBased`]: each harmonic of the error goes through the regularised inverse of the
-//!   identified response; where the response is not known nothing is changed.
+//! - [`Published`], eq. 4.3.2 and 4.3.3: adds the error (desired minus measured slave position) to
+//!   the reference, after a zero-phase low pass, an advance by the transmission's delay, and small
+//!   gains;
+//! - [`ModelBased`]: filters each harmonic of the error by the regularised inverse of the
+//!   identified frequency response; harmonics without an identified response are not changed.
 //!
-//! **When learning stops.** A block whose error is more than [`Stop::growth`] times the best
-//! block's is a worse one; after [`Stop::patience`] worse ones in a row, or as soon as a new
-//! reference would leave the limits of position or speed, the best reference is taken back and kept
-//! ([`Frozen`] says why). A block in which a step of the cycle was never measured is not learnt
-//! from; what is not a number never enters the reference.
+//! **When learning stops.** A block counts as worse when its error exceeds the best block's by the
+//! factor [`Stop::growth`]. After [`Stop::patience`] consecutive worse blocks, or when the next
+//! reference would exceed the limits of position or speed, the learner freezes at the best
+//! reference ([`Frozen`] gives the reason). The reference is not updated after a block without a
+//! measurement for every step of the cycle; values that are not finite are ignored.
 //!
-//! Convergence (eq. 4.3.12, with `docs/errata.md`): on a plant of gain g and the given delay, the
-//! error of a harmonic is multiplied by `1 - (γ_p + γ_d) g w` from block to block, w being the low
-//! pass; it falls where that is below 1 in magnitude.
+//! Convergence (eq. 4.3.12, with `docs/errata.md`): on a plant with gain g and the given delay, the
+//! error of a harmonic is multiplied by `1 - (γ_p + γ_d) g w` in each block, where w is the low
+//! pass; it decreases if that factor is below 1 in magnitude.
 //!
-//! Pure: no clock, no files but [`store`]'s. [`Learner::record`] and [`Learner::aim`], once a
-//! control step, allocate nothing; [`Learner::finish_block`] is for between the blocks.
+//! Pure: no clock, and no files except in [`store`]. [`Learner::record`] and [`Learner::aim`],
+//! which run in every control step, do not allocate; [`Learner::finish_block`] does.
 
 mod block;
-mod memory;
 mod model_based;
 mod published;
 pub mod spectral;
+mod state;
 pub mod store;
 
 pub use block::BlockError;
-pub use memory::Memory;
 pub use model_based::{ModelBased, Response};
 pub use published::Published;
 pub use realfft::num_complex::Complex;
+pub use state::LearnerState;
 
 use block::Block;
 use published::PublishedRule;
@@ -50,45 +50,45 @@ const FEWEST_STEPS: usize = 8;
 /// A learning law with its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LearningLaw {
-    /// That of the thesis.
+    /// The thesis's law.
     Published(Published),
-    /// Through the inverse of the response.
+    /// The inverse of the identified frequency response.
     ModelBased(ModelBased),
 }
 
 /// When learning stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// A block is worse when its error (mean magnitude, settled cycles) is more than this times the
-    /// best block's (1), above 1.
+    /// A block is worse when its mean absolute error exceeds the best block's by this factor, above
+    /// 1 (1).
     pub growth: f64,
-    /// So many worse blocks in a row end the learning, 1 or more.
+    /// Number of consecutive worse blocks that ends the learning, 1 or more.
     pub patience: usize,
 }
 
-/// What a learner is made of.
+/// Configuration of a learner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearnerConfig {
     /// Control steps per second (Hz).
     pub rate_hz: f64,
     /// Cycles in a block.
     pub cycles_per_block: usize,
-    /// How many of them, at the beginning, are not learnt from.
+    /// Cycles at the beginning of a block that are not averaged.
     pub settling_cycles: usize,
     /// The learning law.
     pub law: LearningLaw,
-    /// When it stops.
+    /// When learning stops.
     pub stop: Stop,
-    /// The reference stays within these: lowest and highest position (rad or m).
+    /// Lowest and highest position of the reference (rad or m).
     pub position_limits: (f64, f64),
     /// Highest speed of the reference (rad/s or m/s).
     pub speed_limit: f64,
 }
 
-/// Why there is no learner.
+/// Why a learner cannot be created.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum LearningError {
-    /// The desired movement is no cycle.
+    /// The desired movement is not a valid cycle.
     #[error(
         "desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found \
             {found}"
@@ -102,7 +102,7 @@ pub enum LearningError {
     Setting {
         /// Its name.
         name: &'static str,
-        /// What is right.
+        /// The valid range.
         expected: &'static str,
         /// What was found.
         found: f64,
@@ -127,33 +127,33 @@ pub enum Frozen {
         speed: f64,
     },
     /// [`Learner::freeze`] was called.
-    Asked,
+    Requested,
 }
 
-/// What a block came to.
+/// The result of a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Step {
-    /// The next block has a better reference, it is hoped.
+pub enum BlockOutcome {
+    /// The reference was updated.
     Learnt,
-    /// Nothing was learnt: so many steps of the cycle were never measured.
+    /// The reference was not updated: this many steps of the cycle have no measurement.
     Missing(usize),
-    /// The reference stays as it is.
+    /// Learning has ended; the reference no longer changes.
     Frozen(Frozen),
 }
 
-/// One block, done.
+/// Report of a finished block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockReport {
     /// Its number, from 1.
     pub block: usize,
-    /// Error over the whole block; `None` where nothing was measured.
+    /// Error over the whole block; `None` without a measurement.
     pub error: Option<BlockError>,
     /// Error over its settled cycles.
     pub settled: Option<BlockError>,
     /// Measured values that were not finite.
     pub not_finite: usize,
-    /// What follows from it.
-    pub step: Step,
+    /// What was done with the reference.
+    pub outcome: BlockOutcome,
 }
 
 /// A point of the reference.
@@ -197,8 +197,8 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// A learner of `desired`, the slave's positions over one cycle (rad or m), one per control
-    /// step. The first reference is the desired movement itself.
+    /// Creates a learner for `desired`, the slave's positions over one cycle (rad or m), one per
+    /// control step. The first reference is the desired movement itself.
     ///
     /// # Errors
     /// [`LearningError`].
@@ -206,7 +206,7 @@ impl Learner {
         Self::from_reference(desired, desired, config)
     }
 
-    /// The same, going on from a reference that was learnt before (rad or m).
+    /// Creates a learner that starts from a learnt reference (rad or m).
     ///
     /// # Errors
     /// [`LearningError`].
@@ -251,7 +251,7 @@ impl Learner {
             frozen: None,
             config,
         };
-        learner.publish();
+        learner.compute_points();
         if learner.peak_speed > learner.config.speed_limit {
             let found =
                 format!("a speed of {}, limit {}", learner.peak_speed, learner.config.speed_limit);
@@ -270,12 +270,12 @@ impl Learner {
         self.desired.len() * self.config.cycles_per_block
     }
 
-    /// Where the slave should be at a step of the cycle (rad or m).
+    /// The desired slave position at a step of the cycle (rad or m).
     pub fn desired(&self, step: usize) -> f64 {
         self.desired[step % self.desired.len()]
     }
 
-    /// Where the master is to be at a step of the cycle.
+    /// The master's reference at a step of the cycle.
     pub fn aim(&self, step: usize) -> ReferencePoint {
         self.points[step % self.points.len()]
     }
@@ -285,86 +285,86 @@ impl Learner {
         self.peak_speed
     }
 
-    /// The reference that is in use, one position per step (rad or m).
+    /// The current reference, one position per step (rad or m).
     pub fn reference(&self) -> &[f64] {
         &self.reference
     }
 
-    /// The best reference so far, one position per step (rad or m): that of the block with the
-    /// least error. The one in use, where no block was measured.
+    /// The reference of the block with the smallest error, one position per step (rad or m); the
+    /// current one before the first measured block.
     pub fn best_reference(&self) -> &[f64] {
         self.best.as_ref().map_or(&self.reference, |best| &best.reference)
     }
 
-    /// Error of the best block: mean magnitude over its settled cycles (rad or m); `None` where
-    /// none was measured.
+    /// Error of the best block: mean absolute error over its settled cycles (rad or m); `None`
+    /// before the first measured block.
     pub fn best_error(&self) -> Option<f64> {
         self.best.as_ref().map(|best| best.error)
     }
 
-    /// Blocks that are done.
+    /// Number of finished blocks.
     pub fn blocks(&self) -> usize {
         self.blocks
     }
 
-    /// The settings.
+    /// The configuration.
     pub fn config(&self) -> &LearnerConfig {
         &self.config
     }
 
-    /// Where the master is to be, step by step through the cycle.
+    /// The master's reference over one cycle, one point per control step.
     pub fn points(&self) -> &[ReferencePoint] {
         &self.points
     }
 
-    /// Why learning ended; `None` while it goes on.
+    /// Why learning ended; `None` while it continues.
     pub fn frozen(&self) -> Option<Frozen> {
         self.frozen
     }
 
-    /// Takes in where the slave was (rad or m) at the `step`-th control step of this block, from 0.
-    /// Steps may be left out. Allocates nothing.
+    /// Records the slave's position (rad or m) at a control step of this block, counted from 0.
+    /// Steps may be omitted. Does not allocate.
     pub fn record(&mut self, step: usize, slave: f64) {
         let in_cycle = step % self.desired.len();
         let settled = step / self.desired.len() >= self.config.settling_cycles;
         self.block.record(in_cycle, slave, self.desired[in_cycle], settled);
     }
 
-    /// Ends the block: learns from it, and makes the reference of the next. To be called between
-    /// two control steps that the loop can spare; it takes some transforms of a cycle.
+    /// Ends the block and updates the reference. Takes several Fourier transforms of a cycle: call
+    /// it outside the real-time loop.
     pub fn finish_block(&mut self) -> BlockReport {
         self.blocks += 1;
         let errors = self.block.errors();
-        let report = |learner: &Self, step| BlockReport {
+        let report = |learner: &Self, outcome| BlockReport {
             block: learner.blocks,
             error: errors.map(|errors| errors.0),
             settled: errors.map(|errors| errors.1),
             not_finite: learner.block.not_finite(),
-            step,
+            outcome,
         };
-        let step = self.step(errors.map(|errors| errors.1));
-        let report = report(self, step);
+        let outcome = self.update(errors.map(|errors| errors.1));
+        let report = report(self, outcome);
         self.block.clear();
         report
     }
 
-    /// Ends the learning at the best reference so far.
+    /// Ends the learning with the best reference so far.
     pub fn freeze(&mut self) {
         if self.frozen.is_none() {
-            self.end(Frozen::Asked);
+            self.end(Frozen::Requested);
         }
     }
 
-    fn step(&mut self, settled: Option<BlockError>) -> Step {
+    fn update(&mut self, settled: Option<BlockError>) -> BlockOutcome {
         if let Some(frozen) = self.frozen {
-            return Step::Frozen(frozen);
+            return BlockOutcome::Frozen(frozen);
         }
         let missing = self.block.missing();
         let Some(settled) = settled.filter(|_| missing == 0) else {
             if let Rule::Published(rule) = &mut self.rule {
-                rule.forget();
+                rule.reset();
             }
-            return Step::Missing(missing);
+            return BlockOutcome::Missing(missing);
         };
         let best = self.best.as_ref().map_or(f64::INFINITY, |best| best.error);
         if settled.mean_abs < best {
@@ -382,41 +382,41 @@ impl Learner {
         }
         let mut next = self.reference.clone();
         match &mut self.rule {
-            Rule::Published(rule) => rule.learn(&mut self.spectral, error, &mut next),
-            Rule::ModelBased(law) => law.learn(&mut self.spectral, error, &mut next),
+            Rule::Published(rule) => rule.update(&mut self.spectral, error, &mut next),
+            Rule::ModelBased(law) => law.update(&mut self.spectral, error, &mut next),
         }
-        self.take(next)
+        self.adopt(next)
     }
 
-    /// Makes a reference the next one, if it is within the limits.
-    fn take(&mut self, next: Vec<f64>) -> Step {
+    /// Adopts the next reference if it is within the limits; freezes otherwise.
+    fn adopt(&mut self, next: Vec<f64>) -> BlockOutcome {
         let before = std::mem::replace(&mut self.reference, next);
-        self.publish();
+        self.compute_points();
         let (low, high) = self.config.position_limits;
         let furthest = self.reference.iter().fold(0.0f64, |far, position| {
-            // A value that is not a number is beyond all limits.
+            // NaN counts as outside all limits.
             if position.abs() <= far { far } else { position.abs() }
         });
         let within = self.reference.iter().all(|position| (low..=high).contains(position));
         if within && self.peak_speed <= self.config.speed_limit {
-            return Step::Learnt;
+            return BlockOutcome::Learnt;
         }
         let speed = self.peak_speed;
         self.reference = before;
         self.end(Frozen::Limit { position: furthest, speed })
     }
 
-    fn end(&mut self, why: Frozen) -> Step {
+    fn end(&mut self, why: Frozen) -> BlockOutcome {
         if let Some(best) = &self.best {
             self.reference.clone_from(&best.reference);
         }
-        self.publish();
+        self.compute_points();
         self.frozen = Some(why);
-        Step::Frozen(why)
+        BlockOutcome::Frozen(why)
     }
 
-    /// Velocity and acceleration of the reference, for the control steps to come.
-    fn publish(&mut self) {
+    /// Computes velocity and acceleration of the reference.
+    fn compute_points(&mut self) {
         let mut velocity = self.reference.clone();
         self.spectral.differentiate(&mut velocity);
         let mut acceleration = velocity.clone();
@@ -482,7 +482,7 @@ impl LearnerConfig {
                 positive("gain", law.gain)?;
                 positive("regularisation", law.regularisation)?;
                 if law.response.known() == 0 {
-                    let expected = "a response that is known somewhere";
+                    let expected = "a response identified at one harmonic or more";
                     return Err(LearningError::Setting { name: "response", expected, found: 0.0 });
                 }
             }

@@ -8,8 +8,8 @@ use crate::spectral::{Spectral, advance};
 pub struct Published {
     /// γ_p, change of the reference per error (1).
     pub gamma_p: f64,
-    /// γ_d, change of the reference per change of the error since the block before (1): the
-    /// differences of the thesis's proof (eq. 4.3.11) are between blocks.
+    /// γ_d, change of the reference per change of the error since the previous block (1): the
+    /// differences in the thesis's proof (eq. 4.3.11) are between blocks.
     pub gamma_d: f64,
     /// Cut-off of the low pass on the error (Hz).
     pub cutoff_hz: f64,
@@ -18,27 +18,27 @@ pub struct Published {
 }
 
 impl Published {
-    /// `N_d`: the delay in samples of a loop at `rate_hz` (Hz), rounded.
+    /// `N_d`: the delay in samples at `rate_hz` (Hz), rounded.
     pub fn delay_samples(&self, rate_hz: f64) -> usize {
         (self.delay_s * rate_hz).round().max(0.0) as usize
     }
 }
 
-/// The law with what it remembers: the filtered and shifted error of the block before.
+/// The law and its state: the filtered and advanced error of the previous block.
 #[derive(Clone, Debug)]
 pub(crate) struct PublishedRule {
     law: Published,
     delay_samples: usize,
-    before: Option<Vec<f64>>,
+    previous_error: Option<Vec<f64>>,
 }
 
 impl PublishedRule {
     pub(crate) fn new(law: Published, rate_hz: f64) -> Self {
-        Self { law, delay_samples: law.delay_samples(rate_hz), before: None }
+        Self { law, delay_samples: law.delay_samples(rate_hz), previous_error: None }
     }
 
-    /// Learns from one cycle's error, which is used up.
-    pub(crate) fn learn(
+    /// Updates the reference by the error of one cycle.
+    pub(crate) fn update(
         &mut self,
         spectral: &mut Spectral,
         mut error: Vec<f64>,
@@ -47,24 +47,24 @@ impl PublishedRule {
         spectral.low_pass(&mut error, self.law.cutoff_hz);
         advance(&mut error, self.delay_samples);
         for (n, (value, now)) in reference.iter_mut().zip(&error).enumerate() {
-            let before = self.before.as_ref().map_or(*now, |before| before[n]);
+            let before = self.previous_error.as_ref().map_or(*now, |error| error[n]);
             *value += self.law.gamma_p * now + self.law.gamma_d * (now - before);
         }
-        self.before = Some(error);
+        self.previous_error = Some(error);
     }
 
-    /// The filtered and shifted error of the block before.
-    pub(crate) fn before(&self) -> Option<&Vec<f64>> {
-        self.before.as_ref()
+    /// The filtered and advanced error of the previous block.
+    pub(crate) fn previous_error(&self) -> Option<&Vec<f64>> {
+        self.previous_error.as_ref()
     }
 
-    /// Takes that of an earlier run for it.
-    pub(crate) fn remember(&mut self, before: Option<Vec<f64>>) {
-        self.before = before;
+    /// Restores the error of the previous block.
+    pub(crate) fn restore(&mut self, previous_error: Option<Vec<f64>>) {
+        self.previous_error = previous_error;
     }
 
-    /// Forgets the block before: nothing can be compared with it.
-    pub(crate) fn forget(&mut self) {
-        self.before = None;
+    /// Discards the error of the previous block.
+    pub(crate) fn reset(&mut self) {
+        self.previous_error = None;
     }
 }

@@ -1,4 +1,4 @@
-//! What can be done exactly to one cycle of a periodic signal, by its discrete Fourier transform.
+//! Exact operations on one cycle of a periodic signal, by its discrete Fourier transform.
 
 use std::fmt;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use realfft::{ComplexToReal, RealToComplex};
 /// Order of the low pass, each way.
 const ORDER: i32 = 2;
 
-/// Transforms for cycles of a fixed number of samples. Allocates when made, then never.
+/// Transforms for cycles of a fixed number of samples. Allocates only when created.
 pub struct Spectral {
     forward: Arc<dyn RealToComplex<f64>>,
     backward: Arc<dyn ComplexToReal<f64>>,
@@ -23,7 +23,7 @@ pub struct Spectral {
 }
 
 impl Spectral {
-    /// For cycles of `samples` values taken at `rate_hz` (Hz).
+    /// Creates transforms for cycles of `samples` values at `rate_hz` (Hz).
     pub fn new(samples: usize, rate_hz: f64) -> Self {
         let mut planner = Planner::new();
         let (forward, backward) = (planner.forward(samples), planner.inverse(samples));
@@ -56,11 +56,11 @@ impl Spectral {
         self.base_hz * harmonic as f64
     }
 
-    /// Complex amplitudes of the cycle's harmonics, in its unit: `2/N` of the transform, of the
-    /// mean `1/N`. A sine of amplitude 1 at harmonic h has magnitude 1 there.
+    /// Complex amplitudes of the cycle's harmonics, in its unit: the transform scaled by `2/N`, the
+    /// mean by `1/N`. A sine of amplitude 1 at harmonic h has magnitude 1 there.
     ///
     /// # Panics
-    /// Where `values` is not one cycle, as all of these.
+    /// If `values` is not one cycle long, like every method here.
     pub fn spectrum(&mut self, values: &[f64]) -> &[Complex<f64>] {
         self.transform(values);
         let scale = 2.0 / self.samples as f64;
@@ -71,8 +71,8 @@ impl Spectral {
         &self.spectrum
     }
 
-    /// Takes each harmonic of a cycle times a factor, in place. `factor` gets the harmonic's
-    /// number.
+    /// Multiplies each harmonic of a cycle by `factor`, a function of the harmonic's number, in
+    /// place.
     pub fn shape(&mut self, values: &mut [f64], factor: impl Fn(usize) -> Complex<f64>) {
         self.transform(values);
         for (harmonic, value) in self.spectrum.iter_mut().enumerate() {
@@ -80,7 +80,7 @@ impl Spectral {
         }
         let edges = [Some(0), self.samples.is_multiple_of(2).then_some(self.samples / 2)];
         for edge in edges.into_iter().flatten() {
-            // Of these two only the real part is a signal.
+            // The mean and the Nyquist harmonic of a real signal are real.
             self.spectrum[edge].im = 0.0;
         }
         // The lengths are those of the plan, and the two edges are real: it cannot fail.
@@ -95,9 +95,9 @@ impl Spectral {
         }
     }
 
-    /// The low pass of eq. 4.3.2 without shift of phase: a Butterworth filter of second order run
-    /// forward and then backward over the endless repetition of the cycle, whose gain is exactly
-    /// `1/(1 + (f/cutoff)^4)`: one half at the cut-off (Hz).
+    /// The zero-phase low pass of eq. 4.3.2: a second-order Butterworth filter run forward and
+    /// backward over the repeated cycle. Its gain is `1/(1 + (f/cutoff)^4)`: one half at the
+    /// cut-off (Hz).
     pub fn low_pass(&mut self, values: &mut [f64], cutoff_hz: f64) {
         let base_hz = self.base_hz;
         self.shape(values, |harmonic| {
@@ -105,9 +105,8 @@ impl Spectral {
         });
     }
 
-    /// Takes a cycle to its derivative with time (per s), in place: exact for what the samples can
-    /// hold; the highest harmonic of an even number of samples, whose phase they do not show,
-    /// counts as none.
+    /// Differentiates a cycle with respect to time (per s), in place: exact for a band-limited
+    /// signal. Drops the Nyquist harmonic, whose phase is undetermined.
     pub fn differentiate(&mut self, values: &mut [f64]) {
         let omega = std::f64::consts::TAU * self.base_hz;
         let samples = self.samples;
@@ -138,8 +137,7 @@ impl fmt::Debug for Spectral {
     }
 }
 
-/// Takes a cycle `samples` earlier, round the cycle: `e(n) = e'(n + N_d)`, § 4.3, with as many
-/// values as there are places (`docs/errata.md`).
+/// Advances a cycle circularly by `samples`: `e(n) = e'(n + N_d)`, § 4.3 (see `docs/errata.md`).
 pub fn advance(values: &mut [f64], samples: usize) {
     if !values.is_empty() {
         values.rotate_left(samples % values.len());

@@ -1,11 +1,10 @@
 //! A learnt reference on disk.
 //!
-//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the reference
-//! in bincode, little-endian. bincode is unmaintained (RUSTSEC-2025-0141); the version lets another
-//! encoding take its place.
+//! Format: mark (4 bytes), version (2), checksum (8, FNV-1a over the rest), then the reference in
+//! bincode, little-endian. bincode is unmaintained (RUSTSEC-2025-0141); the version allows another
+//! encoding.
 //!
-//! A reference belongs to the machine that it was learnt on: its file names the rig, and is refused
-//! for any other.
+//! The file names the rig on which the reference was learnt, and is refused on any other.
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -16,10 +15,10 @@ use thiserror::Error;
 const MARK: [u8; 4] = *b"FRLR";
 const VERSION: u16 = 2;
 const HEADER: usize = MARK.len() + 2 + 8;
-/// No reference is longer (bytes).
+/// Largest size of a file (bytes).
 const LONGEST: usize = 16 << 20;
 
-/// A learnt reference, with what it belongs to.
+/// A learnt reference, with the rig and movement it applies to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearntReference {
     /// Identity of the rig file ([`rig::RigFile::identity`]).
@@ -28,7 +27,7 @@ pub struct LearntReference {
     pub rig_name: String,
     /// Axis, from 0.
     pub axis: u32,
-    /// Rate of control that it was learnt at (Hz).
+    /// Control rate at which it was learnt (Hz).
     pub rate_hz: u32,
     /// Period of the movement (s).
     pub period_s: f64,
@@ -38,17 +37,16 @@ pub struct LearntReference {
     pub centre: f64,
     /// Whether control added its feed-forward.
     pub feedforward: bool,
-    /// Error of the block that the reference is of: mean magnitude over its settled cycles (rad or
-    /// m); 0 where none was measured.
+    /// Mean absolute error over the settled cycles of its block (rad or m); 0 if not measured.
     pub error: f64,
     /// The master's position at each control step of one cycle (rad or m).
     pub positions: Vec<f64>,
 }
 
-/// Why a reference cannot be kept or taken back.
+/// Why a reference cannot be saved or loaded.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// Cut off, or something else altogether.
+    /// Truncated, or not a learnt reference.
     #[error(
         "no learnt reference: expected {HEADER} bytes that begin with \"FRLR\", found {found}; \
             choose another file, or learn anew"
@@ -63,7 +61,7 @@ pub enum StoreError {
         /// Version in the file.
         found: u16,
     },
-    /// Damaged or cut off.
+    /// Damaged or truncated.
     #[error(
         "learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; \
             learn anew"
@@ -74,11 +72,10 @@ pub enum StoreError {
         /// Checksum of the bytes.
         found: u64,
     },
-    /// Sound bytes that do not decode, or a reference that does not encode.
+    /// The reference cannot be encoded or decoded.
     #[error("learnt reference cannot be coded: {0}; learn anew")]
     Coding(String),
-    /// Its numbers are no periodic movement: too few, not finite, or of another length than its
-    /// period.
+    /// Its positions are too few, not finite, or do not match its period.
     #[error(
         "learnt reference: expected finite positions over one period, found {found}; learn anew"
     )]
@@ -114,7 +111,7 @@ pub enum StoreError {
     },
     /// For another movement.
     #[error(
-        "learnt for another movement: expected {expected}, found {found}; learn anew, or ask for \
+        "learnt for another movement: expected {expected}, found {found}; learn anew, or use \
             the movement of the file"
     )]
     OtherMovement {
@@ -133,21 +130,21 @@ pub enum StoreError {
         /// Rate in the file (Hz).
         found: u32,
     },
-    /// The system refused.
+    /// A file operation failed.
     #[error("{}: cannot {doing}: {source}", path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
 }
 
-/// The machine and movement that a reference is for.
+/// The rig and movement to which a reference applies.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Belongs {
+pub struct ReferenceScope {
     /// Identity of the rig file.
     pub rig: u64,
     /// Name in the rig file.
@@ -166,7 +163,7 @@ pub struct Belongs {
     pub feedforward: bool,
 }
 
-impl Belongs {
+impl ReferenceScope {
     fn movement(&self) -> String {
         let (steps, rate) = (self.steps as f64, f64::from(self.rate_hz));
         let feedforward = if self.feedforward { "with" } else { "without" };
@@ -180,15 +177,19 @@ impl Belongs {
 }
 
 impl LearntReference {
-    /// A reference of `positions` (rad or m), one for each step of the cycle; `error` of the block
-    /// that it is of (rad or m).
+    /// Creates a reference of `positions` (rad or m), one for each step of the cycle; `error` is
+    /// its block's (rad or m).
     ///
     /// # Errors
     /// [`StoreError::Positions`].
-    pub fn new(belongs: &Belongs, error: f64, positions: Vec<f64>) -> Result<Self, StoreError> {
-        let Belongs { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *belongs;
+    pub fn new(
+        scope: &ReferenceScope,
+        error: f64,
+        positions: Vec<f64>,
+    ) -> Result<Self, StoreError> {
+        let ReferenceScope { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *scope;
         let period_s = positions.len() as f64 / f64::from(rate_hz);
-        let rig_name = belongs.rig_name.clone();
+        let rig_name = scope.rig_name.clone();
         let reference = Self {
             rig,
             rig_name,
@@ -205,7 +206,7 @@ impl LearntReference {
         Ok(reference)
     }
 
-    /// The bytes to keep.
+    /// Encodes the reference.
     ///
     /// # Errors
     /// [`StoreError::Positions`], [`StoreError::Coding`].
@@ -217,7 +218,7 @@ impl LearntReference {
         Ok([&MARK[..], &VERSION.to_le_bytes(), &checksum.to_le_bytes(), &body].concat())
     }
 
-    /// The reference in kept bytes, whichever rig it belongs to.
+    /// Decodes a reference of any rig.
     ///
     /// # Errors
     /// Each [`StoreError`] up to [`StoreError::Positions`]; a damaged file never yields a
@@ -250,7 +251,7 @@ impl LearntReference {
         Ok(reference)
     }
 
-    /// Writes the file whole or not at all: beside it first, then in its place.
+    /// Writes the file atomically: a temporary file first, then a rename.
     ///
     /// # Errors
     /// Those of [`LearntReference::encode`], [`StoreError::Io`]; an older file is then as it was.
@@ -274,7 +275,7 @@ impl LearntReference {
     ///
     /// # Errors
     /// Each [`StoreError`].
-    pub fn load(path: impl AsRef<Path>, belongs: &Belongs) -> Result<Self, StoreError> {
+    pub fn load(path: impl AsRef<Path>, scope: &ReferenceScope) -> Result<Self, StoreError> {
         let path = path.as_ref();
         let failed = |source| StoreError::Io { doing: "read", path: path.to_owned(), source };
         let file = std::fs::File::open(path).map_err(failed)?;
@@ -285,7 +286,7 @@ impl LearntReference {
             return Err(StoreError::NotAReference { found: format!("more than {LONGEST} bytes") });
         }
         let reference = Self::decode(&bytes)?;
-        reference.fits(belongs)?;
+        reference.fits(scope)?;
         Ok(reference)
     }
 
@@ -293,36 +294,36 @@ impl LearntReference {
     ///
     /// # Errors
     /// [`StoreError::OtherRig`] to [`StoreError::OtherRate`].
-    pub fn fits(&self, belongs: &Belongs) -> Result<(), StoreError> {
-        if self.rig != belongs.rig {
+    pub fn fits(&self, scope: &ReferenceScope) -> Result<(), StoreError> {
+        if self.rig != scope.rig {
             return Err(StoreError::OtherRig {
-                expected: belongs.rig,
-                expected_name: belongs.rig_name.clone(),
+                expected: scope.rig,
+                expected_name: scope.rig_name.clone(),
                 found: self.rig,
                 found_name: self.rig_name.clone(),
             });
         }
-        if self.axis != belongs.axis {
-            return Err(StoreError::OtherAxis { expected: belongs.axis, found: self.axis });
+        if self.axis != scope.axis {
+            return Err(StoreError::OtherAxis { expected: scope.axis, found: self.axis });
         }
-        if self.rate_hz != belongs.rate_hz {
-            return Err(StoreError::OtherRate { expected: belongs.rate_hz, found: self.rate_hz });
+        if self.rate_hz != scope.rate_hz {
+            return Err(StoreError::OtherRate { expected: scope.rate_hz, found: self.rate_hz });
         }
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
-        let same = self.positions.len() == belongs.steps
-            && near(self.amplitude, belongs.amplitude)
-            && near(self.centre, belongs.centre)
-            && self.feedforward == belongs.feedforward;
+        let same = self.positions.len() == scope.steps
+            && near(self.amplitude, scope.amplitude)
+            && near(self.centre, scope.centre)
+            && self.feedforward == scope.feedforward;
         if !same {
-            let found = Belongs {
+            let found = ReferenceScope {
                 steps: self.positions.len(),
                 amplitude: self.amplitude,
                 centre: self.centre,
                 feedforward: self.feedforward,
-                ..belongs.clone()
+                ..scope.clone()
             };
             return Err(StoreError::OtherMovement {
-                expected: belongs.movement(),
+                expected: scope.movement(),
                 found: found.movement(),
             });
         }

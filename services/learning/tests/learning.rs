@@ -4,10 +4,10 @@
 
 use std::f64::consts::TAU;
 
-use learning::store::{Belongs, LearntReference, StoreError};
+use learning::store::{LearntReference, ReferenceScope, StoreError};
 use learning::{
-    Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published,
-    Response, Step, Stop,
+    BlockOutcome, Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased,
+    Published, Response, Stop,
 };
 use proptest::prelude::*;
 
@@ -16,8 +16,8 @@ const RATE_HZ: u32 = 500;
 /// 30 ms at 500 Hz.
 const DELAY: usize = 15;
 
-fn belongs(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> Belongs {
-    Belongs {
+fn scope(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> ReferenceScope {
+    ReferenceScope {
         rig,
         rig_name: "bench".to_owned(),
         axis,
@@ -54,13 +54,13 @@ fn published(gamma_p: f64, gamma_d: f64) -> LearningLaw {
 }
 
 /// One block on a plant; its report's step, and the error of the settled cycle (rad).
-fn block(learner: &mut Learner, plant: impl Fn(&[f64], usize) -> f64) -> (Step, f64) {
+fn block(learner: &mut Learner, plant: impl Fn(&[f64], usize) -> f64) -> (BlockOutcome, f64) {
     let reference = learner.reference().to_vec();
     for step in 0..learner.steps_per_block() {
         learner.record(step, plant(&reference, step % STEPS));
     }
     let report = learner.finish_block();
-    (report.step, report.settled.unwrap().mean_abs)
+    (report.outcome, report.settled.unwrap().mean_abs)
 }
 
 /// A gain behind a delay, both linear.
@@ -110,11 +110,13 @@ fn learning_ends_at_the_best_reference_when_the_error_grows() {
     let best = learner.reference().to_vec();
     let (_, error) = block(&mut learner, delayed(1.0));
     // From now on the plant does as it likes.
-    let steps: Vec<Step> = (1..=3)
+    let steps: Vec<BlockOutcome> = (1..=3)
         .map(|k| block(&mut learner, |_, step| sine(-0.1 * f64::from(k), 1, step)).0)
         .collect();
-    assert!(matches!(steps[..2], [Step::Learnt, Step::Learnt]), "{steps:?}");
-    let Step::Frozen(Frozen::Grew { best: least, found }) = steps[2] else { panic!("{steps:?}") };
+    assert!(matches!(steps[..2], [BlockOutcome::Learnt, BlockOutcome::Learnt]), "{steps:?}");
+    let BlockOutcome::Frozen(Frozen::Grew { best: least, found }) = steps[2] else {
+        panic!("{steps:?}")
+    };
     assert!(least == error && found > 0.5, "{steps:?}");
     assert_eq!(learner.reference(), best);
     block(&mut learner, delayed(1.0));
@@ -137,7 +139,7 @@ fn the_inverse_of_the_true_response_needs_one_block() {
     let mut response = Response::default();
     for harmonic in 1..=3 {
         let lag = TAU * (harmonic * DELAY) as f64 / STEPS as f64;
-        response.learn(harmonic, Complex::from(1.0), Complex::from_polar(0.8, -lag), 1e-3);
+        response.set(harmonic, Complex::from(1.0), Complex::from_polar(0.8, -lag), 1e-3);
     }
     let law = ModelBased { response, gain: 1.0, regularisation: 1e-6 };
     let mut learner = Learner::new(&desired(), config(LearningLaw::ModelBased(law))).unwrap();
@@ -149,8 +151,8 @@ fn the_inverse_of_the_true_response_needs_one_block() {
 #[test]
 fn where_the_response_is_unknown_nothing_is_learnt() {
     let mut response = Response::default();
-    response.learn(1, Complex::from(1.0), Complex::from(0.8), 1e-3);
-    response.learn(3, Complex::from(1.0), Complex::from(1e-4), 1e-3);
+    response.set(1, Complex::from(1.0), Complex::from(0.8), 1e-3);
+    response.set(3, Complex::from(1.0), Complex::from(1e-4), 1e-3);
     assert_eq!((response.known(), response.at(3)), (1, None));
     let law = ModelBased { response, gain: 1.0, regularisation: 1e-6 };
     let mut learner =
@@ -250,7 +252,8 @@ proptest! {
                     && first.is_some_and(|(_, first)| !first.is_finite())
             });
             if lost && learner.frozen().is_none() {
-                prop_assert!(matches!(report.step, Step::Missing(1..)), "{:?}", report.step);
+                let missing = matches!(report.outcome, BlockOutcome::Missing(1..));
+                prop_assert!(missing, "{:?}", report.outcome);
                 prop_assert_eq!(learner.reference(), &reference[..]);
             }
             for step in 0..STEPS {
@@ -266,24 +269,24 @@ proptest! {
         positions in prop::collection::vec(-2.0..2.0f64, 8..200),
         rig: u64, axis in 0u32..3, at in 0usize..4000, bit in 0u8..8, cut in 1usize..4000,
     ) {
-        let belongs = belongs(rig, axis, RATE_HZ, positions.len());
-        let reference = LearntReference::new(&belongs, 0.02, positions).unwrap();
+        let scope = scope(rig, axis, RATE_HZ, positions.len());
+        let reference = LearntReference::new(&scope, 0.02, positions).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sine.learnt");
         reference.save(&path).unwrap();
-        prop_assert_eq!(&LearntReference::load(&path, &belongs).unwrap(), &reference);
-        let refused = |belongs: Belongs| LearntReference::load(&path, &belongs).unwrap_err();
-        let other = refused(Belongs { rig: rig ^ 1, ..belongs.clone() });
+        prop_assert_eq!(&LearntReference::load(&path, &scope).unwrap(), &reference);
+        let refused = |scope: ReferenceScope| LearntReference::load(&path, &scope).unwrap_err();
+        let other = refused(ReferenceScope { rig: rig ^ 1, ..scope.clone() });
         let other_rig = matches!(other, StoreError::OtherRig { .. });
-        let other = refused(Belongs { axis: axis + 1, ..belongs.clone() });
+        let other = refused(ReferenceScope { axis: axis + 1, ..scope.clone() });
         let other_axis = matches!(other, StoreError::OtherAxis { .. });
-        let other = refused(Belongs { rate_hz: 1000, ..belongs.clone() });
+        let other = refused(ReferenceScope { rate_hz: 1000, ..scope.clone() });
         let other_rate = matches!(other, StoreError::OtherRate { .. });
         let other_movement = [
-            Belongs { amplitude: 0.4, ..belongs.clone() },
-            Belongs { centre: 0.1, ..belongs.clone() },
-            Belongs { feedforward: false, ..belongs.clone() },
-            Belongs { steps: 1 + belongs.steps, ..belongs.clone() },
+            ReferenceScope { amplitude: 0.4, ..scope.clone() },
+            ReferenceScope { centre: 0.1, ..scope.clone() },
+            ReferenceScope { feedforward: false, ..scope.clone() },
+            ReferenceScope { steps: 1 + scope.steps, ..scope.clone() },
         ];
         prop_assert!(other_rig && other_axis && other_rate);
         for other in other_movement {
@@ -312,7 +315,7 @@ fn files_of_others_are_refused_with_a_reason() {
         matches!(&error, StoreError::NotAReference { found } if found == "\"FRPS\""),
         "{error}"
     );
-    let mut bytes = LearntReference::new(&belongs(1, 0, 500, 500), 0.0, vec![0.0; 500])
+    let mut bytes = LearntReference::new(&scope(1, 0, 500, 500), 0.0, vec![0.0; 500])
         .unwrap()
         .encode()
         .unwrap();
@@ -321,9 +324,9 @@ fn files_of_others_are_refused_with_a_reason() {
         LearntReference::decode(&bytes).unwrap_err(),
         StoreError::Version { found: 9 }
     ));
-    let missing = LearntReference::load("/nowhere/at/all", &belongs(1, 0, 500, 500)).unwrap_err();
+    let missing = LearntReference::load("/nowhere/at/all", &scope(1, 0, 500, 500)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
-    assert!(LearntReference::new(&belongs(1, 0, 0, 5), 0.0, vec![0.0; 5]).is_err());
+    assert!(LearntReference::new(&scope(1, 0, 0, 5), 0.0, vec![0.0; 5]).is_err());
 }
 
 /// What one process kept, another goes on from: reference, best block, and the error that the
@@ -331,7 +334,7 @@ fn files_of_others_are_refused_with_a_reason() {
 #[test]
 fn a_learner_goes_on_from_what_another_knew() {
     let mut response = Response::default();
-    response.learn(1, Complex::from(1.0), Complex::from(0.5), 1e-3);
+    response.set(1, Complex::from(1.0), Complex::from(0.5), 1e-3);
     let model_based = ModelBased {
         response: Response::from_parts(&response.parts()),
         gain: 0.5,
@@ -344,20 +347,20 @@ fn a_learner_goes_on_from_what_another_knew() {
             block(&mut whole, delayed(0.8));
             block(&mut first, delayed(0.8));
         }
-        let memory = first.memory();
-        let mut second = Learner::recall(&desired(), memory.clone(), config(law.clone())).unwrap();
+        let memory = first.state();
+        let mut second = Learner::restore(&desired(), memory.clone(), config(law.clone())).unwrap();
         for _ in 0..4 {
             assert_eq!(block(&mut whole, delayed(0.8)).1, block(&mut second, delayed(0.8)).1);
         }
-        assert_eq!(whole.memory(), second.memory());
+        assert_eq!(whole.state(), second.state());
         let broken = [
-            learning::Memory { reference: vec![0.0; 9], ..memory.clone() },
-            learning::Memory { reference: vec![f64::NAN; STEPS], ..memory.clone() },
-            learning::Memory { best: Some((0.1, vec![0.0; 9])), ..memory.clone() },
-            learning::Memory { before: Some(vec![f64::INFINITY; STEPS]), ..memory },
+            learning::LearnerState { reference: vec![0.0; 9], ..memory.clone() },
+            learning::LearnerState { reference: vec![f64::NAN; STEPS], ..memory.clone() },
+            learning::LearnerState { best: Some((0.1, vec![0.0; 9])), ..memory.clone() },
+            learning::LearnerState { previous_error: Some(vec![f64::INFINITY; STEPS]), ..memory },
         ];
         for memory in broken {
-            assert!(Learner::recall(&desired(), memory, config(law.clone())).is_err());
+            assert!(Learner::restore(&desired(), memory, config(law.clone())).is_err());
         }
     }
 }

@@ -2,8 +2,8 @@
 //! in lock step.
 #![allow(clippy::unwrap_used)]
 
+use lock_step::{Aim, LockStepRig};
 use rig::RigFile;
-use twin::{Aim, Twin};
 
 /// Time after which the movement has come up and its transients have died (s).
 const SETTLED_S: f64 = 4.0;
@@ -26,13 +26,14 @@ struct Followed {
 }
 
 fn guided_sine(rig: &RigFile, amplitude_deg: f64, hertz: f64, seconds: f64) -> Followed {
-    let mut twin = Twin::new(rig, &[]).unwrap();
+    let mut system = LockStepRig::new(rig, &[]).unwrap();
     let (mut errors, mut steps) = (Vec::new(), Vec::new());
     let (mut master, mut slave) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
     let (mut last_v, mut peak_v) = (0.0_f64, 0.0_f64);
-    while twin.time_s() < seconds {
-        let setpoint = twin.setpoint(&Aim::sine(amplitude_deg.to_radians(), hertz, twin.time_s()));
-        let moment = twin.cycle(&setpoint).unwrap();
+    while system.time_s() < seconds {
+        let setpoint =
+            system.setpoint(&Aim::sine(amplitude_deg.to_radians(), hertz, system.time_s()));
+        let moment = system.cycle(&setpoint).unwrap();
         let volts = moment.command.volts[0];
         peak_v = peak_v.max(volts.abs());
         if moment.time_s >= SETTLED_S {

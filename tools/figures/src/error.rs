@@ -20,7 +20,7 @@ pub enum FiguresError {
     Rig(#[from] rig::RigError),
     /// The learning could not be simulated.
     #[error(transparent)]
-    Lesson(#[from] twin::learning::LessonError),
+    IlcTask(#[from] lock_step::ilc::IlcError),
     /// A published value that is asked for is not in the table.
     #[error("no published value `{0}`; its id must stand in the table of published values")]
     Published(&'static str),

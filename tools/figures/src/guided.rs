@@ -1,4 +1,4 @@
-//! Guided movement (§ 4.1) under each law of position control, on the rig's twin: from feedback
+//! Guided movement (§ 4.1) under each law of position control, on the lock-step rig: from feedback
 //! alone to learning.
 //!
 //! The line is as traced, and nobody is at the handle. The handle is to follow a sine of
@@ -7,12 +7,12 @@
 //! by 0.854 of that.
 
 use learning::LearningLaw;
+use lock_step::guided::{Quality, Sine, guided};
+use lock_step::ilc::{IlcError, IlcTask, PUBLISHED, Trace, feedback_only};
 use plant::hydrostatic::Parameters;
 use rayon::prelude::*;
 use report::{Page, Table};
 use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
-use twin::guided::{Quality, Sine, guided};
-use twin::learning::{Lesson, LessonError, PUBLISHED, Trace, bench};
 
 use crate::error::Result;
 use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, RIGS, by_model};
@@ -152,7 +152,7 @@ pub struct Guided {
 /// How many times [`laws`] calls `done`.
 pub const PARTS: usize = LawKind::ALL.len();
 
-/// Moves the twin under each law; calls `done` after each law. The learnt reference of the
+/// Moves the lock-step rig under each law; calls `done` after each law. The learnt reference of the
 /// published law, and at 1 Hz that of the model-based law, come from the learning study:
 /// [`Guided::with_learnt`].
 ///
@@ -160,7 +160,7 @@ pub const PARTS: usize = LawKind::ALL.len();
 /// Where the rig file that is built in is not in order.
 pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
     let (name, text) = RIGS[1];
-    let rig = twin::lean(RigFile::parse(text, name)?);
+    let rig = lock_step::simplified(RigFile::parse(text, name)?);
     let of_law = |law: LawKind| -> Result<Vec<Cell>> {
         let cells = HERTZ
             .into_par_iter()
@@ -175,7 +175,7 @@ pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
                     law => {
                         let amplitude = AMPLITUDE_DEG.to_radians();
                         let sine = Sine { amplitude, hertz, settle_s: SETTLE_S, keep_s: KEEP_S };
-                        guided(&law.rig(rig.clone()), &[], &sine).map_err(LessonError::from)?
+                        guided(&law.rig(rig.clone()), &[], &sine).map_err(IlcError::from)?
                     }
                 };
                 Ok(Cell { law, hertz, quality: Quality::of(&trace), trace })
@@ -192,8 +192,8 @@ pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
 fn learnt(rig: &RigFile, hertz: f64) -> Result<Trace> {
     let law = LearningLaw::Published(PUBLISHED);
     let amplitude = AMPLITUDE_DEG.to_radians();
-    let lesson = Lesson { amplitude, hertz, ..Lesson::of_the_thesis(law) };
-    let [.., last] = by_model(&bench(rig.clone()), &lesson)?.cycles;
+    let task = IlcTask { amplitude, hertz, ..IlcTask::of_the_thesis(law) };
+    let [.., last] = by_model(&feedback_only(rig.clone()), &task)?.cycles;
     Ok(last)
 }
 

@@ -1,12 +1,12 @@
-//! Iterative learning on the rig's twin (§ 4.3), for fig. 4.5 and 4.6: with the printed constants,
-//! with the traced line, and over what the thesis leaves open.
+//! Iterative learning on the lock-step rig (§ 4.3), for fig. 4.5 and 4.6: with the printed
+//! constants, with the traced line, and over what the thesis leaves open.
 
 use std::fmt::Write;
 
 use learning::{LearningLaw, Published};
+use lock_step::ilc::{IlcSimulation, IlcTask, PUBLISHED, Trace, ended, feedback_only, model_based};
 use rayon::prelude::*;
 use rig::{HandKind, RigFile};
-use twin::learning::{Lesson, PUBLISHED, Pupil, Trace, bench, ended, model_based};
 
 use crate::error::Result;
 
@@ -159,16 +159,16 @@ const CHANGES: [Change; 9] = [
 /// How many times [`learn`] calls `done`.
 pub const PARTS: usize = 4 + CHANGES.len();
 
-/// Lets the twins learn; calls `done` after each part.
+/// Lets the lock-step rig learn; calls `done` after each part.
 ///
 /// # Errors
 /// Where a rig file that is built in is not in order.
 pub fn learn(done: impl Fn() + Sync) -> Result<Learning> {
-    let rigs = RIGS.map(|(name, text)| RigFile::parse(text, name).map(twin::lean));
+    let rigs = RIGS.map(|(name, text)| RigFile::parse(text, name).map(lock_step::simplified));
     let [printed, traced] = rigs;
     let rigs = [printed?, traced?];
-    let benches = rigs.clone().map(bench);
-    let plain = Lesson::of_the_thesis(LearningLaw::Published(PUBLISHED));
+    let benches = rigs.clone().map(feedback_only);
+    let plain = IlcTask::of_the_thesis(LearningLaw::Published(PUBLISHED));
     let base = |at: usize| -> Result<Course> {
         let rig = &benches[at % 2];
         let course = if at < 2 { course(rig, &plain, BLOCKS)? } else { by_model(rig, &plain)? };
@@ -191,15 +191,15 @@ pub fn learn(done: impl Fn() + Sync) -> Result<Learning> {
     Ok(Learning { published: [next(), next()], model_based: [next(), next()], cases: cases? })
 }
 
-fn case(rig: &RigFile, plain: &Lesson, change: &Change) -> Result<Case> {
-    let mut changed = bench(rig.clone());
+fn case(rig: &RigFile, plain: &IlcTask, change: &Change) -> Result<Case> {
+    let mut changed = feedback_only(rig.clone());
     if change.hand {
         changed.simulation.hand.kind = HandKind::Passive;
     }
     if change.feedforward {
         changed.axes[0].control.feedforward = rig.axes[0].control.feedforward;
     }
-    let lesson = Lesson {
+    let task = IlcTask {
         amplitude: change.amplitude_deg.map_or(plain.amplitude, f64::to_radians),
         law: LearningLaw::Published(change.law),
         ..plain.clone()
@@ -208,27 +208,27 @@ fn case(rig: &RigFile, plain: &Lesson, change: &Change) -> Result<Case> {
     Ok(Case {
         id: change.id,
         what: change.what,
-        published: course(&changed, &lesson, BLOCKS)?,
-        model_based: concerned.then(|| by_model(&changed, &lesson)).transpose()?,
+        published: course(&changed, &task, BLOCKS)?,
+        model_based: concerned.then(|| by_model(&changed, &task)).transpose()?,
     })
 }
 
-pub(crate) fn by_model(rig: &RigFile, lesson: &Lesson) -> Result<Course> {
-    let law = LearningLaw::ModelBased(model_based(rig, &[], lesson)?);
-    course(rig, &Lesson { law, ..lesson.clone() }, MODEL_BASED_BLOCKS)
+pub(crate) fn by_model(rig: &RigFile, task: &IlcTask) -> Result<Course> {
+    let law = LearningLaw::ModelBased(model_based(rig, &[], task)?);
+    course(rig, &IlcTask { law, ..task.clone() }, MODEL_BASED_BLOCKS)
 }
 
-fn course(rig: &RigFile, lesson: &Lesson, blocks: usize) -> Result<Course> {
-    let mut pupil = Pupil::new(rig, &[], lesson)?;
+fn course(rig: &RigFile, task: &IlcTask, blocks: usize) -> Result<Course> {
+    let mut simulation = IlcSimulation::new(rig, &[], task)?;
     let mut course = Course::default();
     let kept = [1, MIDDLE, blocks];
     for block in 1..=blocks {
         let mut trace = kept.contains(&block).then(Trace::default);
-        let report = pupil.block(trace.as_mut()).map_err(twin::learning::LessonError::from)?;
+        let report = simulation.block(trace.as_mut()).map_err(lock_step::ilc::IlcError::from)?;
         course.errors_deg.push(report.error.map_or(f64::NAN, |error| error.mean_abs.to_degrees()));
         course.ended |= ended(&report);
         if let Some(trace) = trace {
-            let cycle = trace.last(pupil.learner().steps_per_cycle());
+            let cycle = trace.last(simulation.learner().steps_per_cycle());
             for (place, kept) in course.cycles.iter_mut().zip(kept) {
                 if kept == block {
                     place.clone_from(&cycle);

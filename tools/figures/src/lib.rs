@@ -15,8 +15,8 @@
 //!   it;
 //! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else
 //!   predicted, over all that the thesis leaves open, and against other explanations;
-//! - [`guided`] compares the laws of position control on the rig's twin (§ 4.1);
-//! - [`mod@learning`] lets the rig's twin learn a movement (§ 4.3);
+//! - [`guided`] compares the laws of position control on the lock-step rig (§ 4.1);
+//! - [`mod@learning`] lets the lock-step rig learn a movement (§ 4.3);
 //! - [`drawn`] holds the figures, [`study`] computes all of it, [`page`] shows it.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use figures::guided::{Guided, HERTZ, LawKind, laws};
-use twin::guided::Quality;
+use lock_step::guided::Quality;
 
 fn of(study: &Guided, law: LawKind, hertz: f64) -> Quality {
     study.cell(law, hertz).unwrap().quality.unwrap()

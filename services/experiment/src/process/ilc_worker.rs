@@ -1,6 +1,6 @@
-//! The worker thread of iterative learning: everything that takes time, allocates or touches the
-//! disk. It and the loop exchange boxes through single-producer, single-consumer rings; neither
-//! waits.
+//! The worker thread of iterative learning, for everything that takes time, allocates or accesses
+//! the disk. It exchanges boxes with the loop through single-producer, single-consumer rings;
+//! neither waits for the other.
 
 use std::fs;
 use std::io;
@@ -14,7 +14,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use runtime::Worker;
 
 use crate::ilc_trial::{IlcResult, Returned};
-use crate::ilc_update::{IlcError, IlcUpdater, Kept};
+use crate::ilc_update::{IlcError, IlcState, IlcUpdater};
 use crate::player::{IlcJob, Program};
 use crate::trial_record::TrialRecord;
 
@@ -23,9 +23,9 @@ use super::whole_file;
 
 /// Polling period: short against the settling cycle of a block.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
-/// Jobs under way: a block brings two or three.
+/// Capacity for jobs; a block causes two or three.
 const JOBS: usize = 64;
-/// Answers under way: one for each record.
+/// Capacity for results; one for each record.
 const RESULTS: usize = 16;
 
 /// The loop's end.
@@ -38,7 +38,7 @@ pub(super) struct IlcWorker {
 }
 
 impl IlcWorker {
-    /// Starts the thread. `file` is for what a restart needs, `learnt` the folder of learnt
+    /// Starts the thread. `file` holds the state for a restart, `learnt` is the folder of learnt
     /// references.
     pub(super) fn open(
         session: u64,
@@ -59,7 +59,7 @@ impl IlcWorker {
             events: event_in,
             dropped,
             ilc: None,
-            unkept: None,
+            unsaved: None,
         };
         let worker = Worker::spawn("experiment-learn", move |ending| {
             runtime::realtime::request_helper(fifo);
@@ -72,17 +72,17 @@ impl IlcWorker {
         Ok(Self { jobs, results, events, worker })
     }
 
-    /// Hands over; returns it where the thread is far behind.
-    pub(super) fn give(&mut self, job: IlcJob) -> Option<IlcJob> {
+    /// Sends a job; returns it if the ring is full.
+    pub(super) fn send(&mut self, job: IlcJob) -> Option<IlcJob> {
         self.jobs.push(job).err().map(|rtrb::PushError::Full(job)| job)
     }
 
-    /// The next answer.
+    /// The next result.
     pub(super) fn result(&mut self) -> Option<IlcResult> {
         self.results.pop().ok()
     }
 
-    /// The next thing to be told to all.
+    /// The next event to publish.
     pub(super) fn event(&mut self) -> Option<Event> {
         self.events.pop().ok()
     }
@@ -112,8 +112,8 @@ struct WorkerState {
     events: Producer<Event>,
     dropped: Dropped,
     ilc: Option<ActiveIlc>,
-    /// What is to be kept for a restart.
-    unkept: Option<Kept>,
+    /// State to be saved for a restart.
+    unsaved: Option<IlcState>,
 }
 
 impl WorkerState {
@@ -128,28 +128,28 @@ impl WorkerState {
                 IlcJob::End(ilc) => self.end(ilc.run_id()),
             }
         }
-        self.keep();
+        self.save_state();
     }
 
     /// Saves the state of the learning run once the loop has published all its events: a block that
     /// is saved is never reported again.
-    fn keep(&mut self) {
+    fn save_state(&mut self) {
         if self.events.slots() < EVENTS {
             return;
         }
-        if let Some(kept) = self.unkept.take()
-            && let Err(reason) = keep(&self.file, &kept)
+        if let Some(kept) = self.unsaved.take()
+            && let Err(reason) = write(&self.file, &kept)
         {
             let text = format!("{}: {reason}; a restart would learn anew", self.file.display());
-            self.tell(EventKind::DataLost, Severity::Warning, kept.segment, &text);
+            self.report(EventKind::DataLost, Severity::Warning, kept.segment, &text);
         }
     }
 
     fn begin(&mut self, run_id: u32, program: &Program, segment: u32, resumed: bool) {
-        (self.ilc, self.unkept) = (None, None);
+        (self.ilc, self.unsaved) = (None, None);
         let kept = if resumed { self.restore(program.identity(), segment) } else { None };
         if kept.is_none() {
-            // Of an earlier run: it must not come back with this one's number.
+            // The state of an earlier run must not be restored into this one.
             let _none = fs::remove_file(&self.file);
         }
         let begun = match program.plan(segment as usize) {
@@ -162,17 +162,22 @@ impl WorkerState {
                 let result = updater.ready(run_id);
                 self.ilc =
                     Some(ActiveIlc { run_id, protocol: program.identity(), updater, saved: false });
-                self.say(result);
+                self.send_result(result);
             }
             Err(error) => {
-                self.tell(EventKind::ProtocolStopped, Severity::Error, segment, &error.to_string());
-                self.say(IlcResult::Failed { run_id });
+                self.report(
+                    EventKind::ProtocolStopped,
+                    Severity::Error,
+                    segment,
+                    &error.to_string(),
+                );
+                self.send_result(IlcResult::Failed { run_id });
             }
         }
     }
 
     /// The state that an earlier process, or this one before a pause, saved.
-    fn restore(&mut self, protocol: u64, segment: u32) -> Option<Kept> {
+    fn restore(&mut self, protocol: u64, segment: u32) -> Option<IlcState> {
         let found = match fs::read(&self.file) {
             Ok(bytes) => decode(&bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -186,18 +191,18 @@ impl WorkerState {
             if same {
                 Ok(kept)
             } else {
-                Err("what was kept belongs to another learning run".to_owned())
+                Err("the saved state belongs to another learning run".to_owned())
             }
         });
         match found {
             Ok(kept) => {
                 let text = format!("learning goes on after block {}", kept.done);
-                self.tell(EventKind::ProtocolResumed, Severity::Info, segment, &text);
+                self.report(EventKind::ProtocolResumed, Severity::Info, segment, &text);
                 Some(kept)
             }
             Err(reason) => {
                 let text = format!("learning begins anew: {reason}");
-                self.tell(EventKind::ProtocolResumed, Severity::Warning, segment, &text);
+                self.report(EventKind::ProtocolResumed, Severity::Warning, segment, &text);
                 None
             }
         }
@@ -209,16 +214,16 @@ impl WorkerState {
         };
         let updated = active.updater.update(&record);
         let run_id = active.run_id;
-        // The reference first: the loop waits for nothing else.
+        // The reference first: the loop waits for it alone.
         record.clear();
         let result = IlcResult::Updated { run_id, record, reference: updated.reference };
-        let kept = active.updater.keep(self.session, active.protocol);
-        self.say(result);
+        let kept = active.updater.state(self.session, active.protocol);
+        self.send_result(result);
         if updated.failed {
-            self.say(IlcResult::Failed { run_id });
+            self.send_result(IlcResult::Failed { run_id });
         }
         self.publish(updated.event);
-        self.unkept = kept;
+        self.unsaved = kept;
         if updated.ended.is_some() {
             self.publish(updated.ended);
             self.save();
@@ -234,16 +239,16 @@ impl WorkerState {
         self.publish(event);
         if stopped && self.has_better() {
             let segment = self.ilc.as_ref().map_or(0, |active| active.updater.segment());
-            self.tell(
+            self.report(
                 EventKind::LearningEnded,
                 Severity::Info,
                 segment,
-                "the reference kept before is better, and stays",
+                "the reference saved before is better, and stays",
             );
         } else {
             self.save();
         }
-        (self.ilc, self.unkept) = (None, None);
+        (self.ilc, self.unsaved) = (None, None);
         let _none = fs::remove_file(&self.file);
     }
 
@@ -255,11 +260,11 @@ impl WorkerState {
         let (Some(name), Some(Ok(best))) = (&plan.learn().save, active.updater.best()) else {
             return false;
         };
-        LearntReference::load(path_of(&self.learnt, name), &plan.belongs)
+        LearntReference::load(path_of(&self.learnt, name), &plan.scope)
             .is_ok_and(|kept| kept.error < best.error)
     }
 
-    /// Keeps the best reference under the name that the protocol gives, once.
+    /// Saves the best reference under the protocol's name for it, once.
     fn save(&mut self) {
         let Some(active) = self.ilc.as_mut().filter(|active| !active.saved) else { return };
         let learn = active.updater.plan().learn();
@@ -275,7 +280,7 @@ impl WorkerState {
             });
         match done {
             Ok(()) => {
-                self.tell(
+                self.report(
                     EventKind::LearningEnded,
                     Severity::Info,
                     segment,
@@ -284,12 +289,12 @@ impl WorkerState {
             }
             Err(reason) => {
                 let text = format!("reference \"{name}\" not kept: {reason}");
-                self.tell(EventKind::LearningEnded, Severity::Error, segment, &text);
+                self.report(EventKind::LearningEnded, Severity::Error, segment, &text);
             }
         }
     }
 
-    fn tell(&mut self, kind: EventKind, severity: Severity, segment: u32, text: &str) {
+    fn report(&mut self, kind: EventKind, severity: Severity, segment: u32, text: &str) {
         let event = Event::new(Process::Experiment, kind, severity, text);
         self.publish(Some(Event {
             a: f64::from(segment),
@@ -309,7 +314,7 @@ impl WorkerState {
         }
     }
 
-    fn say(&mut self, result: IlcResult) {
+    fn send_result(&mut self, result: IlcResult) {
         if self.results.push(result).is_err() {
             self.dropped.count();
             eprintln!("farreach experiment: the loop does not take the results of learning");
@@ -328,11 +333,10 @@ fn load(
 ) -> Result<Option<LearntReference>, IlcError> {
     let Some(name) = &plan.learn().load else { return Ok(None) };
     let refused = |source| IlcError::Load { name: name.clone(), source };
-    LearntReference::load(path_of(folder, name), &plan.belongs).map(Some).map_err(refused)
+    LearntReference::load(path_of(folder, name), &plan.scope).map(Some).map_err(refused)
 }
 
-/// Whether all references are there that a program begins with, but for those that an earlier
-/// segment of it learns.
+/// Checks that every reference a program loads exists, except those that an earlier segment saves.
 pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), String> {
     let mut saved = Vec::new();
     for segment in 0..program.segments() {
@@ -349,20 +353,20 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
 /// Mark and version of the file that holds the state of a learning run. bincode is unmaintained;
 /// the version lets another encoding take its place.
 const MARK: [u8; 6] = *b"FRLS\x01\x00";
-/// No learning run's memory is longer (bytes).
+/// Largest size of the file (bytes).
 const LONGEST: usize = 16 << 20;
 
-/// Writes it whole or not at all.
-fn keep(path: &Path, kept: &Kept) -> Result<(), String> {
-    let body = bincode::serde::encode_to_vec(kept, bincode::config::standard())
+/// Writes the state atomically.
+fn write(path: &Path, state: &IlcState) -> Result<(), String> {
+    let body = bincode::serde::encode_to_vec(state, bincode::config::standard())
         .map_err(|error| error.to_string())?;
     let bytes = [&MARK[..], &rig::identity_of_bytes(&body).to_le_bytes(), &body].concat();
     whole_file::replace(path, &path.with_extension("lesson.new"), &bytes)
         .map_err(|error| error.to_string())
 }
 
-fn decode(bytes: &[u8]) -> Result<Kept, String> {
-    let damaged = || "what was kept is damaged".to_owned();
+fn decode(bytes: &[u8]) -> Result<IlcState, String> {
+    let damaged = || "the saved state is damaged".to_owned();
     let body = bytes.strip_prefix(&MARK[..]).ok_or_else(damaged)?;
     let (checksum, body) = body.split_first_chunk::<8>().ok_or_else(damaged)?;
     if u64::from_le_bytes(*checksum) != rig::identity_of_bytes(body) {

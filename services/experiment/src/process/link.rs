@@ -1,7 +1,6 @@
-//! What passes between the real-time loop and the thread that answers requests. Neither waits for
-//! the other: rings of one writer and one reader that are wait-free on both sides (in a queue for
-//! many writers, a writer that is preempted halfway would hold up the loop), and plain atomics for
-//! how far the protocol is.
+//! Communication between the real-time loop and the request thread. Neither waits for the other:
+//! single-producer, single-consumer rings, wait-free on both sides (in a multi-producer queue a
+//! preempted writer would block the loop), and atomics for the protocol's progress.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,27 +10,27 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::player::{Change, Program};
 
-/// Orders under way: they are asked for one at a time.
+/// Capacity for orders, which are issued one at a time.
 const ORDERS: usize = 4;
-/// Events under way from a thread to the loop, which alone may publish.
+/// Capacity for events from a thread to the loop, which publishes them.
 pub(super) const EVENTS: usize = 64;
-/// Changes under way: segments last a good part of a second.
+/// Capacity for changes; a segment lasts a large part of a second or longer.
 const NOTES: usize = 256;
 
-/// What the loop is told.
+/// An order to the loop.
 #[derive(Debug)]
 pub(super) enum Order {
-    /// Play this, unless it is taken later than that (ns): who asked was told by then that it is
-    /// not played.
+    /// Number, program, and deadline (ns) after which the order is void, since its client has been
+    /// told that it failed.
     Play(u32, Arc<Program>, u64),
     /// Stop playing.
     Stop(u32),
 }
 
-/// What the loop tells: a change in the playing of an order.
+/// A change reported by the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Note {
-    /// The order that is being played; 0 for what was resumed at the start.
+    /// The order being played; 0 for a protocol resumed at the start.
     pub(super) order: u32,
     /// What changed.
     pub(super) change: Change,
@@ -39,7 +38,7 @@ pub(super) struct Note {
     pub(super) epoch: u64,
 }
 
-/// How far it is. The fields may be one cycle apart.
+/// Progress of the protocol. The fields may be one cycle apart.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     /// segment (32 bits), running, completed, permitted; from bit 40 the newest order taken
@@ -55,7 +54,7 @@ const COMPLETED: u64 = 1 << 33;
 const PERMITTED: u64 = 1 << 34;
 const ORDER_SHIFT: u32 = 40;
 
-/// What [`Progress`] held.
+/// A reading of [`Progress`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reading {
     pub(super) order: u32,
@@ -71,11 +70,11 @@ pub(super) struct Reading {
 }
 
 impl Progress {
-    /// Orders are numbered up to here.
+    /// Largest number of an order.
     pub(super) const LAST_ORDER: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
 
-    /// Three stores, for the loop.
-    pub(super) fn tell(
+    /// Updates the progress by three stores.
+    pub(super) fn update(
         &self,
         order: u32,
         status: &ExperimentAnswer,
@@ -117,7 +116,7 @@ impl Progress {
     }
 }
 
-/// Counts what found a ring of the process full; each thread has one of the same.
+/// Counts items dropped because a ring was full; shared by all threads of the process.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Dropped(Arc<AtomicU64>);
 
@@ -146,7 +145,7 @@ pub(super) struct LoopEnd {
 pub(super) struct HandlerEnd {
     pub(super) orders: Producer<Order>,
     pub(super) notes: Consumer<Note>,
-    /// To be told to all.
+    /// Events to publish.
     pub(super) events: Producer<Event>,
     pub(super) progress: Arc<Progress>,
     pub(super) dropped: Dropped,
@@ -190,7 +189,7 @@ mod tests {
                 completed,
                 ..ExperimentAnswer::default()
             };
-            progress.tell(order, &status, 42, permitted);
+            progress.update(order, &status, 42, permitted);
             let expected = Reading {
                 order,
                 running,

@@ -57,14 +57,14 @@ pub(super) struct RequestHandler {
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
     /// must not be the loop.
     pub(super) retired: Vec<Arc<Program>>,
-    /// Why the protocol ended early, or why the state could not be kept; empty where neither.
+    /// Why the protocol ended early, or why its state could not be saved; otherwise empty.
     pub(super) trouble: String,
     /// Whether the last protocol ended because permission was withdrawn.
     pub(super) permission_lost: bool,
     pub(super) last_order: u32,
 }
 
-/// Runs the thread. Dropping it ends it, after the last change was kept.
+/// Handle of the thread. Dropping it saves the last change and ends the thread.
 #[derive(Debug)]
 pub(super) struct RequestThread {
     worker: Worker,
@@ -91,7 +91,7 @@ impl RequestThread {
             };
             let _ = ready.send(Ok(()));
             while !ending.load(Ordering::Relaxed) {
-                handler.keep_changes();
+                handler.save_changes();
                 let broken = |error| eprintln!("farreach experiment: request dropped: {error}");
                 if let Err(error) = server.poll(|request| handler.answer(request), broken) {
                     eprintln!("farreach experiment: requests are no longer answered: {error}");
@@ -99,7 +99,7 @@ impl RequestThread {
                 }
                 std::thread::sleep(POLL_PERIOD);
             }
-            handler.keep_changes();
+            handler.save_changes();
         })?;
         // The channel is closed only by a thread that panicked.
         wait.recv().unwrap_or_else(|_| {
@@ -164,7 +164,7 @@ impl RequestHandler {
         }
         if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
             return Err(
-                "no samples arrive, so nobody knows where the handle is: is acquisition running? \
+                "no samples arrive, so the handle's position is unknown: is acquisition running? \
                         (`farreach status`)"
                     .to_owned(),
             );
@@ -187,7 +187,7 @@ impl RequestHandler {
             }
             return Err(reason);
         }
-        self.keep_changes();
+        self.save_changes();
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
@@ -261,8 +261,8 @@ impl RequestHandler {
         Ok(())
     }
 
-    /// Keeps the newest of the changes that the loop told.
-    fn keep_changes(&mut self) {
+    /// Saves the newest change that the loop has reported.
+    fn save_changes(&mut self) {
         let mut newest = None;
         while let Ok(note) = self.link.notes.pop() {
             newest = Some(note);

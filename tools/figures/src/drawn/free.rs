@@ -1,11 +1,11 @@
 //! Fig. 4.2's control at work: the torque that a hand must spend to move the handle freely, on the
-//! rig's twin.
+//! lock-step rig.
 
+use lock_step::free::{HandEffort, HandleControl, Swing, TURN_S, swing};
+use lock_step::ilc::IlcError;
 use rayon::prelude::*;
 use report::{Colour, Figure, Sheet};
 use rig::RigFile;
-use twin::free::{Machine, Spent, Swing, TURN_S, swing};
-use twin::learning::LessonError;
 
 use super::style::{axes, tall};
 use super::{Common, Drawn};
@@ -70,11 +70,11 @@ const CASES: [Case; 5] = [
 ];
 
 /// One movement: at 0 V, and under force control.
-type Pair = [Spent; 2];
+type Pair = [HandEffort; 2];
 
 fn pair(rig: &RigFile, movement: &Swing) -> Result<Pair> {
-    let one = |machine| swing(rig, machine, movement).map_err(LessonError::from);
-    Ok([one(Machine::Dead)?, one(Machine::Yielding)?])
+    let one = |control| swing(rig, control, movement).map_err(IlcError::from);
+    Ok([one(HandleControl::Off)?, one(HandleControl::Force)?])
 }
 
 fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
@@ -106,7 +106,7 @@ pub fn movement(_: &Common) -> Result<Drawn> {
 pub fn free_movement() -> Result<Drawn> {
     let mut rigs = Vec::with_capacity(RIGS.len());
     for (name, text) in RIGS {
-        rigs.push(twin::lean(RigFile::parse(text, name)?));
+        rigs.push(lock_step::simplified(RigFile::parse(text, name)?));
     }
     let (pairs, cases) = rayon::join(
         || {
@@ -186,7 +186,7 @@ fn caption(traced: &[Pair]) -> String {
 /// The highest frequency at which the published amplitude is moved within the rig's limits, Hz.
 fn highest_hz(pairs: &[Pair], rig: &RigFile) -> Option<f64> {
     let limits = &rig.axes[0].limits;
-    let within = |spent: &Spent| {
+    let within = |spent: &HandEffort| {
         (spent.amplitude / Swing::of_the_thesis(1.0).amplitude - 1.0).abs() < 0.03
             && spent.speed < limits.speed_max
             && limits.torque_max.is_none_or(|most| spent.peak < most)
@@ -200,7 +200,11 @@ fn highest_hz(pairs: &[Pair], rig: &RigFile) -> Option<f64> {
 }
 
 /// The published gains and the claim, beside what is used and what came of it.
-fn claims(rigs: &[RigFile], hertz: [Option<f64>; 2], fastest: [&Spent; 2]) -> Result<Vec<Row>> {
+fn claims(
+    rigs: &[RigFile],
+    hertz: [Option<f64>; 2],
+    fastest: [&HandEffort; 2],
+) -> Result<Vec<Row>> {
     let gains = [&rigs[0], &rigs[1]].map(|rig| {
         let axis = &rig.axes[0];
         axis.control.force.map(|force| (force, axis.master.counts_per_unit))
@@ -245,7 +249,7 @@ fn claims(rigs: &[RigFile], hertz: [Option<f64>; 2], fastest: [&Spent; 2]) -> Re
 }
 
 fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
-    type Read = fn(&Spent) -> f64;
+    type Read = fn(&HandEffort) -> f64;
     let reads: [(&str, Read); 3] = [
         ("hand_torque_rms_nm", |spent| spent.rms),
         ("hand_torque_peak_nm", |spent| spent.peak),
@@ -279,7 +283,7 @@ fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
     rows
 }
 
-fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&Spent) -> f64) -> Figure {
+fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&HandEffort) -> f64) -> Figure {
     let of = |pairs: &[Pair], machine: usize| {
         pairs.iter().map(|pair| read(&pair[machine])).collect::<Vec<_>>()
     };
@@ -297,7 +301,7 @@ fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&Spent) -> f64) -> 
 }
 
 fn cycle(title: &str, pair: &Pair) -> Figure {
-    let columns = |spent: &Spent| -> (Vec<f64>, Vec<f64>) {
+    let columns = |spent: &HandEffort| -> (Vec<f64>, Vec<f64>) {
         spent.cycle.iter().map(|(time_s, _, torque)| (*time_s, *torque)).unzip()
     };
     let [dead, free] = pair;

@@ -1,8 +1,8 @@
-//! Fig. 4.5 to 4.7: iterative learning on the rig's twin.
+//! Fig. 4.5 to 4.7: iterative learning on the lock-step rig.
 
+use lock_step::guided::Quality;
+use lock_step::ilc::{HARMONICS, IlcTask, PUBLISHED, Trace};
 use report::{Colour, Figure, Sheet};
-use twin::guided::Quality;
-use twin::learning::{HARMONICS, Lesson, PUBLISHED, Trace};
 
 use super::style::{axes, tall};
 use super::{Common, Drawn};
@@ -12,12 +12,12 @@ use crate::published::published;
 use crate::row::{Role, Row, short};
 
 /// Slower than this a side counts as standing (°/s): a tenth of the desired movement's peak.
-fn standing_deg_s(lesson: &Lesson) -> f64 {
-    0.1 * std::f64::consts::TAU * lesson.hertz * lesson.amplitude.to_degrees()
+fn standing_deg_s(task: &IlcTask) -> f64 {
+    0.1 * std::f64::consts::TAU * task.hertz * task.amplitude.to_degrees()
 }
 
-fn lesson() -> Lesson {
-    Lesson::of_the_thesis(learning::LearningLaw::Published(PUBLISHED))
+fn task() -> IlcTask {
+    IlcTask::of_the_thesis(learning::LearningLaw::Published(PUBLISHED))
 }
 
 fn degrees(values: &[f64]) -> Vec<f64> {
@@ -52,7 +52,7 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
             .dashed("slave", &cycle.time_s[..within], &degrees(&cycle.slave_velocity)[..within])
     };
     let [printed, traced] = &common.learning.published;
-    let standing = standing_deg_s(&lesson());
+    let standing = standing_deg_s(&task());
     let [in_printed, in_traced] =
         [printed, traced].map(|course| opposite_percent(&course.cycles[1], standing));
     let sheet = Sheet::new("Fig. 4.5, master and slave velocity during learning")
@@ -85,7 +85,7 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
 /// Where a published value is missing from the table.
 pub fn learning(common: &Common) -> Result<Drawn> {
     let learning = &common.learning;
-    let lesson = lesson();
+    let task = task();
     let sheet = Sheet::new("Fig. 4.6, iterative learning")
         .panel(slave(&learning.published[1]))
         .panel(master(&learning.published[1]))
@@ -97,8 +97,8 @@ pub fn learning(common: &Common) -> Result<Drawn> {
     let last = of(Course::last_deg, &learning.published);
     let blocks = of(Course::blocks_to_goal, &learning.published);
     let by_model = of(Course::blocks_to_goal, &learning.model_based);
-    let identification_s = 3.0 * HARMONICS as f64 / lesson.hertz;
-    let amplitude = lesson.amplitude.to_degrees();
+    let identification_s = 3.0 * HARMONICS as f64 / task.hertz;
+    let amplitude = task.amplitude.to_degrees();
     let caption = format!(
         "Learning of a sine of 1 Hz and ±{amplitude:.0}°, traced line, nobody at the handle, the \
             master under the feedback of § 4.1 alone. \
@@ -129,7 +129,7 @@ pub fn learning(common: &Common) -> Result<Drawn> {
         title: "Iterative learning of a movement",
         caption,
         sheet,
-        rows: rows(learning, &lesson, [first, last, blocks, by_model])?,
+        rows: rows(learning, &task, [first, last, blocks, by_model])?,
     })
 }
 
@@ -258,12 +258,12 @@ fn errors(learning: &Learning) -> Figure {
 
 fn rows(
     learning: &Learning,
-    lesson: &Lesson,
+    task: &IlcTask,
     [first, last, blocks, by_model]: [[Option<f64>; 2]; 4],
 ) -> Result<Vec<Row>> {
     let both = |value: f64| [Some(value), Some(value)];
-    let amplitude = lesson.amplitude.to_degrees();
-    let block_s = lesson.cycles_per_block as f64 / lesson.hertz;
+    let amplitude = task.amplitude.to_degrees();
+    let block_s = task.cycles_per_block as f64 / task.hertz;
     let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
         Ok(Row::beside(published(id)?, role, printed, traced))
     };
@@ -306,7 +306,7 @@ fn rows(
             "first block with 1° or less under the model-based law, none within {}; {:.0} s of \
                 identification come before",
             learning.model_based[0].errors_deg.len(),
-            3.0 * HARMONICS as f64 / lesson.hertz,
+            3.0 * HARMONICS as f64 / task.hertz,
         )),
     ];
     for case in &learning.cases {

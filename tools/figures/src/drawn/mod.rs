@@ -45,7 +45,7 @@ pub struct Common {
     pub fitted: [Option<LinearSystem>; 2],
     /// The same with 1 m of hose.
     pub fitted_short: [Option<LinearSystem>; 2],
-    /// Iterative learning on the rig's twin.
+    /// Iterative learning on the lock-step rig.
     pub learning: Learning,
     /// Guided movement under each law of position control.
     pub guided: Guided,

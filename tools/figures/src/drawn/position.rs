@@ -1,9 +1,9 @@
-//! Fig. 4.1 and 4.3: position control on the rig's twin.
+//! Fig. 4.1 and 4.3: position control on the lock-step rig.
 
 use control::law::force::offset_v;
+use lock_step::ilc::Trace;
 use report::{Colour, Figure, Sheet};
 use rig::RigFile;
-use twin::learning::Trace;
 
 use super::style::{axes, tall};
 use super::{Common, Drawn};
@@ -55,7 +55,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         .panel(panel("A  0.2 Hz", 0.2))
         .panel(panel("B  1 Hz", 1.0))
         .panel(panel("C  3 Hz", 3.0));
-    let of = |hertz, read: fn(&twin::guided::Quality) -> f64| {
+    let of = |hertz, read: fn(&lock_step::guided::Quality) -> f64| {
         guided
             .cell(LawKind::Printed, hertz)
             .and_then(|cell| cell.quality)
@@ -97,7 +97,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
 /// Where the rig file that is built in is not in order.
 pub fn feedforward(common: &Common) -> Result<Drawn> {
     let (name, text) = RIGS[1];
-    let rig = twin::lean(RigFile::parse(text, name)?);
+    let rig = lock_step::simplified(RigFile::parse(text, name)?);
     let control = &rig.axes[0].control;
     let [none, printed, identified] = [LawKind::Feedback, LawKind::Printed, LawKind::Identified]
         .map(|law| movement_of(&common.guided, law, FIGURE_HZ, 1.0));

@@ -1,10 +1,10 @@
-//! Guided movement on the twin: the loop on the slave beats every law that knows the master alone,
-//! on lines of 1 m to 10 m, and is stable.
+//! Guided movement on the lock-step rig: the loop on the slave beats every law that knows the
+//! master alone, on lines of 1 m to 10 m, and is stable.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use lock_step::guided::{Quality, Sine, guided};
+use lock_step::{Aim, LockStepRig};
 use rig::{CompensationKind, ControlOptions, HandKind, Observer, RigFile, SlaveLoop};
-use twin::guided::{Quality, Sine, guided};
-use twin::{Aim, Twin};
 
 const HYDROSTATIC: (&str, &str) =
     ("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml"));
@@ -138,13 +138,13 @@ fn at_rest_nothing_moves_on_any_line() {
     {
         let mut rig = with(&line, CompensationKind::Identified, true, true);
         rig.simulation.hand.kind = hand;
-        let mut twin = Twin::new(&rig, &[]).unwrap();
+        let mut system = LockStepRig::new(&rig, &[]).unwrap();
         let (mut lowest, mut highest) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        while twin.time_s() < 6.0 {
-            let time_s = twin.time_s();
+        while system.time_s() < 6.0 {
+            let time_s = system.time_s();
             let aim = if time_s < 2.75 { Aim::sine(0.5, 1.0, time_s) } else { Aim::at_rest(-0.5) };
-            let setpoint = twin.setpoint(&aim);
-            let motion = twin.cycle(&setpoint).unwrap().motion;
+            let setpoint = system.setpoint(&aim);
+            let motion = system.cycle(&setpoint).unwrap().motion;
             if time_s > 5.0 {
                 for (side, position) in
                     [motion.master_position_rad, motion.slave_position_rad].into_iter().enumerate()

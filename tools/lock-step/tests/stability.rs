@@ -1,14 +1,14 @@
-//! The check of fields against the rig, held against the twin: what passes settles after a push,
-//! what is far beyond runs away.
+//! The check of fields against the rig, held against the lock-step rig: what passes settles after a
+//! push, what is far beyond runs away.
 //!
 //! Settled means no more than the chatter that force control has without any field as well
 //! (`plant::stability`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use ipc_types::{Mode, Setpoint};
+use lock_step::{Aim, LockStepRig};
 use rig::protocol::Protocol;
 use rig::{HandKind, RigFile};
-use twin::{Aim, Twin};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 
@@ -64,19 +64,19 @@ impl Setting {
 /// Highest speed of the handle in the last second of four after the push (rad/s), and farthest
 /// position (rad).
 fn pushed(rig: &RigFile, setting: &Setting) -> (f64, f64) {
-    let mut twin = Twin::new(rig, &[]).unwrap();
+    let mut system = LockStepRig::new(rig, &[]).unwrap();
     let omega = std::f64::consts::TAU * 2.0;
     let (mut speed, mut way) = (0.0_f64, 0.0_f64);
-    while twin.time_s() < 5.0 {
-        let time_s = twin.time_s();
+    while system.time_s() < 5.0 {
+        let time_s = system.time_s();
         let guided = time_s < 1.0;
         let aim = if guided { Aim::sine(PUSH / omega, 2.0, time_s) } else { Aim::at_rest(0.0) };
-        let mut setpoint = twin.setpoint(&aim);
+        let mut setpoint = system.setpoint(&aim);
         if !guided {
             setpoint.mode = Mode::Impedance.code();
             setting.put(&mut setpoint);
         }
-        let moment = twin.cycle(&setpoint).unwrap();
+        let moment = system.cycle(&setpoint).unwrap();
         if time_s > 4.0 {
             speed = speed.max(moment.motion.slave_velocity_rad_s.abs());
             way = way.max(moment.motion.slave_position_rad.abs());

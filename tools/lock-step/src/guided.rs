@@ -1,9 +1,9 @@
-//! Guided movement on the twin: a sine under the position law of a rig, and what it comes to.
+//! Guided movement on the lock-step rig: a sine under position control, and its quality.
 
 use rig::RigFile;
 
-use crate::learning::Trace;
-use crate::{Aim, Twin, TwinError};
+use crate::ilc::Trace;
+use crate::{Aim, LockStepError, LockStepRig};
 
 /// Distance of the points between which jerk is taken (s): shorter, it would be the steps of stick
 /// and slip alone.
@@ -16,27 +16,28 @@ pub struct Sine {
     pub amplitude: f64,
     /// Frequency (Hz).
     pub hertz: f64,
-    /// Least time that the law gets to settle (s); rounded up to whole cycles.
+    /// Minimum settling time (s); rounded up to whole cycles.
     pub settle_s: f64,
-    /// Least time that is kept (s); rounded up to whole cycles.
+    /// Minimum time that is evaluated (s); rounded up to whole cycles.
     pub keep_s: f64,
 }
 
-/// Moves a rig along a sine from rest and keeps its last cycles; `effects` as for [`Twin::new`].
+/// Moves a rig along a sine from rest and returns the last cycles; `effects` as for
+/// [`LockStepRig::new`].
 ///
 /// # Errors
-/// [`TwinError`].
-pub fn guided(rig: &RigFile, effects: &[String], sine: &Sine) -> Result<Trace, TwinError> {
-    let mut twin = Twin::new(rig, effects)?;
+/// [`LockStepError`].
+pub fn guided(rig: &RigFile, effects: &[String], sine: &Sine) -> Result<Trace, LockStepError> {
+    let mut system = LockStepRig::new(rig, effects)?;
     let cycles = |seconds: f64| (seconds * sine.hertz - 1e-9).ceil().max(1.0) / sine.hertz;
     let settled_s = cycles(sine.settle_s);
     let end_s = settled_s + cycles(sine.keep_s);
     let half_step_s = 0.5 / f64::from(rig.rates.control_hz);
     let mut trace = Trace::default();
-    while twin.time_s() < end_s - half_step_s {
-        let aim = Aim::sine(sine.amplitude, sine.hertz, twin.time_s());
-        let setpoint = twin.setpoint(&aim);
-        let moment = twin.cycle(&setpoint)?;
+    while system.time_s() < end_s - half_step_s {
+        let aim = Aim::sine(sine.amplitude, sine.hertz, system.time_s());
+        let setpoint = system.setpoint(&aim);
+        let moment = system.cycle(&setpoint)?;
         if moment.time_s > settled_s - half_step_s {
             trace.push(settled_s, aim.position, moment.command.reference_position[0], &moment);
         }
@@ -44,12 +45,12 @@ pub fn guided(rig: &RigFile, effects: &[String], sine: &Sine) -> Result<Trace, T
     Ok(trace)
 }
 
-/// What a movement came to.
+/// Quality of a movement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Root mean square of desired less slave (rad or m).
+    /// Root mean square error of the slave (rad or m).
     pub slave_error: f64,
-    /// Root mean square of desired less master (rad or m).
+    /// Root mean square error of the master (rad or m).
     pub master_error: f64,
     /// Longest time for which the slave stands still (s).
     pub plateau_s: f64,
@@ -67,7 +68,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Quality {
-    /// Of whole cycles; `None` of a trace too short to have jerk.
+    /// Computes the quality over whole cycles; `None` if the trace is too short for the jerk.
     pub fn of(trace: &Trace) -> Option<Self> {
         let [first, second, ..] = trace.time_s.as_slice() else { return None };
         let step_s = second - first;
@@ -91,7 +92,7 @@ impl Quality {
     }
 }
 
-/// Most steps in a row in which the slave stands, whole cycles taken as a ring.
+/// Longest run of steps in which the slave stands still, with the cycles taken as periodic.
 fn longest_rest(velocity: &[f64]) -> usize {
     let (mut longest, mut run) = (0, 0);
     for velocity in velocity.iter().chain(velocity) {

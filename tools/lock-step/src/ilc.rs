@@ -1,41 +1,41 @@
-//! Learning on the twin: the movement of § 4.3, block by block.
+//! Iterative learning control on the lock-step rig: the movement of § 4.3, block by block.
 
 use learning::spectral::Spectral;
 use learning::{
-    BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased, Published,
-    Response, Step, Stop,
+    BlockOutcome, BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased,
+    Published, Response, Stop,
 };
 use rig::{HandKind, RigFile};
 use thiserror::Error;
 
-use crate::{Aim, Moment, Twin, TwinError};
+use crate::{Aim, CycleResult, LockStepError, LockStepRig};
 
 /// Every control step of a block.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     /// Time within the block (s).
     pub time_s: Vec<f64>,
-    /// Where the slave should be (rad or m).
+    /// Desired position of the slave (rad or m).
     pub desired: Vec<f64>,
     /// The master's reference (rad or m).
     pub reference: Vec<f64>,
-    /// The master (rad or m).
+    /// Position of the master (rad or m).
     pub master: Vec<f64>,
-    /// The slave (rad or m).
+    /// Position of the slave (rad or m).
     pub slave: Vec<f64>,
     /// Speed of the master (rad/s or m/s).
     pub master_velocity: Vec<f64>,
     /// Speed of the slave (rad/s or m/s).
     pub slave_velocity: Vec<f64>,
-    /// What control put out (V).
+    /// Output (V).
     pub volts: Vec<f64>,
-    /// What of it was feed-forward (V).
+    /// Feed-forward part of the output (V).
     pub feedforward: Vec<f64>,
 }
 
 impl Trace {
     /// Adds a control step of a block that began at `begin_s` (s); positions in rad or m.
-    pub fn push(&mut self, begin_s: f64, desired: f64, reference: f64, moment: &Moment) {
+    pub fn push(&mut self, begin_s: f64, desired: f64, reference: f64, moment: &CycleResult) {
         self.time_s.push(moment.time_s - begin_s);
         self.desired.push(desired);
         self.reference.push(reference);
@@ -67,26 +67,26 @@ impl Trace {
     }
 }
 
-/// What is to be learnt, and how.
+/// A movement to be learnt, and the learning law.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lesson {
+pub struct IlcTask {
     /// Amplitude of the sine (rad or m).
     pub amplitude: f64,
     /// Its frequency (Hz).
     pub hertz: f64,
     /// Cycles in a block.
     pub cycles_per_block: usize,
-    /// How many of them, at the beginning, are not learnt from.
+    /// Cycles at the beginning of a block that are not averaged.
     pub settling_cycles: usize,
     /// The learning law.
     pub law: LearningLaw,
-    /// When it stops.
+    /// When learning stops.
     pub stop: Stop,
 }
 
-impl Lesson {
-    /// The movement of § 4.3 and fig. 4.6: 1 Hz, blocks of 3 s, of which the first cycle settles.
-    /// The amplitude is not printed: 20° is ours.
+impl IlcTask {
+    /// The movement of § 4.3 and fig. 4.6: 1 Hz, blocks of 3 s, with one settling cycle. The
+    /// amplitude is not printed; 20° is assumed.
     pub fn of_the_thesis(law: LearningLaw) -> Self {
         Self {
             amplitude: 20f64.to_radians(),
@@ -99,7 +99,7 @@ impl Lesson {
     }
 }
 
-/// Eq. 4.3.2 and 4.3.3 with the printed delay of 30 ms, and with gains and cut-off of ours, since
+/// Eq. 4.3.2 and 4.3.3 with the printed delay of 30 ms, and with assumed gains and cut-off, since
 /// none are printed.
 pub const PUBLISHED: Published =
     Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 };
@@ -107,25 +107,24 @@ pub const PUBLISHED: Published =
 /// Harmonics that [`model_based`] identifies and learns.
 pub const HARMONICS: usize = 9;
 
-/// The model-based law with settings of ours, its response identified on the same rig with sines of
-/// twice the lesson's amplitude at its frequency: with little more than the lesson's own, § 4.1's
-/// feedback alone hardly overcomes the friction.
+/// The model-based law with assumed settings. Its response is identified on the same rig with sines
+/// of twice the task's amplitude: with less, § 4.1's feedback alone hardly overcomes the friction.
 ///
 /// # Errors
-/// [`LessonError`].
+/// [`IlcError`].
 pub fn model_based(
     rig: &RigFile,
     effects: &[String],
-    lesson: &Lesson,
-) -> Result<ModelBased, LessonError> {
-    let response = identify(rig, effects, lesson.hertz, HARMONICS, 2.0 * lesson.amplitude)?;
+    task: &IlcTask,
+) -> Result<ModelBased, IlcError> {
+    let response = identify(rig, effects, task.hertz, HARMONICS, 2.0 * task.amplitude)?;
     Ok(ModelBased { response, gain: 0.6, regularisation: 0.3 })
 }
 
 /// The rig as § 4.3 simulates it: the master under proportional and derivative feedback alone,
 /// nobody at the handle.
 #[must_use]
-pub fn bench(mut rig: RigFile) -> RigFile {
+pub fn feedback_only(mut rig: RigFile) -> RigFile {
     let feedforward = &mut rig.axes[0].control.feedforward;
     (feedforward.friction_peak_v, feedforward.friction_floor_v, feedforward.inertia_v) =
         (0.0, 0.0, 0.0);
@@ -133,18 +132,19 @@ pub fn bench(mut rig: RigFile) -> RigFile {
     rig
 }
 
-/// Why nothing was learnt.
+/// Why learning failed.
 #[derive(Debug, Error)]
-pub enum LessonError {
-    /// The twin refused.
+pub enum IlcError {
+    /// The lock-step rig refused.
     #[error(transparent)]
-    Twin(#[from] TwinError),
+    LockStepRig(#[from] LockStepError),
     /// The learner refused.
     #[error(transparent)]
     Learning(#[from] LearningError),
-    /// A cycle is no whole number of control steps.
+    /// A cycle is not a whole number of control steps.
     #[error(
-        "{hertz} Hz: expected a whole number of control steps in a cycle, found {steps} at {rate_hz} Hz"
+        "{hertz} Hz: expected a whole number of control steps in a cycle, found {steps} at \
+         {rate_hz} Hz"
     )]
     Period {
         /// Frequency of the movement (Hz).
@@ -156,34 +156,37 @@ pub enum LessonError {
     },
 }
 
-/// A twin with a learner.
+/// A lock-step rig with a learner.
 #[derive(Debug)]
-pub struct Pupil {
-    twin: Twin,
+pub struct IlcSimulation {
+    system: LockStepRig,
     learner: Learner,
 }
 
-impl Pupil {
-    /// At rest, before the first block.
+impl IlcSimulation {
+    /// Creates a simulation at rest, before the first block.
     ///
     /// # Errors
-    /// [`LessonError`].
-    pub fn new(rig: &RigFile, effects: &[String], lesson: &Lesson) -> Result<Self, LessonError> {
-        let count = steps_per_cycle(rig, lesson.hertz)?;
+    /// [`IlcError`].
+    pub fn new(rig: &RigFile, effects: &[String], task: &IlcTask) -> Result<Self, IlcError> {
+        let count = steps_per_cycle(rig, task.hertz)?;
         let limits = rig.axes[0].limits;
         let desired: Vec<f64> = (0..count)
-            .map(|n| lesson.amplitude * (std::f64::consts::TAU * n as f64 / count as f64).sin())
+            .map(|n| task.amplitude * (std::f64::consts::TAU * n as f64 / count as f64).sin())
             .collect();
         let config = LearnerConfig {
             rate_hz: f64::from(rig.rates.control_hz),
-            cycles_per_block: lesson.cycles_per_block,
-            settling_cycles: lesson.settling_cycles,
-            law: lesson.law.clone(),
-            stop: lesson.stop,
+            cycles_per_block: task.cycles_per_block,
+            settling_cycles: task.settling_cycles,
+            law: task.law.clone(),
+            stop: task.stop,
             position_limits: (limits.position_min, limits.position_max),
             speed_limit: limits.speed_max,
         };
-        Ok(Self { twin: Twin::new(rig, effects)?, learner: Learner::new(&desired, config)? })
+        Ok(Self {
+            system: LockStepRig::new(rig, effects)?,
+            learner: Learner::new(&desired, config)?,
+        })
     }
 
     /// The learner.
@@ -191,12 +194,12 @@ impl Pupil {
         &self.learner
     }
 
-    /// One block, with every step of it.
+    /// Runs one block; appends its steps to the trace.
     ///
     /// # Errors
-    /// [`TwinError`].
-    pub fn block(&mut self, mut trace: Option<&mut Trace>) -> Result<BlockReport, TwinError> {
-        let begin_s = self.twin.time_s();
+    /// [`LockStepError`].
+    pub fn block(&mut self, mut trace: Option<&mut Trace>) -> Result<BlockReport, LockStepError> {
+        let begin_s = self.system.time_s();
         for step in 0..self.learner.steps_per_block() {
             let point = self.learner.aim(step);
             let aim = Aim {
@@ -205,8 +208,8 @@ impl Pupil {
                 acceleration: point.acceleration,
                 peak_speed: self.learner.peak_speed(),
             };
-            let setpoint = self.twin.setpoint(&aim);
-            let moment = self.twin.cycle(&setpoint)?;
+            let setpoint = self.system.setpoint(&aim);
+            let moment = self.system.cycle(&setpoint)?;
             self.learner.record(step, slave_position(&moment));
             if let Some(trace) = trace.as_deref_mut() {
                 let desired = self.learner.desired(step);
@@ -217,59 +220,59 @@ impl Pupil {
     }
 }
 
-/// What the slave's encoder says (rad or m); not a number where the scan has none.
-fn slave_position(moment: &Moment) -> f64 {
+/// Position by the slave's encoder (rad or m); NaN if the sample has none.
+fn slave_position(moment: &CycleResult) -> f64 {
     if moment.sample.slave_present & 1 != 0 { moment.sample.slave_position[0] } else { f64::NAN }
 }
 
 /// Whether a block ended the learning.
 pub fn ended(report: &BlockReport) -> bool {
-    matches!(report.step, Step::Frozen(_))
+    matches!(report.outcome, BlockOutcome::Frozen(_))
 }
 
 /// Control steps in a cycle.
-fn steps_per_cycle(rig: &RigFile, hertz: f64) -> Result<usize, LessonError> {
+fn steps_per_cycle(rig: &RigFile, hertz: f64) -> Result<usize, IlcError> {
     let rate_hz = rig.rates.control_hz;
     let steps = f64::from(rate_hz) / hertz;
     if (steps - steps.round()).abs() > 1e-6 || steps.is_nan() || steps < 1.0 {
-        return Err(LessonError::Period { hertz, steps, rate_hz });
+        return Err(IlcError::Period { hertz, steps, rate_hz });
     }
     Ok(steps.round() as usize)
 }
 
-/// Identifies the response from the master's reference to the slave as a laboratory does, by one
-/// sine after the other: at the first `harmonics` multiples of `hertz` (Hz), each for two cycles of
-/// `hertz` to settle and one that is read: `3 · harmonics / hertz` seconds on the rig. The
-/// amplitude is `amplitude` (rad or m) at the first and falls with the root of the frequency. A
-/// slave that moves by less than two counts tells nothing.
+/// Identifies the frequency response from the master's reference to the slave by stepped sines at
+/// the first `harmonics` multiples of `hertz` (Hz), each for two settling cycles and one evaluated
+/// cycle of `hertz`: `3 · harmonics / hertz` seconds on the rig. The amplitude is `amplitude` (rad
+/// or m) for the first sine and falls with the square root of the frequency. Where the slave moves
+/// by less than two counts, the response is not identified.
 ///
 /// # Errors
-/// [`LessonError`].
+/// [`IlcError`].
 pub fn identify(
     rig: &RigFile,
     effects: &[String],
     hertz: f64,
     harmonics: usize,
     amplitude: f64,
-) -> Result<Response, LessonError> {
+) -> Result<Response, IlcError> {
     let count = steps_per_cycle(rig, hertz)?;
     let mut spectral = Spectral::new(count, f64::from(rig.rates.control_hz));
     let least = 2.0 / rig.axes[0].slave.unwrap_or(rig.axes[0].master).counts_per_unit;
     let mut response = Response::default();
     let (mut input, mut output) = (vec![0.0; count], vec![0.0; count]);
     for harmonic in 1..=harmonics {
-        let mut twin = Twin::new(rig, effects)?;
+        let mut system = LockStepRig::new(rig, effects)?;
         let times = harmonic as f64;
         for step in 0..3 * count {
-            let aim = Aim::sine(amplitude / times.sqrt(), times * hertz, twin.time_s());
-            let setpoint = twin.setpoint(&aim);
-            let moment = twin.cycle(&setpoint)?;
+            let aim = Aim::sine(amplitude / times.sqrt(), times * hertz, system.time_s());
+            let setpoint = system.setpoint(&aim);
+            let moment = system.cycle(&setpoint)?;
             input[step % count] = aim.position;
             output[step % count] = slave_position(&moment);
         }
         let input = spectral.spectrum(&input)[harmonic];
         let output = spectral.spectrum(&output)[harmonic];
-        response.learn(harmonic, input, output, least);
+        response.set(harmonic, input, output, least);
     }
     Ok(response)
 }

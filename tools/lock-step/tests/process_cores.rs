@@ -1,16 +1,17 @@
-//! The processes' cores on the time grid of a rig, against the twin: sample by sample, bit for bit.
+//! The processes' cores on the time grid of a rig, against the lock-step rig: sample by sample, bit
+//! for bit.
 //!
 //! Every process of the live rig has its pure core here (card, converter and gate, law, watchdog's
 //! machine, protocol's player), each called when its grid says so, in the order of the phases; a
 //! message is seen by whoever looks after it was sent, as through shared memory. Nothing sleeps and
-//! nothing is shared: this is the live rig whose clock is never late. The twin then gets the
-//! setpoints that control saw, with the times moved to its own clock.
+//! nothing is shared: this is the live rig whose clock is never late. The lock-step rig then gets
+//! the setpoints that control saw, with the times moved to its own clock.
 //!
 //! What is equal: every scan that control answers (encoder counts, analog inputs with their noise,
 //! volts at the motors), and every command, from the first scan on, before power and after. What is
-//! not: whether the motor has power before anybody enabled it, for the twin's enable line toggles
-//! by itself (at 0 V that moves nothing; a hand of kind "moving" would set off earlier), and
-//! identities, sequences and times.
+//! not: whether the motor has power before anybody enabled it, for the lock-step rig's enable line
+//! toggles by itself (at 0 V that moves nothing; a hand of kind "moving" would set off earlier),
+//! and identities, sequences and times.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -21,13 +22,13 @@ use experiment::player::{Player, Program, Settings};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Profile, Sample, Setpoint, Verb, WatchdogState,
 };
+use lock_step::LockStepRig;
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::Timeouts;
 use runtime::daq::{Present, Scan};
 use runtime::gate::{Gate, GateConfig};
 use simulator::Card;
-use twin::Twin;
 use watchdog::axis_limits;
 use watchdog::interlock::{Config, Interlock, Peers};
 
@@ -241,10 +242,10 @@ impl Rig {
     }
 }
 
-/// Periods of the card that pass before control starts: the twin's control sees the third scan
-/// first.
+/// Periods of the card that pass before control starts: the lock-step rig's control sees the third
+/// scan first.
 const BEFORE_CONTROL: u64 = 2;
-/// The twin's card counts its first scan so.
+/// The lock-step rig's card counts its first scan so.
 const TWIN_FIRST_TICK: u64 = 2;
 
 /// Runs the cores for that many periods of the card; returns the tick of the first scan and
@@ -322,18 +323,18 @@ fn law_of(command: &MotorCommand) -> impl PartialEq + std::fmt::Debug + use<> {
 fn assert_equal(rig: &RigFile, protocol: &str, periods: u64) {
     let (first, cycles) = run_live(rig, protocol, periods);
     let period = rig.rates.acquisition_period_ns();
-    // From the rig's clock to the twin's (ns).
+    // From the rig's clock to the lock-step rig's (ns).
     let shift = |time_ns: u64| time_ns - (first - TWIN_FIRST_TICK) * period;
-    let mut twin = Twin::new(rig, &[]).unwrap();
+    let mut system = LockStepRig::new(rig, &[]).unwrap();
     let mut moved = [0.0_f64; AXES];
     for (at, cycle) in cycles.iter().enumerate() {
-        assert_eq!(shift(cycle.sample.scan_time_ns), twin.scan_ns(), "cycle {at}");
+        assert_eq!(shift(cycle.sample.scan_time_ns), system.scan_ns(), "cycle {at}");
         let setpoint = cycle.setpoint.map(|setpoint| Setpoint {
             at_ns: shift(setpoint.at_ns),
             lease_until_ns: shift(setpoint.lease_until_ns),
             ..setpoint
         });
-        let moment = twin.answer(setpoint.as_ref(), cycle.powered).unwrap();
+        let moment = system.cycle_with(setpoint.as_ref(), cycle.powered).unwrap();
         assert_eq!(machine_of(&moment.sample), machine_of(&cycle.sample), "cycle {at}");
         assert_eq!(law_of(&moment.command), law_of(&cycle.command), "cycle {at}");
         for (moved, position) in moved.iter_mut().zip(moment.sample.slave_position) {
@@ -345,7 +346,8 @@ fn assert_equal(rig: &RigFile, protocol: &str, periods: u64) {
     let led = cycles.iter().filter(|cycle| cycle.command.volts != [0.0; AXES]).count();
     let axes = rig.axes.len();
     println!(
-        "{} at {} Hz: {} cycles equal, {powered} of them with power, {led} with volts; handle up to {:.1?}°",
+        "{} at {} Hz: {} cycles equal, {powered} of them with power, {led} with volts; \
+         handle up to {:.1?}°",
         rig.name,
         rig.rates.control_hz,
         cycles.len(),

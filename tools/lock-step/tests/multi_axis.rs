@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use ipc_types::Mode;
+use lock_step::{Aim, CycleResult, LockStepRig};
 use rig::{HandKind, RigFile};
-use twin::{Aim, Moment, Twin};
 
 const TWO: &str = include_str!("../../../launch/rigs/two-axis.toml");
 const THREE: &str = include_str!("../../../launch/rigs/three-axis.toml");
@@ -15,18 +15,18 @@ fn rig(text: &str) -> RigFile {
 }
 
 /// What the cycles of a movement show, an aim an axis.
-fn play(rig: &RigFile, seconds: f64, aims: impl Fn(f64) -> Vec<Aim>) -> Vec<Moment> {
-    let mut twin = Twin::new(rig, &[]).unwrap();
+fn play(rig: &RigFile, seconds: f64, aims: impl Fn(f64) -> Vec<Aim>) -> Vec<CycleResult> {
+    let mut system = LockStepRig::new(rig, &[]).unwrap();
     let mut moments = Vec::new();
-    while twin.time_s() < seconds {
-        let setpoint = twin.setpoint_of(&aims(twin.time_s()));
-        moments.push(twin.cycle(&setpoint).unwrap());
+    while system.time_s() < seconds {
+        let setpoint = system.setpoint_of(&aims(system.time_s()));
+        moments.push(system.cycle(&setpoint).unwrap());
     }
     moments
 }
 
 /// Root mean square of master against reference on an axis, without the ramp at the beginning (°).
-fn error_deg(moments: &[Moment], axis: usize) -> f64 {
+fn error_deg(moments: &[CycleResult], axis: usize) -> f64 {
     let settled: Vec<_> = moments.iter().filter(|moment| moment.time_s > 2.0).collect();
     let squares: f64 = settled
         .iter()
@@ -35,7 +35,7 @@ fn error_deg(moments: &[Moment], axis: usize) -> f64 {
     (squares / settled.len() as f64).sqrt().to_degrees()
 }
 
-fn span_deg(moments: &[Moment], axis: usize) -> f64 {
+fn span_deg(moments: &[CycleResult], axis: usize) -> f64 {
     let positions = moments
         .iter()
         .filter(|m| m.time_s > 2.0)
@@ -58,7 +58,8 @@ fn three_axes_follow_each_its_own_movement() {
         let alone = play(&single, 6.0, |t| aims(t)[axis..=axis].to_vec());
         let (alone_error, alone_span) = (error_deg(&alone, 0), span_deg(&alone, 0));
         println!(
-            "axis {axis}: {error:.2}° rms of ±{}°, the handle spans {span:.1}°; alone {alone_error:.2}°, {alone_span:.1}°",
+            "axis {axis}: {error:.2}° rms of ±{}°, the handle spans {span:.1}°; \
+             alone {alone_error:.2}°, {alone_span:.1}°",
             amplitude
         );
         assert!(
@@ -138,7 +139,8 @@ fn the_handle_couples_the_axes() {
     let none = apart_deg(&second(Vec::new(), 0.4), &second(Vec::new(), 0.0));
     let strong = apart_deg(&second(vec![1.5e-3], 0.4), &second(vec![1.5e-3], 0.0));
     println!(
-        "the first axis's movement shows in the second's by {none:.4}° without coupling, {strong:.4}° with 1.5e-3 kg·m²"
+        "the first axis's movement shows in the second's by {none:.4}° \
+         without coupling, {strong:.4}° with 1.5e-3 kg·m²"
     );
     assert_eq!(none, 0.0);
     assert!(strong > 0.02, "{strong}");
@@ -154,18 +156,19 @@ fn a_curl_field_acts_across() {
         rig.simulation.hand.stiffness = 8.0;
         rig.simulation.hand.damping = 0.4;
         rig.simulation.hand.amplitude = 0.5;
-        let mut twin = Twin::new(&rig, &[]).unwrap();
+        let mut system = LockStepRig::new(&rig, &[]).unwrap();
         let mut area = 0.0;
-        let mut before: Option<Moment> = None;
-        while twin.time_s() < 6.0 {
-            let mut setpoint = twin.setpoint(&Aim::at_rest(0.0));
+        let mut before: Option<CycleResult> = None;
+        while system.time_s() < 6.0 {
+            let mut setpoint = system.setpoint(&Aim::at_rest(0.0));
             setpoint.mode = Mode::Impedance.code();
             // torque = - damping velocity, row by row
             setpoint.damping[1] = strength;
             setpoint.damping[3] = -strength;
-            let moment = twin.cycle(&setpoint).unwrap();
+            let moment = system.cycle(&setpoint).unwrap();
             if let Some(before) = before.filter(|before| before.time_s > 2.0) {
-                let at = |moment: &Moment, axis: usize| moment.motions[axis].slave_position_rad;
+                let at =
+                    |moment: &CycleResult, axis: usize| moment.motions[axis].slave_position_rad;
                 let (dx, dy) = (at(&moment, 0) - at(&before, 0), at(&moment, 1) - at(&before, 1));
                 area += 0.5 * (at(&before, 0) * dy - at(&before, 1) * dx);
             }

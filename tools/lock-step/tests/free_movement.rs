@@ -1,11 +1,11 @@
-//! Free movement of § 4.2 on the twin: what a hand must spend to move the handle, with force
-//! control and without.
+//! Free movement of § 4.2 on the lock-step rig: what a hand must spend to move the handle, with
+//! force control and without.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use ipc_types::Mode;
+use lock_step::free::{HandEffort, HandleControl, Swing, swing};
+use lock_step::{Aim, LockStepRig};
 use rig::RigFile;
-use twin::free::{Machine, Spent, Swing, swing};
-use twin::{Aim, Twin};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 
@@ -13,8 +13,8 @@ fn rig() -> RigFile {
     RigFile::parse(RIG, "hydrostatic.toml").unwrap()
 }
 
-fn pair(rig: &RigFile, movement: &Swing) -> [Spent; 2] {
-    [Machine::Dead, Machine::Yielding].map(|machine| swing(rig, machine, movement).unwrap())
+fn pair(rig: &RigFile, movement: &Swing) -> [HandEffort; 2] {
+    [HandleControl::Off, HandleControl::Force].map(|control| swing(rig, control, movement).unwrap())
 }
 
 /// How little of the uncompensated machine's torque the hand must spend at most, rms. What is left
@@ -60,10 +60,10 @@ fn without_torque_there_is_no_offset() {
     let mut rig = rig();
     rig.simulation.hand.kind = rig::HandKind::Absent;
     rig.simulation.torque_noise_v = 0.0;
-    let mut twin = Twin::new(&rig, &[]).unwrap();
+    let mut system = LockStepRig::new(&rig, &[]).unwrap();
     for _ in 0..1000 {
-        let mut setpoint = twin.setpoint(&Aim::at_rest(0.0));
+        let mut setpoint = system.setpoint(&Aim::at_rest(0.0));
         setpoint.mode = Mode::Impedance.code();
-        assert_eq!(twin.cycle(&setpoint).unwrap().command.volts[0], 0.0);
+        assert_eq!(system.cycle(&setpoint).unwrap().command.volts[0], 0.0);
     }
 }

@@ -1,40 +1,41 @@
-//! Learning as the experiment process does it, without the process: player, lesson and updater on
-//! the twin, in lock step.
+//! Learning as the experiment process does it, without the process: player, trials and updater on
+//! the lock-step rig, in lock step.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::sync::Arc;
 
 use experiment::ilc_trial::{IlcResult, Returned};
-use experiment::ilc_update::{IlcUpdater, Kept};
+use experiment::ilc_update::{IlcState, IlcUpdater};
 use experiment::player::{IlcJob, Player, Program, Settings};
 use ipc_types::{AXES, Event, EventKind, Mode};
 use learning::LearningLaw;
 use learning::store::LearntReference;
+use lock_step::LockStepRig;
+use lock_step::ilc::{IlcSimulation, IlcTask, PUBLISHED, feedback_only, model_based};
 use rig::RigFile;
 use rig::protocol::Protocol;
-use twin::Twin;
-use twin::learning::{Lesson, PUBLISHED, Pupil, bench, model_based};
 
 fn rig() -> RigFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
-    bench(RigFile::load(path).unwrap())
+    feedback_only(RigFile::load(path).unwrap())
 }
 
 fn program(keys: &str, rig: &RigFile) -> Arc<Program> {
     let text = format!(
-        "[protocol]\nname = \"lesson\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\nfrequency_hz = 1\n{keys}\n"
+        "[protocol]\nname = \"ilc\"\n[[segments]]\nkind = \"learn\"\namplitude_deg = 20\n\
+         frequency_hz = 1\n{keys}\n"
     );
-    let protocol = Protocol::parse(&text, "lesson.toml").unwrap_or_else(|error| panic!("{error}"));
+    let protocol = Protocol::parse(&text, "ilc.toml").unwrap_or_else(|error| panic!("{error}"));
     Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}")))
 }
 
 /// The experiment process without its threads. The updater answers `late` steps after it was asked.
 struct Live {
-    twin: Twin,
+    system: LockStepRig,
     player: Player,
     updater: Option<IlcUpdater>,
     loaded: Option<LearntReference>,
-    kept: Option<Kept>,
+    saved: Option<IlcState>,
     late: usize,
     results: Vec<(usize, IlcResult)>,
     events: Vec<Event>,
@@ -51,11 +52,11 @@ impl Live {
         let mut player = Player::new(Settings::default());
         player.start(Arc::clone(program), 1);
         Self {
-            twin: Twin::new(rig, &[]).unwrap(),
+            system: LockStepRig::new(rig, &[]).unwrap(),
             player,
             updater: None,
             loaded: None,
-            kept: None,
+            saved: None,
             late: 3,
             results: Vec::new(),
             events: Vec::new(),
@@ -69,10 +70,10 @@ impl Live {
 
     /// One cycle of control; the loop of the process wakes a while after the scan.
     fn step(&mut self, wakes_late_ns: u64) {
-        let scan_ns = self.twin.scan_ns();
+        let scan_ns = self.system.scan_ns();
         let output = self.player.step(scan_ns + wakes_late_ns, &[0.0; AXES]);
         let setpoint = output.setpoint.unwrap();
-        let moment = self.twin.cycle(&setpoint).unwrap();
+        let moment = self.system.cycle(&setpoint).unwrap();
         self.modes.push(Mode::from_code(setpoint.mode).unwrap());
         if let Some(before) = self.last_position.replace(setpoint.position[0]) {
             self.largest_jump = self.largest_jump.max((setpoint.position[0] - before).abs());
@@ -85,17 +86,17 @@ impl Live {
             self.player.receive(result);
         }
         while let Some(job) = self.player.job() {
-            self.teach(job);
+            self.run_job(job);
         }
         self.steps += 1;
     }
 
-    fn teach(&mut self, job: IlcJob) {
+    fn run_job(&mut self, job: IlcJob) {
         let result = match job {
             IlcJob::Begin { run_id, program, segment, .. } => {
                 let plan = program.plan(segment as usize).unwrap().as_ref().clone();
                 let updater =
-                    IlcUpdater::new(plan, segment, self.loaded.take(), self.kept.take()).unwrap();
+                    IlcUpdater::new(plan, segment, self.loaded.take(), self.saved.take()).unwrap();
                 let result = updater.ready(run_id);
                 self.updater = Some(updater);
                 result
@@ -138,13 +139,15 @@ impl Live {
 }
 
 fn offline(rig: &RigFile, law: LearningLaw, blocks: usize) -> Vec<f64> {
-    let mut pupil = Pupil::new(rig, &[], &Lesson::of_the_thesis(law)).unwrap();
-    (0..blocks).map(|_| pupil.block(None).unwrap().settled.unwrap().mean_abs.to_degrees()).collect()
+    let mut simulation = IlcSimulation::new(rig, &[], &IlcTask::of_the_thesis(law)).unwrap();
+    (0..blocks)
+        .map(|_| simulation.block(None).unwrap().settled.unwrap().mean_abs.to_degrees())
+        .collect()
 }
 
-/// The live lesson fades in where the pupil begins at once, and changes references smoothly where
-/// the pupil changes them from one step to the next: from the second block on they agree within a
-/// twentieth, or 0.15°.
+/// The live task fades in where the simulation begins at once, and changes references smoothly
+/// where the simulation changes them from one step to the next: from the second block on they agree
+/// within a twentieth, or 0.15°.
 fn assert_alike(live: &[f64], offline: &[f64]) {
     assert_eq!(live.len(), offline.len());
     for (block, (live, offline)) in live.iter().zip(offline).enumerate() {
@@ -183,8 +186,8 @@ fn the_model_based_law_identifies_for_itself() {
     let program = program("blocks = 10\nlaw = \"model-based\"\nidentify_amplitude_deg = 40", &rig);
     let mut live = Live::new(&rig, &program);
     live.run();
-    let lesson = Lesson::of_the_thesis(LearningLaw::Published(PUBLISHED));
-    let law = model_based(&rig, &[], &lesson).unwrap();
+    let task = IlcTask::of_the_thesis(LearningLaw::Published(PUBLISHED));
+    let law = model_based(&rig, &[], &task).unwrap();
     let offline = offline(&rig, LearningLaw::ModelBased(law), 10);
     eprintln!("live {:.2?}\noffline {offline:.2?}", live.errors());
     let least = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
@@ -259,10 +262,10 @@ fn a_restart_goes_on_with_the_next_block() {
     while first.errors().len() < 12 {
         first.step(420_000);
     }
-    let kept = first.updater.as_ref().unwrap().keep(1, program.identity()).unwrap();
-    assert_eq!(kept.done, 12);
+    let saved = first.updater.as_ref().unwrap().state(1, program.identity()).unwrap();
+    assert_eq!(saved.done, 12);
     let mut second = Live::new(&rig, &program);
-    second.kept = Some(kept);
+    second.saved = Some(saved);
     second.run();
     let numbers: Vec<_> = second.events.iter().map(|event| event.a).collect();
     assert_eq!(numbers[0], 13.0);
@@ -282,7 +285,8 @@ fn a_restart_goes_on_with_the_next_block() {
 fn learning_ends_when_the_error_grows() {
     let rig = rig();
     // So high a cut-off and so little delay feed what the transmission turns round.
-    let keys = "blocks = 60\nlaw = \"published\"\ngamma_p = 0.5\ngamma_d = 0.0\ncutoff_hz = 40\ndelay_s = 0.0\ngrowth = 1.2\npatience = 3";
+    let keys = "blocks = 60\nlaw = \"published\"\ngamma_p = 0.5\ngamma_d = 0.0\ncutoff_hz = 40\n\
+                delay_s = 0.0\ngrowth = 1.2\npatience = 3";
     let program = program(keys, &rig);
     let mut live = Live::new(&rig, &program);
     live.run();
@@ -303,25 +307,25 @@ fn a_kept_reference_is_played_again() {
         Live::new(&rig, &program("blocks = 40\nlaw = \"published\"\nsave = \"sine\"", &rig));
     live.run();
     let best = live.updater.as_ref().unwrap().best().unwrap().unwrap();
-    let folder = std::env::temp_dir().join(format!("farreach-lesson-{}", std::process::id()));
+    let folder = std::env::temp_dir().join(format!("farreach-task-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     best.save(folder.join("sine.learnt")).unwrap();
     let again = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"", &rig);
     let loaded =
-        LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().belongs).unwrap();
+        LearntReference::load(folder.join("sine.learnt"), &again.plan(0).unwrap().scope).unwrap();
     let other = program("blocks = 4\nlaw = \"none\"\nload = \"sine\"\ncentre_deg = 5", &rig);
     assert!(
-        LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().belongs).is_err()
+        LearntReference::load(folder.join("sine.learnt"), &other.plan(0).unwrap().scope).is_err()
     );
     std::fs::remove_dir_all(&folder).unwrap();
     let mut second = Live::new(&rig, &again);
     second.loaded = Some(loaded);
     second.run();
-    let kept = deg(best.error);
+    let saved = deg(best.error);
     assert_eq!(second.errors().len(), 4);
     assert!(
-        second.errors().iter().all(|error| (error - kept).abs() < 0.3),
-        "{:?}, kept {kept}°",
+        second.errors().iter().all(|error| (error - saved).abs() < 0.3),
+        "{:?}, saved {saved}°",
         second.errors()
     );
 }

@@ -1,48 +1,48 @@
-//! Free movement on the twin (§ 4.2): what a hand must spend to move the handle to and fro, with
-//! force control and without.
+//! Free movement on the lock-step rig (§ 4.2): the torque with which a hand swings
+//! the handle, with and without force control.
 //!
-//! The hand is a spring and a damper about where it wants to be. It wants more or less than it
-//! gets, since machine and hand resonate together, so what it wants is corrected until the handle
-//! goes as far as asked: only then do two machines compare.
+//! The hand is a spring and a damper about its own reference. Rig and hand resonate together, so
+//! the amplitude of that reference is corrected until the handle reaches the given amplitude; only
+//! then can the two cases be compared.
 
 use ipc_types::Mode;
 use rig::{HandKind, RigFile};
 
-use crate::{Aim, Moment, Twin, TwinError};
+use crate::{Aim, CycleResult, LockStepError, LockStepRig};
 
-/// The hand at the handle, and what it does with it.
+/// A movement of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
     /// Amplitude of the handle's movement (rad or m).
     pub amplitude: f64,
     /// Frequency (Hz).
     pub hertz: f64,
-    /// Stiffness of the hand about where it wants to be (N·m/rad or N/m).
+    /// Stiffness of the hand (N·m/rad or N/m).
     pub stiffness: f64,
-    /// Damping of the hand about it (N·m·s/rad or N·s/m).
+    /// Damping of the hand (N·m·s/rad or N·s/m).
     pub damping: f64,
 }
 
 impl Swing {
-    /// The movement that § 4.2 claims, 120° from end to end, at a frequency (Hz), by a hand that
-    /// means it: 20 N·m/rad and 0.5 N·m·s/rad are assumed.
+    /// The movement of § 4.2, 120° peak to peak, at a frequency (Hz), by a firm hand: 20 N·m/rad
+    /// and 0.5 N·m·s/rad are assumed.
     pub const fn of_the_thesis(hertz: f64) -> Self {
         Self { amplitude: std::f64::consts::FRAC_PI_3, hertz, stiffness: 20.0, damping: 0.5 }
     }
 }
 
-/// What the machine does meanwhile.
+/// Control of the motor while the hand moves the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Machine {
-    /// Nothing: 0 V, as if it were uncompensated.
-    Dead,
-    /// It moves with the hand, § 4.2.
-    Yielding,
+pub enum HandleControl {
+    /// None: 0 V, uncompensated.
+    Off,
+    /// Force control, § 4.2.
+    Force,
 }
 
-/// What the hand spent, over whole cycles after it had set off.
+/// Torque of the hand, over whole cycles after settling.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spent {
+pub struct HandEffort {
     /// Root mean square of its torque (N·m or N).
     pub rms: f64,
     /// Largest magnitude of its torque (N·m or N).
@@ -60,61 +60,64 @@ pub struct Spent {
     pub cycle: Vec<(f64, f64, f64)>,
 }
 
-/// How far from a turn of the handle the ripple is looked for, either way (s).
+/// Half-width of the window around a turn in which the ripple is evaluated (s).
 pub const TURN_S: f64 = 0.025;
-/// Time that hand and machine get to settle (s): a moving hand takes one second to come to its full
-/// amplitude.
+/// Settling time (s): a moving hand takes one second to reach its full amplitude.
 const SETTLING_S: f64 = 2.0;
-/// Cycles over which is measured, at least, and time (s).
+/// Minimum number of evaluated cycles, and minimum time (s).
 const CYCLES: f64 = 3.0;
 const LEAST_S: f64 = 2.0;
-/// The movement is as far as asked within this share.
+/// Relative tolerance of the amplitude.
 const CLOSE: f64 = 5e-3;
-/// Most corrections of what the hand wants.
+/// Largest number of corrections of the hand's reference.
 const CORRECTIONS: usize = 5;
 
-/// Lets a hand swing the handle; the rig file's own hand gives way to this one.
+/// Simulates a hand that swings the handle; it replaces the rig file's hand.
 ///
-/// Where friction does not let the hand come to the asked amplitude within a few corrections,
-/// [`Spent::amplitude`] says what it came to.
+/// If friction keeps the handle from the given amplitude, [`HandEffort::amplitude`] is the one
+/// reached.
 ///
 /// # Errors
-/// [`TwinError`].
-pub fn swing(rig: &RigFile, machine: Machine, swing: &Swing) -> Result<Spent, TwinError> {
+/// [`LockStepError`].
+pub fn swing(
+    rig: &RigFile,
+    control: HandleControl,
+    swing: &Swing,
+) -> Result<HandEffort, LockStepError> {
     let mut rig = rig.clone();
     let hand = &mut rig.simulation.hand;
     hand.kind = HandKind::Moving;
     (hand.stiffness, hand.damping) = (swing.stiffness, swing.damping);
     (hand.amplitude, hand.frequency_hz) = (swing.amplitude, swing.hertz);
-    let mut spent = once(&rig, machine, swing.hertz)?;
+    let mut spent = once(&rig, control, swing.hertz)?;
     for _ in 0..CORRECTIONS {
         let share = spent.amplitude / swing.amplitude;
         if (share - 1.0).abs() <= CLOSE || share.is_nan() || share <= 0.0 {
             break;
         }
-        // Below friction nothing moves: a step is bounded, so that the next one finds its way back.
+        // Below the friction torque nothing moves, so each correction is bounded.
         rig.simulation.hand.amplitude /= share.clamp(0.5, 2.0);
-        spent = once(&rig, machine, swing.hertz)?;
+        spent = once(&rig, control, swing.hertz)?;
     }
     Ok(spent)
 }
 
-fn once(rig: &RigFile, machine: Machine, hertz: f64) -> Result<Spent, TwinError> {
-    let mode = match machine {
-        Machine::Dead => Mode::Passive,
-        Machine::Yielding => Mode::Impedance,
+fn once(rig: &RigFile, control: HandleControl, hertz: f64) -> Result<HandEffort, LockStepError> {
+    let mode = match control {
+        HandleControl::Off => Mode::Passive,
+        HandleControl::Force => Mode::Impedance,
     };
-    let mut twin = Twin::new(rig, &[])?;
+    let mut system = LockStepRig::new(rig, &[])?;
     let period = (f64::from(rig.rates.control_hz) / hertz).round().max(1.0) as usize;
     let cycles = CYCLES.max((LEAST_S * hertz).ceil()) as usize;
     let settling = ((SETTLING_S * hertz).ceil() as usize).max(1) * period;
-    // The motor has power from the first cycle on, and with it the hand sets off: cycles begin
-    // where it passes through its middle.
+    // The motor has power, and the hand moves, from the first cycle on: each cycle begins where the
+    // hand passes through its centre.
     let mut moments = Vec::with_capacity(cycles * period);
     for step in 0..settling + cycles * period {
-        let mut setpoint = twin.setpoint(&Aim::at_rest(0.0));
+        let mut setpoint = system.setpoint(&Aim::at_rest(0.0));
         setpoint.mode = mode.code();
-        let moment = twin.cycle(&setpoint)?;
+        let moment = system.cycle(&setpoint)?;
         if step >= settling {
             moments.push(moment);
         }
@@ -123,10 +126,10 @@ fn once(rig: &RigFile, machine: Machine, hertz: f64) -> Result<Spent, TwinError>
 }
 
 /// Reads whole cycles of `period` steps of `step_s`.
-fn read(moments: &[Moment], period: usize, step_s: f64) -> Spent {
-    let torque = |moment: &Moment| moment.sample.slave_torque[0];
-    let position = |moment: &Moment| moment.motion.slave_position_rad;
-    let largest = |value: &dyn Fn(&Moment) -> f64| {
+fn read(moments: &[CycleResult], period: usize, step_s: f64) -> HandEffort {
+    let torque = |moment: &CycleResult| moment.sample.slave_torque[0];
+    let position = |moment: &CycleResult| moment.motion.slave_position_rad;
+    let largest = |value: &dyn Fn(&CycleResult) -> f64| {
         moments.iter().map(|moment| value(moment).abs()).fold(0.0, f64::max)
     };
     let squares: f64 = moments.iter().map(|moment| torque(moment).powi(2)).sum();
@@ -148,7 +151,7 @@ fn read(moments: &[Moment], period: usize, step_s: f64) -> Spent {
         }
     }
     let last = moments.len().saturating_sub(period);
-    Spent {
+    HandEffort {
         rms: (squares / moments.len().max(1) as f64).sqrt(),
         peak: largest(&torque),
         ripple: mean(&ripples),

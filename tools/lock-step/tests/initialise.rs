@@ -7,9 +7,9 @@ use std::sync::Arc;
 use experiment::player::{Change, Notice, Player, Program, Reason, Settings};
 use experiment::range_finder::Range;
 use ipc_types::{AXES, Mode};
+use lock_step::{CycleResult, LockStepRig};
 use rig::RigFile;
 use rig::protocol::Protocol;
-use twin::{Moment, Twin};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 const SHIPPED: &str = include_str!("../../../launch/protocols/initialise.toml");
@@ -39,7 +39,7 @@ struct Outcome {
     farthest: f64,
     largest_v: f64,
     largest_step_v: f64,
-    end: Option<Moment>,
+    end: Option<CycleResult>,
 }
 
 fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
@@ -47,13 +47,13 @@ fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
     let mut player = Player::new(Settings::default());
     player
         .start(Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}"))), 1);
-    let mut twin = Twin::new(rig, &[]).unwrap();
+    let mut system = LockStepRig::new(rig, &[]).unwrap();
     let mut outcome = Outcome::default();
     let (mut measured, mut handles) = ([0.0; AXES], [f64::NAN; AXES]);
     let mut last_v = 0.0;
-    while twin.time_s() < seconds {
+    while system.time_s() < seconds {
         player.see_handles(handles);
-        let step = player.step(twin.scan_ns(), &measured);
+        let step = player.step(system.scan_ns(), &measured);
         match player.take_notice() {
             Some(Notice::Range { range, narrower, .. }) => {
                 outcome.ranges.push(range);
@@ -62,9 +62,9 @@ fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
             Some(Notice::Beat { position, number }) => outcome.beats.push((position, number)),
             None => {}
         }
-        outcome.changes.extend(step.change.map(|change| (twin.time_s(), change)));
+        outcome.changes.extend(step.change.map(|change| (system.time_s(), change)));
         let setpoint = step.setpoint.unwrap();
-        let moment = twin.cycle(&setpoint).unwrap();
+        let moment = system.cycle(&setpoint).unwrap();
         (measured[0], handles[0]) =
             (moment.sample.master_position[0], moment.sample.slave_position[0]);
         let volts = moment.command.volts[0];
@@ -141,7 +141,8 @@ fn without_stops_it_ends_at_the_limits_and_trips_nothing() {
 fn a_later_segment_beyond_the_range_is_refused_and_the_motor_let_go() {
     let rig = rig(Some((-40.0, 40.0)));
     let text = format!(
-        "{SHIPPED}\n[[segments]]\nkind = \"guided_sine\"\namplitude_deg = 80\nfrequency_hz = 0.2\nduration_s = 20.0\nfade_in_s = 5.0\n"
+        "{SHIPPED}\n[[segments]]\nkind = \"guided_sine\"\namplitude_deg = 80\n\
+         frequency_hz = 0.2\nduration_s = 20.0\nfade_in_s = 5.0\n"
     );
     let outcome = play(&rig, &text, 25.0);
     assert!(
