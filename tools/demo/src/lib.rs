@@ -16,7 +16,7 @@
 //! acquisition killed at 1.4 V: 0 V after 7.6 ms, back after 75.8 ms, volts again after 204.1 ms
 //! model       rms error, free-running: master_rad 0.0007 rad, slave_rad 0.0007 rad, ...
 //!
-//! all promises kept; the machine was too busy for a movement without interruption
+//! all requirements met; the host was too busy for an uninterrupted movement
 //! ```
 //!
 //! That host was busy: some loops came too late, and the watchdog cut the power by itself, which
@@ -45,23 +45,23 @@
 //!    declared model lacks, or that nothing is missing. It takes a minute or more; `--no-identify`
 //!    leaves it out.
 //!
-//! Exit codes: 0 all went as promised; 1 a promise failed (the motor was not at 0 V, a process did
+//! Exit codes: 0 all requirements met; 1 one was not met (the motor was not at 0 V, a process did
 //! not come back), or the run could not be made or was interrupted; 2 usage; 3 data was lost.
 //! Whatever happens, Ctrl-C included, the rig is brought down and its shared memory removed.
 
 pub mod analysis;
-mod console;
 mod display_unit;
 mod folder;
-mod identified;
+mod identify_result;
 mod page;
 mod run;
 mod session;
 mod summary;
 mod tables;
+mod terminal;
 
 pub use folder::{Folder, FolderError};
-pub use identified::Identified;
+pub use identify_result::IdentifyResult;
 pub use page::page;
 pub use run::{Args, run};
 pub use summary::{Outcome, Summary};

@@ -4,10 +4,10 @@ use ipc_types::{Process, TripCause};
 use report::{Colour, Figure, Page, Table, Tone};
 use rig::RigFile;
 
-use crate::analysis::{Analysis, Model, Outage, Trace, dark};
+use crate::analysis::{Analysis, Model, Outage, Trace, unpowered_spans};
 use crate::display_unit::DisplayUnit;
 use crate::tables::{events, tables};
-use crate::{Identified, Outcome, Summary};
+use crate::{IdentifyResult, Outcome, Summary};
 
 /// Wide figures, CSS pixels.
 const WIDTH: u32 = 860;
@@ -20,7 +20,7 @@ pub fn page(
     analysis: &Analysis,
     summary: &Summary,
     outcome: &Outcome,
-    identified: &Identified,
+    identify_result: &IdentifyResult,
     rig: &RigFile,
 ) -> report::Result<String> {
     let shown = DisplayUnit::of(rig);
@@ -36,7 +36,7 @@ pub fn page(
     if let Some(model) = &analysis.model {
         page = self::model(page, model, summary, &shown);
     }
-    tables(identified.section(page), analysis, summary)
+    tables(identify_result.section(page), analysis, summary)
         .details("Events, in order", &events(&analysis.trace))
         .details("summary.json", &json)
         .footer(&format!(
@@ -51,13 +51,13 @@ fn subtitle(analysis: &Analysis, summary: &Summary, rig: &RigFile) -> String {
     let seconds =
         analysis.trace.samples.last().map_or(0.0, |sample| analysis.trace.seconds(sample.scan_ns));
     format!(
-        "Simulated rig \"{}\", {} timing, {seconds:.1} s at {} Hz, {}. {}",
+        "Simulated rig \"{}\", {} timing, {seconds:.1} s at {} Hz, {}. {}.",
         rig.name,
         summary.profile,
         rig.rates.acquisition_hz,
         match &summary.injected {
-            Some(effect) => format!("with {effect} put into the plant that no model is told of"),
-            None => "no effect beyond the declared model put in".to_owned(),
+            Some(effect) => format!("with the effect {effect} in the plant and not in the model"),
+            None => "with no effect beyond the declared model".to_owned(),
         },
         rig.description,
     )
@@ -80,13 +80,13 @@ fn sentence(analysis: &Analysis, outcome: &Outcome) -> String {
             let victims: Vec<&str> =
                 analysis.outages.iter().map(|outage| outage.kill.process.text()).collect();
             format!(
-                "Killed in mid-movement: {}. The motor was at 0 V within {worst:.1} ms, and no \
-                    sample is missing.",
+                "Killed during movement: {}. The motor was at 0 V within {worst:.1} ms, and no \
+                    sample was lost.",
                 victims.join(", then ")
             )
         }
-        Outcome::DataLost(_) => "The motor was safe, but the recording is not whole.".to_owned(),
-        Outcome::Broken(_) => "A promise was broken.".to_owned(),
+        Outcome::DataLost(_) => "The motor was safe, but the recording is incomplete.".to_owned(),
+        Outcome::Broken(_) => "A requirement was not met.".to_owned(),
     }
 }
 
@@ -98,16 +98,16 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
             let tripped = match analysis.unprovoked.len() {
                 0 => String::new(),
                 count => format!(
-                    " But {count} times the watchdog also took power away by itself, as a rule \
-                        because a loop came too late: the machine is too busy \
-                     or grants too little (see Timing). That is safe, and a nuisance."
+                    " The watchdog also tripped {count} times without a kill, usually because a \
+                        loop missed its deadline: the host is too busy or does not grant \
+                        real-time scheduling (see Timing). This is safe, but interrupts the \
+                        movement."
                 ),
             };
             format!(
-                "The launcher had the dead process back within {back:.0} ms. All {} samples that \
-                    the card clocked are on disk, \
-                 in one row of ticks without a hole. All numbers here come from the \
-                 recording.{tripped}",
+                "The launcher restarted each killed process within {back:.0} ms. All {} samples \
+                    clocked by the card are on disk, with consecutive ticks. All numbers on this \
+                    page are computed from the recording.{tripped}",
                 analysis.losses.samples
             )
         }
@@ -116,9 +116,8 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
 }
 
 const OVERVIEW: &str = "Reference of the guided movement, master (motor) and slave (handle). At \
-    each upright line a process was \
-    killed with SIGKILL; the motor then has no power until a person resets, arms and enables, and \
-    control starts from the \
+    each vertical line a process was killed with SIGKILL. The motor then has no power (shaded) \
+    until the operator resets, arms and enables the rig; the restarted protocol begins at the \
     measured position.";
 
 fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
@@ -133,7 +132,7 @@ fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
         .iter()
         .map(|sample| sample.master.abs().max(sample.slave.abs()) * shown.factor);
     let extent = extent.filter(|value| value.is_finite()).fold(1.0, f64::max) * 1.1;
-    for (index, (from, until)) in dark(&trace.tokens).into_iter().enumerate() {
+    for (index, (from, until)) in unpowered_spans(&trace.tokens).into_iter().enumerate() {
         let name = if index == 0 { "no power" } else { "" };
         let span = [trace.seconds(from), trace.seconds(until)];
         figure = figure.colour(Colour::Orange).band(name, &span, &[-extent; 2], &[extent; 2]);
@@ -210,7 +209,7 @@ fn outage(
         trace.tokens.last().map(|token| token.time_ns),
     ];
     if end_ns.iter().any(|end| end.is_none_or(|end| end <= outage.kill.at_ns)) {
-        return page.paragraph("The recording ends before this kill: it shows nothing of it.");
+        return page.paragraph("The recording ends before this kill and shows nothing of it.");
     }
     let trip = outage.trip_ms.unwrap_or(20.0);
     let range = (-(trip.max(10.0)), trip * 2.0 + 10.0);
@@ -219,19 +218,27 @@ fn outage(
 
     let recovery = recovery(trace, outage, index, shown);
     let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
-    page.paragraph(&told(outage, process, cause))
-        .figure(&volts, match process {
-            Process::Acquisition => {
-                "With acquisition dead nobody writes the DAC: it holds its last value, as a real \
-                    card does. The watchdog stops \
-                 toggling the enable line, and the card itself takes the motor's power."
-            }
-            _ => "Commands end with the kill; the gate in acquisition writes 0 V when the last one \
-                has outlived its time.",
-        })
+    page.paragraph(&outage_text(outage, process, cause))
+        .figure(
+            &volts,
+            match process {
+                Process::Acquisition => {
+                    "While acquisition is dead, no process writes to the DAC, which holds its last \
+                    value as a real card does. The watchdog stops toggling the enable line, and \
+                    the card itself removes power from the motor."
+                }
+                _ => {
+                    "Commands end with the kill. The gate in acquisition writes 0 V when the last \
+                command has expired."
+                }
+            },
+        )
         .figure(&states, STATES)
-        .figure(&recovery, "The movement around the kill. The trip ends the protocol, which is \
-            started anew when power is back.")
+        .figure(
+            &recovery,
+            "The movement around the kill. The trip ends the protocol, which \
+            starts again once power is enabled.",
+        )
 }
 
 /// Volts around the kill: commanded, held by the DAC, at the motor.
@@ -309,9 +316,9 @@ fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -
     recovery
 }
 
-const STATES: &str = "Upper line: the watchdog's state (4 tripped, 3 enabled, 2 armed, 1 disarmed, \
-    0 faulted), as its tokens say. Lower line: the \
-    gate's (2 latched closed, 1 open, 0 closed), as the samples say.";
+const STATES: &str = "Solid: state of the watchdog, from its tokens (4 tripped, 3 enabled, 2 \
+    armed, 1 disarmed, 0 faulted). Dashed: state of the gate, from the samples (2 latched closed, \
+    1 open, 0 closed).";
 
 fn states(analysis: &Analysis, outage: &Outage, index: usize, (from, until): (f64, f64)) -> Figure {
     let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
@@ -338,7 +345,7 @@ fn states(analysis: &Analysis, outage: &Outage, index: usize, (from, until): (f6
     .vertical("killed", 0.0)
 }
 
-fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
+fn outage_text(outage: &Outage, process: Process, cause: TripCause) -> String {
     let mut text = format!(
         "The {process} process was killed with {:.2} V at the motor. ",
         outage.volts_before
@@ -353,12 +360,14 @@ fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
         text += &format!("The watchdog tripped after {tripped:.1} ms ({cause}). ");
     }
     match outage.restart_ms {
-        Some(back) => text += &format!("The next {process} published after {back:.0} ms. "),
-        None => text += &format!("No next {process} published. "),
+        Some(back) => {
+            text += &format!("The restarted {process} process published after {back:.0} ms. ")
+        }
+        None => text += &format!("No restarted {process} process published. "),
     }
     if let Some(powered) = outage.powered_ms {
         text += &format!(
-            "Reset, armed and enabled again, the motor had volts after {:.2} s.",
+            "After reset, arm and enable, the motor had voltage again {:.2} s after the kill.",
             powered * 1e-3
         );
     }
@@ -366,21 +375,19 @@ fn told(outage: &Outage, process: Process, cause: TripCause) -> String {
 }
 
 fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> Page {
-    let mut page = page.heading("Measured against the declared model").paragraph(
-        "The declared plant, with the hand that the rig file declares and no effect, was simulated \
-            on the volts that reached the motor, \
-         from the positions of the first samples. It runs free: nothing pulls it back to the \
-         measurement. Where the machine differs \
-         and dry friction holds the handle a little earlier or later, the difference grows from \
-         movement to movement: the error says how far \
-         the whole run can be foretold, not how good one second of it is. Here the machine is \
-         itself simulated from the same equations, so that \
-         without an effect only the resolution and the noise of the sensors should remain.",
+    let mut page = page.heading("Measurement and declared model").paragraph(
+        "The declared plant, with the hand model of the rig file and no effect, was simulated in \
+            open loop: its input is the recorded motor voltage, its initial state the first \
+            samples, and nothing corrects it towards the measurement. A small difference in where \
+            dry friction stops the handle therefore grows from movement to movement. The error \
+            measures the prediction over the whole run, not over one second of it. Here the rig \
+            is itself simulated with the same equations; without an added effect only the \
+            resolution and noise of the sensors remain.",
     );
     if let Some(effect) = &summary.injected {
         page = page.paragraph(&format!(
-            "The simulated plant had {effect}, of which the model knows nothing: part of the error \
-                is its doing."
+            "The simulated plant contained {effect}, which the declared model lacks; part of the \
+                error is due to it."
         ));
     }
     let mut table =
@@ -400,7 +407,7 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> P
             .dashed("declared model", &model.time_s, &scaled(&channel.declared));
         page = page.figure(
             &figure,
-            &format!("{}: {:.4} {} rms apart.", channel.name, channel.error, channel.unit),
+            &format!("{}: rms error {:.4} {}.", channel.name, channel.error, channel.unit),
         );
         table = table.row([
             channel.name.to_owned(),
@@ -414,5 +421,5 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> P
             },
         ]);
     }
-    page.table(table, "Error of the declared model by channel.")
+    page.table(table, "Simulation error of the declared model, by channel.")
 }

@@ -1,4 +1,4 @@
-//! From the command line to the three files.
+//! Runs the demo: from the command line to the recording, the page and the summary.
 
 use std::fs;
 use std::path::PathBuf;
@@ -15,17 +15,17 @@ use rig::{load_protocol, load_rig};
 use runtime::RigName;
 
 use crate::analysis::{Analysis, Kill, Trace, analyse};
-use crate::console::Console;
 use crate::folder::Folder;
 use crate::session::{Interrupted, Session};
-use crate::{Identified, Outcome, Summary, page};
+use crate::terminal::Terminal;
+use crate::{IdentifyResult, Outcome, Summary, page};
 
 /// Shortest guided movement with room for two kills and what follows them (s).
 const SHORTEST_S: f64 = 14.0;
 const LONGEST_S: f64 = 600.0;
 /// The guided movement among the protocol's segments.
 const GUIDED: usize = 1;
-/// What asks for an end.
+/// Signals that end the demo.
 const SIGNALS: [i32; 3] =
     [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
 /// When within the guided movement the kills come, as a part of it.
@@ -42,9 +42,8 @@ const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisit
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect \
         backlash@slave=0.05\n\n\
-    Writes run.mcap, report.html and summary.json. Exit codes: 0 all went as promised, 1 a promise \
-    failed or the run could \
-    not be made, 2 usage, 3 data was lost")]
+    Writes run.mcap, report.html and summary.json. Exit codes: 0 all requirements met, 1 a \
+    requirement was not met or the run failed, 2 usage, 3 data was lost")]
 pub struct Args {
     /// Folder for the results; those of an earlier demo are replaced, nothing else is
     #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
@@ -52,7 +51,7 @@ pub struct Args {
     /// Length of the guided movement in s, from 14 on; 22 unless given
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Puts an effect into the simulated plant that no model is told of; none unless given
+    /// Adds an effect to the simulated plant that the declared model lacks
     #[arg(long, value_name = "ID[@SITE][=SIZE]|none", default_value = "none")]
     pub effect: String,
     /// Rig file, or the name of one that comes with farreach; its model must be one that can be
@@ -75,7 +74,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the demo. Returns the exit code: 0 all as promised, 3 data was lost, 1 a promise failed or
+/// Runs the demo. Returns the exit code: 0 all requirements met, 3 data was lost, 1 not met or
 /// the run was interrupted.
 ///
 /// # Errors
@@ -98,26 +97,28 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     protocol.check_against(&rig)?;
     let folder = Folder::prepare(&args.out)?;
     let stop = stop_on_signals()?;
-    let console = Console::new();
+    let terminal = Terminal::new();
     if let Some(effect) = effect {
-        console.done(&format!("effect in the simulated plant, unknown to every model: {effect}"));
+        terminal.print(&format!(
+            "effect in the simulated plant and not in the declared model: {effect}"
+        ));
     }
-    let kills = match on_the_rig(&args, effect, &protocol, &folder, &console, &stop) {
+    let kills = match run_session(&args, effect, &protocol, &folder, &terminal, &stop) {
         Ok(kills) => kills,
         Err(error) if error.is::<Interrupted>() => {
-            console
+            terminal
                 .warn("interrupted: the rig is down, nothing is left running; no report was made");
             return Ok(operator::FAILED);
         }
         Err(error) if folder.recording().exists() => {
             return Err(error.context(format!(
-                "the run broke off; what was recorded is in {}",
+                "the run was aborted; the recording so far is in {}",
                 folder.recording().display()
             )));
         }
         Err(error) => return Err(error),
     };
-    console.doing(|| "reading the recording, running the declared model".to_owned());
+    terminal.progress(|| "reading the recording, running the declared model".to_owned());
     let trace = Trace::read(&folder.recording())?;
     let analysis = analyse(trace, &kills, &rig)?;
     let mut outcome = Outcome::of(&analysis);
@@ -125,9 +126,9 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         outcome =
             outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
-    let results = |identified: &Identified| -> anyhow::Result<(Summary, Vec<String>)> {
-        let summary = Summary::new(&analysis, effect).with_identify(identified);
-        let html = page(&analysis, &summary, &outcome, identified, &rig)?;
+    let results = |identify_result: &IdentifyResult| -> anyhow::Result<(Summary, Vec<String>)> {
+        let summary = Summary::new(&analysis, effect).with_identify(identify_result);
+        let html = page(&analysis, &summary, &outcome, identify_result, &rig)?;
         let json = serde_json::to_string_pretty(&summary)? + "\n";
         let unwritten = [(folder.page(), html), (folder.summary(), json)]
             .into_iter()
@@ -136,26 +137,26 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             .collect();
         Ok((summary, unwritten))
     };
-    // Without the identification first: whoever does not want to wait for it has the rest.
-    let mut identified = Identified::LeftOut;
-    let (mut summary, mut unwritten) = results(&identified)?;
+    // Written once before identification, which takes a minute or more, and again after it.
+    let mut identify_result = IdentifyResult::Skipped;
+    let (mut summary, mut unwritten) = results(&identify_result)?;
     if !args.no_identify {
-        console.doing(|| {
+        terminal.progress(|| {
             "identify: what does the declared model lack? A minute or more; Ctrl-C ends it"
                 .to_owned()
         });
-        // The rig is down: nothing needs to be put in order any more.
+        // The rig is down, so a signal may end the process at once.
         for signal in SIGNALS {
             let at_once = Arc::new(AtomicBool::new(true));
             signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
         }
-        identified = Identified::of(&folder.recording(), &rig);
-        (summary, unwritten) = results(&identified)?;
+        identify_result = IdentifyResult::of(&folder.recording(), &rig);
+        (summary, unwritten) = results(&identify_result)?;
     }
-    // A disk that is full leaves no room for the page either; the numbers are printed all the same.
+    // On a full disk the page cannot be written either; the numbers are still printed.
     outcome = unwritten.into_iter().fold(outcome, Outcome::with_lost);
-    tell(&console, &analysis, &summary, &outcome, &identified);
-    console.done(&format!(
+    print_summary(&terminal, &analysis, &summary, &outcome, &identify_result);
+    terminal.print(&format!(
         "{}\n{}\n{}\n{:.0} s in all",
         folder.recording().display(),
         folder.page().display(),
@@ -199,7 +200,7 @@ fn protocol(seconds: Option<f64>) -> anyhow::Result<Protocol> {
 }
 
 /// When the kills come, in seconds of the protocol.
-fn victims(protocol: &Protocol) -> anyhow::Result<Vec<(Process, f64)>> {
+fn kill_times(protocol: &Protocol) -> anyhow::Result<Vec<(Process, f64)>> {
     let durations: Vec<f64> =
         protocol.sequence().map(|(_, segment)| segment.movement.duration_s()).collect();
     let Some(&guided) = durations.get(GUIDED) else {
@@ -236,13 +237,13 @@ impl Drop for Guard {
     }
 }
 
-/// Everything between up and down.
-fn on_the_rig(
+/// Brings the rig up, plays the protocol with its kills, and brings the rig down.
+fn run_session(
     args: &Args,
     effect: Option<&str>,
     protocol: &Protocol,
     folder: &Folder,
-    console: &Console,
+    terminal: &Terminal,
     stop: &AtomicBool,
 ) -> anyhow::Result<Vec<Kill>> {
     let name: RigName = format!("demo-{}", std::process::id()).parse()?;
@@ -256,12 +257,12 @@ fn on_the_rig(
         profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
-    console.doing(|| "starting all processes".to_owned());
+    terminal.progress(|| "starting all processes".to_owned());
     let begun = Instant::now();
     let mut guard = Guard { name, down: false };
     let up = operator::up(&options)?;
     let processes = up.running.status.units.len();
-    console.done(&format!(
+    terminal.print(&format!(
         "rig {} is up: {processes} processes after {:.1} s, {} timing, recording from the first \
             sample",
         guard.name,
@@ -269,35 +270,34 @@ fn on_the_rig(
         up.profile
     ));
     if up.profile == Profile::BestEffort {
-        console.warn(
-            "best-effort: real-time scheduling is not granted, so loops wake up to some ms late, \
-                token and command live 40 ms \
-             instead of 5, and a killed process is noticed the later; as root, or with an rtprio \
-             limit, it is realtime",
+        terminal.warn(
+            "best-effort timing: loops may wake up some ms late, and tokens and commands expire \
+                after 40 ms instead of 5, so that a killed process is detected later (see \
+                `farreach up --help`, --profile)",
         );
     }
-    let mut session = Session::open(&up, console, stop)?;
-    let done = session.play(protocol, &victims(protocol)?)?;
+    let mut session = Session::open(&up, terminal, stop)?;
+    let done = session.play(protocol, &kill_times(protocol)?)?;
     let written = session.finish()?;
     drop(session);
-    console.done(&format!("recording ended, {written} messages"));
-    console.doing(|| "stopping all processes".to_owned());
+    terminal.print(&format!("recording ended, {written} messages"));
+    terminal.progress(|| "stopping all processes".to_owned());
     let down = guard.down()?;
     if down.cleaning == Cleaning::InUse {
-        console.warn(&format!(
+        terminal.warn(&format!(
             "the rig's shared memory is still in use (a probe?): {}",
             guard.name.directory().display()
         ));
     }
     let killed =
         down.stopped.iter().flat_map(|report| &report.units).filter(|unit| unit.killed).count();
-    console.done(&match killed {
+    terminal.print(&match killed {
         0 => "rig is down, motor first; its shared memory is removed".to_owned(),
         count => format!("rig is down; {count} processes had to be killed"),
     });
     if !done.unprovoked.is_empty() {
-        console.warn(&format!(
-            "{} trips that nobody provoked: safe, but the machine is too busy for this timing; the \
+        terminal.warn(&format!(
+            "{} trips that no kill explains: safe, but the host is too busy for this timing; the \
                 page lists them",
             done.unprovoked.len()
         ));
@@ -305,13 +305,13 @@ fn on_the_rig(
     Ok(done.kills)
 }
 
-/// What a person wants to know in the end.
-fn tell(
-    console: &Console,
+/// Prints the results.
+fn print_summary(
+    terminal: &Terminal,
     analysis: &Analysis,
     summary: &Summary,
     outcome: &Outcome,
-    identified: &Identified,
+    identify_result: &IdentifyResult,
 ) {
     let mut lines = vec![String::new()];
     let rates: Vec<String> = summary.command_hz.iter().map(|hz| format!("{hz:.2}")).collect();
@@ -358,20 +358,21 @@ fn tell(
             .collect();
         lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
     }
-    lines.extend(identified.line().map(|line| format!("identify    {line}")));
+    lines.extend(identify_result.line().map(|line| format!("identify    {line}")));
     lines.push(String::new());
     match outcome {
         Outcome::Kept if analysis.unprovoked.is_empty() => {
-            lines.push("all went as promised".to_owned())
+            lines.push("all requirements met".to_owned())
         }
         Outcome::Kept => lines.push(
-            "all promises kept; the machine was too busy for a movement without interruption"
-                .to_owned(),
+            "all requirements met; the host was too busy for an uninterrupted movement".to_owned(),
         ),
         Outcome::DataLost(reasons) => lines.push(format!("DATA LOST: {}", reasons.join("; "))),
-        Outcome::Broken(reasons) => lines.push(format!("A PROMISE FAILED: {}", reasons.join("; "))),
+        Outcome::Broken(reasons) => {
+            lines.push(format!("REQUIREMENT NOT MET: {}", reasons.join("; ")))
+        }
     }
-    console.done(&lines.join("\n"));
+    terminal.print(&lines.join("\n"));
 }
 
 #[cfg(test)]
@@ -394,7 +395,7 @@ mod tests {
         for seconds in [None, Some(SHORTEST_S), Some(LONGEST_S)] {
             let protocol = protocol(seconds).unwrap();
             protocol.check_against(&rig).unwrap();
-            let victims = victims(&protocol).unwrap();
+            let victims = kill_times(&protocol).unwrap();
             assert_eq!(victims.len(), 2);
             // A kill ends the protocol, which then starts again: each kill needs only its own place
             // in the guided movement, after its fade-in and with time to wait for movement.

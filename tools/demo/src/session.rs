@@ -1,4 +1,4 @@
-//! A person's part, played by a program: verbs, protocol, kills.
+//! The operator's part of the demo: verbs, protocol, kills.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -15,19 +15,19 @@ use runtime::clock::now_ns;
 use rustix::process::Signal;
 
 use crate::analysis::Kill;
-use crate::console::Console;
+use crate::terminal::Terminal;
 
 /// How long a process may take to be back.
 const BACK_LIMIT: Duration = Duration::from_secs(15);
-/// How long a verb may be refused: the machine comes to rest, faults cease to stand.
+/// How long a verb may be refused, while the rig comes to rest and faults clear.
 const VERB_LIMIT: Duration = Duration::from_secs(15);
 /// How much longer than planned a protocol may take.
 const PROTOCOL_MARGIN: Duration = Duration::from_secs(20);
-/// How often the topics are looked at.
-const LOOK: Duration = Duration::from_millis(2);
-/// How often a refused verb is tried again.
-const AGAIN: Duration = Duration::from_millis(100);
-/// Trips that nobody provoked, after which the run is given up: the machine is far too busy.
+/// Period at which the topics are polled.
+const POLL_PERIOD: Duration = Duration::from_millis(2);
+/// Delay before a refused verb is tried again.
+const RETRY_PERIOD: Duration = Duration::from_millis(100);
+/// Number of trips without a kill after which the run is aborted: the host is too busy.
 const UNPROVOKED: usize = 60;
 /// Volts at the motor, and speed of the master, that make a kill one in mid-movement.
 const MOVING_V: f64 = 1.0;
@@ -42,19 +42,19 @@ const MOMENT_LIMIT: Duration = Duration::from_secs(4);
 #[error("interrupted")]
 pub(crate) struct Interrupted;
 
-/// What was done to the rig.
+/// The kills, and the trips that happened without one.
 #[derive(Clone, Debug)]
 pub(crate) struct Done {
     pub(crate) kills: Vec<Kill>,
-    /// Trips that nobody provoked, with their causes.
+    /// Causes of the trips that no kill explains.
     pub(crate) unprovoked: Vec<TripCause>,
 }
 
-/// A rig that is up, as a person sits before it.
+/// A running rig and its operator.
 pub(crate) struct Session<'a> {
     link: RigLink,
     up: &'a Up,
-    console: &'a Console,
+    terminal: &'a Terminal,
     stop: &'a AtomicBool,
     tokens: Subscriber<EnableToken>,
     scans: Subscriber<CardScan>,
@@ -73,7 +73,7 @@ pub(crate) struct Session<'a> {
 impl<'a> Session<'a> {
     pub(crate) fn open(
         up: &'a Up,
-        console: &'a Console,
+        terminal: &'a Terminal,
         stop: &'a AtomicBool,
     ) -> anyhow::Result<Self> {
         let link = RigLink::open(&up.running.status.rig_name.parse()?)?;
@@ -84,7 +84,7 @@ impl<'a> Session<'a> {
             commands: link.subscriber(COMMAND)?,
             link,
             up,
-            console,
+            terminal,
             stop,
             token: None,
             sample: None,
@@ -106,15 +106,15 @@ impl<'a> Session<'a> {
         if recording.recording.is_none() {
             bail!("the logger does not record: {}", recording.error);
         }
-        self.console.doing(|| "reset, arm, enable".to_owned());
+        self.terminal.progress(|| "reset, arm, enable".to_owned());
         let took = self.power()?;
-        self.console.done(&format!(
+        self.terminal.print(&format!(
             "reset, armed, enabled by the operator after {:.1} s",
             took.as_secs_f64()
         ));
         let client = operator::client_number();
         self.start(protocol, client)?;
-        self.console.done(&format!(
+        self.terminal.print(&format!(
             "protocol \"{}\" runs, {:.0} s",
             protocol.name,
             protocol.duration_s()
@@ -166,7 +166,7 @@ impl<'a> Session<'a> {
                 );
             }
             let label = labels.get(answer.segment as usize).copied().unwrap_or_default();
-            self.console.doing(|| {
+            self.terminal.progress(|| {
                 format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s)
             });
             if let Some((process, from_s)) = next
@@ -179,7 +179,7 @@ impl<'a> Session<'a> {
                 limit = Instant::now() + longest;
             }
         }
-        self.console.done("protocol done");
+        self.terminal.print("protocol done");
         Ok(done)
     }
 
@@ -195,7 +195,7 @@ impl<'a> Session<'a> {
             if begun.error.is_empty() {
                 return Ok(());
             }
-            self.pause(LOOK)?;
+            self.pause(POLL_PERIOD)?;
             if self.state() == WatchdogState::Enabled {
                 bail!("the experiment process refused the protocol: {}", begun.error);
             }
@@ -206,12 +206,12 @@ impl<'a> Session<'a> {
     /// Takes power away, ends the recording. Returns how many messages the logger wrote.
     pub(crate) fn finish(&mut self) -> anyhow::Result<u64> {
         let answer = operator::verb(&self.link, Verb::Disarm).context("disarm")?;
-        self.console.doing(|| format!("{}, the recording ends", answer.state));
+        self.terminal.progress(|| format!("{}, the recording ends", answer.state));
         // so that the last scans show the motor at 0 V
         self.pause(Duration::from_millis(200))?;
         let stopped = self.link.logger(&LoggerRequest::Stop)?;
         if !stopped.error.is_empty() {
-            self.console.warn(&format!("logger: {}", stopped.error));
+            self.terminal.warn(&format!("logger: {}", stopped.error));
         }
         Ok(stopped.written)
     }
@@ -231,7 +231,7 @@ impl<'a> Session<'a> {
             bail!("{process} ({victim}) was dead before it was killed");
         }
         let kill = Kill { process, at_ns };
-        self.console.doing(|| format!("{process} killed with SIGKILL"));
+        self.terminal.progress(|| format!("{process} killed with SIGKILL"));
         let tripped = self.wait(BACK_LIMIT, |session| session.state() != WatchdogState::Enabled)?;
         if !tripped {
             bail!("{process} was killed and the watchdog did not trip within {BACK_LIMIT:?}");
@@ -242,22 +242,23 @@ impl<'a> Session<'a> {
         }
         let ms = |time_ns: u64| time_ns.saturating_sub(at_ns) as f64 * 1e-6;
         let back_ms = published(self).map_or(f64::NAN, ms);
-        let dark = self.watched.and_then(|(_, dark)| dark);
-        let dark = match dark {
-            Some(dark_ns) => format!("motor at 0 V after {:.1} ms", ms(dark_ns)),
+        let zero_volts = self.watched.and_then(|(_, zero_volts)| zero_volts);
+        let zero_volts = match zero_volts {
+            Some(zero_volts_ns) => format!("motor at 0 V after {:.1} ms", ms(zero_volts_ns)),
             None => "motor NOT at 0 V".to_owned(),
         };
         let took = self.power()?;
         (self.watched, self.successor) = (None, None);
-        self.console.done(&format!(
-            "{process} killed: {dark}; back after {back_ms:.0} ms; reset, armed, enabled after \
+        self.terminal.print(&format!(
+            "{process} killed: {zero_volts}; back after {back_ms:.0} ms; reset, armed, enabled \
+                after \
                 {:.1} s more",
             took.as_secs_f64()
         ));
         Ok(kill)
     }
 
-    /// A trip that nobody provoked: told, and the operator's verbs again.
+    /// Reports a trip that no kill explains, and enables the rig again.
     fn unprovoked(&mut self) -> anyhow::Result<TripCause> {
         let cause = self
             .token
@@ -269,21 +270,20 @@ impl<'a> Session<'a> {
             _ => cause.to_string(),
         };
         let took = self.power()?;
-        self.console.warn(&format!(
-            "the watchdog tripped by itself ({words}): a loop came too late; enabled again after \
-                {:.1} s",
+        self.terminal.warn(&format!(
+            "the watchdog tripped without a kill ({words}); enabled again after {:.1} s",
             took.as_secs_f64()
         ));
         Ok(cause)
     }
 
-    /// Reset, arm, enable, each as often as it takes.
+    /// Resets, arms and enables the rig; retries each verb until it is accepted.
     fn power(&mut self) -> anyhow::Result<Duration> {
         let begun = Instant::now();
         'verbs: loop {
             for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
                 loop {
-                    self.pause(LOOK)?;
+                    self.pause(POLL_PERIOD)?;
                     let refused = match self.link.verb(verb) {
                         Ok(answer) if answer.done => break,
                         Ok(answer) => {
@@ -294,8 +294,8 @@ impl<'a> Session<'a> {
                     if begun.elapsed() > VERB_LIMIT {
                         bail!("`{}` was refused for {VERB_LIMIT:?}: {refused}", verb.name());
                     }
-                    self.console.doing(|| format!("{}: {refused}", verb.name()));
-                    self.pause(AGAIN)?;
+                    self.terminal.progress(|| format!("{}: {refused}", verb.name()));
+                    self.pause(RETRY_PERIOD)?;
                     // A fault that came meanwhile sends the operator back to the first verb.
                     if verb != Verb::Reset
                         && matches!(self.state(), WatchdogState::Tripped | WatchdogState::Faulted)
@@ -304,7 +304,7 @@ impl<'a> Session<'a> {
                     }
                 }
             }
-            // The gate must open, too, or the watchdog takes the leave back.
+            // The gate must open as well, or the watchdog withdraws the permission.
             let open = |session: &Self| {
                 session.state() == WatchdogState::Enabled
                     && session
@@ -321,7 +321,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Until there is something to lose: volts at the motor and speed.
+    /// Waits until the motor has voltage and the master moves.
     fn wait_for_movement(&mut self) -> anyhow::Result<()> {
         let moving = |session: &Self| {
             let volts = session.sample.is_some_and(|sample| sample.motor_v[0].abs() >= MOVING_V);
@@ -329,8 +329,8 @@ impl<'a> Session<'a> {
                 && session.command.is_some_and(|command| command.velocity[0].abs() >= MOVING_SPEED)
         };
         if !self.wait(MOMENT_LIMIT, moving)? {
-            self.console.warn(&format!(
-                "the machine hardly moved for {MOMENT_LIMIT:?}; killing nevertheless"
+            self.terminal.warn(&format!(
+                "the master hardly moved for {MOMENT_LIMIT:?}; killing the process nevertheless"
             ));
         }
         Ok(())
@@ -350,18 +350,18 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Looks at the topics until `until` holds; `false` when it did not within the limit.
+    /// Polls the topics until `until` holds; returns `false` at the time limit.
     fn wait(&mut self, limit: Duration, until: impl Fn(&Self) -> bool) -> anyhow::Result<bool> {
         let begun = Instant::now();
         loop {
-            self.look()?;
+            self.poll()?;
             if until(self) {
                 return Ok(true);
             }
             if begun.elapsed() > limit {
                 return Ok(false);
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_PERIOD);
         }
     }
 
@@ -379,7 +379,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn look(&mut self) -> anyhow::Result<()> {
+    fn poll(&mut self) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
@@ -393,11 +393,14 @@ impl<'a> Session<'a> {
             self.note(Process::Acquisition, sample.incarnation, sample.time_ns);
         }
         while let Some(scan) = self.scans.take()? {
-            if let Some((killed_ns, dark)) = &mut self.watched
+            if let Some((killed_ns, zero_volts)) = &mut self.watched
                 && scan.scan_time_ns >= *killed_ns
             {
-                *dark =
-                    if scan.motor_v[0] == 0.0 { dark.or(Some(scan.scan_time_ns)) } else { None };
+                *zero_volts = if scan.motor_v[0] == 0.0 {
+                    zero_volts.or(Some(scan.scan_time_ns))
+                } else {
+                    None
+                };
             }
         }
         Ok(())

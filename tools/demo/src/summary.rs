@@ -6,7 +6,7 @@ use ipc_types::Process;
 use serde::Serialize;
 
 use crate::analysis::{Analysis, OfLoops, Percentiles};
-use crate::identified::Identified;
+use crate::identify_result::IdentifyResult;
 
 /// The numbers of one run. Names and meaning are an interface: other programs read them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -84,25 +84,29 @@ impl Summary {
 
     /// With what identify says of the recording.
     #[must_use]
-    pub fn with_identify(self, identified: &Identified) -> Self {
-        Self { identify: identified.value(), identify_refused: identified.refused(), ..self }
+    pub fn with_identify(self, identify_result: &IdentifyResult) -> Self {
+        Self {
+            identify: identify_result.value(),
+            identify_refused: identify_result.refused(),
+            ..self
+        }
     }
 }
 
 /// What a run comes to.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// All went as promised.
+    /// All requirements were met.
     Kept,
     /// Something that was published, or should have been acquired, is not on disk.
     DataLost(Vec<String>),
-    /// A promise was broken.
+    /// A requirement was not met.
     Broken(Vec<String>),
 }
 
 impl Outcome {
     /// Judges one run. What happened after a recording broke off is not known: that counts as lost
-    /// data, not as a broken promise.
+    /// data, not as an unmet requirement.
     pub fn of(analysis: &Analysis) -> Self {
         let (mut broken, mut lost) = (Vec::new(), Vec::new());
         for outage in &analysis.outages {
@@ -139,7 +143,7 @@ impl Outcome {
         if lost.is_empty() { Self::Kept } else { Self::DataLost(lost) }
     }
 
-    /// With one more thing that is missing; a broken promise weighs more.
+    /// Adds a loss of data; an unmet requirement takes precedence.
     #[must_use]
     pub fn with_lost(self, reason: String) -> Self {
         match self {

@@ -30,7 +30,7 @@ pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page
         "tripped / ms",
         "back / ms",
         "enabled / ms",
-        "volts again / ms",
+        "voltage again / ms",
     ]);
     for outage in &analysis.outages {
         kills = kills.row([
@@ -58,7 +58,7 @@ pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page
     };
     for (process, late) in &summary.wake_late_us.by_process {
         timing = timing.row(row(
-            format!("{process} woke late"),
+            format!("{process}: wake-up latency"),
             late,
             summary.missed_periods.get(process).copied(),
         ));
@@ -75,23 +75,22 @@ pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page
     }
     let mut page = page.heading("Timing").table(
         kills,
-        "Each kill: ms from just before the signal, \
-        read from the card's scans, the tokens, and the topic of the process.",
+        "Times after each kill in ms, from the card's scans, the watchdog's tokens and the topic \
+            of the killed process.",
     );
     if !analysis.unprovoked.is_empty() {
-        page = page.table(trips, "Trips that nobody provoked.");
+        page = page.table(trips, "Trips that no kill explains.");
     }
     page.table(
         timing,
-        "Wake lateness of each loop since its start (of processes that ran twice, \
-            the worse), and the time from the card's scan to the first command that answers it.",
+        "Wake-up latency of each loop since its start (the worse of two runs), and the time from \
+            a scan of the card to the first command computed from it.",
     )
-    .table(rates, "Rate of control by incarnation, its downtime excluded.")
+    .table(rates, "Rate of the control loop by incarnation, without downtime.")
     .heading("Recording")
     .paragraph(&format!(
-        "{} samples, {} lost on the way to the disk, {} ticks never acquired; {:.1} MB. While \
-                acquisition was dead, the scans waited \
-             in the card's FIFO for its successor.",
+        "{} samples, {} lost before they were written, {} ticks never acquired; {:.1} MB. While \
+            acquisition was dead, the card's FIFO kept the scans for the restarted process.",
         summary.samples,
         summary.samples_lost,
         summary.samples_missed,

@@ -5,7 +5,7 @@ mod common;
 
 use common::{KILL_ACQUISITION_NS, KILL_CONTROL_NS, Script, write};
 use demo::analysis::{Analysis, Kill, Percentiles, Trace, TraceError, analyse};
-use demo::{Identified, Outcome, Summary, page};
+use demo::{IdentifyResult, Outcome, Summary, page};
 use ipc_types::{Process, Profile};
 use rig::RigFile;
 
@@ -31,7 +31,7 @@ fn close(found: Option<f64>, expected: f64) {
 }
 
 #[test]
-fn a_run_as_promised() {
+fn a_run_that_meets_all_requirements() {
     let analysis = run(Script::default());
     let losses = &analysis.losses;
     assert_eq!((losses.samples, losses.samples_lost, losses.samples_missed), (4000, 0, 0));
@@ -108,7 +108,7 @@ fn a_scan_published_twice_is_no_second_tick() {
 }
 
 #[test]
-fn volts_that_come_back_before_the_enable_break_the_promise_or_move_the_trip() {
+fn voltage_before_the_enable_is_a_failure_or_moves_the_trip() {
     let analysis = run(Script { flicker_ms: 700, ..Script::default() });
     close(analysis.outages[0].trip_ms, 700.5 - 500.3);
     // at the last scan before the enable the motor has volts: it was never safe
@@ -126,7 +126,7 @@ fn a_full_disk_loses_data_and_still_has_a_page() {
     assert_eq!(outcome.exit_code(), 3, "{outcome:?}");
     assert!(outcome.reasons()[0].contains("acquisition killed: the recording ends"), "{outcome:?}");
     let summary = Summary::new(&analysis, None);
-    let html = page(&analysis, &summary, &outcome, &Identified::LeftOut, &rig()).unwrap();
+    let html = page(&analysis, &summary, &outcome, &IdentifyResult::Skipped, &rig()).unwrap();
     assert!(html.contains("Kill 2: acquisition") && html.contains("The recording ends before"));
 }
 
@@ -213,9 +213,9 @@ fn trips_that_no_kill_explains_are_named() {
     let analysis = analyse(Trace::read(&path).unwrap(), &KILLS[..1], &rig()).unwrap();
     let [trip] = analysis.unprovoked[..] else { panic!("{:?}", analysis.unprovoked) };
     assert_eq!((trip.time_ns, trip.cause), (common::BEGIN_NS + 1_208_350_000, 4));
-    let dark = demo::analysis::dark(&analysis.trace.tokens);
+    let spans_ns = demo::analysis::unpowered_spans(&analysis.trace.tokens);
     let us = |time_ns: u64| (time_ns - common::BEGIN_NS) / 1000;
-    let spans: Vec<_> = dark.iter().map(|(from, until)| (us(*from), us(*until))).collect();
+    let spans: Vec<_> = spans_ns.iter().map(|(from, until)| (us(*from), us(*until))).collect();
     assert_eq!(spans, [(508_350, 800_350), (1_208_350, 1_600_350)]);
 }
 
@@ -257,8 +257,8 @@ fn summary_and_page_are_complete() {
     assert!(json["identify"].is_null() && json["identify_refused"].is_null());
     assert!(json["model_error"]["slave_rad"].as_f64().unwrap() > 0.0);
 
-    let html =
-        page(&analysis, &summary, &Outcome::of(&analysis), &Identified::LeftOut, &rig()).unwrap();
+    let html = page(&analysis, &summary, &Outcome::of(&analysis), &IdentifyResult::Skipped, &rig())
+        .unwrap();
     assert!(!html.contains("What the declared model lacks"));
     // overview, three a kill, three channels
     assert_eq!(html.matches("<svg").count(), 1 + 2 * 3 + 3);
@@ -289,10 +289,10 @@ fn a_recording_that_identify_cannot_use_is_no_reason_to_have_no_page() {
         recording::mcap_write::Writer::create(&path, &recording::mcap_write::Start::default(), 1)
             .unwrap();
     writer.finish(&[]).unwrap();
-    let identified = Identified::of(&path, &rig());
+    let identify_result = IdentifyResult::of(&path, &rig());
     assert!(
-        matches!(&identified, Identified::Refused(reason) if reason.contains("run.mcap")),
-        "{identified:?}"
+        matches!(&identify_result, IdentifyResult::Failed(reason) if reason.contains("run.mcap")),
+        "{identify_result:?}"
     );
-    assert_eq!(identified.value(), None);
+    assert_eq!(identify_result.value(), None);
 }

@@ -13,15 +13,15 @@
 //! - [`published`] is the table of what the thesis says, [`row`] one line of the comparison;
 //! - [`mod@line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off
 //!   it;
-//! - [`tracing`] closes the loop: one softening fitted to one measured number, everything else
+//! - [`calibration`] closes the loop: one softening fitted to one measured number, everything else
 //!   predicted, over all that the thesis leaves open, and against other explanations;
 //! - [`guided`] compares the laws of position control on the lock-step rig (§ 4.1);
 //! - [`mod@learning`] lets the lock-step rig learn a movement (§ 4.3);
-//! - [`drawn`] holds the figures, [`study`] computes all of it, [`page`] shows it.
+//! - [`plots`] holds the figures, [`study`] computes all of it, [`page`] shows it.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;
-pub mod drawn;
+pub mod calibration;
 mod error;
 mod folder;
 pub mod guided;
@@ -30,12 +30,12 @@ pub mod line;
 pub mod linear;
 pub mod measure;
 pub mod page;
+pub mod plots;
 pub mod published;
+pub mod quasi_static;
 pub mod row;
 mod run;
-pub mod slow;
 pub mod study;
-pub mod tracing;
 
 pub use args::Args;
 pub use error::{FiguresError, Result};

@@ -3,13 +3,13 @@
 use plant::hydrostatic::compliance::Explanations;
 use report::{Page, Table, Tone};
 
+use crate::calibration::cable::{CableCell, cut_off_range_hz};
+use crate::calibration::grid::Friction;
 use crate::error::Result;
 use crate::guided;
 use crate::published::published;
 use crate::row::{Row, short};
 use crate::study::Study;
-use crate::tracing::cable::{CableCell, cut_off_range_hz};
-use crate::tracing::grid::Friction;
 
 /// Under each table of values.
 const VALUES: &str = "Published value, the model with the printed constants, the model with the \
@@ -27,11 +27,11 @@ pub fn page(study: &Study, json: &str) -> Result<Page> {
             "Published values beside ours, with the printed constants and with the traced line.",
         )
         .verdict(Tone::Warning, &sentence, &detail);
-    page = tracing(page, study)?;
-    for figure in &study.drawn {
+    page = calibration(page, study)?;
+    for figure in &study.plots {
         page = page
             .heading(&format!("Figure {}  {}", figure.number, figure.title))
-            .sheet(&figure.sheet.clone().columns(2), &figure.caption)
+            .panels(&figure.panels.clone().columns(2), &figure.caption)
             .table(values(&figure.rows), VALUES);
     }
     page = guided::on_page(page, &study.common.guided);
@@ -45,14 +45,14 @@ pub fn page(study: &Study, json: &str) -> Result<Page> {
 /// # Errors
 /// Where a published value is missing from the table.
 pub fn verdict(study: &Study) -> Result<(String, String)> {
-    let tracing = &study.common.tracing;
-    let (p, t) = (&tracing.printed, &tracing.traced);
+    let calibration = &study.common.calibration;
+    let (p, t) = (&calibration.printed, &calibration.traced);
     let measured = published("hydrostatic.frequency_response_measured.resonance_hz")?.value;
     let sentence = format!(
         "The printed constants peak at {} Hz; the rig peaked at {measured} Hz. A line {} times \
             softer peaks there.",
         short(p.peak_hz),
-        short(Some(1.0 / tracing.factor))
+        short(Some(1.0 / calibration.factor))
     );
     let holds = study.conclusions.iter().filter(|conclusion| conclusion.survives()).count();
     let detail = format!(
@@ -69,7 +69,7 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
     Ok((sentence, detail))
 }
 
-fn tracing(page: Page, study: &Study) -> Result<Page> {
+fn calibration(page: Page, study: &Study) -> Result<Page> {
     let share = |friction: Friction| short(Some(friction.share()));
     Ok(page
         .heading("The loop, closed on published measurements")
@@ -115,7 +115,7 @@ fn tracing(page: Page, study: &Study) -> Result<Page> {
 
 /// What a line this much softer would mean for its parts.
 fn softening_words(study: &Study) -> String {
-    let by = study.common.tracing.softening_as();
+    let by = study.common.calibration.softening_as();
     format!(
         "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, \
             assumed; polyamide has 1 to 3 GPa), \
@@ -130,7 +130,7 @@ fn softening_words(study: &Study) -> String {
         short(Some(1e-3 * by.belt_stiffness_n_per_m)),
         short(Some(1e-9 * by.bulk_modulus_pa)),
         plausible(&by),
-        short(Some(study.common.tracing.misprint_difference)),
+        short(Some(study.common.calibration.misprint_difference)),
     )
 }
 
@@ -256,7 +256,7 @@ fn explanations(study: &Study) -> Result<Table> {
     let mut first = vec![
         format!("resonance / Hz, {}, fitted", resonance.kind.name()),
         short(Some(resonance.value)),
-        short(study.common.tracing.printed.peak_hz),
+        short(study.common.calibration.printed.peak_hz),
     ];
     first.extend(study.rivals.iter().map(|rival| short(rival.prediction.peak_hz)));
     table = table.row(first);
@@ -267,11 +267,11 @@ fn explanations(study: &Study) -> Result<Table> {
         "peak at 1 m / Hz",
         "cut-off at 1 m / Hz",
     ];
-    for (name, (row, read)) in names.into_iter().zip(crate::tracing::rivals::held_rows()?) {
+    for (name, (row, read)) in names.into_iter().zip(crate::calibration::rivals::held_rows()?) {
         let mut cells = vec![
             format!("{name}, {}, predicted", row.kind.name()),
             short(Some(row.value)),
-            short(read(&study.common.tracing.printed)),
+            short(read(&study.common.calibration.printed)),
         ];
         cells.extend(study.rivals.iter().map(|rival| match read(&rival.prediction) {
             None if rival.size.is_some() => "none".to_owned(),

@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<i32> {
 /// The content of every file.
 fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
     #[cfg(feature = "png")]
-    let painter = report::Painter::new()?;
+    let painter = report::PngRenderer::new()?;
     let mut files = vec![
         ("index.html".to_owned(), page::page(study, json)?.render()?.into_bytes()),
         ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
@@ -66,12 +66,12 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
     ];
     // Rendering takes as long as a figure's simulations do: on all cores.
     let drawn: Result<Vec<_>> = study
-        .drawn
+        .plots
         .par_iter()
         .map(|figure| {
             // Up to three panels stand in one column of a journal, more of them in two.
-            let columns = if figure.sheet.len() > 3 { 2 } else { 1 };
-            let svg = figure.sheet.clone().columns(columns).render_svg()?;
+            let columns = if figure.panels.len() > 3 { 2 } else { 1 };
+            let svg = figure.panels.clone().columns(columns).render_svg()?;
             let name = |extension| format!("figure-{}.{extension}", figure.number);
             #[cfg(feature = "png")]
             let png = (name("png"), painter.png(figure.title, &svg, PNG_WIDTH * columns as u32)?);

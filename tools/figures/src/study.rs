@@ -3,18 +3,18 @@
 use plant::response::LinearSystem;
 use rayon::prelude::*;
 
-use crate::drawn::{Common, DRAW, Drawn};
+use crate::calibration::cable::{self, CableCell};
+use crate::calibration::conclusions::{Conclusion, conclusions};
+use crate::calibration::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
+use crate::calibration::rivals::{FITTED, Rival, rivals};
+use crate::calibration::{SHORT_M, calibrate, rows};
 use crate::error::Result;
 use crate::guided;
 use crate::learning::{PARTS, learn};
 use crate::line::Line;
 use crate::measure::{logarithmic, sweep};
+use crate::plots::{Common, PLOTS, Plot};
 use crate::row::Row;
-use crate::tracing::cable::{self, CableCell};
-use crate::tracing::conclusions::{Conclusion, conclusions};
-use crate::tracing::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
-use crate::tracing::rivals::{FITTED, Rival, rivals};
-use crate::tracing::{SHORT_M, rows, trace};
 
 /// All results.
 #[derive(Debug)]
@@ -22,7 +22,7 @@ pub struct Study {
     /// What all figures share.
     pub common: Common,
     /// The figures.
-    pub drawn: Vec<Drawn>,
+    pub plots: Vec<Plot>,
     /// The fit over amplitude and friction.
     pub cells: Vec<Cell>,
     /// The cable's fit over amplitude and damping.
@@ -38,7 +38,7 @@ pub struct Study {
 /// How many times [`study`] calls `done`.
 pub const STEPS: usize = 2
     + guided::PARTS
-    + DRAW.len()
+    + PLOTS.len()
     + PARTS
     + AMPLITUDES_DEG.len() * Friction::ALL.len()
     + FITTED
@@ -49,13 +49,13 @@ pub const STEPS: usize = 2
 /// # Errors
 /// Where a constant is out of range, or no softening gives the measured resonance.
 pub fn study(done: impl Fn() + Sync) -> Result<Study> {
-    // One after the other, tracing leaves a core idle.
-    let (tracing, (learning, guided)) =
-        rayon::join(trace, || rayon::join(|| learn(&done), || guided::laws(&done)));
-    let (tracing, learning) = (tracing?, learning?);
+    // One after the other, calibration leaves a core idle.
+    let (calibration, (learning, guided)) =
+        rayon::join(calibrate, || rayon::join(|| learn(&done), || guided::laws(&done)));
+    let (calibration, learning) = (calibration?, learning?);
     let guided = guided?.with_learnt(&learning);
     done();
-    let lines = [Line::printed(), tracing.line.clone()];
+    let lines = [Line::printed(), calibration.line.clone()];
     let fit = |line: &Line, low: f64, high: f64| -> Result<Option<LinearSystem>> {
         // A response that no such system comes near has no fit; that is a result.
         Ok(LinearSystem::fit(&sweep(line, &logarithmic(low, high, FIT_POINTS))?).ok())
@@ -65,35 +65,36 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
     let common = Common {
         fitted: [fit(printed, 0.2, 24.0)?, fit(traced, 0.2, 24.0)?],
         fitted_short: [fit(&short[0], 0.2, 250.0)?, fit(&short[1], 0.2, 100.0)?],
-        tracing,
+        calibration,
         learning,
         guided,
     };
     done();
     let (figures, loop_results) = rayon::join(
         || {
-            DRAW.par_iter()
+            PLOTS
+                .par_iter()
                 .map(|draw| {
-                    let drawn = draw(&common);
+                    let plot = draw(&common);
                     done();
-                    drawn
+                    plot
                 })
-                .collect::<Result<Vec<Drawn>>>()
+                .collect::<Result<Vec<Plot>>>()
         },
         || {
             let cells = grid(&AMPLITUDES_DEG, &done)?;
-            let rivals = rivals(common.tracing.factor, common.tracing.traced, &done)?;
+            let rivals = rivals(common.calibration.factor, common.calibration.traced, &done)?;
             Result::Ok((cells, rivals, cable::cells(&done)?))
         },
     );
-    let drawn = figures?;
+    let plots = figures?;
     let (cells, rivals, cable) = loop_results?;
-    let conclusions = conclusions(&cells, common.tracing.factor)?;
-    let mut all: Vec<Row> = drawn.iter().flat_map(|figure| figure.rows.clone()).collect();
-    all.extend(rows::rows(&common.tracing, &cells, &rivals, &conclusions)?);
+    let conclusions = conclusions(&cells, common.calibration.factor)?;
+    let mut all: Vec<Row> = plots.iter().flat_map(|figure| figure.rows.clone()).collect();
+    all.extend(rows::rows(&common.calibration, &cells, &rivals, &conclusions)?);
     all.extend(cable::rows(&cable));
     all.extend(common.guided.rows());
-    Ok(Study { common, drawn, cells, cable, rivals, conclusions, rows: all })
+    Ok(Study { common, plots, cells, cable, rivals, conclusions, rows: all })
 }
 
 /// Points of a response to which a linear system is fitted.

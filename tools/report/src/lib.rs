@@ -28,17 +28,17 @@ mod escape;
 mod figure;
 mod page;
 mod palette;
+mod panels;
 #[cfg(feature = "png")]
-mod picture;
+mod png;
 mod scale;
-mod sheet;
 
 pub use figure::Figure;
 pub use page::{Page, Table, Tone};
 pub use palette::Colour;
+pub use panels::Panels;
 #[cfg(feature = "png")]
-pub use picture::Painter;
-pub use sheet::Sheet;
+pub use png::PngRenderer;
 
 /// Why a figure or page could not be made.
 #[derive(Debug, thiserror::Error)]

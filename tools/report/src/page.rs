@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::escape::escape;
-use crate::{Error, Figure, Result, Sheet};
+use crate::{Error, Figure, Panels, Result};
 
 /// Colour of a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,8 +149,8 @@ impl Page {
     }
 
     /// A figure of several panels with its caption, no larger than it was drawn.
-    pub fn sheet(mut self, sheet: &Sheet, caption: &str) -> Self {
-        match sheet.render_svg() {
+    pub fn panels(mut self, panels: &Panels, caption: &str) -> Self {
+        match panels.render_svg() {
             Ok(svg) => {
                 let _ = writeln!(
                     self.body,

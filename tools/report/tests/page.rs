@@ -1,7 +1,7 @@
 //! What a reader's browser gets.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use report::{Error, Figure, Page, Sheet, Table, Tone};
+use report::{Error, Figure, Page, Panels, Table, Tone};
 
 fn line() -> Figure {
     Figure::new("a < b & \"c\"", "time / s", "force / N").line("x", &[0.0, 1.0], &[0.0, 1.0])
@@ -120,24 +120,24 @@ fn what_lies_outside_a_fixed_range_is_cut_off() {
 
 #[test]
 fn panels_of_a_sheet_stand_in_rows() {
-    let sheet = Sheet::new("two")
+    let panels = Panels::new("two")
         .columns(2)
         .panel(line().size(300, 200))
         .panel(line().size(300, 250))
         .panel(line());
-    assert_eq!(sheet.size(), (1360, 590));
-    let svg = sheet.render_svg().unwrap();
+    assert_eq!(panels.size(), (1360, 590));
+    let svg = panels.render_svg().unwrap();
     assert_eq!(svg.matches("<svg").count(), 4);
     assert!(svg.contains("<svg x=\"680\" y=\"0\"") && svg.contains("<svg x=\"0\" y=\"250\""));
-    let html = Page::new("p").sheet(&sheet, "caption").render().unwrap();
+    let html = Page::new("p").panels(&panels, "caption").render().unwrap();
     assert!(html.contains("<figcaption>caption"));
 }
 
 #[cfg(feature = "png")]
 #[test]
 fn a_picture_has_the_width_that_was_asked_for() {
-    let svg = Sheet::new("one").panel(line()).render_svg().unwrap();
-    let png = report::Painter::new().unwrap().png("one", &svg, 500).unwrap();
+    let svg = Panels::new("one").panel(line()).render_svg().unwrap();
+    let png = report::PngRenderer::new().unwrap().png("one", &svg, 500).unwrap();
     assert_eq!(&png[1..4], b"PNG");
     assert_eq!(u32::from_be_bytes(png[16..20].try_into().unwrap()), 500);
     assert!(png.len() > 2000, "{} bytes: nothing was drawn", png.len());

@@ -13,8 +13,8 @@ pub use loss::{Losses, TopicLoss, losses};
 pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
 pub use timing::{
-    OfLoops, Outage, Rate, Timing, Trip, command_rates, dark, missed_periods, of_loops, outage,
-    profile, sample_to_command, unprovoked,
+    OfLoops, Outage, Rate, Timing, Trip, command_rates, missed_periods, of_loops, outage, profile,
+    sample_to_command, unpowered_spans, unprovoked,
 };
 pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
 

@@ -186,17 +186,17 @@ pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
     let enabled_ns =
         tokens().find(|token| token.enabled && token.epoch > epoch).map(|token| token.time_ns);
 
-    let dark_until = enabled_ns.unwrap_or(end);
+    let unpowered_until = enabled_ns.unwrap_or(end);
     let scans = || trace.scans.iter().filter(|scan| after(scan.scan_ns));
     let mut trip_ns = None;
-    for scan in scans().filter(|scan| scan.scan_ns < dark_until) {
+    for scan in scans().filter(|scan| scan.scan_ns < unpowered_until) {
         if scan.motor_v == 0.0 {
             trip_ns = trip_ns.or(Some(scan.scan_ns));
         } else {
             trip_ns = None;
         }
     }
-    let powered = scans().find(|scan| scan.scan_ns >= dark_until && scan.motor_v != 0.0);
+    let powered = scans().find(|scan| scan.scan_ns >= unpowered_until && scan.motor_v != 0.0);
     let volts_before = trace
         .scans
         .iter()
@@ -287,7 +287,7 @@ pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
 
 /// When there was no leave to power the motor, after the first time that there was: from and to
 /// (ns, CLOCK_MONOTONIC).
-pub fn dark(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
+pub fn unpowered_spans(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
     let mut spans = Vec::new();
     let mut begun = None;
     for pair in tokens.windows(2) {

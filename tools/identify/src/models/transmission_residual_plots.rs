@@ -1,7 +1,7 @@
 //! Plots of a transmission's residual over position, velocity, torque, time since the last
 //! reversal, time and frequency.
 
-use report::{Figure, Page, Sheet};
+use report::{Figure, Page, Panels};
 
 use super::transmission_study::Study;
 
@@ -188,9 +188,9 @@ pub(super) fn maps(
         spectral.then_some(spectrum),
     ];
     let sheet =
-        Sheet::new(format!("What the innovation of {} depends on", channel.column())).columns(2);
-    let sheet = panels.into_iter().flatten().fold(sheet, Sheet::panel);
-    page.sheet(&sheet, &format!("Innovation of {}.", channel.column()))
+        Panels::new(format!("What the innovation of {} depends on", channel.column())).columns(2);
+    let sheet = panels.into_iter().flatten().fold(sheet, Panels::panel);
+    page.panels(&sheet, &format!("Innovation of {}.", channel.column()))
 }
 
 #[cfg(test)]

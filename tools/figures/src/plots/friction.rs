@@ -1,15 +1,15 @@
 //! Fig. 3.2: the friction laws.
 
 use plant::hydrostatic::Parameters;
-use report::{Colour, Sheet};
+use report::{Colour, Panels};
 
 use super::style::axes;
-use super::{Common, Drawn};
+use super::{Common, Plot};
 use crate::error::Result;
 use crate::line::Line;
 use crate::published::published;
+use crate::quasi_static::quasi_static_cycle;
 use crate::row::{Role, Row};
-use crate::slow::slow_cycle;
 
 /// Fastest speed drawn, rad/s: the peak of a 3 Hz movement of ±60°.
 const FASTEST_RAD_S: f64 = 20.0;
@@ -18,7 +18,7 @@ const FASTEST_RAD_S: f64 = 20.0;
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn laws(common: &Common) -> Result<Drawn> {
+pub fn laws(common: &Common) -> Result<Plot> {
     let printed = Parameters::printed();
     // Speed 0 twice: friction jumps there from one breakaway to the other.
     let speeds: Vec<f64> =
@@ -43,9 +43,9 @@ pub fn laws(common: &Common) -> Result<Drawn> {
     let measured_back = published("hydrostatic.static_friction_measured.negative_nm")?;
     let volts = published("hydrostatic.static_friction_voltage_measured.value_v")?;
     let at_motor = printed.static_friction_at_motor_nm();
-    let slow_printed = slow_cycle(&Line::printed())?.mean_nm;
-    let slow_traced = slow_cycle(&common.tracing.line)?.mean_nm;
-    let sheet = Sheet::new("Fig. 3.2, friction laws")
+    let slow_printed = quasi_static_cycle(&Line::printed())?.mean_nm;
+    let slow_traced = quasi_static_cycle(&common.calibration.line)?.mean_nm;
+    let panels = Panels::new("Fig. 3.2, friction laws")
         .panel(
             axes("A  Motor", "master speed / (rad/s)", "friction / (N·m)")
                 .y_range(-1.0, 1.0)
@@ -82,7 +82,7 @@ pub fn laws(common: &Common) -> Result<Drawn> {
             Role::Input,
             Some(at_motor / printed.motor_torque_per_volt_nm),
             Some(
-                common.tracing.line.parameters.static_friction_at_motor_nm()
+                common.calibration.line.parameters.static_friction_at_motor_nm()
                     / printed.motor_torque_per_volt_nm,
             ),
         )
@@ -90,5 +90,5 @@ pub fn laws(common: &Common) -> Result<Drawn> {
         Row::own("own.static_friction_at_motor_nm", "3.2", "N·m", Some(at_motor), Some(at_motor))
             .note("0.767 + 0.2 · 0.031 + 2.30 · 0.854, § 3.2.1's constants"),
     ];
-    Ok(Drawn { number: "3.2", title: "Friction laws", caption, sheet, rows })
+    Ok(Plot { number: "3.2", title: "Friction laws", caption, panels, rows })
 }

@@ -210,7 +210,7 @@ pub fn fit_softening(line: &Line, target_hz: f64) -> Result<Option<f64>> {
 
 /// The nominal case: printed friction, 30°.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tracing {
+pub struct Calibration {
     /// The fitted factor on the line's stiffness.
     pub factor: f64,
     /// The line with it.
@@ -224,7 +224,7 @@ pub struct Tracing {
     pub misprint_difference: f64,
 }
 
-impl Tracing {
+impl Calibration {
     /// What the softening would be in the terms of a hose, belts, gas, or a misprint.
     pub fn softening_as(&self) -> Explanations {
         Parameters::printed().explain_softening(self.factor)
@@ -235,7 +235,7 @@ impl Tracing {
 ///
 /// # Errors
 /// [`FiguresError::NoPeak`] where no softening gives it.
-pub fn trace() -> Result<Tracing> {
+pub fn calibrate() -> Result<Calibration> {
     let target = measured_resonance_hz()?;
     let printed = Line::printed();
     let factor = fit_softening(&printed, target)?.ok_or_else(|| FiguresError::NoPeak {
@@ -255,7 +255,7 @@ pub fn trace() -> Result<Tracing> {
     let misprinted = measure::sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
     let misprint_difference =
         softer.iter().zip(&misprinted).map(|(a, b)| (a.gain - b.gain).abs()).fold(0.0, f64::max);
-    Ok(Tracing {
+    Ok(Calibration {
         factor,
         printed: predict_widely(&printed, PRINTED_RANGE_HZ)?,
         traced: predict_widely(&line, near(target))?,

@@ -1,9 +1,9 @@
 //! Fig. 3.3: master and slave over time.
 
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 
 use super::style::axes;
-use super::{Common, Drawn, columns};
+use super::{Common, Plot, columns};
 use crate::error::Result;
 use crate::line::Line;
 use crate::measure::{Cycle, cycle};
@@ -14,12 +14,12 @@ use crate::row::{Role, Row};
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn movement(common: &Common) -> Result<Drawn> {
+pub fn movement(common: &Common) -> Result<Plot> {
     let printed = Line::printed();
-    let traced = &common.tracing.line;
+    let traced = &common.calibration.line;
     let (printed_cycle, traced_cycle) = (cycle(&printed, 1.0)?, cycle(traced, 1.0)?);
     let (slow, fast) = (cycle(traced, 0.2)?, cycle(traced, 2.0)?);
-    let sheet = Sheet::new("Fig. 3.3, master and slave along a sine")
+    let panels = Panels::new("Fig. 3.3, master and slave along a sine")
         .panel(both("1 Hz, printed constants", &printed_cycle))
         .panel(both("1 Hz, traced line", &traced_cycle))
         .panel(both("0.2 Hz, traced line", &slow))
@@ -58,7 +58,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         )
         .note("longest time for which the slave stands still, 1 Hz, ±30°"),
     ];
-    Ok(Drawn { number: "3.3", title: "Movement along a sine", caption, sheet, rows })
+    Ok(Plot { number: "3.3", title: "Movement along a sine", caption, panels, rows })
 }
 
 fn both(title: &str, cycle: &Cycle) -> Figure {

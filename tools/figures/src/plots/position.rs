@@ -2,11 +2,11 @@
 
 use control::law::force::offset_v;
 use lock_step::ilc::Trace;
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 use rig::RigFile;
 
 use super::style::{axes, tall};
-use super::{Common, Drawn};
+use super::{Common, Plot};
 use crate::error::Result;
 use crate::guided::{AMPLITUDE_DEG, FIGURE_HZ, Guided, LawKind};
 use crate::learning::RIGS;
@@ -38,7 +38,7 @@ fn movement_of(guided: &Guided, law: LawKind, hertz: f64, cycles: f64) -> Trace 
 ///
 /// # Errors
 /// None today; as the other figures.
-pub fn movement(common: &Common) -> Result<Drawn> {
+pub fn movement(common: &Common) -> Result<Plot> {
     let guided = &common.guided;
     let panel = |title: &str, hertz: f64| {
         let trace = movement_of(guided, LawKind::Printed, hertz, 1.0);
@@ -51,7 +51,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
             .colour(Colour::Vermillion)
             .line("slave", &trace.time_s, &degrees(&trace.slave))
     };
-    let sheet = Sheet::new("Fig. 4.1, movement under position control")
+    let panels = Panels::new("Fig. 4.1, movement under position control")
         .panel(panel("A  0.2 Hz", 0.2))
         .panel(panel("B  1 Hz", 1.0))
         .panel(panel("C  3 Hz", 3.0));
@@ -88,14 +88,14 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         Row::own("own.position_control.plateau_1hz_s", "4.1", "s", None, plateau(1.0))
             .note("longest time for which the slave stands still, § 4.1 as printed"),
     ];
-    Ok(Drawn { number: "4.1", title: "Movement under position control", caption, sheet, rows })
+    Ok(Plot { number: "4.1", title: "Movement under position control", caption, panels, rows })
 }
 
 /// Fig. 4.3.
 ///
 /// # Errors
 /// Where the rig file that is built in is not in order.
-pub fn feedforward(common: &Common) -> Result<Drawn> {
+pub fn feedforward(common: &Common) -> Result<Plot> {
     let (name, text) = RIGS[1];
     let rig = lock_step::simplified(RigFile::parse(text, name)?);
     let control = &rig.axes[0].control;
@@ -114,7 +114,7 @@ pub fn feedforward(common: &Common) -> Result<Drawn> {
         .dashed("its sine, against inertia", &printed.time_s, &inertia)
         .colour(Colour::Blue)
         .line("identified model", &identified.time_s, &identified.feedforward);
-    let sheet = Sheet::new("Fig. 4.3, feed-forward and friction compensation")
+    let panels = Panels::new("Fig. 4.3, feed-forward and friction compensation")
         .panel(curve)
         .panel(offset(control.force.as_ref()))
         .panel(effect([&none, &printed, &identified]));
@@ -150,11 +150,11 @@ pub fn feedforward(common: &Common) -> Result<Drawn> {
     .zip(errors)
     .map(|(id, error)| Row::own(id, "4.3", "°", None, error).note("root mean square at 1 Hz"))
     .collect();
-    Ok(Drawn {
+    Ok(Plot {
         number: "4.3",
         title: "Feed-forward and friction compensation",
         caption,
-        sheet,
+        panels,
         rows,
     })
 }

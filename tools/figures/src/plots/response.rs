@@ -1,18 +1,18 @@
 //! Fig. 3.4, 3.7 and 5.7: frequency responses.
 
 use plant::response::{LinearSystem, Response};
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 
 use super::curve::{Curve, bode};
 use super::style::axes;
-use super::{Common, Drawn, columns};
+use super::{Common, Plot, columns};
+use crate::calibration::SHORT_M;
 use crate::error::Result;
 use crate::line::Line;
 use crate::linear;
 use crate::measure::{CUT_OFF_GAIN, VANISHED_GAIN, cycle, logarithmic, sweep};
 use crate::published::published;
 use crate::row::{Role, Row};
-use crate::tracing::SHORT_M;
 
 /// Points of a drawn curve.
 const POINTS: usize = 90;
@@ -23,9 +23,9 @@ const SMOOTH: usize = 600;
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn ten_metres(common: &Common) -> Result<Drawn> {
+pub fn ten_metres(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.2, 24.0, POINTS);
-    let traced_line = &common.tracing.line;
+    let traced_line = &common.calibration.line;
     let printed = sweep(&Line::printed(), &frequencies)?;
     let traced = sweep(traced_line, &frequencies)?;
     let mut curves = vec![
@@ -42,8 +42,8 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
     }
     let [gains, phases] = bode("A  10 m", &curves, (0.2, 24.0), (0.1, 8.0), -300.0);
-    let sheet =
-        Sheet::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
+    let panels =
+        Panels::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
             "B  1 Hz, traced line",
             traced_line,
             1.0,
@@ -61,12 +61,12 @@ pub fn ten_metres(common: &Common) -> Result<Drawn> {
         figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat \
         tops."
             .to_owned();
-    Ok(Drawn { number: "3.4", title: "Frequency response, 10 m", caption, sheet, rows })
+    Ok(Plot { number: "3.4", title: "Frequency response, 10 m", caption, panels, rows })
 }
 
 /// The published values on the response of 10 m of hose, beside those of both lines.
 fn ten_metre_rows(common: &Common, printed: &[Response], traced: &[Response]) -> Result<Vec<Row>> {
-    let (p, t) = (&common.tracing.printed, &common.tracing.traced);
+    let (p, t) = (&common.calibration.printed, &common.calibration.traced);
     let decibels = |gain: Option<f64>| gain.map(|gain| 20.0 * gain.log10());
     let smallest = |responses: &[Response], cut_off: Option<f64>| {
         let limit = cut_off.unwrap_or(f64::INFINITY);
@@ -119,9 +119,9 @@ fn ten_metre_rows(common: &Common, printed: &[Response], traced: &[Response]) ->
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn one_metre(common: &Common) -> Result<Drawn> {
+pub fn one_metre(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.5, 120.0, POINTS);
-    let line = common.tracing.line.clone().with_length(SHORT_M);
+    let line = common.calibration.line.clone().with_length(SHORT_M);
     let mut curves = vec![
         Curve::simulated(
             "printed constants",
@@ -141,14 +141,14 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
         curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
     }
     let [gains, phases] = bode("A  1 m", &curves, (0.5, 120.0), (0.1, 20.0), -300.0);
-    let sheet = Sheet::new("Fig. 3.7, 1 m of hose").panel(gains).panel(phases).panel(outputs(
+    let panels = Panels::new("Fig. 3.7, 1 m of hose").panel(gains).panel(phases).panel(outputs(
         "B  2 Hz, traced line",
         &line,
         2.0,
         ("eq. 3.3.2", &LinearSystem::ONE_METRE),
         common.fitted_short[1].as_ref(),
     )?);
-    let (p, t) = (&common.tracing.printed, &common.tracing.traced);
+    let (p, t) = (&common.calibration.printed, &common.calibration.traced);
     let beside = |id, printed, traced, note: &str| {
         Ok(Row::beside(published(id)?, Role::Predicted, printed, traced).note(note))
     };
@@ -191,14 +191,14 @@ pub fn one_metre(common: &Common) -> Result<Drawn> {
         Hz, beyond the figure: the \
         author's own simulation had a softer line too, at both lengths. B: one cycle at 2 Hz."
         .to_owned();
-    Ok(Drawn { number: "3.7", title: "Frequency response, 1 m", caption, sheet, rows })
+    Ok(Plot { number: "3.7", title: "Frequency response, 1 m", caption, panels, rows })
 }
 
 /// Fig. 5.7.
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn measured(common: &Common) -> Result<Drawn> {
+pub fn measured(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.2, 15.0, POINTS);
     let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
     let cut_off = published("hydrostatic.frequency_response_measured.cutoff_hz")?;
@@ -213,7 +213,7 @@ pub fn measured(common: &Common) -> Result<Drawn> {
             "traced line",
             Colour::Blue,
             false,
-            &sweep(&common.tracing.line, &frequencies)?,
+            &sweep(&common.calibration.line, &frequencies)?,
         ),
     ];
     let [gains, phases] = bode("A  Hydrostatic", &curves, (0.2, 15.0), (0.5, 4.0), -220.0);
@@ -222,12 +222,12 @@ pub fn measured(common: &Common) -> Result<Drawn> {
         .colour(Colour::Black)
         .scatter("measured cut-off", &[cut_off.value], &[CUT_OFF_GAIN]);
     let ([cable_gains, cable_phases], cable_rows) = super::cable::response()?;
-    let sheet = Sheet::new("Fig. 5.7, responses against what was measured")
+    let panels = Panels::new("Fig. 5.7, responses against what was measured")
         .panel(gains)
         .panel(phases)
         .panel(cable_gains)
         .panel(cable_phases);
-    let (p, t) = (&common.tracing.printed, &common.tracing.traced);
+    let (p, t) = (&common.calibration.printed, &common.calibration.traced);
     let mut rows = vec![
         Row::beside(resonance, Role::Fitted, p.peak_hz, t.peak_hz).note(
             "frequency of the largest gain, ±30°; the only value that the softening was fitted to",
@@ -249,7 +249,7 @@ pub fn measured(common: &Common) -> Result<Drawn> {
         is over the mechanical ratio. Its peak is far higher than the measured one, \
         which \"remains same till after resonance\"."
         .to_owned();
-    Ok(Drawn { number: "5.7", title: "Measured frequency response", caption, sheet, rows })
+    Ok(Plot { number: "5.7", title: "Measured frequency response", caption, panels, rows })
 }
 
 /// One cycle: master, simulated slave, and linear systems' slaves.

@@ -2,10 +2,10 @@
 
 use lock_step::guided::Quality;
 use lock_step::ilc::{HARMONICS, IlcTask, PUBLISHED, Trace};
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 
 use super::style::{axes, tall};
-use super::{Common, Drawn};
+use super::{Common, Plot};
 use crate::error::Result;
 use crate::learning::{BLOCKS, Course, GOAL_DEG, Learning, MIDDLE};
 use crate::published::published;
@@ -41,7 +41,7 @@ fn opposite_percent(cycle: &Trace, standing_deg_s: f64) -> Option<f64> {
 ///
 /// # Errors
 /// None today; as the other figures.
-pub fn monotonicity(common: &Common) -> Result<Drawn> {
+pub fn monotonicity(common: &Common) -> Result<Plot> {
     let panel = |title: &str, course: &Course, until_s: f64| {
         let cycle = &course.cycles[1];
         let within = cycle.time_s.iter().take_while(|time_s| **time_s <= until_s).count();
@@ -55,7 +55,7 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
     let standing = standing_deg_s(&task());
     let [in_printed, in_traced] =
         [printed, traced].map(|course| opposite_percent(&course.cycles[1], standing));
-    let sheet = Sheet::new("Fig. 4.5, master and slave velocity during learning")
+    let panels = Panels::new("Fig. 4.5, master and slave velocity during learning")
         .panel(panel("A  Traced line", traced, 1.0))
         .panel(panel("B  Printed constants, first 0.2 s", printed, 0.2));
     let caption = format!(
@@ -76,17 +76,17 @@ pub fn monotonicity(common: &Common) -> Result<Drawn> {
             directions, both faster \
          than {standing:.0} °/s"
     ))];
-    Ok(Drawn { number: "4.5", title: "Monotonicity of the transmission", caption, sheet, rows })
+    Ok(Plot { number: "4.5", title: "Monotonicity of the transmission", caption, panels, rows })
 }
 
 /// Fig. 4.6.
 ///
 /// # Errors
 /// Where a published value is missing from the table.
-pub fn learning(common: &Common) -> Result<Drawn> {
+pub fn learning(common: &Common) -> Result<Plot> {
     let learning = &common.learning;
     let task = task();
-    let sheet = Sheet::new("Fig. 4.6, iterative learning")
+    let panels = Panels::new("Fig. 4.6, iterative learning")
         .panel(slave(&learning.published[1]))
         .panel(master(&learning.published[1]))
         .panel(errors(learning));
@@ -124,11 +124,11 @@ pub fn learning(common: &Common) -> Result<Drawn> {
         within(blocks[0]),
         within(by_model[0]),
     );
-    Ok(Drawn {
+    Ok(Plot {
         number: "4.6",
         title: "Iterative learning of a movement",
         caption,
-        sheet,
+        panels,
         rows: rows(learning, &task, [first, last, blocks, by_model])?,
     })
 }
@@ -141,7 +141,7 @@ const WITH_FEEDFORWARD: &str = "feedforward_30deg";
 ///
 /// # Errors
 /// None today; as the other figures.
-pub fn before_and_after(common: &Common) -> Result<Drawn> {
+pub fn before_and_after(common: &Common) -> Result<Plot> {
     let Some(course) = common.learning.case(WITH_FEEDFORWARD).map(|case| &case.published) else {
         return Err(crate::error::FiguresError::Missing(WITH_FEEDFORWARD));
     };
@@ -161,8 +161,8 @@ pub fn before_and_after(common: &Common) -> Result<Drawn> {
         .line("before learning", &before.time_s, &degrees(&before.master))
         .colour(Colour::Blue)
         .line("after learning", &after.time_s, &degrees(&after.master));
-    let sheet =
-        Sheet::new("Fig. 4.7, movement before and after learning").panel(slave).panel(master);
+    let panels =
+        Panels::new("Fig. 4.7, movement before and after learning").panel(slave).panel(master);
     let of =
         |read: fn(&Quality) -> f64| quality.map(|quality| quality.map(|quality| read(&quality)));
     let (error, plateau) =
@@ -211,7 +211,7 @@ pub fn before_and_after(common: &Common) -> Result<Drawn> {
         ),
         row("master_peak_after_deg", "°", Some(peaks[1]), "the same with the learnt reference"),
     ];
-    Ok(Drawn { number: "4.7", title: "Movement before and after learning", caption, sheet, rows })
+    Ok(Plot { number: "4.7", title: "Movement before and after learning", caption, panels, rows })
 }
 
 fn slave(course: &Course) -> Figure {

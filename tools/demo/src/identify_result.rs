@@ -1,5 +1,4 @@
-//! The recording held against the declared model: `farreach identify` on what the demo recorded, as
-//! a call.
+//! Runs `farreach identify` on the recording of the demo.
 
 use std::path::Path;
 
@@ -8,67 +7,67 @@ use identify::study::{Identification, StudyOptions, read, study};
 use report::{Page, Table};
 use rig::RigFile;
 
-/// What identify says of the demo's recording.
+/// The result of identify on the recording of the demo.
 #[derive(Debug)]
-pub enum Identified {
-    /// It ran.
-    Said {
+pub enum IdentifyResult {
+    /// Identification completed.
+    Completed {
         /// The result, as `farreach identify --json`.
         outcome: Box<Outcome>,
         /// The verdict as a sentence.
         sentence: String,
-        /// How far it holds.
+        /// The qualification of the verdict.
         detail: String,
     },
-    /// It could not, for this reason.
-    Refused(String),
-    /// Nobody asked for it.
-    LeftOut,
+    /// Identification failed, for this reason.
+    Failed(String),
+    /// Identification was not requested (`--no-identify`).
+    Skipped,
 }
 
-impl Identified {
-    /// Of a recording of this rig, on all processors: nothing else runs any more.
+impl IdentifyResult {
+    /// Identifies a recording of this rig, using all processors.
     pub fn of(recording: &Path, rig: &RigFile) -> Self {
         match read(recording, rig).and_then(|series| study(rig, &[series], StudyOptions::default()))
         {
             Ok(Identification { outcome, sentence, detail, .. }) => {
-                Self::Said { outcome: Box::new(outcome), sentence, detail }
+                Self::Completed { outcome: Box::new(outcome), sentence, detail }
             }
-            Err(error) => Self::Refused(error.to_string()),
+            Err(error) => Self::Failed(error.to_string()),
         }
     }
 
-    /// For `summary.json`: the result, or `null`.
+    /// Returns the result for `summary.json`, or `None` (`null`).
     pub fn value(&self) -> Option<serde_json::Value> {
         match self {
-            Self::Said { outcome, .. } => serde_json::to_value(outcome).ok(),
-            Self::Refused(_) | Self::LeftOut => None,
+            Self::Completed { outcome, .. } => serde_json::to_value(outcome).ok(),
+            Self::Failed(_) | Self::Skipped => None,
         }
     }
 
-    /// For `summary.json`: why it could not be run.
+    /// Returns the reason of a failure for `summary.json`.
     pub fn refused(&self) -> Option<String> {
         match self {
-            Self::Refused(reason) => Some(reason.clone()),
-            Self::Said { .. } | Self::LeftOut => None,
+            Self::Failed(reason) => Some(reason.clone()),
+            Self::Completed { .. } | Self::Skipped => None,
         }
     }
 
-    /// A line for the console.
+    /// Returns one line for the terminal.
     pub(crate) fn line(&self) -> Option<String> {
         match self {
-            Self::Said { outcome, sentence, .. } => {
+            Self::Completed { outcome, sentence, .. } => {
                 Some(format!("{sentence} ({:.0} s)", outcome.seconds))
             }
-            Self::Refused(reason) => Some(format!("could not be run: {reason}")),
-            Self::LeftOut => None,
+            Self::Failed(reason) => Some(format!("could not be run: {reason}")),
+            Self::Skipped => None,
         }
     }
 
-    /// A section of the page.
+    /// Adds the section on identification to the page.
     pub(crate) fn section(&self, page: Page) -> Page {
         match self {
-            Self::Said { outcome, sentence, detail } => {
+            Self::Completed { outcome, sentence, detail } => {
                 let page = page
                     .heading("What the declared model lacks")
                     .paragraph(sentence)
@@ -77,17 +76,17 @@ impl Identified {
                     true => page,
                     false => page.table(
                         effects(&outcome.effects),
-                        "As farreach identify found it in this recording, which it cut into \
-                            stretches that fit, select and report. The whole \
-                         result stands in summary.json under identify.",
+                        "Found by farreach identify, which divides the recording into fit, \
+                            selection and report segments. The complete result is in summary.json \
+                            under identify.",
                     ),
                 };
                 page.paragraph(&outcome.notes.join(". "))
             }
-            Self::Refused(reason) => page.heading("What the declared model lacks").paragraph(
+            Self::Failed(reason) => page.heading("What the declared model lacks").paragraph(
                 &format!("farreach identify could not be run on this recording: {reason}."),
             ),
-            Self::LeftOut => page,
+            Self::Skipped => page,
         }
     }
 }

@@ -9,9 +9,9 @@ use crate::{Error, Result};
 
 /// Draws SVG documents with the fonts of this machine.
 #[derive(Debug)]
-pub struct Painter(Arc<Database>);
+pub struct PngRenderer(Arc<Database>);
 
-impl Painter {
+impl PngRenderer {
     /// Loads the machine's fonts.
     ///
     /// # Errors

@@ -4,11 +4,11 @@
 use lock_step::free::{HandEffort, HandleControl, Swing, TURN_S, swing};
 use lock_step::ilc::IlcError;
 use rayon::prelude::*;
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 use rig::RigFile;
 
 use super::style::{axes, tall};
-use super::{Common, Drawn};
+use super::{Common, Plot};
 use crate::error::Result;
 use crate::published::published;
 use crate::row::{Role, Row, short};
@@ -16,7 +16,7 @@ use crate::row::{Role, Row, short};
 /// Frequencies of the movement (Hz); the last is the highest that § 4.2 claims.
 const HERTZ: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
 /// Places in [`HERTZ`] of the cycles that are drawn.
-const DRAWN: [usize; 2] = [1, 3];
+const PLOTTED: [usize; 2] = [1, 3];
 
 const RIGS: [(&str, &str); 2] = [
     ("hydrostatic-printed.toml", include_str!("../../../../launch/rigs/hydrostatic-printed.toml")),
@@ -94,7 +94,7 @@ fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
 ///
 /// # Errors
 /// As [`free_movement`].
-pub fn movement(_: &Common) -> Result<Drawn> {
+pub fn movement(_: &Common) -> Result<Plot> {
     free_movement()
 }
 
@@ -103,7 +103,7 @@ pub fn movement(_: &Common) -> Result<Drawn> {
 /// # Errors
 /// Where a rig file that is built in is not in order, or a published value is missing from the
 /// table.
-pub fn free_movement() -> Result<Drawn> {
+pub fn free_movement() -> Result<Plot> {
     let mut rigs = Vec::with_capacity(RIGS.len());
     for (name, text) in RIGS {
         rigs.push(lock_step::simplified(RigFile::parse(text, name)?));
@@ -118,21 +118,23 @@ pub fn free_movement() -> Result<Drawn> {
                 .collect::<Result<Vec<Pair>>>()
         },
         || {
-            (0..CASES.len() * DRAWN.len())
+            (0..CASES.len() * PLOTTED.len())
                 .into_par_iter()
-                .map(|at| case(&rigs[1], &CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]))
+                .map(|at| {
+                    case(&rigs[1], &CASES[at / PLOTTED.len()], HERTZ[PLOTTED[at % PLOTTED.len()]])
+                })
                 .collect::<Result<Vec<Pair>>>()
         },
     );
     let (pairs, cases) = (pairs?, cases?);
     let (printed, traced) = pairs.split_at(HERTZ.len());
-    let sheet = Sheet::new("Fig. 4.2, free movement under force control")
+    let panels = Panels::new("Fig. 4.2, free movement under force control")
         .panel(over_frequency("A  Torque of the hand, rms", [printed, traced], |spent| spent.rms))
         .panel(over_frequency("B  Peak-to-peak torque at the turns", [printed, traced], |spent| {
             spent.ripple
         }))
-        .panel(cycle("C  Traced line, 1 Hz", &traced[DRAWN[0]]))
-        .panel(cycle("D  Traced line, 3 Hz", &traced[DRAWN[1]]));
+        .panel(cycle("C  Traced line, 1 Hz", &traced[PLOTTED[0]]))
+        .panel(cycle("D  Traced line, 3 Hz", &traced[PLOTTED[1]]));
     let caption = caption(traced);
     let mut rows = claims(
         &rigs,
@@ -143,7 +145,7 @@ pub fn free_movement() -> Result<Drawn> {
         rows.extend(values(hertz, &printed[at], &traced[at]));
     }
     for (at, pair) in cases.iter().enumerate() {
-        let (case, hertz) = (&CASES[at / DRAWN.len()], HERTZ[DRAWN[at % DRAWN.len()]]);
+        let (case, hertz) = (&CASES[at / PLOTTED.len()], HERTZ[PLOTTED[at % PLOTTED.len()]]);
         let [dead, free] = pair;
         for (name, value) in [
             ("uncompensated_hand_torque_rms_nm", dead.rms),
@@ -154,11 +156,11 @@ pub fn free_movement() -> Result<Drawn> {
             rows.push(Row::own(id, "4.2", "N·m", None, Some(value)).note(case.what));
         }
     }
-    Ok(Drawn { number: "4.2", title: "Free movement under force control", caption, sheet, rows })
+    Ok(Plot { number: "4.2", title: "Free movement under force control", caption, panels, rows })
 }
 
 fn caption(traced: &[Pair]) -> String {
-    let [slow, fast] = DRAWN.map(|at| &traced[at]);
+    let [slow, fast] = PLOTTED.map(|at| &traced[at]);
     format!(
         "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end \
             to end, the traced line (full) and the \

@@ -4,16 +4,16 @@
 //! not fitted here.
 
 use plant::cable::{Element, Parameters, Plant};
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 
 use super::curve::{Curve, bode};
 use super::style::axes;
-use super::{Common, Drawn, columns};
+use super::{Common, Plot, columns};
 use crate::error::Result;
 use crate::measure::{Rig, at, cut_off, cycle, logarithmic, peak, sweep};
 use crate::published::published;
+use crate::quasi_static::{QuasiStaticCycle, quasi_static_cycle};
 use crate::row::{Role, Row};
-use crate::slow::{SlowCycle, slow_cycle};
 
 /// Amplitude of the slave where the cables are rigid, degrees: the hydrostatic master's. None is
 /// printed.
@@ -62,7 +62,7 @@ fn stretch(element: &mut Element, path: impl Iterator<Item = f64>) -> (Vec<f64>,
 ///
 /// # Errors
 /// Where a published value is missing from the table.
-pub fn extension(_: &Common) -> Result<Drawn> {
+pub fn extension(_: &Common) -> Result<Plot> {
     let stiffness = published("cable.stiffness_n_per_m")?;
     let panel = |title: &str, parameters: &Parameters| -> (Figure, f64) {
         let path = || (0..=500).map(|step| 2e-6 * f64::from(step));
@@ -99,8 +99,8 @@ pub fn extension(_: &Common) -> Result<Drawn> {
         traced one the response peaks where the test-bed's did, but 1 mm hardly leaves the soft \
         start."
         .to_owned();
-    let sheet = Sheet::new("Fig. 5.3, force over extension").panel(printed).panel(traced);
-    Ok(Drawn { number: "5.3", title: "Cable: force over extension", caption, sheet, rows })
+    let panels = Panels::new("Fig. 5.3, force over extension").panel(printed).panel(traced);
+    Ok(Plot { number: "5.3", title: "Cable: force over extension", caption, panels, rows })
 }
 
 /// Offset in N and slope in N/m of a straight line through the points from 0.02 mm to 1.0 mm.
@@ -122,8 +122,8 @@ const LOOP_FORCE_N: f64 = 100.0;
 ///
 /// # Errors
 /// Never.
-pub fn loops(_: &Common) -> Result<Drawn> {
-    let mut sheet = Sheet::new("Fig. 5.4, two loading cycles");
+pub fn loops(_: &Common) -> Result<Plot> {
+    let mut panels = Panels::new("Fig. 5.4, two loading cycles");
     let mut ratios = [0.0; 2];
     for (index, (title, parameters)) in
         [("Printed stiffness", Parameters::printed()), ("Traced stiffness", Parameters::traced())]
@@ -158,7 +158,7 @@ pub fn loops(_: &Common) -> Result<Drawn> {
             };
         }
         ratios[index] = slopes[1] / slopes[0];
-        sheet = sheet.panel(figure);
+        panels = panels.panel(figure);
     }
     let caption =
         "Two loadings and unloadings, one after the other, of 20 cm of the cable, to 100 \
@@ -177,25 +177,25 @@ pub fn loops(_: &Common) -> Result<Drawn> {
         )
         .note("mean stiffness of the second loading to 100 N over that of the first"),
     ];
-    Ok(Drawn { number: "5.4", title: "Cable: two loading cycles", caption, sheet, rows })
+    Ok(Plot { number: "5.4", title: "Cable: two loading cycles", caption, panels, rows })
 }
 
 /// Fig. 5.5: torque of a slow movement.
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn static_friction(common: &Common) -> Result<Drawn> {
-    let hydrostatic = slow_cycle(&common.tracing.line)?;
-    let traced = slow_cycle(&Cable::new(Parameters::traced()))?;
-    let printed = slow_cycle(&Cable::new(Parameters::printed()))?;
-    let panel = |title: &str, slow: &SlowCycle| {
+pub fn static_friction(common: &Common) -> Result<Plot> {
+    let hydrostatic = quasi_static_cycle(&common.calibration.line)?;
+    let traced = quasi_static_cycle(&Cable::new(Parameters::traced()))?;
+    let printed = quasi_static_cycle(&Cable::new(Parameters::printed()))?;
+    let panel = |title: &str, slow: &QuasiStaticCycle| {
         axes(title, "slave position / °", "motor torque / (N·m)").colour(Colour::Blue).line(
             "",
             &slow.position_deg,
             &slow.torque_nm,
         )
     };
-    let sheet = Sheet::new("Fig. 5.5, static friction over position")
+    let panels = Panels::new("Fig. 5.5, static friction over position")
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic))
         .panel(panel("B  Cable, traced", &traced));
     let note =
@@ -225,14 +225,14 @@ pub fn static_friction(common: &Common) -> Result<Drawn> {
         direction, the measured one did; the \
         cable's does both."
         .to_owned();
-    Ok(Drawn { number: "5.5", title: "Static friction over position", caption, sheet, rows })
+    Ok(Plot { number: "5.5", title: "Static friction over position", caption, panels, rows })
 }
 
 /// Fig. 5.6: friction over pretension.
 ///
 /// # Errors
 /// Never.
-pub fn pretension(_: &Common) -> Result<Drawn> {
+pub fn pretension(_: &Common) -> Result<Plot> {
     let tension: Vec<f64> = (1..=200).map(f64::from).collect();
     let friction: Vec<f64> = tension
         .iter()
@@ -242,7 +242,7 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
         })
         .collect();
     let declared = Parameters::printed();
-    let sheet = Sheet::new("Fig. 5.6, friction over pretension").panel(
+    let panels = Panels::new("Fig. 5.6, friction over pretension").panel(
         axes("", "pretension of a cable / N", "static friction at the motor / (N·m)")
             .y_range(0.0, 0.9)
             .colour(Colour::Blue)
@@ -276,7 +276,7 @@ pub fn pretension(_: &Common) -> Result<Drawn> {
             .note("does not depend on the stiffness")
         })
         .to_vec();
-    Ok(Drawn { number: "5.6", title: "Cable: friction over pretension", caption, sheet, rows })
+    Ok(Plot { number: "5.6", title: "Cable: friction over pretension", caption, panels, rows })
 }
 
 /// The cable's panels of fig. 5.7, and its rows.
@@ -339,8 +339,8 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn movement(common: &Common) -> Result<Drawn> {
-    let hydrostatic = cycle(&common.tracing.line, 1.0)?;
+pub fn movement(common: &Common) -> Result<Plot> {
+    let hydrostatic = cycle(&common.calibration.line, 1.0)?;
     let cable = cycle(&Cable::new(Parameters::traced()), 1.0)?;
     let printed = [
         cycle(&crate::line::Line::printed(), 1.0)?.flat_top_s(),
@@ -355,7 +355,7 @@ pub fn movement(common: &Common) -> Result<Drawn> {
             .colour(Colour::Vermillion)
             .dashed("slave", &time, &slave)
     };
-    let sheet = Sheet::new("Fig. 5.8, both transmissions at 1 Hz")
+    let panels = Panels::new("Fig. 5.8, both transmissions at 1 Hz")
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic, 1.0))
         .panel(panel("B  Cable, traced", &cable, Parameters::traced().mechanical_ratio));
     let rows = vec![
@@ -385,5 +385,5 @@ pub fn movement(common: &Common) -> Result<Drawn> {
         1e3 * hydrostatic.flat_top_s(),
         1e3 * cable.flat_top_s()
     );
-    Ok(Drawn { number: "5.8", title: "Both transmissions at 1 Hz", caption, sheet, rows })
+    Ok(Plot { number: "5.8", title: "Both transmissions at 1 Hz", caption, panels, rows })
 }

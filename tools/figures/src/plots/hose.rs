@@ -1,10 +1,10 @@
 //! Fig. 3.5 and 3.6: another hose. Its diameter, its length.
 
 use rayon::prelude::*;
-use report::{Colour, Figure, Sheet};
+use report::{Colour, Figure, Panels};
 
 use super::style::{gain, phase, tall};
-use super::{Common, Drawn};
+use super::{Common, Plot};
 use crate::error::Result;
 use crate::line::Line;
 use crate::measure::{Cycle, cycle, falls_below, logarithmic, peak};
@@ -67,7 +67,7 @@ struct Efficiency {
     panel: &'static str,
     what: &'static str,
     of: fn(&Cycle) -> f64,
-    /// Drawn over decades, since it is no efficiency and knows no bound.
+    /// Plot over decades, since it is no efficiency and knows no bound.
     wide: bool,
     /// Top of the axis.
     top: f64,
@@ -100,7 +100,12 @@ const EFFICIENCIES: [Efficiency; 3] = [
     },
 ];
 
-fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) -> (Sheet, Vec<Row>) {
+fn study(
+    figure: &'static str,
+    kind: &str,
+    printed: &[Hose],
+    traced: &[Hose],
+) -> (Panels, Vec<Row>) {
     let moving =
         |cycle: &Cycle, value: f64| if cycle.response.gain < STILL { f64::NAN } else { value };
     let frequencies = logarithmic(RANGE_HZ.0, RANGE_HZ.1, POINTS);
@@ -111,7 +116,7 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
         }
         figure.x_range(RANGE_HZ.0, RANGE_HZ.1)
     };
-    let mut sheet = Sheet::new(format!("Fig. {figure}, hose {kind}"))
+    let mut panels = Panels::new(format!("Fig. {figure}, hose {kind}"))
         .panel(draw(gain("A  Gain, traced line").y_range(0.1, 8.0), &|c| c.response.gain.max(1e-9)))
         .panel(draw(phase("A  Phase, traced line"), &|c| {
             moving(c, c.response.phase_rad.to_degrees())
@@ -123,7 +128,7 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
         } else {
             axes.y_range(0.0, efficiency.top)
         };
-        sheet = sheet.panel(draw(axes, &|c| moving(c, (efficiency.of)(c))));
+        panels = panels.panel(draw(axes, &|c| moving(c, (efficiency.of)(c))));
     }
     let mut rows = Vec::new();
     for (p, t) in printed.iter().zip(traced) {
@@ -153,7 +158,7 @@ fn study(figure: &'static str, kind: &str, printed: &[Hose], traced: &[Hose]) ->
             )));
         }
     }
-    (sheet, rows)
+    (panels, rows)
 }
 
 fn hoses(
@@ -176,7 +181,7 @@ const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pai
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn diameter(common: &Common) -> Result<Drawn> {
+pub fn diameter(common: &Common) -> Result<Plot> {
     let make = |line: Line, diameter: f64| {
         let millimetres = 1e3 * diameter;
         (
@@ -186,8 +191,8 @@ pub fn diameter(common: &Common) -> Result<Drawn> {
         )
     };
     let printed = hoses(&Line::printed(), &DIAMETERS_M, make)?;
-    let traced = hoses(&common.tracing.line, &DIAMETERS_M, make)?;
-    let (sheet, rows) = study("3.5", "diameter", &printed, &traced);
+    let traced = hoses(&common.calibration.line, &DIAMETERS_M, make)?;
+    let (panels, rows) = study("3.5", "diameter", &printed, &traced);
     let caption = format!(
         "Hoses of 5 to 15 mm, 10 m long, the cylinders kept. A: a narrower hose damps more, so the \
             peak is lower and its top \
@@ -195,24 +200,24 @@ pub fn diameter(common: &Common) -> Result<Drawn> {
          (stiffness and fluid mass, seen from \
          the pulleys, both grow as the bore shrinks). {EFFICIENCY_WORDS}"
     );
-    Ok(Drawn { number: "3.5", title: "Hose diameter", caption, sheet, rows })
+    Ok(Plot { number: "3.5", title: "Hose diameter", caption, panels, rows })
 }
 
 /// Fig. 3.6: length.
 ///
 /// # Errors
 /// Where a constant is out of range.
-pub fn length(common: &Common) -> Result<Drawn> {
+pub fn length(common: &Common) -> Result<Plot> {
     let make = |line: Line, length: f64| {
         (format!("{length:.0} m"), format!("{length:.0}m"), line.with_length(length))
     };
     let printed = hoses(&Line::printed(), &LENGTHS_M, make)?;
-    let traced = hoses(&common.tracing.line, &LENGTHS_M, make)?;
-    let (sheet, rows) = study("3.6", "length", &printed, &traced);
+    let traced = hoses(&common.calibration.line, &LENGTHS_M, make)?;
+    let (panels, rows) = study("3.6", "length", &printed, &traced);
     let caption = format!(
         "Hoses of 1 to 20 m with the bore of the printed area. A: a shorter hose is stiffer and \
             holds less fluid, so the \
          peak moves up; short hoses lag little below it. {EFFICIENCY_WORDS}"
     );
-    Ok(Drawn { number: "3.6", title: "Hose length", caption, sheet, rows })
+    Ok(Plot { number: "3.6", title: "Hose length", caption, panels, rows })
 }

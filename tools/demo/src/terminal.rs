@@ -1,4 +1,4 @@
-//! What a person sees while it runs: lines on standard output, and on a terminal a line that moves
+//! Progress of the run: lines on standard output and, on a terminal, a status line
 //! below them.
 
 use std::io::{IsTerminal as _, Write as _};
@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// The terminal, or a pipe.
+/// Output to a terminal or a pipe.
 #[derive(Debug)]
-pub(crate) struct Console {
+pub(crate) struct Terminal {
     bar: Option<ProgressBar>,
 }
 
-impl Console {
+impl Terminal {
     pub(crate) fn new() -> Self {
         let bar = (std::io::stdout().is_terminal() && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new_spinner();
@@ -25,10 +25,10 @@ impl Console {
         Self { bar }
     }
 
-    /// A step that is done, with what was measured.
-    pub(crate) fn done(&self, text: &str) {
+    /// Prints a line on standard output.
+    pub(crate) fn print(&self, text: &str) {
         let print = || {
-            // A reader that went away must not end the run half-way.
+            // A closed pipe must not end the run.
             let _closed = writeln!(std::io::stdout(), "{text}");
         };
         match &self.bar {
@@ -37,7 +37,7 @@ impl Console {
         }
     }
 
-    /// Something that a person should know, on standard error.
+    /// Prints a warning on standard error.
     pub(crate) fn warn(&self, text: &str) {
         let print = || eprintln!("{text}");
         match &self.bar {
@@ -46,15 +46,15 @@ impl Console {
         }
     }
 
-    /// What is going on; nothing in a pipe.
-    pub(crate) fn doing(&self, text: impl FnOnce() -> String) {
+    /// Shows the current activity on the status line; does nothing in a pipe.
+    pub(crate) fn progress(&self, text: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
             bar.set_message(text());
         }
     }
 }
 
-impl Drop for Console {
+impl Drop for Terminal {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

@@ -1,6 +1,6 @@
 //! The loop's own rows: what was fitted, the grid, the rivals, the conclusions.
 
-use super::Tracing;
+use super::Calibration;
 use super::conclusions::Conclusion;
 use super::grid::Cell;
 use super::rivals::Rival;
@@ -15,13 +15,13 @@ const FIGURE: &str = "5.7";
 /// # Errors
 /// Where a published value is missing from the table.
 pub fn rows(
-    tracing: &Tracing,
+    calibration: &Calibration,
     cells: &[Cell],
     rivals: &[Rival],
     conclusions: &[Conclusion],
 ) -> Result<Vec<Row>> {
     let mut rows = vec![
-        Row::own("own.line_stiffness_factor", FIGURE, "1", Some(1.0), Some(tracing.factor))
+        Row::own("own.line_stiffness_factor", FIGURE, "1", Some(1.0), Some(calibration.factor))
             .role(Role::Fitted)
             .note(
                 "fitted to the measured resonance alone; effect line_compliance of size 1/factor \
@@ -32,14 +32,14 @@ pub fn rows(
             FIGURE,
             "1",
             None,
-            Some(tracing.misprint_difference),
+            Some(calibration.misprint_difference),
         )
         .note(
             "line_compliance against a bulk modulus smaller by the same factor, 0.2 to 24 \
                 Hz: the numbers cannot separate them",
         ),
     ];
-    let by = tracing.softening_as();
+    let by = calibration.softening_as();
     let each = [
         (
             "hose_wall_modulus_pa",

@@ -7,14 +7,14 @@ use crate::{Figure, Result};
 
 /// Panels of one figure, laid out in rows and drawn as one SVG document.
 #[derive(Clone, Debug)]
-pub struct Sheet {
+pub struct Panels {
     title: String,
     columns: usize,
     panels: Vec<Figure>,
 }
 
-impl Sheet {
-    /// An empty sheet; the title is what a screen reader says.
+impl Panels {
+    /// An empty panels; the title is what a screen reader says.
     pub fn new(title: impl Into<String>) -> Self {
         Self { title: title.into(), columns: 1, panels: Vec::new() }
     }

@@ -4,9 +4,9 @@ use plant::cable::Parameters;
 use rayon::prelude::*;
 
 use super::{fit_with_peak, measured};
-use crate::drawn::cable::Cable;
 use crate::error::Result;
 use crate::measure::cut_off;
+use crate::plots::cable::Cable;
 use crate::row::{Role, Row};
 
 /// Amplitudes of the slave where the cables are rigid, degrees; none is printed. Below, friction

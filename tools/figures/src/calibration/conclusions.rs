@@ -186,8 +186,8 @@ fn range(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracing::Prediction;
-    use crate::tracing::grid::Friction;
+    use crate::calibration::Prediction;
+    use crate::calibration::grid::Friction;
 
     fn cell(lag_1hz_s: f64) -> Cell {
         let traced = Prediction { lag_1hz_s: Some(lag_1hz_s), ..Prediction::default() };

@@ -3,14 +3,14 @@
 
 use std::collections::HashSet;
 
+use figures::calibration::conclusions::conclusions;
+use figures::calibration::grid::{Friction, grid};
+use figures::calibration::{calibrate, fit, rows};
 use figures::line::{Added, Line, MEASURED_FRICTION_NM};
 use figures::linear;
 use figures::measure::{Peak, at, cut_off, cycle, falls_below, peak};
 use figures::published::{PUBLISHED, published};
 use figures::row::{Role, Row};
-use figures::tracing::conclusions::conclusions;
-use figures::tracing::grid::{Friction, grid};
-use figures::tracing::{fit, rows, trace};
 use plant::effects::Site;
 use plant::response::LinearSystem;
 
@@ -67,19 +67,23 @@ fn printed_constants_peak_near_30_hz_and_hardly_lag() {
 /// One number is fitted; the others come out where the rig and the author's simulation had them.
 #[test]
 fn softening_fitted_to_the_resonance_predicts_the_rest() {
-    let tracing = trace().unwrap();
+    let calibration = calibrate().unwrap();
     close(
-        tracing.traced.peak_hz.unwrap(),
+        calibration.traced.peak_hz.unwrap(),
         value("hydrostatic.frequency_response_measured.resonance_hz"),
         2e-3,
     );
-    assert!((12.0..16.0).contains(&(1.0 / tracing.factor)), "{}", tracing.factor);
+    assert!((12.0..16.0).contains(&(1.0 / calibration.factor)), "{}", calibration.factor);
     let predicted = [
-        (tracing.traced.cut_off_hz, "hydrostatic.frequency_response_measured.cutoff_hz", 0.20),
-        (tracing.traced.lag_1hz_s, "hydrostatic.delay_measured.delay_s", 0.25),
-        (tracing.traced.low_frequency_gain, "hydrostatic.linear_fit_10m.low_frequency_gain", 0.10),
-        (tracing.traced.short_peak_hz, "hydrostatic.linear_fit_1m.formula_natural_hz", 0.15),
-        (tracing.traced.short_cut_off_hz, "hydrostatic.linear_fit_1m.formula_cutoff_hz", 0.10),
+        (calibration.traced.cut_off_hz, "hydrostatic.frequency_response_measured.cutoff_hz", 0.20),
+        (calibration.traced.lag_1hz_s, "hydrostatic.delay_measured.delay_s", 0.25),
+        (
+            calibration.traced.low_frequency_gain,
+            "hydrostatic.linear_fit_10m.low_frequency_gain",
+            0.10,
+        ),
+        (calibration.traced.short_peak_hz, "hydrostatic.linear_fit_1m.formula_natural_hz", 0.15),
+        (calibration.traced.short_cut_off_hz, "hydrostatic.linear_fit_1m.formula_cutoff_hz", 0.10),
     ];
     for (found, id, share) in predicted {
         close(found.unwrap(), value(id), share);
@@ -87,13 +91,13 @@ fn softening_fitted_to_the_resonance_predicts_the_rest() {
     // The factor's last bit decides when the slave sticks, and a gain is measured no closer than
     // that.
     assert!(
-        tracing.misprint_difference < 5e-3,
+        calibration.misprint_difference < 5e-3,
         "a misprinted B gives other numbers: {}",
-        tracing.misprint_difference
+        calibration.misprint_difference
     );
-    assert!(tracing.softening_as().wall_modulus_pa > 0.0);
+    assert!(calibration.softening_as().wall_modulus_pa > 0.0);
 
-    let json = serde_json::to_value(rows::rows(&tracing, &[], &[], &[]).unwrap()).unwrap();
+    let json = serde_json::to_value(rows::rows(&calibration, &[], &[], &[]).unwrap()).unwrap();
     let first = &json[0];
     assert_eq!(first["role"], "fitted");
     assert!(first["published"].is_null() && first["traced"].as_f64().unwrap() < 0.1, "{first}");

@@ -12,18 +12,18 @@ pub mod sines;
 mod style;
 
 use plant::response::LinearSystem;
-use report::Sheet;
+use report::Panels;
 
+use crate::calibration::Calibration;
 use crate::error::Result;
 use crate::guided::Guided;
 use crate::learning::Learning;
 use crate::measure::Cycle;
 use crate::row::Row;
-use crate::tracing::Tracing;
 
 /// A figure of the thesis, drawn from the models.
 #[derive(Debug)]
-pub struct Drawn {
+pub struct Plot {
     /// Its number in the thesis.
     pub number: &'static str,
     /// What it is about.
@@ -31,7 +31,7 @@ pub struct Drawn {
     /// What it shows and how it was made, in plain words.
     pub caption: String,
     /// Its panels.
-    pub sheet: Sheet,
+    pub panels: Panels,
     /// Numbers read off it.
     pub rows: Vec<Row>,
 }
@@ -40,7 +40,7 @@ pub struct Drawn {
 #[derive(Debug)]
 pub struct Common {
     /// The line as traced, and what was found on the way.
-    pub tracing: Tracing,
+    pub calibration: Calibration,
     /// Linear systems fitted to our own responses: printed constants and traced, at 10 m.
     pub fitted: [Option<LinearSystem>; 2],
     /// The same with 1 m of hose.
@@ -68,10 +68,10 @@ fn columns(cycle: &Cycle) -> [Vec<f64>; 3] {
 }
 
 /// A figure by its turn.
-pub type Draw = fn(&Common) -> Result<Drawn>;
+pub type PlotFunction = fn(&Common) -> Result<Plot>;
 
 /// Every figure that the models can draw, in the order of the thesis.
-pub const DRAW: &[Draw] = &[
+pub const PLOTS: &[PlotFunction] = &[
     friction::laws,
     sines::movement,
     response::ten_metres,

@@ -14,7 +14,7 @@ const STEP_S: f64 = 5e-3;
 
 /// One cycle of the slow movement.
 #[derive(Clone, Debug)]
-pub struct SlowCycle {
+pub struct QuasiStaticCycle {
     /// Slave position, degrees.
     pub position_deg: Vec<f64>,
     /// Motor torque there, N·m.
@@ -27,12 +27,12 @@ pub struct SlowCycle {
 ///
 /// # Errors
 /// Those of [`Rig::plant`].
-pub fn slow_cycle(rig: &impl Rig) -> Result<SlowCycle> {
+pub fn quasi_static_cycle(rig: &impl Rig) -> Result<QuasiStaticCycle> {
     let mut plant = rig.plant()?;
     let amplitude = rig.amplitude_rad();
     let half = (0.5 / (SLOW_HZ * STEP_S)) as usize;
     let mut cycle =
-        SlowCycle { position_deg: Vec::new(), torque_nm: Vec::new(), mean_nm: [0.0; 2] };
+        QuasiStaticCycle { position_deg: Vec::new(), torque_nm: Vec::new(), mean_nm: [0.0; 2] };
     let mut counts = [0.0; 2];
     for step in 1..=3 * half {
         let (sine, cosine) = (TAU * SLOW_HZ * STEP_S * step as f64).sin_cos();
