@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)")
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
 
 def text_of(path):
@@ -31,7 +31,9 @@ def main():
     root = Path(sys.argv[1] if len(sys.argv) > 1 else ".").resolve()
     listed = subprocess.run(
         ["git", "ls-files", "-z", "*.md"], cwd=root, check=True, capture_output=True, text=True)
-    files = [root / name for name in listed.stdout.split("\0") if name]
+    # The generated pages in docs are checked; the texts they are made from bear links for there.
+    files = [root / name for name in listed.stdout.split("\0")
+             if name and not name.startswith("launch/rig/src/pages/")]
     broken, links = [], 0
     for file in files:
         for link in LINK.findall(text_of(file)):

@@ -15,8 +15,8 @@ from pathlib import Path
 
 LINES, COLUMNS = 500, 100
 WRAPPED = {".rs", ".py", ".sh", ".toml", ".service", ".target", ".msg", ".css"}
-# Tables and links of a page cannot be wrapped, nor can what a golden test quotes.
-UNWRAPPED_LINE = re.compile(r"^\s*(\||\[.*\]: |<)|https?://|^\S+$")
+# Tables and links of a page cannot be wrapped, nor can the output of a program that it quotes.
+UNWRAPPED_LINE = re.compile(r"^\s*(\||\[.*\]: |<)|^ {4}|https?://|^\S+$")
 
 
 def tracked(folders):
@@ -34,8 +34,11 @@ def sizes(paths):
         lines = path.read_text(encoding="utf-8").split("\n")
         if path.suffix in (".rs", ".py") and len(lines) - 1 > LINES:
             yield f"{path}: {len(lines) - 1} lines, at most {LINES}"
+        quoted = False
         for number, line in enumerate(lines, 1):
-            if len(line) > COLUMNS and not (path.suffix == ".md" and UNWRAPPED_LINE.search(line)):
+            quoted ^= path.suffix == ".md" and line.startswith("```")
+            whole = quoted or (path.suffix == ".md" and UNWRAPPED_LINE.search(line))
+            if len(line) > COLUMNS and not whole:
                 yield f"{path}:{number}: {len(line)} columns, at most {COLUMNS}"
 
 
