@@ -25,13 +25,7 @@ impl NullDaq {
 
 impl Daq for NullDaq {
     fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            backend: Backend::Null,
-            fifo_depth: BATCH,
-            accepts_output: false,
-            holds_on_exit: false,
-            enable_line: false,
-        }
+        Capabilities::of(Backend::Null)
     }
 
     fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError> {

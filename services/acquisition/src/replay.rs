@@ -147,14 +147,7 @@ impl ReplayDaq {
 
 impl Daq for ReplayDaq {
     fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            backend: Backend::Replay,
-            // A file drops nothing.
-            fifo_depth: 1 << 20,
-            accepts_output: false,
-            holds_on_exit: false,
-            enable_line: false,
-        }
+        Capabilities::of(Backend::Replay)
     }
 
     fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError> {

@@ -42,13 +42,7 @@ impl SimulatedDaq {
 
 impl Daq for SimulatedDaq {
     fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            backend: Backend::Simulated,
-            fifo_depth: CARD_FIFO,
-            accepts_output: true,
-            holds_on_exit: true,
-            enable_line: true,
-        }
+        Capabilities::of(Backend::Simulated)
     }
 
     fn read_due(&mut self, _now_ns: u64) -> Result<&[Scan], DaqError> {

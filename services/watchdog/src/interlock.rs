@@ -29,7 +29,7 @@ use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
 };
 pub use refusal::Refusal;
-use watch::{CommandWatch, SampleWatch, age_ns, lacks_realtime, takes_volts};
+use watch::{CommandWatch, SampleWatch, age_ns, has_enable_line, lacks_realtime, takes_volts};
 
 /// Tokens whose time of issue is remembered, to measure the age of an echo.
 const ISSUED: usize = 256;
@@ -322,7 +322,7 @@ impl Interlock {
         self.refuse_active(|_| true)?;
         let sample =
             self.samples.newest.as_ref().ok_or(Refusal::FaultActive(TripCause::AcquisitionLost))?;
-        if sample.backend == ipc_types::Backend::Hardware.code() && !self.config.line_or_override {
+        if !has_enable_line(sample) && !self.config.line_override {
             return Err(Refusal::NoEnableLine);
         }
         let still_ns = self.unpowered_ns.map_or(0, |since| now_ns.saturating_sub(since));
@@ -330,7 +330,7 @@ impl Interlock {
             if sample.gate_state == GateState::Open.code() {
                 return Err(Refusal::GateOpen);
             }
-            if sample.motor_power == 1 && self.config.line_or_override {
+            if sample.motor_power == 1 {
                 return Err(Refusal::MotorPowered);
             }
         }

@@ -89,8 +89,8 @@ fn config(rig: &RigFile, service: &Service) -> Config {
         identity.incarnation,
         rig.axes.len(),
         axis_limits(rig),
-        // The simulated card has the enable line.
-        true,
+        // No rig file records an override yet.
+        false,
     )
 }
 

@@ -97,7 +97,7 @@ impl Rig {
                 WATCHDOG,
                 rig.axes.len(),
                 limits,
-                true,
+                false,
             )),
             player: Player::new(Settings::default()),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),

@@ -1,6 +1,6 @@
 //! The card as acquisition sees it: batched, so that a late wake yields late samples and not holes.
 
-use ipc_types::{ANALOG, AXES, Backend, CardScan};
+use ipc_types::{ANALOG, AXES, Backend, CARD_FIFO, CardScan};
 use thiserror::Error;
 
 use crate::timing::Losses;
@@ -93,8 +93,46 @@ pub struct Capabilities {
     pub accepts_output: bool,
     /// Whether the outputs hold their last value when the process that wrote them dies.
     pub holds_on_exit: bool,
-    /// Whether the card drops the motor by itself when the enable line stops toggling.
-    pub enable_line: bool,
+    /// Who drives the edges of the enable line; `None` for a card that does not drop the motor by
+    /// itself when the line stops toggling.
+    pub enable_line: Option<LineDriver>,
+}
+
+/// Who drives the edges of the enable line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LineDriver {
+    /// The card takes the watchdog's line directly.
+    Watchdog,
+    /// Acquisition passes the watchdog's edges on to a digital output of its card.
+    Acquisition,
+}
+
+impl Capabilities {
+    /// The capabilities of a kind of card: the one table that acquisition and watchdog share. A real
+    /// card has no enable line until its entry names the driver, and the watchdog then refuses to
+    /// arm.
+    pub const fn of(backend: Backend) -> Self {
+        let none = Self {
+            backend,
+            fifo_depth: 512,
+            accepts_output: false,
+            holds_on_exit: false,
+            enable_line: None,
+        };
+        match backend {
+            Backend::Simulated => Self {
+                fifo_depth: CARD_FIFO,
+                accepts_output: true,
+                holds_on_exit: true,
+                enable_line: Some(LineDriver::Watchdog),
+                ..none
+            },
+            Backend::Hardware => Self { accepts_output: true, holds_on_exit: true, ..none },
+            // A file drops nothing.
+            Backend::Replay => Self { fifo_depth: 1 << 20, ..none },
+            Backend::Null => none,
+        }
+    }
 }
 
 /// What a card refused. Carries no text of its own, so that it can be made in a real-time loop.

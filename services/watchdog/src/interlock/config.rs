@@ -62,9 +62,8 @@ pub struct Config {
     pub axes: usize,
     /// Limits of each axis.
     pub limits: [AxisLimits; AXES],
-    /// Whether the card drops the motor when the enable line stops toggling, or the rig file
-    /// records an override.
-    pub line_or_override: bool,
+    /// Whether the rig file records that the rig does without an enable line.
+    pub line_override: bool,
 }
 
 impl Config {
@@ -75,7 +74,7 @@ impl Config {
         incarnation: u64,
         axes: usize,
         limits: [AxisLimits; AXES],
-        line_or_override: bool,
+        line_override: bool,
     ) -> Self {
         let timeouts = Timeouts::of(profile);
         let Timeouts { token_ns: token_life_ns, peer_lost_ns, line_pause_ns, .. } = timeouts;
@@ -94,7 +93,7 @@ impl Config {
             future_ns: 1_000_000,
             axes: axes.min(AXES),
             limits,
-            line_or_override,
+            line_override,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The newest messages that the interlock saw, and the faults that they show.
 
 use ipc_types::{AXES, Backend, Message, MotorCommand, Profile, Sample, TripCause};
+use runtime::daq::Capabilities;
 
 use super::config::Config;
 use super::faults::FaultSet;
@@ -130,7 +131,17 @@ pub(super) fn age_ns(
 
 /// Whether the card that took a sample has outputs.
 pub(super) fn takes_volts(sample: &Sample) -> bool {
-    matches!(Backend::from_code(sample.backend), Some(Backend::Simulated | Backend::Hardware))
+    capabilities(sample).is_some_and(|card| card.accepts_output)
+}
+
+/// Whether the card that took a sample drops the motor when the enable line stops toggling.
+pub(super) fn has_enable_line(sample: &Sample) -> bool {
+    capabilities(sample).is_some_and(|card| card.enable_line.is_some())
+}
+
+/// What the card that took a sample can do; `None` for a kind that this build does not know.
+fn capabilities(sample: &Sample) -> Option<Capabilities> {
+    Backend::from_code(sample.backend).map(Capabilities::of)
 }
 
 /// Whether the card is real and a process lacks real-time scheduling.

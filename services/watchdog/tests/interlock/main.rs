@@ -133,11 +133,12 @@ fn sr_14_a_card_that_cannot_take_volts_never_arms() {
 
 #[test]
 fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
-    for (line, expected) in [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))]
+    // By its capabilities a real card has no enable line.
+    for (line_override, expected) in
+        [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))]
     {
         let mut world = World::new(Profile::Realtime);
-        world.interlock =
-            Interlock::new(Config { line_or_override: line, ..config(Profile::Realtime) });
+        world.interlock = Interlock::new(Config { line_override, ..config(Profile::Realtime) });
         world.sample.backend = Backend::Hardware.code();
         world.cycles(30);
         world.verb(Verb::Reset).unwrap();

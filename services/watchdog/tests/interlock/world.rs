@@ -22,7 +22,7 @@ pub(crate) fn config(profile: Profile) -> Config {
         master_count: COUNT,
         slave_count: COUNT,
     };
-    Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], true)
+    Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], false)
 }
 
 /// A healthy rig around the interlock: a card, a gate and a control process.
