@@ -108,9 +108,8 @@ pub enum LineDriver {
 }
 
 impl Capabilities {
-    /// The capabilities of a kind of card: the one table that acquisition and watchdog share. A real
-    /// card has no enable line until its entry names the driver, and the watchdog then refuses to
-    /// arm.
+    /// The capabilities of a kind of card: the one table that acquisition and watchdog share. A
+    /// real card has no enable line, and does not arm, until its entry names who drives the edges.
     pub const fn of(backend: Backend) -> Self {
         let none = Self {
             backend,
