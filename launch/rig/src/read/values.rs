@@ -9,6 +9,9 @@ fn range(bounds: Bounds) -> String {
     if bounds.most == f64::MAX && bounds.least == f64::MIN {
         return "number".to_owned();
     }
+    if bounds.most == f64::MAX {
+        return format!("number, at least {}", bounds.least);
+    }
     format!("number, {} to {}", bounds.least, bounds.most)
 }
 
