@@ -145,11 +145,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             "identify: what does the declared model lack? A minute or more; Ctrl-C ends it"
                 .to_owned()
         });
-        // The rig is down, so a signal may end the process at once.
-        for signal in SIGNALS {
-            let at_once = Arc::new(AtomicBool::new(true));
-            signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
-        }
+        end_at_once_on_signals()?;
         identify_result = IdentifyResult::of(&folder.recording(), &rig);
         (summary, unwritten) = results(&identify_result)?;
     }
@@ -173,6 +169,15 @@ fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     Ok(stop)
+}
+
+/// Lets a signal end the process at once: the rig is down, nothing is left to clean up.
+fn end_at_once_on_signals() -> anyhow::Result<()> {
+    for signal in SIGNALS {
+        let at_once = Arc::new(AtomicBool::new(true));
+        signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
+    }
+    Ok(())
 }
 
 /// `ID@SITE=SIZE`, with the site and the size that were taken where none was given.
