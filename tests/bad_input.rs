@@ -29,67 +29,71 @@ fn edited(from: &str, to: &str) -> (String, usize) {
     (RIG.replace(from, to), line)
 }
 
+/// Edits of the shipped rig that make it wrong: what, from, to, how many lines below the edit the
+/// error is, and parts of the error.
+type WrongEdit = (&'static str, &'static str, &'static str, usize, &'static [&'static str]);
+const WRONG_EDITS: &[WrongEdit] = &[
+    (
+        "an unknown key",
+        "seed = 1\n",
+        "seed = 1\ncolour = 3\n",
+        1,
+        &["simulation.colour", "expected one of", "found an unknown key"],
+    ),
+    (
+        "a missing channel",
+        "channel = 0  ",
+        "channel = 9  ",
+        0,
+        &[
+            "axes.0.torque.channel",
+            "expected the index of one of [[channels]]",
+            "found the missing channel 9",
+        ],
+    ),
+    (
+        "limits the wrong way round",
+        "position_min_deg = -120.0",
+        "position_min_deg = 120.0",
+        1,
+        &[
+            "axes.0.limits.position_max_deg",
+            "expected more than",
+            "found limits the wrong way round",
+        ],
+    ),
+    (
+        "a rate that does not divide",
+        "control_hz = 500",
+        "control_hz = 600",
+        0,
+        &["rates.control_hz", "expected a rate that divides", "found 600"],
+    ),
+    (
+        "overlapping phases",
+        "watchdog = 350",
+        "watchdog = 690",
+        0,
+        &["phases_us.watchdog", "expected at least 20 µs", "found overlapping phases"],
+    ),
+    (
+        "no TOML",
+        "name = \"hydrostatic\"",
+        "name = hydrostatic",
+        0,
+        &["expected valid TOML", "found"],
+    ),
+];
+
 #[test]
 fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
     let rig = TestRig::new("file");
-    let cases = [
-        (
-            "an unknown key",
-            "seed = 1\n",
-            "seed = 1\ncolour = 3\n",
-            1,
-            vec!["simulation.colour", "expected one of", "found an unknown key"],
-        ),
-        (
-            "a missing channel",
-            "channel = 0  ",
-            "channel = 9  ",
-            0,
-            vec![
-                "axes.0.torque.channel",
-                "expected the index of one of [[channels]]",
-                "found the missing channel 9",
-            ],
-        ),
-        (
-            "limits the wrong way round",
-            "position_min_deg = -120.0",
-            "position_min_deg = 120.0",
-            1,
-            vec![
-                "axes.0.limits.position_max_deg",
-                "expected more than",
-                "found limits the wrong way round",
-            ],
-        ),
-        (
-            "a rate that does not divide",
-            "control_hz = 500",
-            "control_hz = 600",
-            0,
-            vec!["rates.control_hz", "expected a rate that divides", "found 600"],
-        ),
-        (
-            "overlapping phases",
-            "watchdog = 350",
-            "watchdog = 690",
-            0,
-            vec!["phases_us.watchdog", "expected at least 20 µs", "found overlapping phases"],
-        ),
-        (
-            "no TOML",
-            "name = \"hydrostatic\"",
-            "name = hydrostatic",
-            0,
-            vec!["expected valid TOML", "found"],
-        ),
-    ];
-    for (what, from, to, further, parts) in cases {
+    for (what, from, to, further, parts) in WRONG_EDITS {
         let (text, line) = edited(from, to);
         let path = rig.path("bench.toml");
         std::fs::write(&path, text).unwrap();
         let place = format!("bench.toml:{}: ", line + further);
-        let parts: Vec<&str> = parts.into_iter().chain([place.as_str()]).collect();
+        let parts: Vec<&str> = parts.iter().copied().chain([place.as_str()]).collect();
         let record = rig.path("run.mcap");
         let output = rig
             .farreach(["up", "--simulate", "--rig"])
@@ -133,28 +137,33 @@ fn record(edit: impl Fn(usize, &mut Vec<String>)) -> String {
     text
 }
 
-#[test]
-fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
-    let rig = TestRig::new("csv");
-    let set = |at: usize, column: usize, to: &'static str| {
-        record(move |row, cells| {
-            if row == at {
-                cells[column] = to.to_owned();
-            }
-        })
-    };
-    let cases: Vec<(&str, String, Vec<&str>)> = vec![
+/// The same with one cell replaced.
+fn with_cell(at: usize, column: usize, to: &'static str) -> String {
+    record(move |row, cells| {
+        if row == at {
+            cells[column] = to.to_owned();
+        }
+    })
+}
+
+/// Tables that cannot be used: what is wrong, the text, and parts of the error.
+fn unusable_tables() -> Vec<(&'static str, String, Vec<&'static str>)> {
+    vec![
         (
             "NaN",
-            set(1000, 2, "NaN"),
+            with_cell(1000, 2, "NaN"),
             vec!["row 1002", "column `motor_v`", "expected a finite number", "found `NaN`"],
         ),
         (
             "text",
-            set(7, 1, "off"),
+            with_cell(7, 1, "off"),
             vec!["row 9", "column `master_rad`", "expected a finite number", "found `off`"],
         ),
-        ("a hole", set(7, 1, ""), vec!["row 9", "column `master_rad`", "found an empty cell"]),
+        (
+            "a hole",
+            with_cell(7, 1, ""),
+            vec!["row 9", "column `master_rad`", "found an empty cell"],
+        ),
         (
             "a gap",
             record(|row, cells| {
@@ -166,7 +175,7 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
         ),
         (
             "time running backwards",
-            set(2000, 0, "0.5"),
+            with_cell(2000, 0, "0.5"),
             vec!["row 2002", "column `t_s`", "expected a time after 0.9995 s", "found 0.5 s"],
         ),
         (
@@ -207,8 +216,13 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
             .replace("t_s,master_rad,motor_v", "t_s,motor_v"),
             vec!["no column \"master_rad\"", "the record has: motor_v"],
         ),
-    ];
-    for (what, text, mut parts) in cases {
+    ]
+}
+
+#[test]
+fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
+    let rig = TestRig::new("csv");
+    for (what, text, mut parts) in unusable_tables() {
         let path = rig.path("bench.csv");
         std::fs::write(&path, text).unwrap();
         parts.push("bench.csv");
@@ -225,7 +239,7 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
     // The same reader stands before `identify`; there a record that cannot be used ends with 1.
     let emps = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/emps.toml");
     let path = rig.path("drive.csv");
-    std::fs::write(&path, set(1000, 2, "NaN").replace("master_rad", "position_m")).unwrap();
+    std::fs::write(&path, with_cell(1000, 2, "NaN").replace("master_rad", "position_m")).unwrap();
     let json = rig.path("out.json");
     let output = rig
         .farreach(["identify", "--rig"])

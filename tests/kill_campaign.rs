@@ -301,28 +301,7 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
 
     // No growth: the keeper has its time to clean up.
     if let Some(settled) = settled {
-        let (files, bytes) = settled.size();
-        let mut now = Footprint::default();
-        let shrunk = wait_for(LIMIT, || {
-            now = Footprint::of(&name);
-            now.size().0 <= files && now.size().1 <= bytes
-        });
-        eprintln!(
-            "shared memory (entries, bytes) after round 2: {:?}, at the end: {:?}",
-            settled.size(),
-            now.size()
-        );
-        assert!(
-            shrunk,
-            "shared memory grew from {:?} {:?}\nto {:?} {:?}\n\
-             of the dead, then: {:#?}\nof the dead, now: {:#?}",
-            settled.size(),
-            settled.kinds(),
-            now.size(),
-            now.kinds(),
-            settled.of_the_dead(),
-            now.of_the_dead()
-        );
+        assert_no_growth(&name, &settled);
     }
     // The command plane works, too.
     {
@@ -349,7 +328,7 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     );
 
     // What makes acquisition's death a test: the DACs went on holding volts, which no longer
-    // reached the motor. (A machine that stalls just then burns the gate first.)
+    // reached the motor. (On a host that stalls just then the gate closes first.)
     assert!(
         campaign.held * 2 > rounds,
         "the card held its last volts after {} of {rounds} deaths",
@@ -361,6 +340,32 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     let parts = verify_parts(&campaign.rig, &campaign.record);
     // Each death of the logger begins a part; a repeated kill begins one more.
     assert!(parts > rounds, "{parts} parts after {rounds} kills of the logger");
+}
+
+/// The shared memory of the rig shrinks to what it was after the second round.
+fn assert_no_growth(name: &runtime::RigName, settled: &Footprint) {
+    let (files, bytes) = settled.size();
+    let mut now = Footprint::default();
+    let shrunk = wait_for(LIMIT, || {
+        now = Footprint::of(name);
+        now.size().0 <= files && now.size().1 <= bytes
+    });
+    eprintln!(
+        "shared memory (entries, bytes) after round 2: {:?}, at the end: {:?}",
+        settled.size(),
+        now.size()
+    );
+    assert!(
+        shrunk,
+        "shared memory grew from {:?} {:?}\nto {:?} {:?}\n\
+         of the dead, then: {:#?}\nof the dead, now: {:#?}",
+        settled.size(),
+        settled.kinds(),
+        now.size(),
+        now.kinds(),
+        settled.of_the_dead(),
+        now.of_the_dead()
+    );
 }
 
 /// What is left after the keeper's time to clean up: the smallest of what was seen.

@@ -13,8 +13,12 @@ use serde_json::Value;
 use common::{TestRig, kill, told, wait_for};
 
 const LIMIT: Duration = Duration::from_secs(60);
-/// Largest movement of a handle at rest (rad): the transmission leaks and the encoder counts.
-const REST: f64 = 0.02;
+/// The guided movement sweeps more than 1 rad within half a second; from here on it counts as one
+/// (rad).
+const MOVES: f64 = 0.2;
+/// Largest movement of a handle that is held (rad): when power returns, the stressed transmission
+/// relaxes by a few hundredths.
+const HELD: f64 = 0.1;
 
 struct Bench {
     rig: TestRig,
@@ -40,9 +44,8 @@ impl Bench {
             let mut command = self.rig.farreach(["run", "guided-1hz"]);
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
-            let moves = wait_for(LIMIT, || {
-                child.try_wait().unwrap().is_some() || self.moved() > 10.0 * REST
-            });
+            let moves =
+                wait_for(LIMIT, || child.try_wait().unwrap().is_some() || self.moved() > MOVES);
             assert!(moves, "the handle does not move: {:?}", self.status());
             if child.try_wait().unwrap().is_none() && self.running() {
                 return child;
@@ -71,7 +74,7 @@ impl Bench {
         self.rig.power_up();
         for _ in 0..4 {
             let moved = self.moved();
-            assert!(moved < REST, "{after}: the handle moved by {moved} rad without `run`");
+            assert!(moved < HELD, "{after}: the handle moved by {moved} rad without `run`");
         }
         assert!(!self.running(), "{after}: {:?}", self.status());
     }

@@ -227,6 +227,28 @@ fn assert_told_of(recording: &Recording, process: Process, kind: EventKind) {
     assert!(tells_of(recording, process, kind), "no event \"{kind}\" of {process}");
 }
 
+/// Whatever a loop misses or cannot hand on has a place in the status; nobody died here, so that no
+/// connection broke.
+fn assert_losses_are_shown(status: &Value) {
+    for process in ["simulator", "acquisition", "control", "watchdog", "experiment"] {
+        let row = status["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|row| row["name"] == process)
+            .unwrap();
+        let losses = row["losses"]
+            .as_object()
+            .unwrap_or_else(|| panic!("{process} told no losses: {status:#}"));
+        let count = |name: &str| losses[name].as_u64().unwrap();
+        assert_eq!(
+            (count("out_of_turn"), count("undelivered"), count("dropped")),
+            (0, 0, 0),
+            "{process}: {losses:?}"
+        );
+    }
+}
+
 #[test]
 fn a_session_from_up_to_down() {
     let session = Session::new("whole");
@@ -292,25 +314,7 @@ fn a_session_from_up_to_down() {
         (&false.into(), &false.into()),
         "{status:#}"
     );
-    // Whatever a loop misses or cannot hand on has a place on the screen; nobody died here, so that
-    // no connection broke.
-    for process in ["simulator", "acquisition", "control", "watchdog", "experiment"] {
-        let row = status["processes"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|row| row["name"] == process)
-            .unwrap();
-        let losses = row["losses"]
-            .as_object()
-            .unwrap_or_else(|| panic!("{process} told no losses: {status:#}"));
-        let count = |name: &str| losses[name].as_u64().unwrap();
-        assert_eq!(
-            (count("out_of_turn"), count("undelivered"), count("dropped")),
-            (0, 0, 0),
-            "{process}: {losses:?}"
-        );
-    }
+    assert_losses_are_shown(&status);
     session.rig.down();
 
     let (before, after) = (session.verified(&first), session.verified(&second));

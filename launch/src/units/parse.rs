@@ -335,6 +335,31 @@ fn pair(word: &str) -> Result<(String, String), &'static str> {
         .ok_or("NAME=value")
 }
 
+/// The scheduling class of the loop; the real-time classes need a priority.
+fn scheduling(file: &File, path: &Path) -> Result<SchedulingPolicy, UnitError> {
+    const PRIORITY: &str = "a priority from 1 to 99";
+    let priority = file.optional("CPUSchedulingPriority", None, |text| {
+        value::whole(text, 1, 99, PRIORITY).map(Some)
+    })?;
+    let scheduling = file.optional("CPUSchedulingPolicy", SchedulingPolicy::Other, |text| {
+        let priority = i32::try_from(priority.unwrap_or(1)).unwrap_or(1);
+        match text {
+            "other" => Ok(SchedulingPolicy::Other),
+            "fifo" => Ok(SchedulingPolicy::Fifo(priority)),
+            "rr" => Ok(SchedulingPolicy::Rr(priority)),
+            _ => Err("other, fifo or rr"),
+        }
+    })?;
+    if scheduling.is_realtime() && priority.is_none() {
+        return Err(UnitError::Missing {
+            file: path.to_path_buf(),
+            section: "Service",
+            key: "CPUSchedulingPriority",
+        });
+    }
+    Ok(scheduling)
+}
+
 /// Parses the service unit `farreach-NAME@.service` for the rig `instance`.
 ///
 /// # Errors
@@ -357,26 +382,7 @@ pub fn parse_service(
     file.optional("EnvironmentFile", (), |text| {
         if text.starts_with('/') { Ok(()) } else { Err("an absolute path") }
     })?;
-    const PRIORITY: &str = "a priority from 1 to 99";
-    let priority = file.optional("CPUSchedulingPriority", None, |text| {
-        value::whole(text, 1, 99, PRIORITY).map(Some)
-    })?;
-    let scheduling = file.optional("CPUSchedulingPolicy", SchedulingPolicy::Other, |text| {
-        let priority = i32::try_from(priority.unwrap_or(1)).unwrap_or(1);
-        match text {
-            "other" => Ok(SchedulingPolicy::Other),
-            "fifo" => Ok(SchedulingPolicy::Fifo(priority)),
-            "rr" => Ok(SchedulingPolicy::Rr(priority)),
-            _ => Err("other, fifo or rr"),
-        }
-    })?;
-    if scheduling.is_realtime() && priority.is_none() {
-        return Err(UnitError::Missing {
-            file: path.to_path_buf(),
-            section: "Service",
-            key: "CPUSchedulingPriority",
-        });
-    }
+    let scheduling = scheduling(&file, path)?;
     Ok(Unit {
         name: name.to_owned(),
         description: file.optional("Description", String::new(), |text| Ok(text.to_owned()))?,
