@@ -14,7 +14,7 @@ pub struct Place {
     pub unit: &'static str,
 }
 
-/// One effect of [`LIST`].
+/// One effect of the list of effects.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     /// Its name.

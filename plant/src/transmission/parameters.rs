@@ -27,7 +27,7 @@ pub trait TransmissionParameters: ParameterSet + LineConstants {
     fn link_damping_n_s_per_m(&self) -> f64;
 
     /// Friction as viscous coefficients: of master and slave (N·m·s/rad), and of both lines
-    /// together (N·s/m). Dry friction of the slave counts by [`least_damping`] up to `speed_max`
+    /// together (N·s/m). Dry friction of the slave counts by `least_damping` up to `speed_max`
     /// (rad/s); other dry friction is left out.
     fn linear_damping(&self, speed_max: f64) -> [f64; 3];
 

@@ -9,8 +9,8 @@ use crate::ilc_trial::{IlcTrials, Returned};
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
 pub enum IlcJob {
-    /// A segment begins in which something is learnt: the worker answers with [`IlcResult::Ready`]
-    /// or [`IlcResult::Failed`].
+    /// A segment begins in which something is learnt: the worker answers with `IlcResult::Ready`
+    /// or `IlcResult::Failed`.
     Begin {
         /// Number of the learning run.
         run_id: u32,

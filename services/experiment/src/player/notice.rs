@@ -30,7 +30,7 @@ impl Reason {
     }
 }
 
-/// Something to be told besides a [`Change`].
+/// What a step reports beside the changes of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Notice {
     /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's
