@@ -40,7 +40,7 @@ impl Bench {
     /// once more.
     fn client(&self) -> Child {
         for _ in 0..20 {
-            self.rig.power_up();
+            self.power_anew();
             let mut command = self.rig.farreach(["run", "guided-1hz"]);
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
@@ -54,6 +54,12 @@ impl Bench {
             child.wait().unwrap();
         }
         panic!("the rig trips each time: {:?}", self.status());
+    }
+
+    /// Takes the power away, where it is on, and gives it again: a new enable epoch.
+    fn power_anew(&self) {
+        let _off = self.rig.run(["disarm"]);
+        self.rig.power_up();
     }
 
     /// How far the handle's motor moves within half a second (rad).
@@ -71,7 +77,7 @@ impl Bench {
 
     /// Gives power to a rig whose protocol has ended, and looks for movement.
     fn assert_power_moves_nothing(&self, after: &str) {
-        self.rig.power_up();
+        self.power_anew();
         for _ in 0..4 {
             let moved = self.moved();
             assert!(moved < HELD, "{after}: the handle moved by {moved} rad without `run`");
