@@ -197,7 +197,8 @@ pub fn lock_memory() -> bool {
     }
     // What is mapped now is brought in and stays. What is mapped later (the segments of a peer that
     // joins) is locked page by page as it is touched: to bring in ten megabytes at once would hold
-    // the loop up for milliseconds. SAFETY: takes flags only.
+    // the loop up for milliseconds.
+    // SAFETY: takes flags only.
     unsafe {
         libc::mlockall(libc::MCL_CURRENT) == 0
             && libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) == 0
