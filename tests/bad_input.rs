@@ -1,6 +1,6 @@
-//! What a laboratory gets wrong, and what a machine refuses, through the real command line: a clear
-//! error that says where, what was expected, what was found; nothing left running, nothing
-//! half-written, shared memory clean.
+//! Mistakes of users and failures of machines, through the real command line: a clear error that
+//! says where, what was expected and what was found; nothing left running, nothing half-written,
+//! shared memory clean.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -19,7 +19,7 @@ use common::{TestRig, assert_refused, told, wait_for};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
-/// A wrong file is a failure, not wrong usage.
+/// A wrong file is a failure (exit code 1), not wrong usage (2).
 const WRONG_FILE: i32 = 1;
 
 /// One edit of the shipped rig: text, and the line of the edit.
@@ -29,8 +29,8 @@ fn edited(from: &str, to: &str) -> (String, usize) {
     (RIG.replace(from, to), line)
 }
 
-/// Edits of the shipped rig that make it wrong: what, from, to, how many lines below the edit the
-/// error is, and parts of the error.
+/// Edits of the shipped rig that make it invalid: name, old text, new text, lines from the edit to
+/// the reported line, and parts of the error.
 type WrongEdit = (&'static str, &'static str, &'static str, usize, &'static [&'static str]);
 const WRONG_EDITS: &[WrongEdit] = &[
     (
@@ -119,7 +119,7 @@ fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
     assert_refused(&rig, &output, 2, &["--simulate", "--replay"]);
 }
 
-/// A record of 8 s at 2 kHz that is right, but for what `edit` does to a row (from 0).
+/// A valid record of 8 s at 2 kHz, except for what `edit` does to a row (from 0).
 fn record(edit: impl Fn(usize, &mut Vec<String>)) -> String {
     let mut text = "t_s,master_rad,motor_v\n".to_owned();
     for row in 0..16_000 {
@@ -146,7 +146,7 @@ fn with_cell(at: usize, column: usize, to: &'static str) -> String {
     })
 }
 
-/// Tables that cannot be used: what is wrong, the text, and parts of the error.
+/// Invalid tables: name, text, and parts of the error.
 fn unusable_tables() -> Vec<(&'static str, String, Vec<&'static str>)> {
     vec![
         (
@@ -236,7 +236,7 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
     let output = rig.run(["up", "--replay", "/nowhere/bench.csv"]);
     assert_refused(&rig, &output, WRONG_FILE, &["/nowhere/bench.csv", "No such file"]);
 
-    // The same reader stands before `identify`; there a record that cannot be used ends with 1.
+    // `identify` uses the same reader; there an invalid record ends with exit code 1.
     let emps = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/emps.toml");
     let path = rig.path("drive.csv");
     std::fs::write(&path, with_cell(1000, 2, "NaN").replace("master_rad", "position_m")).unwrap();
@@ -258,7 +258,7 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
     assert!(!json.exists(), "a result of unusable data");
 }
 
-/// A recording as the logger leaves it: `samples` samples at 2 kHz, ended in good order.
+/// A recording as the logger writes it: `samples` samples at 2 kHz, ended regularly.
 fn write_recording(path: &Path, samples: u64) {
     let mut writer = Writer::create(path, &Start::default(), 0).unwrap();
     for index in 0..samples {
@@ -281,7 +281,7 @@ fn write_recording(path: &Path, samples: u64) {
 }
 
 #[test]
-fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
+fn truncated_and_empty_recordings_are_refused_and_can_be_recovered() {
     let rig = TestRig::new("mcap");
     let whole = rig.path("whole.mcap");
     write_recording(&whole, 8_000);
@@ -309,7 +309,7 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
         assert_refused(&rig, &output, 1, &["empty.mcap", "the file is empty"]);
     }
 
-    // As a power cut leaves it.
+    // As after a power cut.
     let torn = rig.path("torn.mcap");
     std::fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
     assert_refused(
@@ -322,17 +322,18 @@ fn torn_and_empty_recordings_are_refused_and_can_be_mended() {
     assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));
     assert!(String::from_utf8_lossy(&verified.stdout).contains("DATA LOST"), "{}", told(&verified));
     let mended = rig.path("mended.mcap");
-    // Done, and data were lost.
+    // Exit code 3: done, with data loss.
     let recovered =
         rig.farreach(["rec", "recover"]).arg(&torn).arg("-o").arg(&mended).output().unwrap();
     assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
     assert!(Recording::open(&mended).unwrap().tail().complete);
     let output = replay(&mended);
-    assert!(output.status.success(), "what was mended is replayed: {}", told(&output));
+    assert!(output.status.success(), "a recovered recording is replayed: {}", told(&output));
     rig.down();
 }
 
-/// How a command gets mounts of its own, tried out; `None`, loudly, where the machine allows none.
+/// A command with private mounts, tried out; `None`, with a message, if the host does not allow
+/// them.
 fn private_mounts() -> Option<Command> {
     for arguments in [&["-m"][..], &["-rm"]] {
         let mut command = Command::new("unshare");
@@ -349,7 +350,7 @@ fn private_mounts() -> Option<Command> {
     None
 }
 
-/// Runs a shell script in mounts of its own; `$FARREACH` is the binary, `$DIRECTORY` the rig's
+/// Runs a shell script with private mounts; `$FARREACH` is the binary, `$DIRECTORY` the rig's
 /// directory.
 fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
     let mut command = private_mounts()?;
@@ -362,9 +363,9 @@ fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
 }
 
 #[test]
-fn full_or_locked_shared_memory_is_told_and_left_as_it_was() {
+fn full_or_read_only_shared_memory_is_reported_and_left_as_it_was() {
     let rig = TestRig::new("shm");
-    // Up, then what is left of it; the rig's name tells the leavings apart from the filler.
+    // Up, then list what is left; the rig's name distinguishes its files from the filler.
     let up = "\"$FARREACH\" up --simulate; code=$?; find /dev/shm -name '*farreach*'; exit $code";
     let cases = [
         (
@@ -391,7 +392,7 @@ fn full_or_locked_shared_memory_is_told_and_left_as_it_was() {
 }
 
 #[test]
-fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
+fn a_full_disk_is_reported_and_its_losses_counted_while_the_rig_runs_on() {
     let rig = TestRig::new("disk");
     let script = r#"
         mkdir "$DIRECTORY/disk" && mount -t tmpfs -o size=2m tmpfs "$DIRECTORY/disk" || exit 90
@@ -436,7 +437,7 @@ fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
     let text = std::fs::read_to_string(rig.path("status.txt")).unwrap();
     assert!(text.contains("the disk is full") && text.contains("sample"), "{text}");
 
-    // What was flushed before is readable, from its first sample on and without a hole.
+    // Data flushed before are readable from the first sample on, without a gap.
     let path = rig.path("run.mcap");
     let recording = Recording::open(&path).unwrap();
     assert!(!recording.ended_cleanly());
@@ -448,10 +449,10 @@ fn a_full_disk_under_the_logger_is_told_and_counted_and_the_rig_goes_on() {
     let all = recording.check().unwrap().messages();
     println!("{} messages before the disk was full, {} of them samples", all, samples.len());
     assert!(samples.len() > 1000, "{}", samples.len());
-    // Told as written is what a flush brought to the disk; a chunk that was full and written since
-    // the last flush reads back beyond that.
+    // The reported number of written messages counts what a flush brought to the disk; a chunk
+    // completed since then reads back beyond it.
     let written = later["recording"]["written"].as_u64().unwrap();
-    assert!(written > 0 && written <= all, "told {written} as written, {all} read back");
+    assert!(written > 0 && written <= all, "{written} reported as written, {all} read back");
     assert!(samples.iter().zip(0..).all(|(sample, sequence)| sample.sequence == sequence));
     let verified = rig.farreach(["rec", "verify"]).arg(&path).output().unwrap();
     assert_eq!(verified.status.code(), Some(3), "{}", told(&verified));

@@ -1,5 +1,5 @@
-//! Golden tests of the command line: the exact output that a person reads and a script tests. The
-//! help of each command is in `docs/cli.md`.
+//! Golden tests of the command line: exact output for people and scripts. The help of each command
+//! is in `docs/cli.md`.
 //!
 //! `TRYCMD=overwrite cargo test --test cli` rewrites them; read the difference before it is
 //! committed.
@@ -24,7 +24,7 @@ fn cli() {
         .run();
 }
 
-/// `farreach ... | head`: whoever reads closes the pipe before we write.
+/// `farreach ... | head`: the reader closes the pipe before everything is written.
 #[test]
 fn a_closed_pipe_is_no_panic() {
     for arguments in [["status", "--json"].as_slice(), &["down"], &["--help"], &["rec", "--help"]] {

@@ -1,4 +1,4 @@
-//! Processes that stop without dying (`SIGSTOP`), wake again (`SIGCONT`), and wake beside their
+//! Processes that are stopped (`SIGSTOP`), continued (`SIGCONT`), and continued beside their
 //! replacement. Requirements: SR-04, SR-07, SR-09, SR-19, whole-system; hazards H1, H2, H3, H4, H8
 //! of the safety case.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
@@ -14,9 +14,9 @@ use ipc_types::{TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 use runtime::clock::now_ns;
 
-/// Ticks that are watched after each thing that happens.
+/// Ticks observed after each event.
 const WATCHED: u64 = 300;
-/// Attempts at what a stall of the machine, or its slowness, may spoil.
+/// Attempts; a stalled or slow host spoils an attempt.
 const ATTEMPTS: usize = 6;
 
 fn topic_of(process: &str) -> &'static str {
@@ -24,7 +24,7 @@ fn topic_of(process: &str) -> &'static str {
         "acquisition" => "sample",
         "control" => "command",
         "watchdog" => "token",
-        other => panic!("no pulse of {other}"),
+        other => panic!("no periodic topic of {other}"),
     }
 }
 
@@ -47,7 +47,7 @@ fn sender_of(monitor: &Monitor, process: &str, incarnation: u64) -> Sender {
         .unwrap()
 }
 
-/// Powered, with volts that flow right now; then all that was seen so far is forgotten.
+/// Powers the rig until volts flow, then forgets all observations; returns the time.
 fn ready(rig: &TestRig, monitor: &Monitor) -> u64 {
     loop {
         if monitor.volts_flow() {
@@ -57,8 +57,8 @@ fn ready(rig: &TestRig, monitor: &Monitor) -> u64 {
     }
 }
 
-/// From `struck_ns` on the motor got no more volts than it may, and the watchdog gave no leave
-/// again.
+/// Asserts that after `struck_ns` the motor got no volts beyond the bound, and that the watchdog
+/// did not enable it again.
 fn assert_off(monitor: &Monitor, frozen: &str, struck_ns: u64, last_word_ns: u64) {
     let timeouts = monitor.timeouts();
     let seen = monitor.seen();
@@ -69,7 +69,7 @@ fn assert_off(monitor: &Monitor, frozen: &str, struck_ns: u64, last_word_ns: u64
     let line_died = tick_of(seen.toggled.0 + timeouts.line_ns) + 1;
     assert!(
         seen.last_power().is_none_or(|power| power <= line_died),
-        "{frozen}: power without a line"
+        "{frozen}: power without a toggling enable line"
     );
     let without = seen.tokens.iter().position(|token| !token.enabled).unwrap_or(seen.tokens.len());
     let again = seen.tokens[without..].iter().find(|token| token.enabled);
@@ -77,7 +77,7 @@ fn assert_off(monitor: &Monitor, frozen: &str, struck_ns: u64, last_word_ns: u64
     eprintln!("{frozen:12} off after {off} ticks, bound {bound}; {:?}", seen.causes());
 }
 
-/// Stops a process for some ticks, shorter than the launcher's patience.
+/// Stops a process for some ticks, less than the launcher's watchdog timeout.
 fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
     let struck_ns = ready(rig, monitor);
     let before = process(rig, unit).unwrap();
@@ -92,13 +92,13 @@ fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
     }
     let silent = sender_of(monitor, unit, known.incarnation);
     kill(before.pid, libc::SIGCONT);
-    monitor.until("the frozen process speaks again", |seen| {
+    monitor.until("the continued process publishes again", |seen| {
         seen.streams[topic_of(unit)].senders.iter().any(|sender| {
             sender.sequence > silent.sequence && { sender.incarnation == known.incarnation }
         })
     });
     monitor.pass_ticks(WATCHED);
-    // What woke is the same process, and it changes nothing for the motor.
+    // The continued process is the same as before and does not change the motor's state.
     assert_eq!(process(rig, unit), Some(before), "{unit}");
     assert_eq!(pulse(monitor, unit).incarnation, known.incarnation);
     assert_off(monitor, unit, struck_ns.max(stopped_ns), last_word_ns);
@@ -111,7 +111,7 @@ fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
     monitor.power_up(rig);
 }
 
-/// Stops a process for good: the launcher's patience ends, it kills and replaces it.
+/// Stops a process until the launcher's watchdog timeout kills and replaces it.
 fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
     let struck_ns = ready(rig, monitor);
     let before = process(rig, unit).unwrap();
@@ -120,8 +120,8 @@ fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
     kill(before.pid, libc::SIGSTOP);
     let replaced = wait_for(LIMIT, || process(rig, unit).is_some_and(|now| now != before));
     assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
-    assert!(!before.is_alive(), "the frozen {unit} lives beside its replacement");
-    monitor.until("the replacement speaks", |seen| {
+    assert!(!before.is_alive(), "the frozen {unit} is alive beside its replacement");
+    monitor.until("the replacement publishes", |seen| {
         seen.streams[topic_of(unit)].newest().incarnation != known.incarnation
     });
     monitor.pass_ticks(WATCHED);
@@ -135,11 +135,12 @@ fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
     monitor.power_up(rig);
 }
 
-/// A process of the rig that no launcher knows of. Ends when dropped.
+/// A process of the rig that the launcher does not know of. Ends when dropped.
 struct Second(Child);
 
 impl Second {
-    /// The same command line and environment as a unit's process, but for its ties to the launcher.
+    /// Starts it with the command line and environment of a unit's process, without the connection
+    /// to the launcher.
     fn of(rig: &TestRig, unit: &str, like: ProcessIdentity) -> Self {
         let environment = std::fs::read(format!("/proc/{}/environ", like.pid)).unwrap();
         let variables = environment.split(|byte| *byte == 0).filter_map(|entry| {
@@ -160,15 +161,15 @@ impl Drop for Second {
     }
 }
 
-/// Freezes a process, lets a second one take its place and power, and wakes the first beside it.
-/// `false` where the machine was too slow for the launcher's patience.
+/// Stops a process, lets a second one take its place and power the motor, then continues the first
+/// beside it. `false` if the host was too slow for the launcher's watchdog timeout.
 fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) -> bool {
     ready(rig, monitor);
     let first = process(rig, unit).unwrap();
     let old = pulse(monitor, unit);
     kill(first.pid, libc::SIGSTOP);
     let second = Second::of(rig, unit, first);
-    monitor.until("the second speaks", |seen| {
+    monitor.until("the second publishes", |seen| {
         seen.streams[topic_of(unit)].newest().incarnation != old.incarnation
     });
     let new = pulse(monitor, unit);
@@ -176,7 +177,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     if process(rig, unit) != Some(first) || !monitor.volts_flow() {
         return false;
     }
-    // Powered through the second; now the first wakes.
+    // Powered through the second process; now the first continues.
     let struck_ns = monitor.mark();
     let before = sender_of(monitor, unit, old.incarnation);
     kill(first.pid, libc::SIGCONT);
@@ -195,13 +196,13 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
         _ => [TripCause::ControlChanged, TripCause::GateLatched].into(),
     };
     assert!(!causes.is_disjoint(&expected), "{unit}: {causes:?}");
-    // Both still speak: as long as they do, nobody can reset it away.
+    // While both keep publishing, `reset` is refused.
     assert!(sender_of(monitor, unit, new.incarnation).sequence > new.sequence);
     for _ in 0..3 {
         let refused = rig.run(["reset"]);
         let (one, other) =
             (pulse(monitor, unit), monitor.seen().streams[topic_of(unit)].senders.len());
-        assert!(!refused.status.success(), "{unit}: reset although two speak ({one:?}, {other})");
+        assert!(!refused.status.success(), "{unit}: reset although two publish ({one:?}, {other})");
     }
     drop(second);
     assert_eq!(process(rig, unit), Some(first));
@@ -210,7 +211,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
 }
 
 #[test]
-fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
+fn sr_19_a_frozen_and_continued_process_never_powers_the_motor() {
     let rig = TestRig::new("freeze");
     rig.up_simulated();
     let mut monitor = Monitor::join(rig.name());
@@ -218,8 +219,8 @@ fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
     eprintln!("profile {}", monitor.profile());
     monitor.power_up(&rig);
 
-    // Longer than any life (100 ms without real-time scheduling), shorter than the launcher's
-    // patience (2 s).
+    // Longer than any timeout (100 ms without real-time scheduling), shorter than the launcher's
+    // watchdog timeout (2 s).
     for unit in ["acquisition", "control", "watchdog"] {
         for ticks in [250, 600, 1500] {
             freeze_shortly(&rig, &monitor, unit, ticks);
@@ -230,7 +231,7 @@ fn sr_19_what_freezes_and_wakes_never_powers_the_motor() {
     }
     for unit in ["control", "acquisition"] {
         let shown = (0..ATTEMPTS).any(|_| wakes_beside_its_replacement(&rig, &monitor, unit));
-        assert!(shown, "{unit}: no attempt was quick enough for the launcher's patience");
+        assert!(shown, "{unit}: no attempt was fast enough for the launcher's watchdog timeout");
     }
     drop(monitor);
     rig.down();

@@ -1,5 +1,5 @@
-//! The rig finds the ends of its travel by itself: the whole chain of processes, and what the
-//! recording shows of it.
+//! The rig finds the ends of its travel: the whole chain of processes, and what the recording
+//! shows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -15,7 +15,7 @@ use common::{TestRig, told};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
-/// Stops close to the middle, so that the test is short.
+/// End stops close to the middle, so that the test is short.
 const STOPS_DEG: (f64, f64) = (-24.0, 18.0);
 
 const PROTOCOL: &str = r#"[protocol]
@@ -37,7 +37,7 @@ duration_s = 4.0
 "#;
 
 #[test]
-fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
+fn initialise_finds_the_end_stops_and_centre_returns_the_handle() {
     let rig = TestRig::patient("initialise");
     let (rig_file, protocol, record) =
         (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));
@@ -52,7 +52,7 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
     let (rig_file, protocol, record) = (text(&rig_file), text(&protocol), text(&record));
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &record]);
     let mut last = String::new();
-    // A best-effort rig on a loaded machine may trip, rightly: then a person resets it and begins
+    // On a loaded host a best-effort rig may trip, rightly; the test then resets it and starts
     // again.
     let played = (1..=20).any(|attempt| {
         rig.power_up();
@@ -97,8 +97,8 @@ fn initialise_finds_the_stops_and_centre_brings_the_handle_back() {
     let of = |mode: Mode| commands.iter().filter(move |command| command.mode == mode.code());
     assert!(of(Mode::Initialise).count() > 1000 && of(Mode::Centre).count() > 500);
     let most = of(Mode::Initialise).map(|command| command.volts[0].abs()).fold(0.0, f64::max);
-    // Another mode's larger output would come down within 50 ms; here the first mode is the gentle
-    // one.
+    // Coming from another mode, a larger output would decrease within 50 ms; here the first mode is
+    // the one with the low limit.
     assert!(most <= 4.0 + 1e-9, "{most} V");
     let samples: Vec<Sample> = recording
         .messages::<Sample>(SAMPLE.topic.name)

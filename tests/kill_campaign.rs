@@ -1,6 +1,5 @@
-//! Every process of a powered rig is killed (`kill -9`) again and again, in the real-time profile
-//! under load. Requirements: SR-01, SR-07, SR-19, SR-20, whole-system; hazards H1, H2, H3, H8 of
-//! the safety case.
+//! Every process of a powered rig is killed (`kill -9`) repeatedly, under load. Requirements:
+//! SR-01, SR-07, SR-19, SR-20, whole-system; hazards H1, H2, H3, H8 of the safety case.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -15,7 +14,7 @@ use common::{Footprint, TestRig, WORKERS, told, wait_for};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 
-/// Rounds; in each, every process is killed once. `FARREACH_KILL_ROUNDS` asks for another number.
+/// Rounds, each of which kills every process once; `FARREACH_KILL_ROUNDS` overrides the number.
 const ROUNDS: usize = 20;
 const VICTIMS: [&str; 8] = [
     "keeper",
@@ -27,7 +26,7 @@ const VICTIMS: [&str; 8] = [
     "watchdog",
     "launcher",
 ];
-/// What each process publishes all the time, as its pulse.
+/// The periodic message of each process, which shows that it is alive.
 const PULSES: [(&str, &str); 6] = [
     ("simulator", "card_scan"),
     ("acquisition", "sample"),
@@ -36,16 +35,16 @@ const PULSES: [(&str, &str); 6] = [
     ("logger", "heartbeat/logger"),
     ("experiment", "heartbeat/experiment"),
 ];
-/// Attempts at a kill that a stall of the machine spoils.
+/// Attempts per kill; a stall of the host spoils an attempt.
 const ATTEMPTS: usize = 12;
-/// The loops between the motor and its power.
+/// The topics of the loops that power the motor.
 const FAST: [&str; 4] = ["card_scan", "sample", "command", "token"];
-/// Ticks that are watched after each kill, and again after the restart.
+/// Ticks observed after each kill, and again after the restart.
 const WATCHED: u64 = 400;
-/// What a kill came to.
+/// Result of a kill.
 struct Struck {
-    /// Ticks from the kill, or the victim's last word if that came later, to the first scan from
-    /// which on no volts reached the motor. `None` where the motor kept its power.
+    /// Ticks from the kill, or from the victim's last message if that is later, to the first scan
+    /// after the last volts at the motor. `None` if the motor kept its power.
     off_ticks: Option<u64>,
 }
 
@@ -54,7 +53,7 @@ struct Campaign {
     record: PathBuf,
     monitor: Option<Monitor>,
     stalls: Vec<String>,
-    /// Deaths of acquisition after which the DACs went on holding volts.
+    /// Kills of acquisition after which the DACs kept holding volts.
     held: usize,
     off: BTreeMap<&'static str, Vec<u64>>,
     causes: BTreeMap<&'static str, BTreeMap<TripCause, usize>>,
@@ -86,8 +85,8 @@ impl Campaign {
         Some(self.monitor().seen().streams.get(topic)?.newest())
     }
 
-    /// Kills once. An error is a stall of the machine, shown by loops that nobody touched: the kill
-    /// is then made again.
+    /// Kills once. An error is a stall of the host, which loops that were not killed show; the kill
+    /// is then repeated.
     fn strike(&mut self, victim: &'static str) -> Result<Struck, String> {
         if !self.monitor().volts_flow() {
             let causes = self.monitor().seen().causes();
@@ -122,11 +121,11 @@ impl Campaign {
             let speaks = wait_for(LIMIT, || {
                 self.pulse(victim).is_some_and(|now| now.incarnation != pulse.incarnation)
             });
-            assert!(speaks, "{victim} says nothing");
+            assert!(speaks, "{victim} publishes nothing");
         }
         self.monitor().pass_ticks(WATCHED);
 
-        // The others are who they were, and go on.
+        // The other processes are the same as before, and keep running.
         let after = self.processes();
         for (process, identity) in &before {
             if process != victim {
@@ -143,13 +142,13 @@ impl Campaign {
                     now.incarnation, pulse.incarnation,
                     "{process} after the kill of {victim}"
                 );
-                assert!(came, "{process} stands still after the kill of {victim}");
+                assert!(came, "{process} stopped publishing after the kill of {victim}");
             }
         }
-        self.judge(victim, struck_ns, epoch, pulses.get(victim).copied())
+        self.verdict(victim, struck_ns, epoch, pulses.get(victim).copied())
     }
 
-    fn judge(
+    fn verdict(
         &mut self,
         victim: &'static str,
         struck_ns: u64,
@@ -165,19 +164,19 @@ impl Campaign {
             let (causes, scans, account) = (seen.causes(), seen.scans.len(), seen.account());
             drop(seen);
             if powered {
-                // A sine's volts pass through 0 V when the friction's changes its sign.
+                // The volts of a sine pass through 0 V where friction compensation changes sign.
                 assert!(flowing * 10 > scans * 9, "{victim}: volts in {flowing} of {scans} scans");
                 return Ok(Struck { off_ticks: None });
             }
             let why = self.monitor().stalled(&FAST);
             self.monitor().power_up(&self.rig);
             return Err(why.unwrap_or_else(|| {
-                panic!("{victim}'s death cut the power: {causes:?}\n{account}")
+                panic!("the kill of {victim} cut the power: {causes:?}\n{account}")
             }));
         }
         let tripped = self.monitor().seen();
-        // The others' word of state: no leave after the first token without, whoever came back
-        // meanwhile.
+        // Once a token has withdrawn permission none grants it again, whichever process has
+        // restarted meanwhile.
         let first_without =
             tripped.tokens.iter().position(|token| !token.enabled).expect("no trip");
         assert!(
@@ -194,17 +193,19 @@ impl Campaign {
             && causes.contains(&TripCause::WatchdogLate)
             && !causes.contains(&TripCause::LauncherLost)
         {
-            // The machine stood still first. Off is off, but it is no answer to this death.
+            // A stall of the host tripped the rig before the kill did: the motor is off, but this
+            // is no measurement of the kill.
             drop(tripped);
             self.monitor().power_up(&self.rig);
-            return Err("the watchdog ran late before it heard of the death".to_owned());
+            return Err("the watchdog ran late before it learnt of the launcher's death".to_owned());
         }
         match victim {
             "launcher" => assert!(causes.contains(&TripCause::LauncherLost), "{causes:?}"),
             "watchdog" => assert!(causes.contains(&TripCause::Started), "{causes:?}"),
             _ => assert!(!causes.contains(&TripCause::LauncherLost), "{victim}: {causes:?}"),
         }
-        // The enable line, whoever died: the card keeps to its life exactly.
+        // Whichever process was killed: the card enforces the timeout of the enable line to the
+        // tick.
         if let Some(power) = tripped.last_power() {
             let line_died = tick_of(tripped.toggled.0 + timeouts.line_ns) + 1;
             assert!(
@@ -212,7 +213,7 @@ impl Campaign {
                 "{victim}: powered until tick {power}, the line died at {line_died}"
             );
         }
-        // Its last word may have come after the clock was read, before the signal reached it.
+        // The victim may have published once more between the reading of the clock and the signal.
         let last_word_ns = pulse.map_or(0, |pulse| {
             let topic = PULSES.iter().find(|(process, _)| *process == victim).unwrap().1;
             let mut senders = tripped.streams[topic].senders.iter();
@@ -220,7 +221,7 @@ impl Campaign {
         });
         let from = tick_of(struck_ns.max(last_word_ns));
         let off_ticks = tripped.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
-        // When the watchdog's attendant learns of the launcher's death has no bound.
+        // There is no bound on when the watchdog's command thread learns of the launcher's death.
         if let Some(bound) = off_bound(victim, self.monitor().profile()) {
             assert!(off_ticks <= bound, "{victim}: off after {off_ticks} ticks, bound {bound}");
         }
@@ -233,7 +234,7 @@ impl Campaign {
         Ok(Struck { off_ticks: Some(off_ticks) })
     }
 
-    /// Kills, and brings power back.
+    /// Kills a process, and powers the rig up again.
     fn kill(&mut self, victim: &'static str) {
         let mut attempts = 0;
         let struck = loop {
@@ -241,11 +242,11 @@ impl Campaign {
             match self.strike(victim) {
                 Ok(struck) => break struck,
                 Err(stall) => {
-                    eprintln!("again: {victim}: {stall}");
+                    eprintln!("repeated: {victim}: {stall}");
                     self.stalls.push(stall);
                     assert!(
                         attempts < ATTEMPTS,
-                        "{victim}: whatever stalls, it does so each time: {:?}",
+                        "{victim}: the host stalled in every attempt: {:?}",
                         self.stalls
                     );
                 }
@@ -263,7 +264,7 @@ impl Campaign {
 }
 
 #[test]
-fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
+fn sr_19_a_killed_process_leaves_the_motor_off_in_time_and_the_others_running() {
     let rounds = std::env::var("FARREACH_KILL_ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap());
     let rig = TestRig::new("kills");
     let record = rig.path("run.mcap");
@@ -289,7 +290,8 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     let began = Instant::now();
     for round in 0..rounds {
         for turn in 0..VICTIMS.len() {
-            // Another neighbour each time, and never the same unit twice within its healthy time.
+            // A different order in each round, and no unit twice within the time after which a
+            // restarted unit counts as healthy.
             campaign.kill(VICTIMS[(turn + round) % VICTIMS.len()]);
         }
         if round == 1 {
@@ -299,11 +301,11 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     eprintln!("{} kills, {:?}", rounds * VICTIMS.len(), began.elapsed());
     report(&campaign);
 
-    // No growth: the keeper has its time to clean up.
+    // Shared memory does not grow; the keeper gets time to clean up.
     if let Some(settled) = settled {
         assert_no_growth(&name, &settled);
     }
-    // The command plane works, too.
+    // The command plane still works.
     {
         let domain = runtime::Domain::observe(&name).unwrap();
         let node = domain.node("asker").unwrap();
@@ -327,8 +329,8 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
         campaign.stalls
     );
 
-    // What makes acquisition's death a test: the DACs went on holding volts, which no longer
-    // reached the motor. (On a host that stalls just then the gate closes first.)
+    // The kill of acquisition tests the enable line only if the DACs kept holding volts that no
+    // longer reached the motor. (If the host stalls at that moment, the gate closes first.)
     assert!(
         campaign.held * 2 > rounds,
         "the card held its last volts after {} of {rounds} deaths",
@@ -338,11 +340,11 @@ fn sr_19_whatever_is_killed_the_motor_is_off_in_time_and_the_others_go_on() {
     campaign.monitor = None;
     campaign.rig.down();
     let parts = verify_parts(&campaign.rig, &campaign.record);
-    // Each death of the logger begins a part; a repeated kill begins one more.
+    // Each kill of the logger begins a new part; repeated kills begin more.
     assert!(parts > rounds, "{parts} parts after {rounds} kills of the logger");
 }
 
-/// The shared memory of the rig shrinks to what it was after the second round.
+/// Asserts that the rig's shared memory returns to its size after the second round.
 fn assert_no_growth(name: &runtime::RigName, settled: &Footprint) {
     let (files, bytes) = settled.size();
     let mut now = Footprint::default();
@@ -368,7 +370,7 @@ fn assert_no_growth(name: &runtime::RigName, settled: &Footprint) {
     );
 }
 
-/// What is left after the keeper's time to clean up: the smallest of what was seen.
+/// The smallest footprint seen while the keeper cleans up.
 fn lowest_footprint(name: &runtime::RigName) -> Footprint {
     let mut lowest = Footprint::of(name);
     let _never = wait_for(Duration::from_secs(6), || {
@@ -393,17 +395,17 @@ fn report(campaign: &Campaign) {
             sorted[sorted.len() - 1],
             campaign.causes.get(victim)
         );
-        // The gate is the quicker way wherever acquisition lives, and the usual one.
+        // The gate is the faster and usual way to 0 V as long as acquisition is alive.
         if *victim == "control" {
             let gate = timeouts.token_ns / TICK_NS + SLACK;
-            assert!(median <= gate, "the gate's way took {median} ticks, expected at most {gate}");
+            assert!(median <= gate, "the gate took {median} ticks, expected at most {gate}");
         }
     }
     eprintln!("stalls of the machine: {:?}", campaign.stalls);
 }
 
-/// Verifies every part. What was lost while the logger was down shows as gaps; nothing else may be
-/// wrong.
+/// Verifies every part. Messages lost while the logger was down show as gaps; there must be no
+/// other damage.
 fn verify_parts(rig: &TestRig, record: &Path) -> usize {
     let directory = record.parent().unwrap();
     let mut parts: Vec<PathBuf> = std::fs::read_dir(directory)
@@ -417,8 +419,7 @@ fn verify_parts(rig: &TestRig, record: &Path) -> usize {
         assert!(matches!(output.status.code(), Some(0 | 3)), "{}", told(&output));
         let check: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(check["damage"].as_array().unwrap().len(), 0, "{part:?}: {}", check["damage"]);
-        // At most what one flush had not brought to the disk is cut off: a chunk and the head of
-        // the next.
+        // At most one unflushed chunk and the beginning of the next are cut off.
         assert!(
             check["tail"]["lost_bytes"].as_u64().unwrap() <= 2 << 20,
             "{part:?}: {}",

@@ -1,5 +1,5 @@
-//! Learning on the whole rig: a lesson over a `kill -9` of the experiment process, the reference
-//! kept and played again, a damaged one refused.
+//! Iterative learning on the whole rig: a learning run across a `kill -9` of the experiment
+//! process, its reference saved and played again, a damaged reference refused.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -13,9 +13,9 @@ use recording::mcap_read::Recording;
 
 use common::{TestRig, kill, told, wait_for};
 
-/// Blocks of two cycles, and gains at which the error falls by a third from block to block.
+/// Blocks of two cycles, and gains that reduce the error by a third from block to block.
 const LEARN: &str = r#"[protocol]
-name = "lesson"
+name = "first"
 
 [[segments]]
 kind = "learn"
@@ -29,7 +29,7 @@ blocks = 7
 law = "published"
 gamma_p = 0.35
 gamma_d = 0.0
-save = "lesson"
+save = "first"
 "#;
 
 const AGAIN: &str = r#"[protocol]
@@ -45,11 +45,11 @@ fade_out_s = 0.5
 cycles_per_block = 2
 blocks = 2
 law = "none"
-load = "lesson"
+load = "first"
 "#;
 
-/// Runs a protocol; `meanwhile` is called while it plays. `None` where the machine was too busy, so
-/// that the watchdog rightly cut the power.
+/// Runs a protocol; `meanwhile` is called during it. An error if the host was too busy, so that the
+/// watchdog rightly cut the power.
 fn attempt(rig: &TestRig, protocol: &Path, meanwhile: impl FnOnce()) -> Result<Output, String> {
     rig.power_up();
     let mut command = rig.farreach(["run", protocol.to_str().unwrap()]);
@@ -86,12 +86,12 @@ fn is(event: &Event, kind: EventKind) -> bool {
 
 /// Kills the experiment process once two blocks are done.
 fn kill_in_the_middle(rig: &TestRig) {
-    let lesson = rig.run_directory().join("experiment.lesson");
-    let old = std::fs::metadata(&lesson).and_then(|found| found.modified()).ok();
+    let state = rig.run_directory().join("experiment.lesson");
+    let old = std::fs::metadata(&state).and_then(|found| found.modified()).ok();
     let mut changes = 0;
     let mut last = old;
     let learnt = wait_for(Duration::from_secs(30), || {
-        let now = std::fs::metadata(&lesson).and_then(|found| found.modified()).ok();
+        let now = std::fs::metadata(&state).and_then(|found| found.modified()).ok();
         if now.is_some() && now != last {
             last = now;
             changes += 1;
@@ -99,7 +99,7 @@ fn kill_in_the_middle(rig: &TestRig) {
         changes >= 2
     });
     if !learnt {
-        // The watchdog cut the power before; the attempt says so.
+        // The watchdog cut the power first; the attempt reports it.
         return;
     }
     let pid = rig
@@ -109,7 +109,7 @@ fn kill_in_the_middle(rig: &TestRig) {
     kill(pid.unwrap(), libc::SIGKILL);
 }
 
-/// A reference with a flipped bit, or cut off, is not played.
+/// A reference with a flipped bit, or a truncated one, is not played.
 fn assert_damage_is_refused(rig: &TestRig, reference: &Path, again: &Path) {
     let mut bytes = std::fs::read(reference).unwrap();
     let middle = bytes.len() / 2;
@@ -126,35 +126,35 @@ fn assert_damage_is_refused(rig: &TestRig, reference: &Path, again: &Path) {
 
 #[test]
 fn learning_survives_a_restart_and_its_reference_is_saved() {
-    let rig = TestRig::new("lesson");
+    let rig = TestRig::new("learning");
     let (learnt, file) = (rig.path("learnt"), rig.path("run.mcap"));
     let up = rig
         .farreach(["up", "--simulate", "--record", file.to_str().unwrap()])
         .env("FARREACH_LEARNT", &learnt)
-        // A lesson is long: on a busy machine the shorter patience of the real-time profile would
-        // cut it off.
+        // A learning run is long: on a busy host the shorter timeouts of the real-time profile
+        // would end it.
         .env("FARREACH_PROFILE", "best-effort")
         .output()
         .unwrap();
     assert!(up.status.success(), "{}", told(&up));
-    let [lesson, again] = [("lesson.toml", LEARN), ("again.toml", AGAIN)].map(|(name, text)| {
+    let [first, again] = [("first.toml", LEARN), ("again.toml", AGAIN)].map(|(name, text)| {
         let path = rig.path(name);
         std::fs::write(&path, text).unwrap();
         path
     });
 
-    // Before anything is learnt there is nothing to play: refused, with a reason, and nothing
-    // moves.
+    // Before anything is learnt there is no reference to play: the protocol is refused with a
+    // reason, and nothing moves.
     rig.power_up();
     let missing = rig.run(["run", again.to_str().unwrap()]);
     assert_eq!(missing.status.code(), Some(1), "{}", told(&missing));
-    assert!(told(&missing).contains("lesson.learnt"), "{}", told(&missing));
+    assert!(told(&missing).contains("first.learnt"), "{}", told(&missing));
     rig.ok(["disarm"]);
 
-    let played = until_it_plays(&rig, &lesson, || kill_in_the_middle(&rig));
+    let played = until_it_plays(&rig, &first, || kill_in_the_middle(&rig));
     assert!(played.status.success(), "{}", told(&played));
-    let reference = learnt.join("lesson.learnt");
-    assert!(reference.exists(), "the reference was not kept");
+    let reference = learnt.join("first.learnt");
+    assert!(reference.exists(), "the reference was not saved");
     rig.ok(["disarm"]);
 
     let played = until_it_plays(&rig, &again, || {});
@@ -174,30 +174,30 @@ fn learning_survives_a_restart_and_its_reference_is_saved() {
             .rposition(|event| is(event, EventKind::ProtocolStarted) && event.text() == name)
             .unwrap()
     };
-    let (first, second) = (begun("lesson"), begun("again"));
+    let (one, two) = (begun("first"), begun("again"));
     let blocks = |events: &[Event]| -> Vec<(u32, f64)> {
         let blocks = events.iter().filter(|event| is(event, EventKind::BlockLearnt));
         blocks.map(|event| (event.a as u32, event.b.to_degrees())).collect()
     };
-    let of_lesson = blocks(&events[first..second]);
-    println!("{of_lesson:.2?}");
-    let numbers: Vec<u32> = of_lesson.iter().map(|block| block.0).collect();
+    let of_first = blocks(&events[one..two]);
+    println!("{of_first:.2?}");
+    let numbers: Vec<u32> = of_first.iter().map(|block| block.0).collect();
     assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "{numbers:?}");
     assert_eq!((numbers[0], *numbers.last().unwrap()), (1, 7));
-    let told: Vec<&str> = events[first..second].iter().map(Event::text).collect();
+    let told: Vec<&str> = events[one..two].iter().map(Event::text).collect();
     assert!(told.iter().any(|text| text.starts_with("learning goes on after block")), "{told:?}");
-    let (begins, ends) = (of_lesson[0].1, of_lesson[6].1);
-    assert!(ends < 0.5 * begins, "{of_lesson:?}");
-    let ended = events[first..second].iter().filter(|event| is(event, EventKind::LearningEnded));
+    let (begins, ends) = (of_first[0].1, of_first[6].1);
+    assert!(ends < 0.5 * begins, "{of_first:?}");
+    let ended = events[one..two].iter().filter(|event| is(event, EventKind::LearningEnded));
     let texts: Vec<&str> = ended.map(Event::text).collect();
     assert!(texts.iter().any(|text| text.starts_with("all blocks are done")), "{texts:?}");
-    assert!(texts.contains(&"reference kept as \"lesson\""), "{texts:?}");
+    assert!(texts.contains(&"reference kept as \"first\""), "{texts:?}");
 
-    let of_again = blocks(&events[second..]);
+    let of_again = blocks(&events[two..]);
     println!("{of_again:.2?}");
     assert_eq!(of_again.len(), 2);
-    assert!(of_again[0].1 < 0.5 * begins, "{of_again:?} after {of_lesson:?}");
-    let refused = events[second..].iter().filter(|event| {
+    assert!(of_again[0].1 < 0.5 * begins, "{of_again:?} after {of_first:?}");
+    let refused = events[two..].iter().filter(|event| {
         is(event, EventKind::ProtocolStopped) && event.severity == Severity::Error.code()
     });
     let reasons: Vec<&str> = refused.map(Event::text).collect();
@@ -210,7 +210,7 @@ fn learning_survives_a_restart_and_its_reference_is_saved() {
         .map(|setpoint| setpoint.unwrap().message)
         .collect();
     assert!(setpoints.iter().any(|setpoint| setpoint.mode == Mode::Learning.code()));
-    // After the refusals nothing asks for a movement.
+    // After the refusals no movement is requested.
     let last = setpoints.last().unwrap();
     let rests = [Mode::Hold, Mode::Passive].map(Mode::code).contains(&last.mode);
     assert!(rests && last.velocity[0] == 0.0, "mode {}, {} rad/s", last.mode, last.velocity[0]);

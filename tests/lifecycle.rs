@@ -1,5 +1,5 @@
-//! A rig that is brought up and down through the real command line: what is refused, and what may
-//! be attached to it meanwhile.
+//! A rig brought up and down through the real command line: what is refused, and what may be
+//! attached meanwhile.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -15,7 +15,7 @@ use common::{TestRig, assert_refused, assert_told, kill, told, wait_for};
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
 #[test]
-fn wrong_protocols_and_rigs_that_are_not_up_are_told_without_a_rig() {
+fn wrong_protocols_and_rigs_that_are_not_up_are_refused_without_a_rig() {
     let rig = TestRig::new("verbs");
     let path = rig.path("p.toml");
     std::fs::write(
@@ -39,12 +39,12 @@ fn wrong_protocols_and_rigs_that_are_not_up_are_told_without_a_rig() {
     assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     let status: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(status["up"], false);
-    // To bring down what is down is no failure.
+    // Bringing down a rig that is not up is no failure.
     rig.down();
 }
 
 #[test]
-fn a_service_without_a_keeper_says_who_is_missing() {
+fn a_service_without_a_keeper_reports_that() {
     let rig = TestRig::new("lone");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/hydrostatic.toml");
     for service in ["simulator", "control", "watchdog", "logger", "experiment"] {
@@ -76,7 +76,7 @@ fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
         assert_eq!(output.status.code(), Some(1), "{}", told(&output));
         assert_told(&output, &["is already up", "launcher", "farreach down"]);
     }
-    // Nor is a second keeper let in, or one process more that the launcher does not know.
+    // A second keeper is refused too, and so is a further process that the launcher does not know.
     let output = rig.run(["service", "keeper"]);
     assert_eq!(output.status.code(), Some(1), "{}", told(&output));
     assert_told(&output, &["has a keeper already"]);
@@ -84,13 +84,13 @@ fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
     assert_eq!(before.launcher, after.launcher);
     let identities =
         |status: &launch::Status| status.units.iter().map(|unit| unit.process).collect::<Vec<_>>();
-    assert_eq!(identities(&before), identities(&after), "the first launch runs on");
+    assert_eq!(identities(&before), identities(&after), "the first launch keeps running");
     assert!(after.units.iter().all(|unit| unit.restarts == 0), "{after:?}");
     rig.down();
 }
 
 #[test]
-fn a_recording_that_cannot_begin_takes_the_start_back() {
+fn a_recording_that_cannot_begin_undoes_the_start() {
     let rig = TestRig::new("norec");
     let kept = rig.path("kept.mcap");
     std::fs::write(&kept, "somebody's data").unwrap();
@@ -123,7 +123,7 @@ fn recordings(rig: &TestRig) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_probe_that_is_left_open_ends_with_its_rig() {
+fn an_open_probe_ends_with_its_rig() {
     let rig = TestRig::patient("open");
     rig.up_simulated();
     let probe = open_probe(&rig);
@@ -135,7 +135,7 @@ fn a_probe_that_is_left_open_ends_with_its_rig() {
 }
 
 #[test]
-fn a_probe_that_hangs_does_not_hold_the_session_of_the_rig_before() {
+fn a_frozen_probe_does_not_keep_the_previous_session_alive() {
     let rig = TestRig::patient("hang");
     let (first, second) = (rig.path("first.mcap"), rig.path("second.mcap"));
     rig.ok(["up", "--simulate", "--record", first.to_str().unwrap()]);
@@ -148,7 +148,7 @@ fn a_probe_that_hangs_does_not_hold_the_session_of_the_rig_before() {
     let session = || -> Value { serde_json::from_str(&rig.ok(["status", "--json"])).unwrap() };
     rig.ok(["up", "--simulate", "--record", second.to_str().unwrap()]);
     assert_eq!(session()["recording"]["file"], second.to_str().unwrap());
-    // The probe wakes beside a rig of another session, and ends.
+    // The probe continues beside a rig of another session, and ends.
     kill(pid, libc::SIGCONT);
     assert!(wait_for(Duration::from_secs(20), || probe.try_wait().unwrap().is_some()));
     rig.ok(["down"]);

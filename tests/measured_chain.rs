@@ -1,6 +1,6 @@
-//! Measured data through the whole rig: a record replayed where the card would be, at its own pace,
-//! through shared memory onto the disk, and from there into `farreach identify`, which must find in
-//! it what it finds in the record itself.
+//! Measured data through the whole rig: a record replayed in place of the card, at its own pace,
+//! through shared memory to the disk, and from there into `farreach identify`, which must give the
+//! same result as for the record itself.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -19,7 +19,7 @@ fn emps_rig() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/emps.toml")
 }
 
-/// One row of a record, by a reader of the test's own: time, position, motor volts.
+/// Rows of a record, by a reader of the test's own: time, position, motor volts.
 fn rows_of(csv: &Path) -> Vec<[f64; 3]> {
     let text = std::fs::read_to_string(csv).unwrap();
     let mut lines = text.lines();
@@ -34,7 +34,7 @@ fn rows_of(csv: &Path) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// Whether the recording, which is still being written, holds the end of the replay.
+/// Whether the recording, which is still being written, contains the end of the replay.
 fn replay_done(path: &Path) -> bool {
     let topic = event_topic(Process::Acquisition).unwrap().topic.name;
     let Ok(recording) = Recording::open(path) else { return false };
@@ -42,8 +42,8 @@ fn replay_done(path: &Path) -> bool {
     events.flatten().any(|event| event.message.kind == EventKind::ReplayDone.code())
 }
 
-/// Replays a record through a rig that logs it, and holds the recording against the record: bit by
-/// bit, row by row.
+/// Replays a record through a rig that records it, and compares the recording with the record row
+/// by row, bit by bit.
 fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
     let recording = rig.path("replayed.mcap");
     let rows = rows_of(csv);
@@ -60,8 +60,8 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
         std::thread::sleep(Duration::from_millis(200));
         replay_done(&recording)
     });
-    assert!(done, "the record never came to its end: {}", told(&rig.run(["status"])));
-    // A record moves no motor: nobody arms on it.
+    assert!(done, "the replay did not reach the record's end: {}", told(&rig.run(["status"])));
+    // A replay has no motor, so `arm` is refused.
     let refused = rig.run(["arm"]);
     assert!(!refused.status.success(), "{}", told(&refused));
     rig.down();
@@ -112,7 +112,7 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
     recording
 }
 
-/// What `farreach identify` makes of a record.
+/// The result of `farreach identify` for a record.
 fn identify(rig: &TestRig, record: &Path) -> Value {
     let json = rig.path("identify.json");
     let output = rig
@@ -137,7 +137,7 @@ fn ids(outcome: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Every figure of a result by name: errors of each step, declared parameters, parameters of the
+/// Every number of a result by name: errors of each step, declared parameters, parameters of the
 /// effects.
 fn figures(outcome: &Value) -> Vec<(String, f64)> {
     let mut figures = Vec::new();
@@ -158,7 +158,7 @@ fn figures(outcome: &Value) -> Vec<(String, f64)> {
     figures
 }
 
-/// Two results name the same and agree to `tolerance` of each figure.
+/// Asserts that two results name the same effects and agree to `tolerance` in each number.
 fn assert_agree(record: &Value, recording: &Value, tolerance: f64) {
     assert_eq!(record["verdict"], recording["verdict"]);
     assert_eq!(record["remains"], recording["remains"]);
@@ -222,7 +222,7 @@ fn a_record_of_known_truth_goes_through_the_rig_unchanged_and_its_friction_is_na
     let (value, std) = (coulomb["value"].as_f64().unwrap(), coulomb["std"].as_f64().unwrap());
     println!("Coulomb friction {value:.2} ± {std:.2} N, true 20 N");
     assert!((value - 20.0).abs() < 0.5, "{coulomb}");
-    // The same bits in, the same result out.
+    // The same bits in give the same result.
     assert_agree(&from_record, &from_recording, 1e-12);
 }
 

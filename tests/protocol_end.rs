@@ -43,11 +43,11 @@ impl Bench {
         self.status().is_some_and(|status| status.running)
     }
 
-    /// A client whose protocol moves the handle. A loaded machine may trip the rig, rightly: then
-    /// once more.
+    /// Starts a client whose protocol moves the handle. A loaded host may trip the rig, rightly;
+    /// then it is repeated.
     fn client(&self) -> Child {
         for _ in 0..20 {
-            self.power_anew();
+            self.power_cycle();
             let mut command = self.rig.farreach(["run", "guided-1hz"]);
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
@@ -63,10 +63,10 @@ impl Bench {
         panic!("the rig trips each time: {:?}", self.status());
     }
 
-    /// Takes the power away, where it is on, and gives it again once the handle is at rest: a new
-    /// enable epoch. After a trip in mid-movement the line gives back what it had stored: without
-    /// power the motor moves on by up to 0.09 rad within 0.2 s.
-    fn power_anew(&self) {
+    /// Removes the power, if it is on, and restores it once the handle is at rest: a new enable
+    /// epoch. After a trip in mid-movement the line releases its stored energy: without power the
+    /// motor moves on by up to 0.09 rad within 0.2 s.
+    fn power_cycle(&self) {
         let _off = self.rig.run(["disarm"]);
         assert!(wait_for(LIMIT, || self.observe().moved_rad < AT_REST), "the handle drifts");
         self.rig.power_up();
@@ -89,9 +89,9 @@ impl Bench {
         Observed { moved_rad: most - least, volts }
     }
 
-    /// Gives power to a rig whose protocol has ended: neither voltage nor movement may follow.
+    /// Powers a rig whose protocol has ended, and asserts that neither voltage nor movement follows.
     fn assert_power_moves_nothing(&self, after: &str) {
-        self.power_anew();
+        self.power_cycle();
         for _ in 0..4 {
             let Observed { moved_rad, volts } = self.observe();
             assert!(volts == 0.0, "{after}: {volts} V at the motor without `run`");
@@ -112,23 +112,23 @@ fn sr_26_a_protocol_ends_with_a_trip_with_its_client_and_with_stop() {
     let domain = runtime::Domain::open(rig.name()).unwrap();
     let bench = Bench { rig, domain };
 
-    // The client is stopped (Ctrl-Z), then the emergency stop, then power again.
+    // The client is stopped (Ctrl-Z), then emergency stop, then power again.
     let mut stopped = bench.client();
     kill(pid(&stopped), libc::SIGSTOP);
     bench.rig.ok(["estop"]);
     bench.assert_power_moves_nothing("after an emergency stop");
     kill(pid(&stopped), libc::SIGCONT);
     assert!(!stopped.wait().unwrap().success());
-    bench.assert_power_moves_nothing("after the client went on");
+    bench.assert_power_moves_nothing("after the client was continued");
 
-    // The client is killed: its lease lapses, the handle comes to rest.
+    // The client is killed: its lease expires, the handle comes to rest.
     let mut killed = bench.client();
     killed.kill().unwrap();
     killed.wait().unwrap();
     assert!(wait_for(LIMIT, || !bench.running()), "{:?}", bench.status());
     bench.assert_power_moves_nothing("after the client was killed");
 
-    // The experiment process dies with the client stopped, and a trip comes in between.
+    // The experiment process is killed while the client is stopped, with a trip in between.
     let mut stopped = bench.client();
     kill(pid(&stopped), libc::SIGSTOP);
     let status = bench.rig.launcher_status();

@@ -79,7 +79,7 @@ impl StandIn {
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "third_party_process", "--ignored", "--nocapture"])
             .env(CHILD, rig.name().as_str())
-            // Found, and killed with the rig, if this test fails.
+            // So that it is found and killed with the rig if this test fails.
             .env("FARREACH_RIG_NAME", rig.name().as_str())
             .env_remove("NOTIFY_SOCKET")
             .stdout(Stdio::piped())
@@ -89,7 +89,7 @@ impl StandIn {
         let incarnation = lines
             .find_map(|line| line.unwrap().rsplit_once("incarnation ")?.1.parse().ok())
             .expect("the third-party control ended before it was ready");
-        // Whatever else the harness prints must not block it.
+        // Other output of the test harness must not block it.
         std::thread::spawn(move || lines.for_each(drop));
         Self { child, incarnation }
     }
@@ -110,7 +110,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
     monitor.power_up(&rig);
     let ours = monitor.seen().streams["command"].newest().incarnation;
 
-    // Ours ends in good order, and the launcher leaves it at that.
+    // farreach's own control ends regularly, and the launcher does not restart it.
     monitor.mark();
     let process = rig.launcher_status().unit("control").unwrap().process.unwrap();
     kill(process.pid, libc::SIGTERM);
@@ -124,7 +124,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
     let refused = rig.run(["reset"]);
     assert!(!refused.status.success(), "reset without any control: {}", told(&refused));
 
-    // Another one comes. That alone changes nothing for the motor.
+    // A third-party control starts. That alone changes nothing for the motor.
     monitor.lead(false);
     let marked_ns = monitor.mark();
     let third_party = StandIn::start(&rig);
@@ -145,7 +145,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
         assert_eq!(seen.last_leave_ns(), None);
     }
 
-    // Reset, arm and enable give it power, and the handle goes where it wants it.
+    // Reset, arm and enable give it power, and the handle moves to its target.
     monitor.power_up(&rig);
     let position = |seen: &common::monitor::Seen| seen.sample.unwrap().master_position[0];
     monitor.until("the handle at the third-party control's target", |seen| {
@@ -164,7 +164,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
         "our control came back although it had ended in good order"
     );
 
-    // When it goes, power goes; and ours can be had back.
+    // When it ends, the power is cut, and farreach's own control can be started again.
     monitor.mark();
     drop(third_party);
     monitor.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));

@@ -1,5 +1,5 @@
-//! Three axes at 1 kHz on the real processes: a protocol moves all of them at once, and nothing is
-//! lost. How late what was is printed; a loaded machine decides it, so it is no matter of passing.
+//! Three axes at 1 kHz with the real processes: a protocol moves all of them at once, and nothing
+//! is lost. Latencies are printed but not asserted, since a loaded host determines them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -29,8 +29,8 @@ fade_in_s = 1.0
 "#;
 const AMPLITUDE_DEG: f64 = 20.0;
 
-/// Powers up and plays to the end; a best-effort rig on a loaded machine may trip, rightly: then a
-/// person begins again.
+/// Powers up and plays to the end. On a loaded host a best-effort rig may trip, rightly; the test
+/// then starts again.
 fn play(rig: &TestRig, protocol: &str) {
     let mut last = String::new();
     for attempt in 1..=20 {

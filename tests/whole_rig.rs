@@ -1,5 +1,5 @@
-//! A laboratory's session with the whole rig: up, armed, powered, a protocol played, looked at and
-//! recorded on the way, down; in both timing profiles, and with control at its highest rate.
+//! A complete laboratory session: up, armed, powered, a protocol played, probed and recorded
+//! meanwhile, down; in both timing profiles, and with control at its highest rate.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -41,7 +41,7 @@ rise_s = 0.5
 dwell_s = 0.5
 "#;
 
-/// A session: how the rig is started.
+/// A session and how its rig is started.
 struct Session {
     rig: TestRig,
     rig_file: Option<PathBuf>,
@@ -83,8 +83,8 @@ impl Session {
         serde_json::from_str(&self.ok(["status", "--json"])).unwrap()
     }
 
-    /// All processes ready, never restarted, at the rates of the rig file. A loaded machine may
-    /// take a while to get there.
+    /// Asserts that all processes are ready, never restarted, and at the rates of the rig file. A
+    /// loaded host may take a while to get there.
     fn assert_all_run(&self) {
         let mut last = Value::Null;
         let nominal: BTreeMap<&str, f64> = BTreeMap::from([
@@ -127,8 +127,8 @@ impl Session {
         assert_eq!(last["losses"], Value::Array(Vec::new()), "{last:#}");
     }
 
-    /// Powers up and plays the protocol to its end; `meanwhile` runs while it plays. A best-effort
-    /// rig on a loaded machine may trip, rightly: then a person resets it and begins again.
+    /// Powers up and plays the protocol to its end; `meanwhile` runs during it. On a loaded host a
+    /// best-effort rig may trip, rightly; the test then resets it and starts again.
     fn play(&self, mut meanwhile: impl FnMut()) {
         let protocol = self.file("session.toml");
         std::fs::write(&protocol, PROTOCOL).unwrap();
@@ -172,7 +172,8 @@ fn samples(recording: &Recording) -> Vec<Sample> {
         .collect()
 }
 
-/// Nothing between the first and the last sample is missing: no message, and no tick of the card.
+/// Asserts that no message and no tick of the card is missing between the first and the last
+/// sample.
 fn assert_contiguous(samples: &[Sample]) {
     assert!(!samples.is_empty());
     for pair in samples.windows(2) {
@@ -180,15 +181,15 @@ fn assert_contiguous(samples: &[Sample]) {
         assert_eq!(
             pair[1].tick,
             pair[0].tick + 1,
-            "the card's FIFO bridges what acquisition slept through"
+            "the card's FIFO bridges the periods that acquisition missed"
         );
         assert_eq!((pair[1].session, pair[1].incarnation), (pair[0].session, pair[0].incarnation));
     }
     assert_eq!(samples[samples.len() - 1].scans_missed, 0);
 }
 
-/// The handle's motor went where control sent it: the movement's span, and the error (rad) against
-/// the reference while the gate was open and no ramp ran.
+/// Asserts that the motor followed control: the range of its movement, and its error (rad) against
+/// the reference while the gate was open and no transition was under way.
 fn assert_followed(samples: &[Sample], recording: &Recording) {
     let at: BTreeMap<u64, &Sample> = samples.iter().map(|sample| (sample.tick, sample)).collect();
     let (mut squares, mut count, mut span) = (0.0, 0u32, [0.0f64; 2]);
@@ -217,18 +218,18 @@ fn assert_followed(samples: &[Sample], recording: &Recording) {
     assert!(samples.iter().any(|sample| sample.output_v[0] != 0.0 && sample.motor_power == 1));
 }
 
-fn tells_of(recording: &Recording, process: Process, kind: EventKind) -> bool {
+fn has_event(recording: &Recording, process: Process, kind: EventKind) -> bool {
     let topic = event_topic(process).unwrap().topic.name;
     let mut events = recording.messages::<Event>(topic).unwrap().flatten();
     events.any(|event| event.message.kind == kind.code())
 }
 
-fn assert_told_of(recording: &Recording, process: Process, kind: EventKind) {
-    assert!(tells_of(recording, process, kind), "no event \"{kind}\" of {process}");
+fn assert_event(recording: &Recording, process: Process, kind: EventKind) {
+    assert!(has_event(recording, process, kind), "no event \"{kind}\" of {process}");
 }
 
-/// Whatever a loop misses or cannot hand on has a place in the status; nobody died here, so that no
-/// connection broke.
+/// Asserts that every loss counter of a loop has a place in the status; no process was killed here,
+/// so no connection was lost.
 fn assert_losses_are_shown(status: &Value) {
     for process in ["simulator", "acquisition", "control", "watchdog", "experiment"] {
         let row = status["processes"]
@@ -239,7 +240,7 @@ fn assert_losses_are_shown(status: &Value) {
             .unwrap();
         let losses = row["losses"]
             .as_object()
-            .unwrap_or_else(|| panic!("{process} told no losses: {status:#}"));
+            .unwrap_or_else(|| panic!("{process} reported no losses: {status:#}"));
         let count = |name: &str| losses[name].as_u64().unwrap();
         assert_eq!(
             (count("out_of_turn"), count("undelivered"), count("dropped")),
@@ -290,7 +291,7 @@ fn a_session_from_up_to_down() {
                     && line["fields"]["master_position"].is_array())
         );
 
-        // The first recording ends and a second one begins in mid-movement.
+        // The first recording ends and a second one begins during the movement.
         session.ok(["rec", "stop"]);
         assert_eq!(session.status()["recording"]["file"], Value::Null);
         let taken = session.run(["rec", "start", &first]);
@@ -303,7 +304,7 @@ fn a_session_from_up_to_down() {
         session.ok(["rec", "start", &second, "--metadata", "subject=S07"]);
         assert_eq!(session.status()["recording"]["file"], second.as_str());
     });
-    // A loaded machine may have tripped since, which takes the power away as well.
+    // A loaded host may have tripped the rig since, which takes the power away as well.
     let _disarmed = session.run(["disarm"]);
     session.ok(["rec", "stop"]);
     let nothing = session.run(["rec", "stop"]);
@@ -321,20 +322,20 @@ fn a_session_from_up_to_down() {
     let (early, late) = (samples(&before), samples(&after));
     assert_contiguous(&early);
     assert_contiguous(&late);
-    // One acquisition all along: what lies between the two recordings is what was published
-    // meanwhile.
+    // Acquisition ran throughout, so the gap between the recordings is what was published in
+    // between.
     assert_eq!(early[0].incarnation, late[0].incarnation);
     assert_eq!(late[0].sequence - early[0].sequence, late[0].tick - early[0].tick);
-    // The first attempt to play may have ended before it began: on a rig that tripped between the
-    // operator's verbs.
-    let started = |recording| tells_of(recording, Process::Experiment, EventKind::ProtocolStarted);
+    // The first attempt may have ended before it began, if the rig tripped between two of the
+    // operator's commands.
+    let started = |recording| has_event(recording, Process::Experiment, EventKind::ProtocolStarted);
     assert!(
         started(&before) || started(&after),
         "no event \"protocol started\" in either recording"
     );
-    assert_told_of(&after, Process::Experiment, EventKind::ProtocolDone);
+    assert_event(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
-    // What was run stands in the recording: the protocol's text and its subject.
+    // The recording contains what was run: the protocol's text and the subject.
     let run = before.runs().chain(after.runs()).last().unwrap();
     assert_eq!(run["subject"], "S07");
     assert_eq!(run["protocol_file"], PROTOCOL);

@@ -1,4 +1,4 @@
-//! The unit files: what the parser takes, what it refuses, and what systemd says of them.
+//! The unit files: what the parser accepts and refuses, and what systemd says about them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::path::Path;
@@ -22,7 +22,7 @@ fn all() -> Vec<launch::units::Unit> {
 }
 
 #[test]
-fn the_order_of_start_has_the_keeper_first_and_the_watchdog_last() {
+fn the_keeper_starts_first_and_the_watchdog_last() {
     let names: Vec<String> = all().into_iter().map(|unit| unit.name).collect();
     assert_eq!(
         names,
@@ -39,14 +39,14 @@ fn a_rig_with_a_card_starts_no_simulator() {
 }
 
 #[test]
-fn everybody_but_the_keeper_waits_for_the_keeper() {
+fn every_other_unit_waits_for_the_keeper() {
     for unit in all().iter().filter(|unit| unit.name != "keeper") {
         assert_eq!(unit.gates().collect::<Vec<_>>(), ["keeper"], "{}", unit.name);
     }
 }
 
 #[test]
-fn the_watchdog_comes_after_everything_that_it_watches() {
+fn the_watchdog_starts_after_all_that_it_supervises() {
     let units = all();
     let watchdog = units.iter().find(|unit| unit.name == "watchdog").unwrap();
     for unit in units.iter().filter(|unit| unit.name != "watchdog") {
@@ -54,22 +54,22 @@ fn the_watchdog_comes_after_everything_that_it_watches() {
     }
 }
 
-/// A process that starts at its loop's priority holds the loops below it up for as long as it takes
-/// to start.
+/// A process that started at its loop's priority would hold up the loops of lower priority during
+/// its start.
 #[test]
-fn a_process_starts_below_every_loop_and_may_raise_itself() {
+fn units_start_below_the_priority_of_every_loop_and_may_raise_it() {
     let units = all();
     for name in ["watchdog", "acquisition", "simulator", "control", "experiment"] {
         let unit = units.iter().find(|unit| unit.name == name).unwrap();
         assert_eq!(unit.scheduling, SchedulingPolicy::Fifo(10), "{name}");
         assert_eq!(unit.limit_rtprio, Some(Limit::Value(90)), "{name}");
-        // Without isolated cores a fixed one makes a loop wait in line while another core is idle.
+        // Without isolated cores, a loop bound to one core can wait for it while another is idle.
         assert!(unit.cpu_affinity.is_empty(), "{name}");
     }
 }
 
 #[test]
-fn every_unit_is_restarted_soon_enough_for_the_card() {
+fn every_unit_is_restarted_within_the_span_of_the_cards_fifo() {
     for unit in all() {
         assert_eq!(unit.restart, Restart::OnFailure, "{}", unit.name);
         assert!(unit.restart_delay <= Duration::from_millis(50), "{}", unit.name);
@@ -93,7 +93,7 @@ fn an_unknown_key_names_file_line_key_and_what_is_supported() {
 }
 
 #[test]
-fn what_is_not_honoured_is_refused() {
+fn unsupported_values_are_refused() {
     let value = |line: &str| {
         let error = parse(&format!("{MINIMAL}{line}\n")).unwrap_err();
         assert!(matches!(error, UnitError::Value { line: 6, .. }), "{line}: {error:?}");
@@ -162,7 +162,7 @@ fn install_and_specifiers_are_accepted() {
 }
 
 #[test]
-fn a_ring_and_an_unknown_unit_are_errors() {
+fn a_dependency_cycle_and_an_unknown_unit_are_errors() {
     let directory = tempfile::tempdir().unwrap();
     for (name, after) in [("a", "b"), ("b", "a")] {
         let text = format!("[Unit]\nAfter=farreach-{after}@%i.service\n{MINIMAL}");
@@ -172,7 +172,7 @@ fn a_ring_and_an_unknown_unit_are_errors() {
     assert_eq!(
         set.load(&["a".to_owned()], "bench").map(|units| units.len()),
         Ok(1),
-        "only what is asked for counts"
+        "only the requested units count"
     );
     let ring = set.load(&["a".to_owned(), "b".to_owned()], "bench").unwrap_err();
     assert_eq!(ring, UnitError::Ring("a, b".to_owned()));
@@ -180,8 +180,7 @@ fn a_ring_and_an_unknown_unit_are_errors() {
     assert!(unknown.to_string().contains("there are: a, b"), "{unknown}");
 }
 
-/// systemd-analyze exits with 0 even on a key that it does not know: what counts is that it prints
-/// nothing.
+/// systemd-analyze exits with 0 even on an unknown key, so the test asserts that it prints nothing.
 #[test]
 fn systemd_analyze_verify_prints_nothing() {
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
@@ -217,7 +216,7 @@ fn systemd_analyze_verify_prints_nothing() {
     let spoilt = verify(true);
     assert!(
         spoilt.contains("Unknown key"),
-        "this systemd-analyze does not see a wrong key: {spoilt}"
+        "this systemd-analyze does not report an unknown key: {spoilt}"
     );
     assert_eq!(verify(false), "");
 }

@@ -1,8 +1,8 @@
-//! A rig of real processes for one test: own name, own directory, taken down whatever happens.
+//! A rig of real processes for one test, with its own name and directory, taken down in any case.
 //!
-//! Whole-system tests take turns through a file lock, because two cores bear one rig in real time,
-//! not several. A test process can join one rig only (the library's configuration is process-wide):
-//! a test that subscribes or publishes itself has a test binary of its own.
+//! Whole-system tests take turns through a file lock, because two cores run one rig in real time,
+//! but not several. A test process can join only one rig (the library's configuration is
+//! process-wide), so a test that subscribes or publishes has a test binary of its own.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod host;
@@ -29,9 +29,9 @@ pub struct TestRig {
 }
 
 impl TestRig {
-    /// Waits for its turn. `tag` makes the rig's name together with the process id. On a machine
-    /// that cannot run a rig in real time ([`host::stall`]) it takes the best-effort profile, and
-    /// says so.
+    /// Creates a rig once it is this test's turn. The rig's name is `tag` with the process id. On a
+    /// host that cannot run a rig in real time ([`host::stall`]) it uses the best-effort profile,
+    /// and prints that.
     pub fn new(tag: &str) -> Self {
         let user = rustix::process::geteuid().as_raw();
         let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
@@ -44,8 +44,8 @@ impl TestRig {
         Self { name, profile: stall.profile(), directory, _turn: turn }
     }
 
-    /// The same in the best-effort profile, for what has nothing to do with timing: a machine that
-    /// is held up for milliseconds then does not trip the rig.
+    /// The same in the best-effort profile, for tests that do not concern timing: stalls of some
+    /// milliseconds then do not trip the rig.
     pub fn patient(tag: &str) -> Self {
         let mut rig = Self::new(tag);
         rig.profile = Profile::BestEffort;
@@ -68,12 +68,12 @@ impl TestRig {
     ) -> Command {
         let mut command = farreach();
         command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
-        // Chosen here, so that the keeper of each rig need not measure.
+        // Set here, so that the keeper of each rig need not measure.
         command.env("FARREACH_PROFILE", self.profile.text());
         command
     }
 
-    /// Runs the binary and returns what came of it.
+    /// Runs the binary and returns its output.
     pub fn run<I: AsRef<std::ffi::OsStr>>(&self, arguments: impl IntoIterator<Item = I>) -> Output {
         self.farreach(arguments).output().unwrap()
     }
@@ -90,9 +90,8 @@ impl TestRig {
         self.ok(["up", "--simulate"]);
     }
 
-    /// `reset`, `arm`, `enable`, in this order until the last is done: a fault may still stand, the
-    /// machine still move, and a machine that is held up trips the rig between two of them,
-    /// rightly; then a person begins again.
+    /// Repeats `reset`, `arm`, `enable` until all three succeed: a fault may still be active, the
+    /// handle may still move, and on a loaded host the rig may trip in between, rightly.
     pub fn power_up(&self) {
         let mut last = String::new();
         let done = wait_for(Duration::from_secs(60), || {
@@ -102,7 +101,7 @@ impl TestRig {
                 last += &format!("{verb}: {}\n", told(&output));
                 output.status.success()
             };
-            // Whether there was something to reset or to arm matters only to what follows.
+            // Whether there was anything to reset or arm shows in the next command.
             verb("reset");
             verb("arm");
             verb("enable")
@@ -115,7 +114,7 @@ impl TestRig {
         launch::status(&self.name.run_directory()).unwrap()
     }
 
-    /// Why a unit was started again, with the end of its log.
+    /// Why a unit was restarted, with the end of its log.
     pub fn why(&self, unit: &str) -> String {
         let status = self.launcher_status();
         let Some(unit) = status.unit(unit) else { return status.launcher.to_string() };
@@ -127,7 +126,7 @@ impl TestRig {
         )
     }
 
-    /// Where the launcher keeps its files.
+    /// The launcher's directory.
     pub fn run_directory(&self) -> PathBuf {
         self.name.run_directory()
     }
@@ -182,8 +181,8 @@ pub fn told(output: &Output) -> String {
     )
 }
 
-/// The command failed with that code and an error that holds all `parts`, and left nothing of the
-/// rig.
+/// Asserts that the command failed with that exit code and an error that contains all `parts`, and
+/// that nothing of the rig is left.
 pub fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str]) {
     assert_eq!(output.status.code(), Some(code), "{}", told(output));
     assert!(output.stdout.is_empty(), "diagnosis goes to stderr: {}", told(output));
@@ -192,7 +191,7 @@ pub fn assert_refused(rig: &TestRig, output: &Output, code: i32, parts: &[&str])
     assert_eq!(rig.remains(), Vec::<PathBuf>::new(), "shared memory is left: {}", told(output));
 }
 
-/// Standard error holds all `parts` and is not a crash.
+/// Asserts that standard error contains all `parts` and is not a crash.
 pub fn assert_told(output: &Output, parts: &[&str]) {
     let text = String::from_utf8_lossy(&output.stderr);
     for part in parts {
@@ -218,16 +217,15 @@ pub fn shared_memory_of(name: &RigName) -> Vec<PathBuf> {
     found
 }
 
-/// What a rig holds in shared memory, without its run directory (logs and status, which are no
-/// segments).
+/// Files of a rig in shared memory, without its run directory (logs and status).
 #[derive(Clone, Debug, Default)]
 pub struct Footprint {
-    /// Each file and folder, with its bytes.
+    /// Each file and folder, with its size in bytes.
     pub entries: std::collections::BTreeMap<PathBuf, u64>,
 }
 
 impl Footprint {
-    /// As it is now.
+    /// The present footprint.
     pub fn of(name: &RigName) -> Self {
         let mut now = Self::default();
         for path in shared_memory_of(name) {
@@ -237,7 +235,7 @@ impl Footprint {
     }
 
     fn walk(&mut self, path: &Path, run: &Path) {
-        // What goes away meanwhile does not count.
+        // Files that vanish meanwhile are skipped.
         let Ok(found) = std::fs::symlink_metadata(path) else { return };
         if path == run {
             return;
@@ -250,8 +248,8 @@ impl Footprint {
         }
     }
 
-    /// Number of entries, and their bytes without those of `.details`, a text in which process ids
-    /// stand in full length.
+    /// Number of entries, and their total bytes without `.details`, a text that contains process
+    /// ids and so varies in length.
     pub fn size(&self) -> (usize, u64) {
         let counts = |path: &Path| path.extension().is_none_or(|kind| kind != "details");
         (
@@ -272,8 +270,8 @@ impl Footprint {
         kinds
     }
 
-    /// Entries that name a process which is dead: the library's identifiers hold the process id in
-    /// bits 64 to 95.
+    /// Entries of dead processes: the library's identifiers contain the process id in bits 64 to
+    /// 95.
     pub fn of_the_dead(&self) -> Vec<String> {
         let dead = |digits: &str| {
             digits.len() >= 20
@@ -313,7 +311,7 @@ pub fn kill(pid: i32, signal: i32) {
     }
 }
 
-/// Waits until something holds; `false` if it never did. The limit only ends a test that has
+/// Waits until a condition holds; `false` if it never did. The limit only ends a test that has
 /// failed.
 pub fn wait_for(limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
     let started = Instant::now();
@@ -328,8 +326,8 @@ pub fn wait_for(limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
     }
 }
 
-/// A measured record beside the project, where it is there. The test that gets `None` must skip,
-/// and says so.
+/// A measured record beside the project, if it is there. A test that gets `None` must skip, and
+/// print that.
 pub fn measured(file: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(file);
     if path.exists() {

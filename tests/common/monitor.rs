@@ -1,9 +1,8 @@
 //! Monitors a rig under test: reads all topics, and publishes setpoints of a slow sine, so that the
 //! motor gets voltage whenever it is enabled.
 //!
-//! Time is counted in ticks of the card (0.5 ms): the simulated card simulates every tick, also
-//! those for which it was late, so that its scans show what the motor got and when, however loaded
-//! the computer is.
+//! Time is counted in ticks of the card (0.5 ms). The simulated card simulates every tick, even if
+//! it is late, so its scans show what the motor got and when, however loaded the host is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
@@ -24,7 +23,7 @@ use super::{TestRig, told, wait_for};
 
 /// Period of the card in `launch/rigs/hydrostatic.toml` (2 kHz) (ns).
 pub const TICK_NS: u64 = 500_000;
-/// Limit of waiting; reached only by a test that fails.
+/// Limit of waiting; only a test that fails reaches it.
 pub const LIMIT: Duration = Duration::from_secs(30);
 
 const AMPLITUDE_RAD: f64 = 0.25;
@@ -35,27 +34,28 @@ pub fn tick_of(time_ns: u64) -> u64 {
     time_ns / TICK_NS
 }
 
-/// Ticks after a process's last message within which the motor must be without voltage, by the
-/// bounds of the safety case plus one cycle of each process in between; `None` if there is none.
+/// Ticks after a process's last message within which the motor must be at 0 V: the bounds of the
+/// safety case plus one cycle of each process in between. `None` if there is no bound.
 pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
     let timeouts = Timeouts::of(profile);
     let bound_ns = match process {
-        // The card itself is gone: nobody drives the motor, and the next card begins without power.
+        // The card itself is gone: nothing drives the motor, and the next card starts without
+        // power.
         "simulator" => 0,
         // Tokens and line stop at once.
         "watchdog" => timeouts.line_ns.max(timeouts.token_ns),
-        // The line pauses (SR-24).
+        // The enable line pauses (SR-24).
         "acquisition" if profile == Profile::Realtime => 10 * MILLISECOND_NS,
         "acquisition" => 60 * MILLISECOND_NS,
-        // The gate is quicker, but without real-time scheduling it may be late itself: then the
-        // line ends it.
+        // The gate is faster, but without real-time scheduling it may be late itself; then the
+        // enable line ends it.
         "control" => timeouts.peer_lost_ns + timeouts.line_ns,
         _ => return None,
     };
     Some(bound_ns / TICK_NS + SLACK)
 }
 
-/// Ticks for the cycle of each party, and the rounding of times to ticks.
+/// Ticks for one cycle of each process, and for the rounding of times to ticks.
 pub const SLACK: u64 = 6;
 
 /// State of the motor in one scan of the card.
@@ -63,15 +63,15 @@ pub const SLACK: u64 = 6;
 pub struct Scan {
     pub tick: u64,
     pub incarnation: u64,
-    /// The enable line is alive.
+    /// Whether the enable line is alive.
     pub power: bool,
-    /// Volts reach the motor.
+    /// Whether volts reach the motor.
     pub volts: bool,
-    /// The DACs hold volts, whether they reach the motor or not.
+    /// Whether the DACs hold volts that may or may not reach the motor.
     pub dac: bool,
 }
 
-/// The parts of one token that tests look at.
+/// The fields of one token that tests use.
 #[derive(Clone, Copy, Debug)]
 pub struct Token {
     pub time_ns: u64,
@@ -99,7 +99,7 @@ pub struct Stream {
     pub pause_ns: u64,
     /// Messages that this reader missed.
     pub lost: u64,
-    /// Steps back within an incarnation.
+    /// Messages whose sequence went backwards within an incarnation.
     pub backwards: u64,
 }
 
@@ -130,7 +130,7 @@ impl Seen {
     fn take_in(&mut self, topic: &'static str, bytes: &[u8]) {
         let word =
             |index: usize| u64::from_le_bytes(bytes[8 * index..8 * index + 8].try_into().unwrap());
-        // Every message begins with session, incarnation, sequence, time.
+        // Every message begins with session, incarnation, sequence and time.
         let (incarnation, sequence, time_ns) = (word(1), word(2), word(3));
         let stream = self.streams.entry(topic).or_default();
         match stream.senders.iter_mut().find(|sender| sender.incarnation == incarnation) {
@@ -189,12 +189,12 @@ impl Seen {
         self.scans.iter().filter(|scan| scan.volts).map(|scan| scan.tick).max()
     }
 
-    /// The last tick since the mark in which the card had its motor powered.
+    /// The last tick since the mark in which the card had the motor powered.
     pub fn last_power(&self) -> Option<u64> {
         self.scans.iter().filter(|scan| scan.power).map(|scan| scan.tick).max()
     }
 
-    /// When the last token with leave was published since the mark.
+    /// Time of the last token since the mark that gave permission.
     pub fn last_leave_ns(&self) -> Option<u64> {
         self.tokens.iter().filter(|token| token.enabled).map(|token| token.time_ns).max()
     }
@@ -206,8 +206,8 @@ impl Seen {
         self.tokens.iter().filter(faulted).map(|token| token.cause).collect()
     }
 
-    /// When power, volts and leave came and went since the mark, and the longest pauses, for
-    /// messages.
+    /// Times at which power, volts and permission came and went since the mark, and the longest
+    /// pauses, for messages.
     pub fn account(&self) -> String {
         let mut text = String::new();
         let mut before = None;
@@ -255,7 +255,7 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Joins, and begins to read and to lead.
+    /// Joins the rig, and starts to read all topics and publish setpoints.
     pub fn join(name: &RigName) -> Self {
         let domain = Domain::observe(name).unwrap();
         let seen = Arc::new(Mutex::new(Seen::default()));
@@ -275,9 +275,8 @@ impl Monitor {
         monitor
     }
 
-    /// Keeps this many cores busy, at normal priority, for as long as the monitor lives; a rig of
-    /// the best-effort profile is spared: that others' work does not hold a rig up is what the
-    /// real-time class is for.
+    /// Keeps this many cores busy at normal priority while the monitor lives, in the real-time
+    /// profile only: its scheduling class must keep other programs from delaying the rig.
     pub fn load(&mut self, cores: usize) {
         if self.profile() == Profile::BestEffort {
             return;
@@ -297,12 +296,12 @@ impl Monitor {
         }
     }
 
-    /// Whether it leads the handle (it does from the beginning).
+    /// Whether it publishes setpoints (it does from the beginning).
     pub fn lead(&self, leads: bool) {
         self.leads.store(leads, Ordering::Relaxed);
     }
 
-    /// What was seen. Held only for a moment: the reader waits for it.
+    /// The observations. Hold the lock only briefly: the reader waits for it.
     pub fn seen(&self) -> MutexGuard<'_, Seen> {
         let seen = self.seen.lock().unwrap();
         if let Some(failure) = &seen.failure {
@@ -328,7 +327,7 @@ impl Monitor {
         now_ns()
     }
 
-    /// Waits until something was seen.
+    /// Waits until the observations satisfy a condition.
     pub fn until(&self, what: &str, mut holds: impl FnMut(&Seen) -> bool) {
         let came = wait_for(LIMIT, || holds(&self.seen()));
         assert!(
@@ -347,8 +346,8 @@ impl Monitor {
         });
     }
 
-    /// `reset`, `arm`, `enable` on the command line, each as the state asks for it, until volts
-    /// flow. A loaded machine may stall for longer than a life and trip again: then from the
+    /// `reset`, `arm`, `enable` on the command line, as the state requires, until volts flow. A
+    /// loaded host may stall for longer than a timeout and trip the rig again; then from the
     /// beginning.
     pub fn power_up(&self, rig: &TestRig) {
         let mut last = String::new();
@@ -381,9 +380,9 @@ impl Monitor {
         }) && self.seen().state() == Some(WatchdogState::Enabled)
     }
 
-    /// The longest pause since the mark in any of these topics, where it is one that makes the
-    /// watchdog's line pause (SR-24): the machine did not run a loop that nobody had touched, and
-    /// then power may go.
+    /// The longest pause since the mark in any of these topics, if it is long enough to make the
+    /// watchdog pause the enable line (SR-24): then the host did not run a loop that was left
+    /// alone, and the power may go.
     pub fn stalled(&self, topics: &[&str]) -> Option<String> {
         let seen = self.seen();
         let line_pause_ns = match self.profile() {
@@ -397,7 +396,7 @@ impl Monitor {
             .then(|| format!("{topic} paused for {:.1} ms", pause_ns as f64 * 1e-6))
     }
 
-    /// Opens every topic anew, as a program that comes now would.
+    /// Opens every topic again, as a program that starts now would.
     pub fn open_all(&self) {
         let node = self.domain.node("visitor").unwrap();
         for topic in TOPICS {
@@ -430,7 +429,7 @@ fn read_and_lead(
     service.ready()?;
     while !stop.load(Ordering::Relaxed) {
         if service.stopping() {
-            // The service's handler took the signal from us.
+            // The signal handler of the service has replaced the default one.
             std::process::exit(130);
         }
         if leads.load(Ordering::Relaxed) {

@@ -1,4 +1,4 @@
-//! The launcher with real processes, real signals and real deaths.
+//! The launcher with real processes and real signals.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod rig;
@@ -10,9 +10,9 @@ use launch::{Error, ProcessIdentity, RigState, RunDir, UnitState};
 use rig::{Rig, until};
 use rustix::process::Signal;
 
-/// Not a test: the way in for the processes that the tests start.
+/// Not a test: the entry point of the processes that the tests start.
 #[test]
-#[ignore = "the way in for the processes that the tests start"]
+#[ignore = "entry point of the processes that the tests start"]
 fn child_process() {
     if let Ok(arguments) = std::env::var("LAUNCH_TEST_ARGUMENTS") {
         rig::child(&arguments);
@@ -52,7 +52,7 @@ fn started_in_order_and_stopped_in_reverse() {
 }
 
 #[test]
-fn the_units_that_come_with_the_binary_start_keeper_first_and_stop_motor_first() {
+fn embedded_units_start_the_keeper_first_and_stop_the_watchdog_first() {
     let mut rig = Rig::new();
     rig.config.units_directory = None;
     rig.config.units = vec!["watchdog".to_owned(), "simulator".to_owned()];
@@ -75,7 +75,7 @@ fn the_units_that_come_with_the_binary_start_keeper_first_and_stop_motor_first()
 }
 
 #[test]
-fn what_the_processes_are_told() {
+fn environment_of_the_processes() {
     let mut rig = Rig::new();
     rig.unit(
         "c",
@@ -119,7 +119,7 @@ fn a_rig_that_is_up_is_not_started_again() {
 }
 
 #[test]
-fn a_killed_process_comes_back_and_takes_nobody_with_it() {
+fn a_killed_process_is_restarted_and_the_others_keep_running() {
     let rig = Rig::new();
     rig.start().unwrap();
     for name in ["a", "c"] {
@@ -140,7 +140,7 @@ fn a_killed_process_comes_back_and_takes_nobody_with_it() {
 }
 
 #[test]
-fn a_start_that_hangs_is_killed_and_tried_again() {
+fn a_start_that_hangs_is_killed_and_repeated() {
     let mut rig = Rig::new();
     rig.behave("b", "hang-once");
     rig.unit("b", &[("TimeoutStartSec", "1s")]);
@@ -158,7 +158,7 @@ fn a_start_that_hangs_is_killed_and_tried_again() {
 }
 
 #[test]
-fn a_unit_that_cannot_be_brought_up_stops_all_and_says_why() {
+fn a_unit_that_fails_to_start_stops_all_others_with_a_reason() {
     let mut rig = Rig::new();
     rig.behave("b", "fail");
     let error = rig.start().unwrap_err();
@@ -173,7 +173,7 @@ fn a_unit_that_cannot_be_brought_up_stops_all_and_says_why() {
 }
 
 #[test]
-fn exit_code_2_is_not_tried_again() {
+fn exit_code_2_prevents_a_restart() {
     let mut rig = Rig::new();
     rig.behave("b", "usage");
     assert!(matches!(rig.start(), Err(Error::Start(failure)) if failure.attempts == 1));
@@ -181,7 +181,7 @@ fn exit_code_2_is_not_tried_again() {
 }
 
 #[test]
-fn an_executable_that_is_not_there_is_an_error() {
+fn a_missing_executable_is_an_error() {
     let mut rig = Rig::new();
     rig.config.executable = "/nonexistent/farreach".into();
     let error = rig.start().unwrap_err().to_string();
@@ -205,9 +205,9 @@ fn a_silent_watchdog_is_killed_and_restarted() {
 }
 
 #[test]
-fn a_deaf_process_is_killed_when_its_time_is_up() {
+fn a_process_that_ignores_sigterm_is_killed_after_its_stop_timeout() {
     let mut rig = Rig::new();
-    rig.behave("c", "deaf");
+    rig.behave("c", "ignore-sigterm");
     rig.unit("c", &[("TimeoutStopSec", "200ms")]);
     rig.start().unwrap();
     let report = rig.stop().unwrap();
@@ -217,7 +217,7 @@ fn a_deaf_process_is_killed_when_its_time_is_up() {
 }
 
 #[test]
-fn a_stopped_process_is_woken_to_stop() {
+fn a_frozen_process_is_continued_to_stop() {
     let rig = Rig::new();
     rig.start().unwrap();
     assert!(rig.process("c").signal(Signal::STOP));
@@ -236,7 +236,7 @@ fn a_signal_to_the_launcher_stops_all_in_order() {
 }
 
 #[test]
-fn the_living_are_adopted_by_the_next_launcher() {
+fn running_processes_are_adopted_by_the_next_launcher() {
     let rig = Rig::new();
     let first = rig.start().unwrap();
     let before = ["a", "b", "c"].map(|name| rig.process(name));
@@ -252,7 +252,7 @@ fn the_living_are_adopted_by_the_next_launcher() {
     assert!(rig.status().units.iter().all(|unit| unit.adopted && unit.state == UnitState::Ready));
     assert_eq!(rig.events(&["start"]).len(), 3);
 
-    // They are not its children, and still it sees them die.
+    // It detects their death although they are not its children.
     assert!(before[2].signal(Signal::KILL));
     rig.until_replaced("c", before[2]);
     let status = rig.status();
@@ -263,14 +263,14 @@ fn the_living_are_adopted_by_the_next_launcher() {
 }
 
 #[test]
-fn the_watchdog_of_an_adopted_process_is_heard() {
+fn an_adopted_process_reaches_the_new_launchers_watchdog() {
     let rig = Rig::new();
     rig.unit("c", &[("WatchdogSec", "1s")]);
     rig.start().unwrap();
     let before = rig.process("c");
     rig.kill_launcher();
     rig.start().unwrap();
-    // A longer time than WatchdogSec: without its pings reaching the new socket it would be killed.
+    // Longer than WatchdogSec: a process whose pings did not reach the new socket would be killed.
     std::thread::sleep(std::time::Duration::from_millis(1500));
     let pinging = rig.status().unit("c").unwrap().clone();
     if pinging.restart_reason.is_none() {
@@ -287,7 +287,7 @@ fn the_watchdog_of_an_adopted_process_is_heard() {
 }
 
 #[test]
-fn down_ends_the_living_when_the_launcher_is_dead() {
+fn down_ends_the_processes_of_a_dead_launcher() {
     let rig = Rig::new();
     rig.start().unwrap();
     rig.kill_launcher();
@@ -303,11 +303,11 @@ fn down_ends_the_living_when_the_launcher_is_dead() {
 }
 
 #[test]
-fn a_launcher_that_hangs_does_not_keep_the_motor_on() {
+fn down_ends_the_processes_of_a_launcher_that_hangs() {
     let rig = Rig::new();
     let running = rig.start().unwrap();
     assert!(running.launcher.signal(Signal::STOP));
-    // It may be stopped before it hears of the request, or in the middle of it.
+    // The launcher may be frozen before it reads the request, or while it handles it.
     rig.stop().unwrap();
     assert_eq!(rig.events(&["stop"]), ["c stop", "b stop", "a stop"]);
     assert!(!running.launcher.is_alive());
@@ -322,8 +322,8 @@ fn a_recycled_pid_is_not_adopted() {
     let victim = rig.process("c");
     assert!(victim.signal(Signal::KILL));
     until("c is dead", || !victim.is_alive());
-    // Somebody else has the pid now, as the status has it, but started at another time: start times
-    // have a resolution of 10 ms, and the victim may be younger than that.
+    // Another process now has the pid that the status names, with a different start time. Start
+    // times have a resolution of 10 ms, and the victim may be younger than that.
     std::thread::sleep(std::time::Duration::from_millis(50));
     let mut bystander = Command::new("sleep").arg("600").spawn().unwrap();
     let path = RunDir::new(rig.run_dir()).status_json();
@@ -344,11 +344,11 @@ fn a_recycled_pid_is_not_adopted() {
     stopped.unwrap();
     assert_ne!(process.pid, bystander.id() as i32);
     assert!(!adopted);
-    assert!(alive, "the bystander was hit");
+    assert!(alive, "the unrelated process was killed");
 }
 
 #[test]
-fn a_process_in_no_status_is_found_by_its_marks() {
+fn a_process_missing_from_the_status_is_found_by_its_environment() {
     let rig = Rig::new();
     rig.start().unwrap();
     rig.kill_launcher();
@@ -364,7 +364,7 @@ fn a_process_in_no_status_is_found_by_its_marks() {
 }
 
 #[test]
-fn the_living_are_not_adopted_with_other_settings() {
+fn running_processes_are_not_adopted_under_other_settings() {
     let mut rig = Rig::new();
     rig.start().unwrap();
     rig.kill_launcher();
@@ -380,7 +380,7 @@ fn the_living_are_not_adopted_with_other_settings() {
 }
 
 #[test]
-fn a_restart_can_be_asked_for() {
+fn a_restart_on_request() {
     let rig = Rig::new();
     rig.start().unwrap();
     let before = rig.process("b");
@@ -393,7 +393,7 @@ fn a_restart_can_be_asked_for() {
 }
 
 #[test]
-fn the_status_says_which_class_was_granted() {
+fn the_status_shows_the_scheduling_class_granted() {
     let rig = Rig::new();
     let may = Command::new("chrt")
         .args(["-f", "10", "true"])
@@ -424,7 +424,7 @@ fn the_status_says_which_class_was_granted() {
 }
 
 #[test]
-fn what_would_fail_later_fails_before_anything_is_started() {
+fn invalid_configuration_fails_before_any_process_starts() {
     let mut rig = Rig::new();
     rig.unit("c", &[("LimitNOFILE", "5")]);
     let error = rig.start().unwrap_err();

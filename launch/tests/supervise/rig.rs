@@ -1,7 +1,7 @@
-//! A rig of three small processes, a <- b <- c, which ends all that it started even when a test
+//! A rig of three small processes, a <- b <- c, which ends everything it started even if a test
 //! fails.
 //!
-//! The processes, and the launcher, are this test binary itself: a script enters it at the test
+//! The processes and the launcher are this test binary itself: a script enters it at the test
 //! `child_process`.
 
 use std::fs::{self, OpenOptions};
@@ -22,8 +22,8 @@ pub(crate) struct Rig {
     pub(crate) config: Config,
 }
 
-/// The script that enters this binary. Written before any test starts a process: a child forked
-/// meanwhile would hold it open for writing, and then it could not be executed.
+/// The script that enters this binary. It must be written before any test starts a process: a child
+/// forked meanwhile would hold it open for writing, and it could not be executed.
 fn script() -> &'static Path {
     static SCRIPT: OnceLock<PathBuf> = OnceLock::new();
     SCRIPT.get_or_init(|| {
@@ -45,7 +45,7 @@ fn script() -> &'static Path {
     })
 }
 
-/// Keys of a unit that a test sets otherwise than [`Rig::new`] does.
+/// Keys of a unit in which a test differs from [`Rig::new`].
 pub(crate) type Keys<'a> = &'a [(&'a str, &'a str)];
 
 impl Rig {
@@ -140,12 +140,12 @@ impl Rig {
         self.process(name)
     }
 
-    /// What the processes wrote down: (name, event, process).
+    /// The entries of the journal: (name, event, process).
     pub(crate) fn journal(&self) -> Vec<(String, String, ProcessIdentity)> {
         read_journal(&self.directory.path().join("journal"))
     }
 
-    /// `NAME EVENT` of those events that are asked for.
+    /// `NAME EVENT` of the requested events.
     pub(crate) fn events(&self, wanted: &[&str]) -> Vec<String> {
         let journal =
             self.journal().into_iter().filter(|(_, event, _)| wanted.contains(&event.as_str()));
@@ -182,14 +182,14 @@ impl Drop for Rig {
             let log = fs::read_to_string(self.run_dir().join("launcher.log")).unwrap_or_default();
             eprintln!("launcher.log:\n{log}");
         }
-        // The launcher first, or it would start again what is killed here.
+        // The launcher first, since it would restart the processes killed here.
         let launcher = fs::read_to_string(self.run_dir().join("launcher.pid")).unwrap_or_default();
         let numbers: Vec<u64> =
             launcher.split_whitespace().filter_map(|word| word.parse().ok()).collect();
         if let [pid, start_time] = numbers[..] {
             ProcessIdentity { pid: pid as i32, start_time }.signal(Signal::KILL);
         }
-        // Nothing to stop is what a test that passed leaves.
+        // After a test that passed there is nothing to stop.
         let _ = self.stop();
         for (_, _, process) in self.journal() {
             process.signal(Signal::KILL);
@@ -197,7 +197,7 @@ impl Drop for Rig {
     }
 }
 
-/// Waits for something; gives up after a minute, which only a hang takes.
+/// Waits until a condition holds; the limit of a minute is reached only by a hang.
 pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let give_up = Instant::now() + Duration::from_secs(60);
     while !is_so() {
@@ -223,7 +223,7 @@ fn read_journal(path: &Path) -> Vec<(String, String, ProcessIdentity)> {
 /// Body of the processes, and of the launcher.
 ///
 /// `BEHAVE_NAME` may hold: `hang` (never ready), `hang-once`, `mute-once` (no `WATCHDOG=1` the
-/// first time), `deaf` (to SIGTERM), `fail` (prints and ends with 1), `usage` (ends with 2).
+/// first time), `ignore-sigterm`, `fail` (prints and ends with 1), `usage` (ends with 2).
 pub(crate) fn child(arguments: &str) -> ! {
     let words: Vec<&str> = arguments.split(' ').collect();
     if let ["service", "launcher", "--run-dir", run_dir] = words[..] {
@@ -251,13 +251,13 @@ pub(crate) fn child(arguments: &str) -> ! {
         std::process::exit(2);
     }
     if !behaves("hang") {
-        // Written before it is said: whoever is started because of it writes later.
+        // Written before the notification, so that units which wait for it write later.
         write("ready");
         sd_notify::notify(&[NotifyState::Ready, NotifyState::Status(&format!("{name} at work"))])
             .unwrap();
     }
     assert!(sd_notify::watchdog_enabled().is_some());
-    while !stop.load(Ordering::Relaxed) || behaves("deaf") {
+    while !stop.load(Ordering::Relaxed) || behaves("ignore-sigterm") {
         if !behaves("mute") {
             let _ = sd_notify::notify(&[NotifyState::Watchdog]);
         }

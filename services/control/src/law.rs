@@ -1,32 +1,34 @@
-//! The control law of guided movements (§ 4.1): feedback of the position error in proportion and
-//! derivative, feed-forward against inertia and friction (fig. 4.3A). Pure: time, sample and
+//! The control law of guided movements (§ 4.1): proportional and derivative feedback of the
+//! position error, with feed-forward of inertia and friction (fig. 4.3A). Pure: time, sample and
 //! setpoint are arguments.
 //!
-//! **No bumps.** While it has no power the law follows the hand: its reference is the measured
-//! position, its output 0 V. When power comes, and whenever the target changes otherwise than by
-//! moving on (another mode, another owner, a lapsed lease, a jump), the reference goes on from
-//! where it is, with its velocity, comes to rest relative to the new target and goes there by a
-//! minimum-jerk movement in `ramp_s`, or longer where the way is long. From one step to the next
-//! the output therefore changes by at most [`Law::step_bound_v`], plus what the feedback owes to
-//! the real motion of the hand.
+//! **Bumpless transfer.** Without power the law tracks the hand: its reference is the measured
+//! position, its output 0 V. When power comes, and whenever the target changes discontinuously
+//! (another mode or owner, an expired lease, a jump), the reference continues from its present
+//! position and velocity, comes to rest relative to the new target, and approaches it by a
+//! minimum-jerk movement in `ramp_s`, or longer if the distance is long. From one step to the next
+//! the output therefore changes by at most [`Law::step_bound_v`], plus the feedback of the hand's
+//! actual motion.
 //!
-//! **Options** ([`rig::ControlOptions`]). Friction compensation from the identified model in place
-//! of the printed triangle, a disturbance observer, and a loop on the slave that moves the master's
-//! reference. `reference_position` of the command is then the master's reference, not the slave's.
+//! **Options** ([`rig::ControlOptions`]). Friction compensation from the declared model instead of
+//! the printed triangle, a disturbance observer, and an outer loop on the slave that shifts the
+//! master's reference. `reference_position` of the command is then the master's reference, not the
+//! slave's.
 //!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
 //! ([`force`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
 //! Transfer between the two controllers is bumpless: the difference fades within [`AUTHORITY_S`].
 //!
-//! **Limits.** A setpoint may narrow the limit on the output, as `limit` says; in
+//! **Limits.** A setpoint may lower the limit on the output (module `limit`); in
 //! [`Mode::Initialise`] the reference then stays within what that output can hold.
 //!
-//! **No setpoint.** Without one, or after its lease, the law comes to rest and holds.
-//! [`Mode::Passive`] takes the output to 0 V within [`AUTHORITY_S`]. A measured value that is not
-//! finite gives 0 V on all axes at once, flagged by `limited` and mode passive.
+//! **No setpoint.** Without a setpoint, or once its lease has expired, the law brings the reference
+//! to rest and holds it. [`Mode::Passive`] ramps the output to 0 V within [`AUTHORITY_S`]. A
+//! measured value that is not finite gives 0 V on all axes at once, reported by `limited` and mode
+//! passive.
 //!
-//! Mirrored inputs give mirrored outputs; the rate of the loop (500 Hz, 1 kHz) changes nothing but
-//! the sampling.
+//! The law is odd: mirrored inputs give mirrored outputs. The loop's rate (500 Hz, 1 kHz) affects
+//! the sampling only.
 
 mod blend;
 mod bounds;
@@ -54,30 +56,30 @@ pub use observer::OBSERVER_SLEW_S;
 use options::{OptionState, sanitised};
 use rig::ACCELERATION_HZ;
 
-/// Time in which the output gets or loses its full authority (s).
+/// Time in which the output gains or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;
-/// Time in which the friction feed-forward may change by its peak (s).
+/// Time in which the friction feed-forward may change by its peak value (s).
 pub const FRICTION_SLEW_S: f64 = 0.01;
 /// Time in which the inertia feed-forward may change by the output limit (s).
 pub const INERTIA_SLEW_S: f64 = 0.02;
-/// A step of the target that would step the feedback by more than this counts as a change of target
-/// (V).
+/// A step of the target counts as a change of target if the feedback's response to it would exceed
+/// this (V).
 pub const SWITCH_STEP_V: f64 = 0.05;
-/// Longest time in which a moving reference comes to rest when its target is lost (s).
+/// Longest time in which a moving reference is brought to rest when its target is lost (s).
 pub const STOP_S: f64 = 0.25;
 /// Longest time over which a setpoint is extrapolated (s).
 pub const EXTRAPOLATION_S: f64 = 0.1;
-/// Longest time that one step may stand for, however late the loop was (s).
+/// Longest elapsed time that one step accounts for, however late the loop is (s).
 const LONGEST_STEP_S: f64 = 0.05;
 
-/// Whose target the reference follows; a change of it begins a blend.
+/// Who sets the reference; a change begins a blend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
-    /// Nobody's: holding.
+    /// The law itself: it holds.
     Own,
-    /// The hand's: force control.
+    /// The hand, under force control.
     Hand,
-    /// A setpoint's.
+    /// A setpoint.
     Setpoint { incarnation: u64, protocol: u64, owner: u8, mode: u8 },
 }
 
@@ -94,29 +96,29 @@ struct Axis {
     options: OptionState,
     /// Speed of the handle.
     handle: VelocityEstimate,
-    /// Its acceleration: the same low pass of a difference quotient, of that speed.
+    /// Its acceleration: a low-pass filtered difference quotient of that speed.
     acceleration: VelocityEstimate,
     /// Output of the force control, eq. 4.2.1 (V).
     force_v: f64,
-    /// Whether the last output was the force control's.
+    /// Whether the last output was that of force control.
     force_controlled: bool,
-    /// The last output before it was weighed (V), and what of it still fades after a change between
-    /// the two controls.
+    /// The last output before scaling by the authority (V), and the part of the other controller's
+    /// output that bumpless transfer still adds.
     output_v: f64,
     carried_v: f64,
-    /// Limit on the output (V), and whether the reference was held back for it.
+    /// Limit on the output (V), and whether anti-windup held the reference back.
     limit_v: f64,
     held_back: bool,
-    /// How far the reference may be from the measured position (rad or m).
+    /// Largest distance of the reference from the measured position (rad or m).
     lead: f64,
 }
 
-/// The law. See the module's documentation.
+/// The control law; the module's documentation describes it.
 #[derive(Clone, Debug)]
 pub struct Law {
     config: LawConfig,
     axis: [Axis; AXES],
-    /// What the reference follows; `None` while it follows the hand.
+    /// Who sets the reference; `None` while it tracks the hand.
     source: Option<Source>,
     /// 0 (no output) to 1.
     authority: f64,
@@ -125,7 +127,7 @@ pub struct Law {
 }
 
 impl Law {
-    /// A law that has seen nothing yet. A limit that is not a positive number counts as 0.
+    /// Creates a law without a history. A limit that is not a positive number counts as 0.
     pub fn new(mut config: LawConfig) -> Self {
         config.axes = config.axes.min(AXES);
         for law in &mut config.axis {
@@ -168,10 +170,10 @@ impl Law {
         }
     }
 
-    /// Most that the output of an axis changes in a step of `period_s` while the hand rests,
-    /// whatever happens to setpoint, mode and lease, from the moment that power comes until it goes
-    /// (V); on top comes the movement of the reference itself, `period_s` times (position gain ·
-    /// velocity + velocity gain · acceleration).
+    /// Largest change of an axis's output in a step of `period_s` while the hand rests, for any
+    /// change of setpoint, mode or lease between power on and power off (V). The movement of the
+    /// reference itself adds `period_s` · (position gain · velocity + velocity gain ·
+    /// acceleration).
     pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
@@ -181,11 +183,11 @@ impl Law {
             + law.options_step_v(period_s)
     }
 
-    /// One cycle. `powered`: the sample shows the gate open for the epoch that the newest token
-    /// names.
+    /// Computes one cycle. `powered`: the sample shows the gate open for the epoch of the newest
+    /// token.
     ///
-    /// The command lacks identity, `token_sequence`, `epoch`, `cycles_missed` and `profile`, which
-    /// are the loop's.
+    /// The loop fills in the identity, `token_sequence`, `epoch`, `cycles_missed` and `profile` of
+    /// the command.
     pub fn step(
         &mut self,
         now_ns: u64,
@@ -226,7 +228,7 @@ impl Law {
         }
 
         if mode.yields() && !self.has_force_control(sample) {
-            // Without a measured torque force control has no input.
+            // Force control needs a measured torque.
             self.release_output();
             command.limited = 1;
         } else if !powered || (mode == Mode::Passive && self.authority == 0.0) {
@@ -264,7 +266,7 @@ impl Law {
         }
         let time_ns = sample.scan_time_ns;
         if time_ns < self.last_sample_ns {
-            // The clock of another acquisition process: start again from the measured position.
+            // Another acquisition process has taken over: start again from the measured position.
             self.release_output();
         }
         self.last_sample_ns = time_ns;
@@ -305,7 +307,7 @@ impl Law {
         }
     }
 
-    /// Sets the output to zero; the reference then follows the hand.
+    /// Sets the output to zero; from then on the reference tracks the hand.
     fn release_output(&mut self) {
         self.source = None;
         self.authority = 0.0;
@@ -319,8 +321,7 @@ impl Law {
         }
     }
 
-    /// Finds the target of each axis, and begins a blend where it changed otherwise than by moving
-    /// on.
+    /// Determines the target of each axis, and begins a blend if it has changed discontinuously.
     fn choose_reference(
         &mut self,
         time_ns: u64,
@@ -347,7 +348,8 @@ impl Law {
             let position = sample.master_position[index];
             let reference = axis.present_reference(time_ns);
             if begins || !reference.is_finite() {
-                // Power came: from the hand's own motion, so that there is no error to begin with.
+                // Power has come on: start from the hand's own motion, so that there is no initial
+                // error.
                 let speed = law.catch_up_speed().abs();
                 let velocity = within(axis.velocity.velocity(), speed);
                 axis.reference = Motion { position, velocity, acceleration: 0.0 };
@@ -359,7 +361,7 @@ impl Law {
                 (Source::Setpoint { .. }, Some(setpoint))
                     if setpoint.position[index].is_finite() =>
                 {
-                    aimed(setpoint, index, mode, time_ns)
+                    target_of(setpoint, index, mode, time_ns)
                 }
                 _ if changed => axis.resting_place(law),
                 _ => axis.target_at(time_ns),
@@ -391,25 +393,26 @@ impl Law {
 }
 
 impl Axis {
-    /// The reference is where the hand is (rad or m), at rest.
+    /// Sets the reference to the measured position (rad or m), at rest.
     fn rest_at(&mut self, position: f64, time_ns: u64) {
         self.reference = Motion::at_rest(position);
         self.target = self.reference;
         self.target_ns = time_ns;
     }
 
-    /// The target that was last aimed at, moved on to now.
+    /// The last target, extrapolated to a time.
     fn target_at(&self, time_ns: u64) -> Motion {
         self.target.after(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
     }
 
-    /// The reference, moved on to now along target and blend.
+    /// The reference at a time, from target and blend.
     fn reference_at(&self, time_ns: u64) -> Motion {
         self.target_at(time_ns)
             .plus(&self.blend.and_then(|blend| blend.at(time_ns)).unwrap_or_default())
     }
 
-    /// Where a moving reference comes to rest when it slows down evenly, within the limits.
+    /// The position, within the limits, at which a moving reference comes to rest at constant
+    /// deceleration.
     fn resting_place(&self, law: &AxisLaw) -> Motion {
         let way = stopping_way(self.reference.velocity, law.stop_s());
         Motion::at_rest(
@@ -420,7 +423,7 @@ impl Axis {
     }
 }
 
-/// Where the handle is: its own encoder's word, or else the motor's (rad or m).
+/// Position of the handle by its own encoder, or by the motor's if there is none (rad or m).
 fn handle_position(sample: &Sample, axis: usize) -> f64 {
     let slave = sample.slave_position[axis];
     if sample.slave_present & (1 << axis) != 0 && slave.is_finite() {
@@ -430,9 +433,9 @@ fn handle_position(sample: &Sample, axis: usize) -> f64 {
     }
 }
 
-/// Whether a setpoint can be followed: in position mode every number that the rig's axes need is
-/// one, and a movement is not extrapolated further than [`EXTRAPOLATION_S`]. A hold needs no
-/// position, a force field all its numbers.
+/// Whether a setpoint can be followed. In position mode all numbers of the rig's axes must be
+/// finite, and a moving target is extrapolated by at most [`EXTRAPOLATION_S`]. A hold needs no
+/// position; a force field needs all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
     if Mode::from_code(setpoint.mode).is_some_and(Mode::yields) {
         return field::is_finite(setpoint);
@@ -449,8 +452,8 @@ fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
     })
 }
 
-/// Where a setpoint aims at the time of a sample.
-fn aimed(setpoint: &Setpoint, axis: usize, mode: Mode, time_ns: u64) -> Motion {
+/// The target of a setpoint at the time of a sample.
+fn target_of(setpoint: &Setpoint, axis: usize, mode: Mode, time_ns: u64) -> Motion {
     if !mode.moves() {
         return Motion::at_rest(setpoint.position[axis]);
     }

@@ -14,7 +14,7 @@ use thiserror::Error;
 use crate::law::{Law, LawConfig};
 use crate::setpoint_validation::SetpointValidation;
 
-/// What the process is started with.
+/// Options of the process.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Name of the rig.
@@ -62,15 +62,15 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         let Some(wake) = grid.wait() else { continue };
         if let Some(newest) = samples.latest()? {
             if sample.is_none() {
-                let text = "control goes on from the measured position";
+                let text = "control continues from the measured position";
                 let told =
                     Event::new(Process::Control, EventKind::ControlResumed, Severity::Info, text);
                 events.send(Event { a: newest.master_position[0], ..told })?;
             }
             sample = Some(newest);
         }
-        // Each of them: of two senders' the last one to be handed out is not the one to be
-        // followed.
+        // All of them, not only the newest: with two senders, the last one received need not be the
+        // one to follow.
         while let Some(next) = setpoints.take()? {
             match validation.validate(now_ns(), &next) {
                 Ok(()) => setpoint = Some(next),
@@ -83,8 +83,8 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
         }
         token = tokens.latest()?.or(token);
         if let Some(sample) = &sample {
-            // Powered means: the gate is open, for the epoch of the newest token, and for our
-            // commands.
+            // Powered: the gate is open for the epoch of the newest token, and for commands of this
+            // process.
             let powered = token.is_some_and(|token| {
                 token.enabled == 1
                     && token.control_incarnation == identity.incarnation
@@ -108,7 +108,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
                 .sent(commands.undelivered());
             timings
                 .send(Losses { refused: validation.refused_in_all(), ..losses }.told_in(timing))?;
-            // Events are rare: who joined since the last one gets those before through this.
+            // Events are rare: a late subscriber receives the earlier ones only through this.
             events.refresh();
         }
         service.beat();

@@ -1,43 +1,42 @@
 //! Validates setpoints before control follows them. Pure: the time is an argument.
 //!
-//! A refused setpoint changes nothing: control continues with the previous one, and comes to rest
-//! when its lease lapses. A refusal is reported at most once per second for each reason, with the
-//! number of refusals so far.
+//! A refused setpoint changes nothing: control follows the previous one until its lease expires,
+//! then brings the axes to rest. Each reason is reported at most once per second, with the number
+//! of refusals so far.
 
 use ipc_types::{AXES, Event, EventKind, Mode, Process, Setpoint, Severity};
 use rig::RigFile;
 
 /// Shortest interval between two reports of one reason (ns).
 pub const REPORT_INTERVAL_NS: u64 = 1_000_000_000;
-/// Rounding of a position or speed that lies just at its limit, as a share of the limit's
-/// magnitude.
+/// Tolerance for rounding errors at a limit, as a share of the limit's magnitude.
 const ROUNDING: f64 = 1e-6;
 
 /// Why a setpoint is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// Of another session of the rig.
+    /// It belongs to another session of the rig.
     Session,
-    /// A mode or an owner that does not exist.
+    /// Its mode or its owner does not exist.
     Unknown,
-    /// For another number of axes.
+    /// Its number of axes is not the rig's.
     Axes,
-    /// A number that is needed is none.
+    /// A number that its mode requires is not finite.
     NotFinite,
-    /// A position beyond the limits of the rig file.
+    /// A position is beyond the limits of the rig file.
     Position,
-    /// A speed beyond the limit of the rig file.
+    /// A speed is beyond the limit of the rig file.
     Speed,
-    /// Its sequence does not follow the one before, or its sender was replaced.
+    /// Its sequence number does not increase, or another sender has replaced its own.
     Sequence,
-    /// It is meant for an earlier instant than the one before.
+    /// Its time is before that of the previous setpoint.
     Backwards,
-    /// Another owner, while the lease of the first holds.
+    /// The lease of another owner is still valid.
     Owner,
 }
 
 impl Refusal {
-    /// All of them.
+    /// All reasons.
     pub const ALL: [Self; 9] = [
         Self::Session,
         Self::Unknown,
@@ -50,20 +49,20 @@ impl Refusal {
         Self::Owner,
     ];
 
-    /// In words: expected, found, what to do.
+    /// Expected and found, and what to do.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::Session => "expected this session, found another; start the sender anew",
-            Self::Unknown => "expected a known mode and owner; mend the sender",
-            Self::Axes => "expected as many axes as the rig has; mend the sender",
-            Self::NotFinite => "expected finite numbers; mend the sender",
-            Self::Position => "position beyond the rig's limits; move less, or elsewhere",
-            Self::Speed => "speed beyond the rig's limit; move slower",
+            Self::Session => "expected this session, found another; restart the sender",
+            Self::Unknown => "unknown mode or owner; correct the sender",
+            Self::Axes => "expected as many axes as the rig has; correct the sender",
+            Self::NotFinite => "expected finite numbers; correct the sender",
+            Self::Position => "position beyond the rig's limits; reduce the movement or shift it",
+            Self::Speed => "speed beyond the rig's limit; slow the movement down",
             Self::Sequence => {
-                "sequence went backwards, or its sender was replaced; end the old one"
+                "sequence did not increase, or the sender was replaced; end the old one"
             }
-            Self::Backwards => "meant for an earlier instant than the last; mend the sender",
-            Self::Owner => "another owner's lease holds; wait, or stop the other",
+            Self::Backwards => "time is before the previous setpoint's; correct the sender",
+            Self::Owner => "another owner's lease is valid; wait, or stop the other owner",
         }
     }
 }
@@ -79,19 +78,19 @@ pub struct AxisLimits {
     pub speed_max: f64,
 }
 
-/// What a refused setpoint is told as.
+/// The report of a refused setpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// Why.
+    /// The reason.
     pub refusal: Refusal,
     /// The setpoint's sequence.
     pub sequence: u64,
-    /// How many were refused for this reason since control started.
+    /// Number of refusals for this reason since control started.
     pub count: u64,
 }
 
 impl Notice {
-    /// As an event: `a` the sequence, `b` the count.
+    /// The report as an event: `a` is the sequence, `b` the count.
     pub fn event(&self) -> Event {
         let event = Event::new(
             Process::Control,
@@ -103,7 +102,7 @@ impl Notice {
     }
 }
 
-/// What is remembered of the setpoint that is followed.
+/// The setpoint that control follows, as far as later ones are compared with it.
 #[derive(Clone, Copy, Debug)]
 struct Followed {
     incarnation: u64,
@@ -114,29 +113,29 @@ struct Followed {
     mode: u8,
 }
 
-/// Whether it is refused to an owner who asked for nothing: the experiment at rest says passive for
-/// ever, whoever leads.
+/// Whether a refusal needs no report: the idle experiment keeps sending passive setpoints while
+/// another owner has control.
 fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
     refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code()
 }
 
-/// Decides over setpoints one by one.
+/// Accepts or refuses setpoints one by one.
 #[derive(Clone, Debug)]
 pub struct SetpointValidation {
     session: u64,
     axes: usize,
     limits: [AxisLimits; AXES],
     followed: Option<Followed>,
-    /// The sender that the present one took the place of, with the same owner.
+    /// The sender that the current one, of the same owner, has replaced.
     replaced: Option<u64>,
     refused: [u64; Refusal::ALL.len()],
-    /// of these, those of another owner who asked for nothing
+    /// of these, passive setpoints of another owner ([`is_idle`])
     idle: u64,
     told_ns: [Option<u64>; Refusal::ALL.len()],
 }
 
 impl SetpointValidation {
-    /// For a session of a rig with these axes, at most [`AXES`].
+    /// Validation for a session of a rig with these axes, at most [`AXES`].
     pub fn new(session: u64, axes: &[AxisLimits]) -> Self {
         let mut limits =
             [AxisLimits { position_min: 0.0, position_max: 0.0, speed_max: 0.0 }; AXES];
@@ -155,7 +154,7 @@ impl SetpointValidation {
         }
     }
 
-    /// For a session of a rig, with the limits of its file.
+    /// Validation for a session of a rig, with the limits of its file.
     pub fn of_rig(session: u64, rig: &RigFile) -> Self {
         let limits = rig.axes.iter().map(|axis| AxisLimits {
             position_min: axis.limits.position_min,
@@ -165,13 +164,13 @@ impl SetpointValidation {
         Self::new(session, &limits.collect::<Vec<_>>())
     }
 
-    /// Whether control is to follow a setpoint that has just come. One that is followed is the one
-    /// that later ones are held against.
+    /// Accepts or refuses a setpoint that has just arrived. Later setpoints are compared with the
+    /// last one accepted.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason for a refusal.
     pub fn validate(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
-        let verdict = self.look(now_ns, setpoint);
+        let verdict = self.check(now_ns, setpoint);
         match verdict {
             Ok(()) => {
                 if let Some(before) = self.followed
@@ -197,9 +196,8 @@ impl SetpointValidation {
         verdict
     }
 
-    /// Returns the notice to publish for a refused setpoint. `None` if the same reason was reported
-    /// within [`REPORT_INTERVAL_NS`], or if the setpoint of another owner is passive, as the idle
-    /// experiment's always is.
+    /// Returns the report to publish for a refused setpoint. `None` if the same reason was reported
+    /// within [`REPORT_INTERVAL_NS`], or if the setpoint is passive and of another owner.
     pub fn notice(&mut self, now_ns: u64, refusal: Refusal, setpoint: &Setpoint) -> Option<Notice> {
         if is_idle(refusal, setpoint) {
             return None;
@@ -212,17 +210,17 @@ impl SetpointValidation {
         Some(Notice { refusal, sequence: setpoint.sequence, count: self.refused[refusal as usize] })
     }
 
-    /// How many setpoints were refused, but for those of another owner who asked for nothing.
+    /// Number of refused setpoints, without passive ones of another owner.
     pub fn refused_in_all(&self) -> u64 {
         self.refused.iter().sum::<u64>() - self.idle
     }
 
-    /// How many setpoints were refused for a reason.
+    /// Number of setpoints refused for a reason.
     pub fn refused(&self, refusal: Refusal) -> u64 {
         self.refused[refusal as usize]
     }
 
-    fn look(&self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+    fn check(&self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
         if setpoint.session != self.session {
             return Err(Refusal::Session);
         }
@@ -233,12 +231,12 @@ impl SetpointValidation {
         if usize::from(setpoint.axes) != self.axes {
             return Err(Refusal::Axes);
         }
-        self.order(now_ns, setpoint)?;
-        (0..self.axes).try_for_each(|axis| self.range(axis, mode, setpoint))
+        self.check_order(now_ns, setpoint)?;
+        (0..self.axes).try_for_each(|axis| self.check_range(axis, mode, setpoint))
     }
 
-    /// Sequence, time and owner against the setpoint that is followed.
-    fn order(&self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+    /// Compares sequence, time and owner with those of the setpoint that control follows.
+    fn check_order(&self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
         if self.replaced == Some(setpoint.incarnation) {
             return Err(Refusal::Sequence);
         }
@@ -251,23 +249,22 @@ impl SetpointValidation {
                 return Err(Refusal::Backwards);
             }
         }
-        // Who has let go of the motor keeps nobody waiting.
+        // An owner that has gone passive blocks nobody.
         let holds = now_ns <= before.lease_until_ns && before.mode != Mode::Passive.code();
         if before.owner != setpoint.owner && holds { Err(Refusal::Owner) } else { Ok(()) }
     }
 
-    /// The numbers that the mode needs of one axis.
-    fn range(&self, axis: usize, mode: Mode, setpoint: &Setpoint) -> Result<(), Refusal> {
+    /// Checks the numbers that the mode requires of one axis.
+    fn check_range(&self, axis: usize, mode: Mode, setpoint: &Setpoint) -> Result<(), Refusal> {
         let limits = &self.limits[axis];
         let (position, velocity) = (setpoint.position[axis], setpoint.velocity[axis]);
         match mode {
             Mode::Passive => return Ok(()),
-            // Where a field is centred is the field's affair; the law looks at the rest of its
-            // numbers.
+            // A field's centre may lie anywhere; the law checks the other numbers of the field.
             _ if mode.yields() => {
                 return if position.is_finite() { Ok(()) } else { Err(Refusal::NotFinite) };
             }
-            // Without a position it holds where it is.
+            // A hold without a position holds the present one.
             Mode::Hold if position.is_nan() => return Ok(()),
             _ => {}
         }

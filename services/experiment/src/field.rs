@@ -1,12 +1,12 @@
-//! The force field of a segment, as control gets it.
+//! Converts the force field of a segment into a setpoint.
 
 use ipc_types::{AXES, Setpoint, TABLE};
 use rig::protocol::{Field, MATRIX_AXES, POINTS, TorqueTable};
 
-// A table of a protocol goes into a setpoint point by point, a matrix entry by entry.
+// Tables and matrices of a protocol and of a setpoint have the same size.
 const _: () = assert!(POINTS == TABLE && MATRIX_AXES == AXES);
 
-/// Puts the force field of one axis, and its matrices over several, into a setpoint.
+/// Writes the force field of one axis, and its matrices over several axes, into a setpoint.
 pub(crate) fn put(setpoint: &mut Setpoint, axis: usize, field: &Field) {
     if let Some(matrix) = &field.matrix {
         for row in 0..AXES {
@@ -17,7 +17,7 @@ pub(crate) fn put(setpoint: &mut Setpoint, axis: usize, field: &Field) {
                 setpoint.inertia[entry] = matrix.inertia[row][column];
             }
         }
-        // A segment with a matrix has no spring of its own, so that all centres are the matrix's.
+        // With a matrix there is no separate spring, so all centres are the matrix's.
         setpoint.position[..matrix.axes].copy_from_slice(&matrix.centres[..matrix.axes]);
     }
     let diagonal = axis * (AXES + 1);

@@ -1,5 +1,5 @@
 //! Iterative learning control of a movement (Arimoto 1984; Bristow, Tharayil and Alleyne 2006), as
-//! the real-time loop plays it: which reference is followed when, and where the slave was.
+//! the real-time loop plays it: the schedule of references, and the record of the slave's position.
 //!
 //! ```text
 //! fade in ─> [a sine for each harmonic, three cycles each] ─> trial 1 ─> trial 2 ─> ... ─> out
@@ -10,15 +10,15 @@
 //!
 //! A trial is one block of a protocol: some settling cycles, then the cycles that are averaged. The
 //! update of the reference takes time and runs in another thread ([`crate::ilc_update`]); the loop
-//! never waits for it but goes on with the old reference. The new one takes over in the first
-//! settling cycle of the next trial, by a minimum-jerk change of half a cycle, so that control
-//! never sees a jump. A reference that arrives too late for that waits for the trial after, and the
-//! trial in between is not learnt from.
+//! never waits for it but continues with the old reference. The new one takes over in the first
+//! settling cycle of the next trial, by a minimum-jerk transition of half a cycle, so that control
+//! never sees a jump. A reference that arrives too late for that is used from the following trial
+//! on, and the trial in between is not learnt from.
 //!
 //! **Time.** Step 0 of the cycle is a multiple of the control period on CLOCK_MONOTONIC, as the
-//! card's scans are: the slave's position at a step is that of the scan at the step's own time, and
-//! the reference is meant for the same instant. Neither the lateness of a loop nor the latency of a
-//! setpoint enters the error.
+//! card's scans are. The slave's position at a step is that of the scan at the step's own time, and
+//! the reference is for the same instant, so neither a late loop nor the latency of a setpoint
+//! affects the error.
 //!
 //! Nothing here allocates or frees: references and records come from the worker thread and return
 //! to it.
@@ -32,55 +32,55 @@ use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 use crate::trial_record::{Fault, TrialRecord};
 use crate::trial_schedule::Schedule;
 
-/// A reference to follow: one cycle.
+/// One cycle of a reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// Where the master is to be, step by step.
+    /// Reference of the master, step by step.
     pub points: Vec<ReferencePoint>,
-    /// Highest speed of it (rad/s or m/s).
+    /// Its highest speed (rad/s or m/s).
     pub peak_speed: f64,
 }
 
 /// A result from the worker thread.
 #[derive(Clone, Debug)]
 pub enum IlcResult {
-    /// The learning run can begin.
+    /// The learning run is prepared and can begin.
     Ready {
-        /// The learning run.
+        /// Number of the learning run.
         run_id: u32,
         /// Two empty records.
         records: [Box<TrialRecord>; 2],
-        /// What to begin with; `None`: the movement itself.
+        /// Initial reference; `None`: the desired movement itself.
         reference: Option<Box<Reference>>,
-        /// Blocks that were done before.
+        /// Blocks done before a restart.
         done: u32,
-        /// Whether the response is known, or need not be.
+        /// Whether the response is known or not needed.
         identified: bool,
     },
-    /// A record was looked at.
+    /// A record was processed.
     Updated {
-        /// The learning run.
+        /// Number of the learning run.
         run_id: u32,
-        /// The record, emptied.
+        /// The record, cleared.
         record: Box<TrialRecord>,
-        /// A better reference.
+        /// The next reference, if there is one.
         reference: Option<Box<Reference>>,
     },
-    /// The learning run cannot go on: it is to be stopped.
+    /// The learning run cannot continue and must be stopped.
     Failed {
-        /// The learning run.
+        /// Number of the learning run.
         run_id: u32,
     },
 }
 
-/// What the reference is.
+/// Source of the reference.
 #[derive(Clone, Debug)]
 enum Source {
-    /// The movement that the slave is to make.
+    /// The desired movement of the slave.
     Desired,
     /// A sine of the identification.
     Sine { harmonic: u32 },
-    /// A learnt one.
+    /// A learnt reference.
     Learnt(Box<Reference>),
 }
 
@@ -101,7 +101,7 @@ enum Stage {
     },
 }
 
-/// Most items that are returned to the worker thread in one step.
+/// Capacity for items returned to the worker thread in one step.
 pub const RETURNED: usize = 8;
 
 /// Memory that is returned to the worker thread.
@@ -109,7 +109,7 @@ pub const RETURNED: usize = 8;
 pub enum Returned {
     /// A record to learn from.
     Record(Box<TrialRecord>),
-    /// A reference that is no longer followed.
+    /// A reference that is no longer used.
     Reference(Box<Reference>),
 }
 
@@ -122,8 +122,8 @@ pub struct IlcTrials {
     begun_ns: u64,
     origin_ns: u64,
     stage: Stage,
-    /// Blocks done before and whether the response is known, once the worker is ready; and the
-    /// step at which it then begins.
+    /// Once the worker is ready: blocks done before, and whether the response is known. `starts` is
+    /// the step at which the run then begins.
     ready: Option<(u32, bool)>,
     starts: i64,
     old: Source,
@@ -138,8 +138,8 @@ pub struct IlcTrials {
 }
 
 impl IlcTrials {
-    /// A learning run that begins at `begun_ns` (CLOCK_MONOTONIC), with the axis at rest at `start`
-    /// (rad or m).
+    /// Creates a learning run that begins at `begun_ns` (CLOCK_MONOTONIC), with the axis at rest at
+    /// `start` (rad or m).
     pub fn new(run_id: u32, schedule: &Schedule, start: f64, begun_ns: u64) -> Self {
         let learn = &schedule.learn;
         let faded_ns = begun_ns + (learn.fade_in_s * 1e9).round() as u64;
@@ -161,7 +161,7 @@ impl IlcTrials {
             spare: [None, None],
             in_flight: 0,
             out: [const { None }; RETURNED],
-            // Names are not copied: this is a real-time loop.
+            // File names are not copied, because this runs in the real-time loop.
             schedule: Schedule {
                 learn: Learn { save: None, load: None, ..*learn },
                 cycle: schedule.cycle,
@@ -176,12 +176,12 @@ impl IlcTrials {
         self.run_id
     }
 
-    /// The block that is being played, from 1; 0 outside of the blocks.
+    /// The block being played, from 1; 0 outside the blocks.
     pub fn block(&self) -> u32 {
         if let Stage::Block { number, .. } = self.stage { number } else { 0 }
     }
 
-    /// When it ends (ns, CLOCK_MONOTONIC); `None` while nobody knows.
+    /// Time of its end (ns, CLOCK_MONOTONIC); `None` until it is known.
     pub fn ends_ns(&self) -> Option<u64> {
         let fade_ns = (self.schedule.learn.fade_out_s * 1e9).round() as u64;
         if let Stage::Over { from } = self.stage {
@@ -232,8 +232,8 @@ impl IlcTrials {
         }
     }
 
-    /// Takes in where the slave was (rad or m; not a number where it was not measured) at a scan
-    /// (ns, CLOCK_MONOTONIC), and whether the motor had power.
+    /// Records the slave's position at a scan (rad or m; NaN where not measured; time in ns,
+    /// CLOCK_MONOTONIC), and whether the motor had power.
     pub fn record(&mut self, scan_ns: u64, slave: f64, powered: bool) {
         let step_ns = self.schedule.step_ns as i64;
         let since = scan_ns as i64 - self.origin_ns as i64;
@@ -244,11 +244,11 @@ impl IlcTrials {
         }
     }
 
-    /// Goes on to a time (ns, CLOCK_MONOTONIC).
+    /// Advances to a time (ns, CLOCK_MONOTONIC).
     pub fn advance(&mut self, now_ns: u64) {
         let step = self.step(now_ns);
-        // A stage is never shorter than a cycle: more than a few in one go means that nobody called
-        // for long.
+        // A stage lasts at least a cycle: more than a few changes in one call mean a long pause
+        // between calls.
         for _ in 0..4 {
             if !self.next_stage(step) {
                 break;
@@ -261,7 +261,8 @@ impl IlcTrials {
         self.change(step);
     }
 
-    /// The axis at a time (ns, CLOCK_MONOTONIC), that of the newest [`IlcTrials::advance`].
+    /// The reference of the axis at a time (ns, CLOCK_MONOTONIC), that of the latest
+    /// [`IlcTrials::advance`].
     pub fn at(&self, now_ns: u64) -> Point {
         let learn = &self.schedule.learn;
         let mut point = self.source_at(&self.new, now_ns);
@@ -283,8 +284,7 @@ impl IlcTrials {
             Weight::rising(begun_s, learn.fade_in_s),
             peak_speed,
         );
-        // Control's feed-forward is of the acceleration and of the share of the peak speed: where
-        // they are 0, it is none.
+        // Control derives its feed-forward from acceleration and peak speed: zeros turn it off.
         if learn.feedforward {
             point
         } else {
@@ -309,14 +309,14 @@ impl IlcTrials {
         since_ns as f64 * 1e-9
     }
 
-    /// Whether the stage has changed.
+    /// Enters the next stage if it is due; returns whether it did.
     fn next_stage(&mut self, step: i64) -> bool {
         match self.stage {
             Stage::Waiting => {
                 let Some((done, identified)) = self.ready else { return false };
                 let cycle = self.schedule.cycle as i64;
                 if self.starts == i64::MIN {
-                    // With the cycle that begins next.
+                    // At the beginning of the next cycle.
                     self.starts =
                         if step <= 0 { 0 } else { (step + cycle - 1).div_euclid(cycle) * cycle };
                 }
@@ -364,7 +364,7 @@ impl IlcTrials {
     }
 
     fn begin_block(&mut self, from: i64, number: u32) {
-        // The settling cycles have passed: what is still open is handed in now.
+        // The grace period has passed: return a record that is still open.
         self.hand_in();
         self.previous = self.current.take();
         if number > self.schedule.learn.blocks {
@@ -391,7 +391,7 @@ impl IlcTrials {
     fn hand_in(&mut self) {
         if let Some(mut record) = self.previous.take() {
             if self.in_flight > 0 {
-                // The result of the block before has not arrived yet.
+                // The update from the block before has not arrived yet.
                 record.fault.get_or_insert(Fault::OldReference);
             }
             self.in_flight += 1;
@@ -399,14 +399,14 @@ impl IlcTrials {
         }
     }
 
-    /// Begins to follow a reference that waits, if there is time to settle.
+    /// Starts the transition to a pending reference, if there is time left to settle.
     fn change(&mut self, step: i64) {
         if self.pending.is_none() {
             return;
         }
         match self.stage {
             Stage::Block { from, .. } if step - from <= self.schedule.latest_change() => {
-                // One change at a time.
+                // One transition at a time.
                 if step >= self.changes + self.schedule.change_steps() as i64
                     && let Some(reference) = self.pending.take()
                 {
@@ -439,7 +439,7 @@ impl IlcTrials {
     fn give(&mut self, returned: Returned) {
         match self.out.iter_mut().find(|place| place.is_none()) {
             Some(place) => *place = Some(returned),
-            // Nobody fetches them: to lose memory is better than to free it in the loop.
+            // The queue is full: leaking memory is better than freeing it in the loop.
             None => std::mem::forget(returned),
         }
     }

@@ -1,9 +1,9 @@
 //! The experiment runner: plays protocols as setpoints.
 //!
-//! Its core knows no clock: [`trajectory`] gives movements with exact derivatives, [`player`] plays
-//! a protocol in a time that is an argument, [`ilc_trial`] and [`ilc_update`] let a
-//! segment's reference be learnt, [`range_finder`] finds the ends of an axis, [`state`]
-//! is what is kept for a restart. The process around it is [`run`].
+//! Its core has no clock of its own: [`trajectory`] gives movements with exact derivatives,
+//! [`player`] plays a protocol with the time as an argument, [`ilc_trial`] and [`ilc_update`] learn
+//! a segment's reference, [`range_finder`] finds the ends of an axis's travel, and [`state`] is
+//! what a restart needs. [`run`] is the process around it.
 
 mod field;
 pub mod ilc_trial;

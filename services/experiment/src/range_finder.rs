@@ -5,45 +5,45 @@
 //!          └────────────────── time limit ──────┴──> nothing found
 //! ```
 //!
-//! The reference leaves the measured position, comes to the speed of the protocol and goes on to
-//! its own end, a little within the rig's limits: not further, so that no overshoot reaches the
-//! watchdog's. An end is where the measured position has stood still for the stated time while the
-//! reference leads by more than the stated amount, or has come to its own end: then the handle goes
-//! as far as the rig allows. Control holds its reference back meanwhile (its anti-windup), so the
-//! way back begins at once.
+//! The reference starts at the measured position, accelerates to the protocol's speed and moves
+//! towards its final position just within the rig's limits, so that overshoot does not reach the
+//! watchdog's limit. An end of travel is detected where the measured position has stood still for
+//! the stated time while the reference either leads by more than the stated distance or has reached
+//! its final position; in the second case the handle moves as far as the rig allows. Control's
+//! anti-windup keeps the reference close meanwhile, so the return movement starts at once.
 
 use rig::protocol::Initialise;
 use rig::protocol::trajectory::Point;
 
-/// Movement that counts as none (share of the lead).
+/// Movement below this counts as standing still (share of the lead).
 const STILL_SHARE: f64 = 1.0 / 16.0;
-/// Time in which the reference comes to its speed (s).
+/// Time in which the reference reaches its speed (s).
 const START_S: f64 = 0.4;
-/// A range narrower than this many leads is none: the handle was held, or is stuck.
+/// A range narrower than this multiple of the lead is rejected: the handle was held, or is stuck.
 const LEAST_LEADS: f64 = 1.0;
 
-/// What was measured of an axis (rad or m).
+/// Measured position of an axis (rad or m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// By the encoder that setpoints and limits belong to, the motor's.
+    /// By the motor's encoder, which setpoints and limits refer to.
     pub motor: f64,
-    /// By the handle's own encoder; the motor's where there is none.
+    /// By the handle's own encoder, or the motor's if there is none.
     pub handle: f64,
 }
 
-/// The ends of a travel.
+/// The ends of an axis's travel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// Lower end.
     pub lower: Measured,
     /// Upper end.
     pub upper: Measured,
-    /// Whether the lower end and the upper end were met; else the way ended at the rig's limit, or
-    /// was not gone.
+    /// Whether the lower and the upper end were met; otherwise the movement ended at the rig's
+    /// limit, or that direction was not searched.
     pub met: (bool, bool),
 }
 
-/// How far the search is.
+/// State of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FinderState {
     /// Under way.
@@ -56,7 +56,7 @@ pub enum FinderState {
     Stuck,
 }
 
-/// The search.
+/// The search for the ends of travel.
 #[derive(Clone, Copy, Debug)]
 pub struct RangeFinder {
     how: Initialise,
@@ -66,13 +66,13 @@ pub struct RangeFinder {
     first: Option<(Measured, bool)>,
     point: Point,
     last_s: f64,
-    /// Where the handle last moved, and when.
+    /// Position and time of the last movement.
     anchor: f64,
     moved_s: f64,
 }
 
 impl RangeFinder {
-    /// A search that begins with the handle measured at `start` (rad or m), on an axis with these
+    /// Creates a search that starts with the handle at `start` (rad or m), on an axis with these
     /// limits (rad or m).
     pub fn new(how: Initialise, start: f64, (position_min, position_max): (f64, f64)) -> Self {
         let reach = how.reach(position_min, position_max);
@@ -88,13 +88,13 @@ impl RangeFinder {
         }
     }
 
-    /// Where the reference is.
+    /// The present reference.
     pub const fn point(&self) -> Point {
         self.point
     }
 
-    /// One step, `time_s` after the search began. A position that is not finite counts as not
-    /// moved.
+    /// Advances to `time_s` after the beginning of the search. A position that is not finite counts
+    /// as no movement.
     pub fn step(&mut self, time_s: f64, measured: Measured) -> FinderState {
         let elapsed_s = (time_s - self.last_s).clamp(0.0, 0.1);
         self.last_s = self.last_s.max(time_s);
@@ -116,7 +116,7 @@ impl RangeFinder {
         self.end_at(measured, lead > self.how.lead)
     }
 
-    /// An end: the other one comes next, or the search is over.
+    /// Handles an end of travel: the search turns to the other end, or is over.
     fn end_at(&mut self, measured: Measured, met: bool) -> FinderState {
         let Some((first, first_met)) = self.first else {
             if !self.how.both {
@@ -139,7 +139,7 @@ impl RangeFinder {
         FinderState::Found(range)
     }
 
-    /// Where only one end was asked for, the other is where the rig allows.
+    /// If only one end was requested, the rig's limit takes the place of the other.
     fn one_sided(&self, measured: Measured, met: bool) -> Range {
         let at = |position| Measured { motor: position, handle: position };
         if self.upward {
@@ -153,18 +153,20 @@ impl RangeFinder {
         if self.last_s >= self.how.duration_s { FinderState::TimedOut } else { FinderState::Going }
     }
 
-    /// Moves the reference on: evenly faster to its speed, and evenly slower before its own end.
+    /// Advances the reference: constant acceleration up to its speed, constant deceleration before
+    /// its final position.
     fn go_on(&mut self, elapsed_s: f64) {
         let acceleration = self.how.speed / START_S;
         let direction = if self.upward { 1.0 } else { -1.0 };
         let end = if self.upward { self.reach.1 } else { self.reach.0 };
         let left = (end - self.point.position) * direction;
         let before = self.point.velocity * direction;
-        // The speed from which it comes to rest at its end.
+        // Highest speed from which it can still stop at its final position.
         let most = (2.0 * acceleration * left.max(0.0)).sqrt();
         let after = (before + acceleration * elapsed_s).min(self.how.speed).min(most);
         let way = 0.5 * (before + after) * elapsed_s;
-        // The last bit of the way goes in one step, or the square root would never end.
+        // The last part is covered in one step, since the square root approaches its end
+        // asymptotically.
         if left <= way || most < 0.01 * self.how.speed {
             self.point = Point {
                 peak_speed: self.how.speed,

@@ -1,20 +1,20 @@
-//! What the experiment process keeps on disk to go on after a restart.
+//! The state that the experiment process keeps on disk for a restart.
 //!
-//! The bytes: 4 of mark, 2 of version, 8 of checksum (FNV-1a over what follows), then the state in
-//! bincode. bincode is unmaintained; the version lets another encoding take its place.
+//! Format: a mark of 4 bytes, a version of 2, a checksum of 8 (FNV-1a over the rest), then the
+//! state in bincode. bincode is unmaintained; the version allows another encoding to replace it.
 
 use serde::{Deserialize, Serialize};
 
 const MARK: [u8; 4] = *b"FRPS";
 const VERSION: u16 = 2;
 const HEADER: usize = MARK.len() + 2 + 8;
-/// No protocol's text is longer (bytes).
+/// Largest size of the encoded state (bytes).
 const LONGEST: usize = 16 << 20;
 
-/// How far a protocol has been played: its text and the segment that was begun.
+/// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlayerState {
-    /// Session of the rig; a state of another session is history.
+    /// Session of the rig; a state of another session is not resumed.
     pub session: u64,
     /// Name of the protocol.
     pub name: String,
@@ -22,18 +22,17 @@ pub struct PlayerState {
     pub text: String,
     /// Identity of the text.
     pub protocol: u64,
-    /// Segment that was begun, repeats counted.
+    /// Index of the segment being played, repeats counted.
     pub segment: u32,
     /// Whether it was being played.
     pub running: bool,
-    /// Enable epoch that it was started under; only in this one may it go on.
+    /// Enable epoch in which it was started; it may continue only in this one.
     pub epoch: u64,
-    /// The client that started it, whose lease it needs.
+    /// The client that started it and must renew its lease.
     pub client: u64,
 }
 
-/// The fields of version 1, which knew neither epoch nor client: what was being played then is not
-/// resumed.
+/// The fields of version 1, without epoch and client: such a protocol is not resumed.
 #[derive(Deserialize)]
 struct Version1 {
     session: u64,
@@ -52,10 +51,10 @@ impl From<Version1> for PlayerState {
     }
 }
 
-/// Why bytes are no state.
+/// Why bytes are not a valid state.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
-    /// Cut off, or something else altogether.
+    /// Truncated, or not a state at all.
     #[error(
         "no state of the experiment: expected {HEADER} bytes that begin with \"FRPS\", found \
             {found}; delete the file"
@@ -66,7 +65,7 @@ pub enum StateError {
     },
     /// Written by another version.
     #[error(
-        "state of version {found}, this build reads version {VERSION}; delete the file and start \
+        "state of version {found}, this build reads version {VERSION}; delete the file and restart \
             the protocol anew"
     )]
     Version {
@@ -84,16 +83,16 @@ pub enum StateError {
         /// Checksum of the bytes.
         found: u64,
     },
-    /// Sound bytes that do not decode, or a state that does not encode.
+    /// An intact file that does not decode, or a state that does not encode.
     #[error("state cannot be coded: {0}; delete the file and start the protocol anew")]
     Coding(String),
 }
 
 impl PlayerState {
-    /// The bytes to keep.
+    /// Encodes the state.
     ///
     /// # Errors
-    /// [`StateError::Coding`] where the encoder refuses.
+    /// [`StateError::Coding`] if the encoder fails.
     pub fn encode(&self) -> Result<Vec<u8>, StateError> {
         let body = bincode::serde::encode_to_vec(self, bincode::config::standard())
             .map_err(|error| StateError::Coding(error.to_string()))?;
@@ -105,7 +104,7 @@ impl PlayerState {
         Ok(bytes)
     }
 
-    /// The state in kept bytes.
+    /// Decodes a state.
     ///
     /// # Errors
     /// Each [`StateError`]; a damaged file never yields a state.

@@ -1,11 +1,11 @@
-//! The slave's path over one trial, and why a trial may not be learnt from.
+//! The slave's positions over one trial, and why a trial may not be learnt from.
 
 use crate::trial_schedule::Schedule;
 
-/// The slave's path over a block, or over the identification.
+/// The slave's positions over a block, or over the identification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialRecord {
-    /// The learning run that it is of.
+    /// Number of the learning run.
     pub run_id: u32,
     /// Number of the block, from 1; 0 for the identification.
     pub block: u32,
@@ -15,23 +15,23 @@ pub struct TrialRecord {
     len: usize,
     /// The slave's position at each step (rad or m); not a number where it was not measured.
     pub slave: Vec<f64>,
-    /// Why nothing can be learnt from it.
+    /// Why it cannot be learnt from; `None`: it can.
     pub fault: Option<Fault>,
-    /// Whether it is the last one.
+    /// Whether it is the last one of the run.
     pub last: bool,
 }
 
-/// Why nothing can be learnt from a block.
+/// Why a block cannot be learnt from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The motor had no power for a part of it.
+    /// The motor had no power for part of it.
     NoPower,
-    /// It was played with an older reference than the one that was learnt.
+    /// It was played with an older reference than the latest one.
     OldReference,
 }
 
 impl TrialRecord {
-    /// An empty one for the longest record of a learning run.
+    /// Creates an empty record, long enough for any of a learning run.
     pub fn new(schedule: &Schedule) -> Self {
         let steps = schedule.block_steps().max(schedule.identifying_steps());
         Self {
@@ -50,7 +50,7 @@ impl TrialRecord {
         &self.slave[..self.len.min(self.slave.len())]
     }
 
-    /// Empties it.
+    /// Clears the record.
     pub fn clear(&mut self) {
         self.slave.fill(f64::NAN);
         (self.fault, self.last, self.len, self.run_id) = (None, false, 0, 0);

@@ -1,11 +1,11 @@
-//! The times of iterative learning on one machine, in control steps.
+//! The timing of a learning run, in control steps.
 
 use rig::protocol::Learn;
 
-/// The times of a learning run on one machine.
+/// The timing of a learning run on one rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Schedule {
-    /// What is learnt.
+    /// The segment's parameters.
     pub learn: Learn,
     /// Control steps in a cycle.
     pub cycle: usize,
@@ -26,24 +26,24 @@ impl Schedule {
         self.cycle * self.learn.identifying_cycles() as usize
     }
 
-    /// Steps in which one reference records the place of another.
+    /// Steps of the transition from one reference to the next.
     pub fn change_steps(&self) -> usize {
         self.cycle / 2
     }
 
-    /// The same (s).
+    /// Duration of the transition (s).
     pub fn change_s(&self) -> f64 {
         self.change_steps() as f64 * self.step_ns as f64 * 1e-9
     }
 
-    /// Latest step of a block at which its reference may begin to change: a quarter of a cycle is
-    /// left to settle.
+    /// Latest step of a block at which a transition may begin: a quarter of a cycle is left to
+    /// settle.
     pub(crate) fn latest_change(&self) -> i64 {
         (self.cycle * self.learn.settling_cycles as usize - self.change_steps() - self.cycle / 4)
             as i64
     }
 
-    /// How long a record is left open after its end, for samples that come late (steps).
+    /// Time for which a record stays open after its end, for late samples (steps).
     pub(crate) fn grace(&self) -> i64 {
         (self.cycle / 16).clamp(1, 10) as i64
     }

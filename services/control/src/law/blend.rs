@@ -1,4 +1,4 @@
-//! Motion states, and the smooth way from one to another.
+//! Motion states, and smooth transitions between them.
 
 /// Position, velocity, acceleration of a reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,8 +46,8 @@ impl Motion {
 /// Peak speed of a minimum-jerk movement over its mean speed.
 pub(super) const PEAK_OVER_MEAN: f64 = 1.875;
 
-/// A quintic that begins with a given position, velocity and acceleration and ends at zero with
-/// none (from rest it is the minimum-jerk movement).
+/// A quintic polynomial from a given position, velocity and acceleration to rest at zero. From rest
+/// it is the minimum-jerk movement.
 #[derive(Clone, Copy, Debug)]
 struct Quintic {
     duration_s: f64,
@@ -85,13 +85,14 @@ impl Quintic {
     }
 }
 
-/// An offset that begins as told and vanishes. Added to a target, it leads from any motion to the
-/// target with no step in position and velocity (nor in acceleration, where that is moderate).
+/// An offset that starts at a given motion state and decays to zero. Added to a target, it leads
+/// from any motion to the target without a step in position or velocity (nor in acceleration,
+/// unless that is very high).
 ///
-/// It has two parts, so that no speed is ever carried over a long way: what moves is brought to
-/// rest within a short time, its speed falling evenly; and the way that then remains is a
-/// minimum-jerk movement. The offset is therefore never faster than at its beginning plus the peak
-/// of that movement.
+/// It is the sum of two movements, so that a high speed is never kept over a long distance: the
+/// moving reference is brought to rest within a short time at constant deceleration, and the
+/// distance that remains is covered by a minimum-jerk movement. The offset is therefore never
+/// faster than its initial speed plus the peak speed of that movement.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blend {
     begin_ns: u64,
@@ -100,14 +101,14 @@ pub(super) struct Blend {
     peak_speed: f64,
 }
 
-/// Way on which a motion comes to rest within `stop_s`, its speed falling evenly.
+/// Distance in which a motion comes to rest within `stop_s` at constant deceleration.
 pub(super) fn stopping_way(velocity: f64, stop_s: f64) -> f64 {
     0.5 * velocity * stop_s
 }
 
 impl Blend {
-    /// An offset that comes to rest within `stop_s` and goes the rest of its way at no more than
-    /// `speed`, in `ramp_s` or longer.
+    /// An offset that comes to rest within `stop_s` and covers the remaining distance at no more
+    /// than `speed`, in `ramp_s` or longer.
     pub(super) fn new(
         begin_ns: u64,
         offset: &Motion,
@@ -116,8 +117,8 @@ impl Blend {
         speed: f64,
     ) -> Self {
         let stopping = stopping_way(offset.velocity, stop_s);
-        // A high acceleration would first lead away. It only makes the inertia feed-forward, whose
-        // change is limited.
+        // A high initial acceleration would first lead away from the target. Limiting it affects
+        // only the inertia feed-forward, whose slope is limited anyway.
         let largest = 4.0 * speed / stop_s;
         let begin = Motion {
             position: -stopping,
@@ -134,12 +135,12 @@ impl Blend {
         }
     }
 
-    /// Highest speed that the offset has, for the shape of the friction feed-forward.
+    /// Highest speed of the offset, used as the peak speed of the friction feed-forward.
     pub(super) const fn peak_speed(&self) -> f64 {
         self.peak_speed
     }
 
-    /// The offset at a time; `None` when it has vanished.
+    /// The offset at a time; `None` once it has decayed.
     pub(super) fn at(&self, time_ns: u64) -> Option<Motion> {
         let time_s = time_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
         match (self.stop.at(time_s), self.way.at(time_s)) {
@@ -156,12 +157,12 @@ mod tests {
     const OFFSET: Motion = Motion { position: 0.7, velocity: -2.0, acceleration: 20.0 };
 
     #[test]
-    fn begins_as_told_and_ends_with_nothing() {
+    fn starts_at_the_given_state_and_decays_to_zero() {
         let blend = Blend::new(5, &OFFSET, 0.25, 0.4, 2.0);
         let difference = blend.at(5).unwrap().minus(&OFFSET);
         assert!(difference.position.abs() < 1e-12 && difference.velocity.abs() < 1e-12);
         assert!(difference.acceleration.abs() < 1e-9);
-        // Way of 0.7 - 0.25 rad at no more than 2 rad/s.
+        // Distance of 0.7 - 0.25 rad at no more than 2 rad/s.
         let end_ns = (PEAK_OVER_MEAN * 0.45 / 2.0 * 1e9) as u64;
         let end = blend.at(end_ns - 10).unwrap();
         assert!(
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn never_faster_than_its_beginning_and_its_way_together() {
+    fn speed_never_exceeds_the_initial_speed_plus_the_limit() {
         for velocity in [-20.0, -3.0, 0.5, 12.0] {
             for position in [-3.0, 0.0, 1.0] {
                 let offset = Motion { position, velocity, acceleration: 0.0 };

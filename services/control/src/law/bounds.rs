@@ -1,17 +1,18 @@
-//! Numbers held within bounds, and a sign without a step.
+//! Limiting, and a smooth sign function.
 
-/// A value held within ± a limit. Not `clamp`, which panics where the limit is not a number or
-/// negative.
+/// Limits a value to ± `limit`. Unlike `clamp` it does not panic if the limit is negative or not a
+/// number.
 pub(super) fn within(value: f64, limit: f64) -> f64 {
     value.max(-limit).min(limit)
 }
 
-/// Within ± a limit; what is no number stays none.
+/// The same, but NaN stays NaN.
 pub(super) fn bounded(value: f64, limit: f64) -> f64 {
     if value.is_nan() { value } else { within(value, limit) }
 }
 
-/// The sign of a speed, smooth while it is below `reversal`: `x (3 - x²) / 2`.
+/// The sign of a speed, smoothed where its magnitude is below `reversal`: `x (3 - x²) / 2` with `x
+/// = speed / reversal`.
 pub(super) fn soft_sign(speed: f64, reversal: f64) -> f64 {
     let share = speed / reversal;
     if share.is_nan() {
@@ -26,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sign_passes_through_zero_without_a_step() {
+    fn the_smooth_sign_is_continuous_at_zero() {
         assert_eq!(
             [soft_sign(0.0, 0.2), soft_sign(0.2, 0.2), soft_sign(-9.0, 0.2)],
             [0.0, 1.0, -1.0]

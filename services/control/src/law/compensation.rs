@@ -1,11 +1,13 @@
-//! Friction compensation from the identified model, in place of the printed triangle of fig. 4.3A.
+//! Friction compensation from the declared model, as an alternative to the printed triangle of fig.
+//! 4.3A.
 //!
-//! The printed feed-forward has one friction, that of the motor with all that it moves, and turns
-//! its sign where the reference turns. The declared model knows more: friction falls and rises with
-//! speed (§ 3.2.1), and what rubs beyond the line is felt only as the line is wound up the other
-//! way. So what rubs at the motor has the sign of the reference's velocity, smooth through zero;
-//! and what rubs beyond the line is an elastic part that slips (Jenkins's element): it follows the
-//! reference's way with the line's stiffness, and stays within the friction at that speed.
+//! The printed feed-forward has one friction term, which changes sign where the reference does. The
+//! declared model separates two: friction at the motor acts on it directly and has the sign of the
+//! reference's velocity (smoothed around zero); friction beyond the line reaches the motor only as
+//! the line winds up in the other direction. The second is modelled as a Jenkins element, a spring
+//! in series with a friction slider: it follows the reference with the line's stiffness and
+//! saturates at the friction level of the present speed (§ 3.2.1: friction falls and rises with
+//! speed).
 
 use ipc_types::AXES;
 use rig::CompensationKind;
@@ -26,21 +28,21 @@ impl AxisLaw {
             (CompensationKind::Identified, Some(model)) => {
                 let peak_v = compensation.share
                     * (model.master_friction.peak_v() + model.slave_friction.peak_v());
-                // A minimum would make a number of what is none.
+                // `min` alone would turn NaN into the limit.
                 if peak_v >= 0.0 { peak_v.min(self.control.output_limit_v) } else { 0.0 }
             }
             _ => 0.0,
         }
     }
 
-    /// Most that the options make the output change in a step, on top of a law with the printed
-    /// feed-forward (V).
+    /// Largest change of the output in one step that is due to the options, beyond that of the law
+    /// with the printed feed-forward (V).
     pub(super) fn options_step_v(&self, period_s: f64) -> f64 {
         let observer_v = self.control.options.observer.map_or(0.0, |observer| observer.limit_v);
         period_s * (self.friction_peak() / FRICTION_SLEW_S + observer_v / OBSERVER_SLEW_S)
     }
 
-    /// Volts per acceleration of the feed-forward (V·s²/rad or V·s²/m).
+    /// Inertia of the feed-forward, in volts per acceleration (V·s²/rad or V·s²/m).
     pub(super) fn inertia(&self) -> f64 {
         match (self.control.options.compensation.kind, &self.model) {
             (CompensationKind::Printed, _) => self.control.feedforward.inertia_v,
@@ -49,8 +51,8 @@ impl AxisLaw {
         }
     }
 
-    /// What the friction compensation asks for (V), for a reference and its movement's peak speed
-    /// (rad/s or m/s).
+    /// Friction compensation before slew limiting (V), for a reference and the peak speed of its
+    /// movement (rad/s or m/s).
     pub(super) fn friction_wanted(
         &self,
         windup: &mut Windup,
@@ -77,8 +79,9 @@ impl AxisLaw {
     }
 }
 
-/// Volts that were at the motor when the card took a sample (V), as far as it says so.
-pub(super) fn written_v(sample: &ipc_types::Sample, axis: usize) -> f64 {
+/// Voltage at the motor when the card took a sample (V): measured if the card measures it,
+/// otherwise the written one.
+pub(super) fn motor_v(sample: &ipc_types::Sample, axis: usize) -> f64 {
     debug_assert!(axis < AXES);
     let volts = if sample.motor_present & (1 << axis) != 0 {
         sample.motor_v[axis]

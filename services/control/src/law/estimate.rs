@@ -1,8 +1,8 @@
-//! Velocity out of positions.
+//! Velocity estimation from positions.
 
-/// First-order low pass of the difference quotient, discretised exactly for the spacing of the
-/// samples that really came: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. A skipped cycle is a longer
-/// Δt, a repeated sample changes nothing, and 500 Hz and 1 kHz give the same time constant.
+/// First-order low pass of the difference quotient, discretised exactly for the actual spacing of
+/// the samples: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. After a skipped cycle Δt is longer, a
+/// repeated sample changes nothing, and 500 Hz and 1 kHz give the same time constant.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VelocityEstimate {
     cutoff_hz: f64,
@@ -10,7 +10,7 @@ pub(super) struct VelocityEstimate {
     velocity: f64,
 }
 
-/// After a gap this long (s) the difference quotient says nothing about now.
+/// After a gap longer than this (s) the difference quotient is no estimate of the present velocity.
 const GAP_S: f64 = 0.1;
 
 impl VelocityEstimate {
@@ -27,14 +27,14 @@ impl VelocityEstimate {
         self.velocity = 0.0;
     }
 
-    /// Takes in a position (finite) at its scan time; the velocity.
+    /// Updates the estimate with a (finite) position and its scan time, and returns the velocity.
     pub(super) fn update(&mut self, time_ns: u64, position: f64) -> f64 {
         let Some((last_ns, last_position)) = self.last else {
             self.last = Some((time_ns, position));
             return self.velocity;
         };
         let Some(elapsed_ns) = time_ns.checked_sub(last_ns) else {
-            // Samples of another clock or another acquisition: begin anew.
+            // Samples of another acquisition process: start again.
             self.reset();
             self.last = Some((time_ns, position));
             return self.velocity;
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ramp_settles_with_the_time_constant_whatever_the_rate() {
+    fn a_ramp_settles_with_the_time_constant_at_any_rate() {
         for period_ns in [1_000_000u64, 2_000_000] {
             let mut estimate = VelocityEstimate::new(10.0);
             let mut time = 0;
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_or_a_step_back_in_time_begins_anew() {
+    fn a_gap_or_a_step_back_in_time_resets_the_estimate() {
         let mut estimate = VelocityEstimate::new(30.0);
         estimate.update(1_000_000_000, 0.0);
         estimate.update(1_002_000_000, 1.0);

@@ -1,18 +1,18 @@
 //! Feed-forward of § 4.1, fig. 4.3A.
 
-/// Share of the peak speed below which the friction term passes through its change of sign.
+/// Share of the peak speed below which the friction term changes sign smoothly.
 pub const REVERSAL: f64 = 0.1;
 
-/// The triangular friction term (V), of the sign of `velocity`.
+/// The triangular friction term (V); it has the sign of `velocity`.
 ///
-/// For a sine movement the magnitude is linear in phase, `peak_v` at the extremes and `floor_v` at
-/// mid-movement: with `|v| = peak_speed · sin φ`, φ the phase after the extreme, it is `peak_v -
-/// (peak_v - floor_v) · 2 φ / π`. The figure changes sign at the extremes within one step (3 V); a
-/// motor and a subject would feel that. Here the sign passes smoothly (3s² - 2|s|³) while the speed
-/// is below a tenth of the peak, within ±5.7° of phase: at 1 Hz, 32 ms. The curve peaks there at
-/// about 96 % of `peak_v`.
+/// For a sine movement the magnitude is linear in phase, from `peak_v` at the extremes to `floor_v`
+/// at mid-movement: with `|v| = peak_speed · sin φ`, where φ is the phase after the extreme, it is
+/// `peak_v - (peak_v - floor_v) · 2 φ / π`. In the figure the sign changes in a single step of 3 V
+/// at the extremes, which motor and subject would feel as a jolt. Here it changes smoothly (3s² -
+/// 2|s|³) while the speed is below a tenth of its peak, that is within ±5.7° of phase, or 32 ms at
+/// 1 Hz. The term then peaks at about 96 % of `peak_v`.
 ///
-/// 0 V without a peak speed: then there is no movement whose phase could be known.
+/// 0 V without a peak speed, since the phase of the movement is then unknown.
 pub fn friction(velocity: f64, peak_speed: f64, peak_v: f64, floor_v: f64) -> f64 {
     let share = velocity.abs() / peak_speed;
     if !share.is_finite() || peak_speed <= 0.0 {
@@ -24,7 +24,7 @@ pub fn friction(velocity: f64, peak_speed: f64, peak_v: f64, floor_v: f64) -> f6
     magnitude * (s * s * (3.0 - 2.0 * s)).copysign(velocity)
 }
 
-/// Follows a value at most so fast.
+/// A slew-rate limiter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slew {
     value: f64,
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_through_zero_without_a_step() {
+    fn is_continuous_at_zero_speed() {
         let mut last = friction(-0.5, 4.0, 1.5, 0.5);
         for k in -499..=500 {
             let volts = friction(f64::from(k) * 1e-3, 4.0, 1.5, 0.5);
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_movement_or_with_nonsense_it_is_silent() {
+    fn is_zero_without_a_movement_or_with_invalid_input() {
         for (velocity, peak) in
             [(1.0, 0.0), (1.0, -1.0), (f64::NAN, 1.0), (1.0, f64::NAN), (0.0, 0.0)]
         {
@@ -81,7 +81,7 @@ mod tests {
         }
         assert!(
             (friction(9.0, 4.0, 1.5, 0.5) - 0.5).abs() < 1e-12,
-            "faster than its peak: the floor"
+            "above the peak speed: the floor"
         );
     }
 }

@@ -1,30 +1,30 @@
-//! Force fields (§ 4.2): the torque that the hand shall feel, from where the handle is and how it
-//! moves.
+//! Force fields (§ 4.2): the torque that the hand is to feel, as a function of the handle's
+//! position, velocity and acceleration.
 //!
-//! On one axis: spring (negative: divergent), damper, inertia, tables over position and velocity,
-//! walls. Across axes: constant matrices, of which a curl field is the antisymmetric part of the
-//! damping. A torque is positive the way its axis counts.
+//! On one axis: spring (a negative one is divergent), damper, inertia, tables over position and
+//! velocity, walls. Across axes: constant matrices; a curl field is the antisymmetric part of the
+//! damping matrix. A torque is positive in the positive direction of its axis.
 
 use ipc_types::{AXES, Setpoint, TABLE};
 
 use super::within;
 
-/// What is known of the handle, on all axes.
+/// Motion of the handle on all axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Handle {
     /// Position (rad or m).
     pub position: [f64; AXES],
-    /// Velocity (rad/s or m/s): difference quotient of its encoder behind the axis's
+    /// Velocity (rad/s or m/s): difference quotient of its encoder, low-pass filtered at the axis's
     /// `velocity_filter_hz`.
     pub velocity: [f64; AXES],
-    /// Acceleration (rad/s² or m/s²): difference quotient of that velocity behind
+    /// Acceleration (rad/s² or m/s²): difference quotient of that velocity, low-pass filtered at
     /// [`rig::ACCELERATION_HZ`].
     pub acceleration: [f64; AXES],
 }
 
-/// Torque that a setpoint's force field puts on an axis (N·m or N).
+/// Torque of a setpoint's force field on an axis (N·m or N).
 ///
-/// The part of the inertia matrix stays within ± `most_inertia` (N·m or N).
+/// The inertia term is limited to ± `most_inertia` (N·m or N).
 pub fn field_torque(setpoint: &Setpoint, axis: usize, handle: &Handle, most_inertia: f64) -> f64 {
     let mut torque = 0.0;
     let mut inertia = 0.0;
@@ -52,17 +52,17 @@ pub fn field_torque(setpoint: &Setpoint, axis: usize, handle: &Handle, most_iner
     torque + within(inertia, most_inertia)
 }
 
-/// Linear interpolation in evenly spaced values, `share` (0 to 1) of the way through them; beyond
-/// the ends, the ends.
+/// Linear interpolation in evenly spaced values at `share` (0 to 1) of their range; constant beyond
+/// the ends.
 fn at(values: &[f64], share: f64) -> f64 {
-    // What is no number stays none, and the law lets go.
+    // NaN stays NaN, and the law then releases the output.
     let place = share.clamp(0.0, 1.0) * values.len().saturating_sub(1) as f64;
     let below = place as usize;
     let (Some(from), to) = (values.get(below), values.get(below + 1)) else { return 0.0 };
     from + to.map_or(0.0, |to| (place - below as f64) * (to - from))
 }
 
-/// Whether every number of a setpoint's force field is one.
+/// Whether all numbers of a setpoint's force field are finite.
 pub(super) fn is_finite(setpoint: &Setpoint) -> bool {
     let Setpoint { position, wall_min, wall_max, wall_stiffness, .. } = setpoint;
     let Setpoint { table_position_min, table_position_max, table_speed, .. } = setpoint;

@@ -61,7 +61,7 @@ impl Law {
             );
         let torque = sample.slave_torque[index] + field;
         let before_v = if axis.force_controlled { axis.force_v } else { 0.0 };
-        // The motor's speed: most of the friction is at the motor.
+        // The motor's speed, since most of the friction is at the motor.
         axis.force_v = step(force, before_v, torque, axis.velocity.velocity(), elapsed_s, limit_v);
         if !axis.force_v.is_finite() {
             return false;

@@ -1,29 +1,28 @@
-//! The limit on the output, and what it holds back.
+//! The limit on the output, and anti-windup.
 //!
-//! A setpoint may ask for less than the rig's own limit ([`Setpoint::output_limit_v`]). A change of
-//! the limit takes [`AUTHORITY_S`] from nothing to the rig's limit, so that the output is never
-//! cut.
+//! A setpoint may lower the rig's own limit ([`Setpoint::output_limit_v`]). The limit changes
+//! gradually, by its full range in [`AUTHORITY_S`], so that the output never steps.
 //!
 //! **Anti-windup.** In [`Mode::Initialise`](ipc_types::Mode::Initialise) the handle is driven
-//! against its ends. There the reference stays within `limit / P` of the measured position: as far
-//! as the limited output can hold it by its proportional part alone. A reference that ran on would
-//! have to come all the way back before the output left its limit, and would leap when the limit
-//! went.
+//! against its end stops. There the reference stays within `limit / P` of the measured position,
+//! which is as far as the proportional feedback can hold it with the limited output. A reference
+//! that ran on would have to return all the way before the output left its limit, and the handle
+//! would jump when the limit was raised.
 
 use ipc_types::Setpoint;
 
 use super::{AUTHORITY_S, Axis, AxisLaw, Motion};
 
-/// The limit that holds for an axis (V): the setpoint's where it is a positive number below the
-/// rig's.
+/// The limit requested for an axis (V): the setpoint's if it is positive and below the rig's,
+/// otherwise the rig's.
 fn wanted_v(law: &AxisLaw, setpoint: Option<&Setpoint>, axis: usize) -> f64 {
     let asked_v = setpoint.map_or(0.0, |setpoint| setpoint.output_limit_v[axis]);
     if asked_v > 0.0 { asked_v.min(law.control.output_limit_v) } else { law.control.output_limit_v }
 }
 
 impl Axis {
-    /// Moves the limit on the output towards what the setpoint asks for; `begins`: there is no
-    /// output yet, so it holds at once.
+    /// Moves the limit on the output towards the requested one. `begins`: there is no output yet,
+    /// so it applies at once.
     pub(super) fn limit_output(
         &mut self,
         law: &AxisLaw,
@@ -41,15 +40,15 @@ impl Axis {
         };
     }
 
-    /// Where the reference is: that of the last step where it was held back, else along target and
-    /// blend.
+    /// The present reference: that of the last step if anti-windup held it back, otherwise that of
+    /// target and blend.
     pub(super) fn present_reference(&self, time_ns: u64) -> Motion {
         if self.held_back { self.reference } else { self.reference_at(time_ns) }
     }
 
-    /// Holds the reference within what the limited output can hold against `position`; at rest
-    /// where it is held. A reference that is further off when this begins is drawn near as fast as
-    /// the limit may change.
+    /// Anti-windup: limits the distance of the reference from the measured `position` to what the
+    /// limited output can hold. A reference that is farther away at first is drawn in at the rate
+    /// at which the limit may change.
     pub(super) fn hold_back(
         &mut self,
         law: &AxisLaw,
@@ -59,7 +58,7 @@ impl Axis {
     ) {
         let gain = law.control.position_gain.abs();
         let wanted = self.limit_v / gain;
-        // Without a gain the output holds nothing, and there is nothing to wind up.
+        // Without a gain there is no feedback to wind up.
         if !initialises || !wanted.is_finite() || !self.reference.is_finite() {
             self.release();
             return;
@@ -73,7 +72,7 @@ impl Axis {
         }
     }
 
-    /// Nothing holds the reference back.
+    /// Ends anti-windup: the reference is free.
     pub(super) const fn release(&mut self) {
         self.lead = f64::INFINITY;
         self.held_back = false;

@@ -1,13 +1,13 @@
-//! Disturbance observer: what the volts at the motor did not become motion of.
+//! Disturbance observer: the part of the motor's voltage that did not accelerate it.
 //!
-//! With the nominal inertia `J` (V·s² per unit) and the volts `u` that were really at the motor, `d
-//! = u - J v̇` is what friction, hand and line took. It is seen through a first-order filter, `d̂ =
-//! Q (u - c + g J v) - g J v` with `Q = g / (s + g)`, so that no acceleration need be measured; `c`
-//! is what the friction compensation gives already (Ohnishi's form).
+//! With the nominal inertia `J` (V·s² per unit) and the voltage `u` at the motor, `d = u - J v̇` is
+//! what friction, hand and line take. It is estimated through a first-order filter, `d̂ = Q (u - c
+//! + g J v) - g J v` with `Q = g / (s + g)`, so that no acceleration has to be measured; `c` is the
+//! share that friction compensation already supplies (Ohnishi's form).
 //!
-//! Its output is added to the law's. It is bounded, and its state is pulled back to the bound (no
-//! windup). It works while the reference moves: at rest an estimate of friction would break the
-//! motor loose again and again, so there it fades.
+//! The estimate is added to the law's output. It is limited, and the filter's state is set back to
+//! the limit (anti-windup). It acts while the reference moves. At rest it decays, because an
+//! estimate of static friction would break the motor loose again and again.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ use super::feedforward::Slew;
 
 /// Time in which the observer's output may change by its limit (s).
 pub const OBSERVER_SLEW_S: f64 = 0.02;
-/// Time constant with which the estimate fades while the reference rests (s).
+/// Time constant with which the estimate decays while the reference rests (s).
 const FADE_S: f64 = 0.3;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -28,10 +28,10 @@ pub(super) struct Disturbance {
     output: Slew,
 }
 
-/// What the observer sees of a step.
+/// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// Volts at the motor without what the friction compensation gives (V).
+    /// Voltage at the motor less the friction compensation (V).
     pub(super) volts: f64,
     /// Speed of the motor in the axis's coordinates (rad/s or m/s).
     pub(super) velocity: f64,
@@ -42,7 +42,7 @@ pub(super) struct Seen {
 }
 
 impl Disturbance {
-    /// What to add to the output (V), within the limit; `inertia_v` is `J` (V·s²/rad or V·s²/m).
+    /// Contribution to the output (V), within the limit; `inertia_v` is `J` (V·s²/rad or V·s²/m).
     pub(super) fn step(&mut self, settings: &Observer, inertia_v: f64, seen: &Seen) -> f64 {
         let rate = TAU * settings.cutoff_hz;
         let momentum_v = rate * inertia_v * seen.velocity;
@@ -71,7 +71,7 @@ mod tests {
     const STEP_S: f64 = 1e-3;
     const INERTIA_V: f64 = 8e-3;
 
-    /// A mass under `volts` with friction `friction_v` at constant speed from `speed` on.
+    /// A mass driven by `volts` against the friction `friction_v`, starting at 1 rad/s.
     fn settled(volts: f64, friction_v: f64, steps: usize) -> f64 {
         let (mut observer, mut velocity, mut output) = (Disturbance::default(), 1.0, 0.0);
         for _ in 0..steps {
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_a_constant_friction_with_the_time_constant_of_its_filter() {
+    fn estimates_a_constant_friction_with_the_filters_time_constant() {
         for (volts, friction_v) in [(1.0, 0.7), (0.2, 0.7), (-1.0, 0.4)] {
             let expected = friction_v * (1.0 - (-TAU * 5.0 * 0.05f64).exp());
             let output = settled(volts, friction_v, 50);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn stays_within_its_limit_and_comes_back_at_once() {
+    fn stays_within_its_limit_and_does_not_wind_up() {
         let mut observer = Disturbance::default();
         let mut step = |volts| {
             observer.step(
@@ -106,11 +106,11 @@ mod tests {
             assert!(step(10.0) <= 2.0);
         }
         let back = (0..).take_while(|_| step(0.0) > 1.0).count();
-        assert!(back <= 23, "1/e of the way within 32 ms, not after unwinding: {back} ms");
+        assert!(back <= 23, "1/e within 32 ms, without having to unwind: {back} ms");
     }
 
     #[test]
-    fn fades_where_the_reference_rests_and_begins_at_nothing() {
+    fn decays_while_the_reference_rests_and_starts_at_zero() {
         let mut observer = Disturbance::default();
         let seen = Seen { volts: 0.0, velocity: 7.0, moves: true, elapsed_s: STEP_S };
         assert_eq!(observer.step(&SETTINGS, INERTIA_V, &seen), 0.0);

@@ -22,7 +22,7 @@ pub(super) fn sanitised(mut options: ControlOptions) -> ControlOptions {
     options
 }
 
-/// Friction beyond the line, as the motor feels it along the reference (V).
+/// Friction beyond the line as it reaches the motor along the reference (V): a Jenkins element.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Windup {
     volts: f64,
@@ -51,7 +51,7 @@ pub(super) struct OptionState {
 }
 
 impl OptionState {
-    /// Forgets all: there is no output to go on from.
+    /// Resets the state, when the output is released.
     pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
@@ -75,17 +75,17 @@ mod tests {
     }
 
     #[test]
-    fn what_rubs_beyond_the_line_turns_round_over_twice_its_windup() {
+    fn friction_beyond_the_line_reverses_over_twice_its_windup() {
         let (model, mut windup) = (model(), Windup::default());
         let mut at = |position: f64| windup.follow(&model, &Motion::at_rest(position));
-        assert_eq!(at(0.3), 0.0, "the first position is where the way begins");
+        assert_eq!(at(0.3), 0.0, "windup starts at the first position");
         assert!((at(0.35) - 0.4).abs() < 1e-12 && (at(0.6) - 1.0).abs() < 1e-12);
-        assert!((at(0.6 - 0.125)).abs() < 1e-12, "half-way back");
+        assert!((at(0.6 - 0.125)).abs() < 1e-12, "half-way through the reversal");
         assert!((at(0.6 - 0.25) + 1.0).abs() < 1e-12 && (at(0.1) + 1.0).abs() < 1e-12);
     }
 
     #[test]
-    fn the_level_falls_with_speed_and_nonsense_stays_nonsense() {
+    fn the_level_falls_with_speed_and_nan_stays_nan() {
         let (model, mut windup) = (model(), Windup::default());
         let fast = |position| Motion { position, velocity: 4.0, acceleration: 0.0 };
         windup.follow(&model, &fast(0.0));

@@ -4,12 +4,12 @@ use ipc_types::{MotorCommand, Sample, Setpoint};
 use rig::CompensationKind;
 
 use super::blend::Motion;
-use super::compensation::written_v;
+use super::compensation::motor_v;
 use super::{
     AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave, within,
 };
 
-/// Share of the reversal speed below which a reference counts as at rest.
+/// Share of the reversal speed below which the reference counts as at rest.
 const RESTS: f64 = 0.1;
 
 impl Law {
@@ -52,8 +52,8 @@ impl Law {
         }
         let carried_v =
             axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
-        // Limited before it is weighed, so that authority takes the output to 0 V from wherever it
-        // is.
+        // Limited before it is scaled by the authority, so that the ramp to 0 V begins at the
+        // actual output.
         let wanted_v = wanted_v + carried_v;
         let limited_v = within(wanted_v, limit_v);
         axis.output_v = limited_v;
@@ -69,7 +69,8 @@ impl Law {
 }
 
 impl Axis {
-    /// The reference of the master: the movement's own, or what the loop on the slave makes of it.
+    /// The master's reference: that of the movement, plus the offset of the slave loop if there is
+    /// one.
     fn master_reference(
         &mut self,
         law: &AxisLaw,
@@ -93,7 +94,7 @@ impl Axis {
         self.reference.plus(&self.options.slave.step(settings, model, &seen))
     }
 
-    /// What the disturbance observer adds (V).
+    /// Contribution of the disturbance observer (V).
     fn observed(
         &mut self,
         law: &AxisLaw,
@@ -109,7 +110,7 @@ impl Axis {
         let compensated_v =
             if options.compensation.kind == CompensationKind::None { 0.0 } else { friction_v };
         let seen = observer::Seen {
-            volts: written_v(sample, index) - compensated_v,
+            volts: motor_v(sample, index) - compensated_v,
             velocity: self.velocity.velocity(),
             moves: self.reference.velocity.abs() > RESTS * options.compensation.reversal_speed,
             elapsed_s,

@@ -1,24 +1,22 @@
-//! A loop on the slave around the master's: the master goes where the slave then is where it should
-//! be.
+//! Outer loop on the slave's position: shifts the master's reference so that the slave follows the
+//! movement.
 //!
-//! The line is soft and the slave rubs: while the master follows its reference, the slave stands
-//! still at each end until the line is wound up the other way, lags behind by that windup, and
-//! moves by the ratio of the pistons. A fast loop on the slave's position cannot help: the line's
-//! resonance (8 Hz) and its delay lie between. So most of the way is foreseen, and the rest is
-//! learnt slowly:
+//! The line is compliant and the slave has friction. While the master follows its reference, the
+//! slave stands still at each reversal until the line has wound up in the other direction, lags by
+//! that windup, and moves by the ratio of the pistons. A fast loop on the slave's position is not
+//! possible, because the line's resonance (8 Hz) and its delay lie in between. Most of the offset
+//! is therefore feed-forward, and the rest is adapted slowly:
 //!
-//! - the master's reference is moved by what the model says that line and ratio take of it, `r/ρ -
-//!   r + τ_f(v)/k · sgn(v)`, for the movement as it will be `lead_s` later;
-//! - what then remains of the slave's error, filtered below the resonance, moves the reference in
-//!   proportion;
-//! - and corrects windup and ratio themselves, by how the error goes with the sign of the velocity
-//!   and with the position. Friction and ratio that the model has wrong are found so, at any speed
-//!   of movement, and at rest nothing is integrated: no hunting.
+//! - feed-forward: the windup of the line and the ratio according to the model, `r/ρ - r + τ_f(v)/k
+//!   · sgn(v)`, for the movement `lead_s` ahead;
+//! - proportional feedback of the slave's remaining error, filtered below the resonance;
+//! - adaptation of windup and ratio from the correlation of the error with the sign of the velocity
+//!   and with the position. It corrects a wrong friction or ratio of the model at any speed of
+//!   movement; at rest nothing is integrated, so there is no hunting.
 //!
-//! It comes to its effect within [`ENGAGE_S`] of power. The whole stays within a limit and passes
-//! through a critically damped filter of second order, whose speed is limited: the master's
-//! reference never jumps. Without the slave's position the corrections rest and the error counts as
-//! none.
+//! The offset fades in within [`ENGAGE_S`] of power on. It is limited, and passes through a
+//! critically damped second-order filter with limited speed, so that the master's reference never
+//! jumps. Without a measured slave position the error counts as 0, and nothing is adapted.
 
 use std::f64::consts::TAU;
 
@@ -28,51 +26,50 @@ use rig::SlaveLoop;
 use super::blend::Motion;
 use super::bounds::{bounded, soft_sign, within};
 
-/// Natural frequency of the filter through which the offset goes (Hz).
+/// Natural frequency of the filter on the offset (Hz).
 const SHAPING_HZ: f64 = 12.0;
-/// Share of the movement's peak speed within which the windup passes through its change of sign.
+/// Share of the movement's peak speed below which the windup changes sign smoothly.
 const REVERSAL: f64 = 0.15;
-/// Slowest speed within which it does (rad/s or m/s), as a share of the axis's speed of catching
-/// up.
+/// Lower bound of that speed (rad/s or m/s), as a share of the axis's catch-up speed.
 const LEAST_REVERSAL: f64 = 0.02;
-/// The corrections of windup and ratio stay within this share of what the model says.
+/// The adaptations of windup and ratio stay within this share of the model's values.
 const CORRECTION: f64 = 0.6;
-/// While the movement is slow, as where it turns, offset and movement together may be so many times
-/// as fast as the offset alone otherwise.
+/// Movement and offset together may reach this multiple of the offset's speed limit, so that the
+/// offset moves faster while the movement is slow, as at a reversal.
 const FASTEST: f64 = 3.0;
-/// Time in which the loop comes to its full effect (s).
+/// Time in which the offset fades in (s).
 const ENGAGE_S: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlaveOffset {
-    /// Offset of the master's reference, as it moves.
+    /// Offset of the master's reference.
     offset: Motion,
     filtered_error: f64,
-    /// Corrections of the windup (rad or m) and of the ratio (1).
+    /// Adaptation of the windup (rad or m) and of the ratio (1).
     windup: f64,
     ratio: f64,
-    /// 0 to 1: how far it has come to its effect.
+    /// Fade-in, 0 to 1.
     engaged: f64,
 }
 
-/// What the loop sees of a step.
+/// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// Where the slave should be, and how it should move.
+    /// Desired motion of the slave.
     pub(super) desired: Motion,
-    /// Where it is (rad or m); `None` where that is not measured.
+    /// Its measured position (rad or m), if there is one.
     pub(super) position: Option<f64>,
-    /// Peak speed of the movement (rad/s or m/s); 0 where there is none.
+    /// Peak speed of the movement (rad/s or m/s); 0 without one.
     pub(super) peak_speed: f64,
-    /// Fastest that the offset may move while the movement is fast (rad/s or m/s).
+    /// Speed limit of the offset while the movement is fast (rad/s or m/s).
     pub(super) speed: f64,
     /// Time since the last step (s).
     pub(super) elapsed_s: f64,
 }
 
 impl SlaveOffset {
-    /// How the master's reference differs from where the slave should be; not finite where a number
-    /// is none.
+    /// The offset of the master's reference from the slave's desired motion; not finite if an input
+    /// is not.
     pub(super) fn step(
         &mut self,
         settings: &SlaveLoop,
@@ -102,7 +99,8 @@ impl SlaveOffset {
         let wanted = (lengthening + self.ratio) * ahead.position
             + (level + self.windup) * soft_sign(ahead.velocity, reversal)
             + settings.proportional_gain * self.filtered_error;
-        // By minimum jerk, so that power may come while the slave is far off.
+        // Fades in by a minimum-jerk profile, since the slave may be far from its desired position
+        // when power comes.
         self.engaged = (self.engaged + dt / ENGAGE_S).min(1.0);
         let x = self.engaged;
         let wanted = x * x * x * (10.0 - x * (15.0 - 6.0 * x)) * wanted;
@@ -110,14 +108,14 @@ impl SlaveOffset {
         self.shape(wanted, settings.limit, speed, dt)
     }
 
-    /// The offset on its way to a wanted one.
+    /// Filters and limits the offset.
     fn shape(&mut self, wanted: f64, limit: f64, speed: f64, dt: f64) -> Motion {
         if !wanted.is_finite() {
             return Motion::at_rest(f64::NAN);
         }
         let omega = TAU * SHAPING_HZ;
         let target = within(wanted, limit);
-        // Implicit: stable for any period.
+        // Implicit integration: stable for any period.
         let gain = 1.0 / (1.0 + 2.0 * omega * dt + omega * omega * dt * dt);
         let pulled =
             gain * (self.offset.velocity + omega * omega * dt * (target - self.offset.position));

@@ -1,4 +1,4 @@
-//! The player's side of iterative learning: between the loop, which allocates nothing, and the
+//! The player's side of iterative learning, between the loop, which allocates nothing, and the
 //! worker thread, which does.
 
 use std::collections::VecDeque;
@@ -39,14 +39,14 @@ impl Player {
             }
             result => match &mut self.ilc {
                 Some(ilc) => ilc.receive(result),
-                // Of a learning run that is over.
+                // It belongs to a finished learning run.
                 None => give_back(&mut self.jobs, result),
             },
         }
     }
 
-    /// Takes in where the slaves were (rad or m; not a number where not measured) at a scan (ns,
-    /// CLOCK_MONOTONIC), and whether the motor had power. Matters to learning runs only.
+    /// Records the slaves' positions at a scan (rad or m; NaN where not measured; time in ns,
+    /// CLOCK_MONOTONIC), and whether the motor had power. Only learning runs use them.
     pub fn record(&mut self, scan_ns: u64, slave: &[f64; AXES], powered: bool) {
         if let Some(ilc) = &mut self.ilc
             && let Some(step) =
@@ -56,12 +56,12 @@ impl Player {
         }
     }
 
-    /// The trial (block) that is being played, from 1; 0 outside of a learning run's trials.
+    /// The trial (block) being played, from 1; 0 outside a learning run's trials.
     pub fn block(&self) -> u32 {
         self.ilc.as_ref().map_or(0, IlcTrials::block)
     }
 
-    /// Begins the learning run of a segment, if it is one.
+    /// Begins a learning run if the segment is of that kind.
     pub(super) fn begin_ilc(
         &mut self,
         program: &Arc<Program>,
@@ -91,7 +91,7 @@ impl Player {
         if self.jobs.len() < JOBS {
             self.jobs.push_back(job);
         } else {
-            // Nobody fetches it: to lose memory is better than to free it in the loop.
+            // The queue is full: leaking memory is better than freeing it in the loop.
             std::mem::forget(job);
         }
     }

@@ -1,4 +1,4 @@
-//! The jobs that the player has for the worker thread of iterative learning.
+//! Jobs for the worker thread of iterative learning.
 
 use std::sync::Arc;
 
@@ -9,23 +9,23 @@ use crate::ilc_trial::{IlcTrials, Returned};
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
 pub enum IlcJob {
-    /// A segment begins in which something is learnt: the worker answers with `IlcResult::Ready`
-    /// or `IlcResult::Failed`.
+    /// A learning segment begins; the worker answers with `IlcResult::Ready` or
+    /// `IlcResult::Failed`.
     Begin {
         /// Number of the learning run.
         run_id: u32,
-        /// The program, and its segment.
+        /// The program.
         program: Arc<Program>,
         /// Index of the segment.
         segment: u32,
-        /// Whether it goes on where it was interrupted.
+        /// Whether it continues an interrupted run.
         resumed: bool,
     },
-    /// A record to learn from, or a reference that is no longer followed.
+    /// A record to learn from, or a reference that is no longer used.
     Returned(Returned),
-    /// The learning run is over, complete or stopped; carries all the memory that it still holds.
+    /// The learning run is complete or stopped; returns all memory that it still holds.
     End(IlcTrials),
 }
 
-/// Most jobs that may wait to be fetched.
+/// Capacity for jobs that wait to be fetched.
 pub(super) const JOBS: usize = 32;

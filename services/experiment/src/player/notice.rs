@@ -1,49 +1,49 @@
-//! What the player reports besides the change of its segments.
+//! Reports of the player other than changes of its state.
 
 use crate::range_finder::Range;
 
-/// Why playing cannot go on.
+/// Why a protocol was aborted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
-    /// The ends of the range were not found in time.
+    /// No end of travel was found in time.
     NotFound,
     /// Both ends are at the same place.
     Stuck,
-    /// A later segment goes beyond the range that was found.
+    /// A later segment leaves the range that was found.
     OutOfRange,
-    /// A trip, an emergency stop or a disarm took the power away.
+    /// A trip, an emergency stop or a disarm removed the power.
     PermissionLost,
-    /// The client's lease lapsed.
+    /// The client's lease expired.
     ClientGone,
 }
 
 impl Reason {
-    /// In words: what happened, what to do.
+    /// What happened, and what to do.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::NotFound => "no end found within the time limit; allow more volts or time",
+            Self::NotFound => "no end of travel found within the time limit; allow more volts or time",
             Self::Stuck => "the handle did not move; free it, or allow more volts",
-            Self::OutOfRange => "a later segment leaves the range that was found; move less",
+            Self::OutOfRange => "a later segment leaves the range that was found; reduce its movement",
             Self::PermissionLost => "a trip, an emergency stop or a disarm ended the protocol",
-            Self::ClientGone => "its client has gone; `farreach run` must stay alive and running",
+            Self::ClientGone => "its client is gone; `farreach run` must keep running",
         }
     }
 }
 
-/// What a step reports beside the changes of the protocol.
+/// A report of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Notice {
-    /// The ends of an axis were found; `narrower`: by more than the tolerance within the rig's
-    /// limits.
+    /// The ends of an axis's travel were found. `narrower`: the range is smaller than the rig's
+    /// limits by more than the tolerance.
     Range {
         /// The axis.
         axis: usize,
         /// Its ends.
         range: Range,
-        /// Whether the rig's limits are much wider.
+        /// Whether the rig's limits are much wider than the range.
         narrower: bool,
     },
-    /// The beat of a rhythm: where the hand should be (rad or m), and its number from 1.
+    /// A beat of a rhythm.
     Beat {
         /// Where the hand should be (rad or m).
         position: f64,

@@ -22,17 +22,17 @@ pub struct Program {
     pub(super) duration_s: f64,
 }
 
-/// One segment as it is played, repeats written out.
+/// One played segment; repeats are written out.
 #[derive(Debug)]
 pub(super) struct Step {
     pub(super) label: String,
     pub(super) axis: usize,
     pub(super) track: Track,
-    /// What other axes do meanwhile.
+    /// Movements of other axes in the same segment.
     pub(super) others: Vec<(usize, Track)>,
-    /// When it begins, from the start of the protocol (s).
+    /// Time of its beginning, from the start of the protocol (s).
     pub(super) begins_s: f64,
-    /// What is learnt in it.
+    /// The learning run, if the segment is one.
     pub(super) plan: Option<Arc<Plan>>,
 }
 
@@ -45,10 +45,10 @@ impl Step {
 }
 
 impl Program {
-    /// Checks a protocol against a rig and makes it ready.
+    /// Checks a protocol against a rig and prepares it for playing.
     ///
     /// # Errors
-    /// What [`Protocol::check_against`] finds.
+    /// The errors of [`Protocol::check_against`].
     pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
         protocol.check_against(rig)?;
         let tracks: Vec<_> =
@@ -117,7 +117,7 @@ impl Program {
         self.steps.get(segment).map_or("", |step| &step.label)
     }
 
-    /// Whole duration (s).
+    /// Total duration (s).
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
@@ -135,7 +135,7 @@ impl Program {
             .all(|(least, most)| least >= lower && most <= upper)
     }
 
-    /// What is learnt in a segment; `None` where nothing is.
+    /// The learning run of a segment; `None` if it is none.
     pub fn plan(&self, segment: usize) -> Option<&Arc<Plan>> {
         self.steps.get(segment)?.plan.as_ref()
     }

@@ -1,4 +1,4 @@
-//! Segments that depend on what is measured: the search for the ends of an axis, and the beat of a
+//! Segments that depend on measurements: the search for the ends of travel, and the beat of a
 //! rhythm.
 
 use ipc_types::AXES;
@@ -9,18 +9,19 @@ use super::{Change, Phase, Player, Program, seconds};
 use crate::range_finder::{FinderState, Measured, RangeFinder};
 
 impl Player {
-    /// Where the handles' own encoders see them (rad or m), before a step; NaN where there is none.
+    /// Sets the positions of the handles' own encoders (rad or m) before a step; NaN where there is
+    /// none.
     pub fn see_handles(&mut self, handles: [f64; AXES]) {
         self.handles = handles;
     }
 
-    /// What the last step has to tell besides its change.
+    /// Takes the report of the last step, if there is one.
     pub fn take_notice(&mut self) -> Option<Notice> {
         self.notice.take()
     }
 
-    /// Goes on with the search for the ends of an axis, if that is what the segment does: `Ok`
-    /// where they are found, a change where playing ends.
+    /// Advances the search for the ends of travel, if that is the segment's kind: `Ok` once they
+    /// are found, a change where the protocol ends.
     pub(super) fn find_range(
         &mut self,
         program: &Program,
@@ -51,7 +52,7 @@ impl Player {
                 let (lower, upper) = (range.lower.motor, range.upper.motor);
                 let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
                 self.notice = Some(Notice::Range { axis, range, narrower });
-                // Where no end was met, the rig's own limit holds.
+                // If an end was not met, the rig's own limit applies.
                 let free = (
                     if range.met.0 { lower } else { limits.0 },
                     if range.met.1 { upper } else { limits.1 },
@@ -63,13 +64,13 @@ impl Player {
                 Reason::OutOfRange
             }
         };
-        // Power goes by a ramp of control's, from wherever the output is.
+        // Control ramps the output down from its present value.
         self.find_axes(program, measured);
         self.phase = Phase::Idle;
         Some(Err(Some(Change::Aborted(segment as u32, reason))))
     }
 
-    /// Tells the beat of a rhythm when it is due.
+    /// Reports the beat of a rhythm when it is due.
     pub(super) fn announce_beat(
         &mut self,
         program: &Program,

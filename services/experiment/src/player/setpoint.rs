@@ -1,4 +1,4 @@
-//! The setpoint of an instant.
+//! Computes the setpoint for an instant.
 
 use ipc_types::{AXES, Mode, Process, Setpoint};
 use rig::protocol::Movement;
@@ -8,7 +8,7 @@ use super::{Phase, Player, Program, is_given_away, seconds};
 use crate::field::put;
 
 impl Player {
-    /// Takes the axes for where they are measured, within their limits; a position that is not
+    /// Sets the rest positions to the measured ones, within the limits; a position that is not
     /// finite changes nothing.
     pub(super) fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
         for ((rest, measured), (least, most)) in
@@ -20,7 +20,7 @@ impl Player {
         }
     }
 
-    /// All axes at time `t` into a segment.
+    /// References of all axes at time `t` into a segment.
     pub(super) fn points(&self, program: &Program, segment: usize, t: f64) -> [Point; AXES] {
         let mut points = self.rest.map(Point::at_rest);
         if let Some(step) = program.steps.get(segment) {

@@ -1,9 +1,11 @@
-//! Whether a protocol may go on: the enable that it was started under, and its client's lease.
+//! Whether a protocol may continue: the enable epoch under which it was started, and its client's
+//! lease.
 //!
 //! A protocol belongs to one enable epoch of the watchdog. Every trip, emergency stop and disarm
-//! ends that epoch for good, and with it the protocol: a later `enable` has a higher epoch and
-//! moves nothing. It also belongs to the client that started it, which renews a lease by its
-//! requests; when the lease lapses, the handle is brought to rest in good order.
+//! ends that epoch for good, and the protocol with it: a later `enable` has a higher epoch and does
+//! not resume it. A protocol also belongs to the client that started it, which renews a lease with
+//! its requests; when the lease expires, the handle is brought to rest and held before the output
+//! goes to 0 V.
 //!
 //! After a restart of the experiment process nothing moves until the watchdog's newest token shows
 //! the same epoch and the client has renewed its lease.

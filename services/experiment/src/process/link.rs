@@ -1,6 +1,7 @@
 //! Communication between the real-time loop and the request thread. Neither waits for the other:
-//! single-producer, single-consumer rings, wait-free on both sides (in a multi-producer queue a
-//! preempted writer would block the loop), and atomics for the protocol's progress.
+//! changes, orders and events pass through single-producer, single-consumer rings, which are
+//! wait-free on both sides (in a multi-producer queue a preempted writer would block the loop), and
+//! progress through atomics.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,7 +15,7 @@ use crate::player::{Change, Program};
 const ORDERS: usize = 4;
 /// Capacity for events from a thread to the loop, which publishes them.
 pub(super) const EVENTS: usize = 64;
-/// Capacity for changes; a segment lasts a large part of a second or longer.
+/// Capacity for changes; a segment lasts a good part of a second at least.
 const NOTES: usize = 256;
 
 /// An order to the loop.
@@ -140,7 +141,7 @@ pub(super) struct LoopEnd {
     pub(super) dropped: Dropped,
 }
 
-/// The ends of the thread that answers.
+/// The request thread's ends.
 #[derive(Debug)]
 pub(super) struct HandlerEnd {
     pub(super) orders: Producer<Order>,
