@@ -21,9 +21,9 @@ impl Reason {
     /// What happened, and what to do.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::NotFound => "no end of travel found within the time limit; allow more volts or time",
+            Self::NotFound => "no end found within the time limit; allow more volts or time",
             Self::Stuck => "the handle did not move; free it, or allow more volts",
-            Self::OutOfRange => "a later segment leaves the range that was found; reduce its movement",
+            Self::OutOfRange => "a later segment leaves the range found; reduce its movement",
             Self::PermissionLost => "a trip, an emergency stop or a disarm ended the protocol",
             Self::ClientGone => "its client is gone; `farreach run` must keep running",
         }
