@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor, Sender, off_bound, tick_of};
-use common::{TestRig, kill, wait_for};
+use common::{TestRig, kill, pulse_of, wait_for};
 use ipc_types::{TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 use runtime::clock::now_ns;
@@ -19,15 +19,6 @@ const WATCHED: u64 = 300;
 /// Attempts; a stalled or slow host spoils an attempt.
 const ATTEMPTS: usize = 6;
 
-fn topic_of(process: &str) -> &'static str {
-    match process {
-        "acquisition" => "sample",
-        "control" => "command",
-        "watchdog" => "token",
-        other => panic!("no periodic topic of {other}"),
-    }
-}
-
 fn process(rig: &TestRig, unit: &str) -> Option<ProcessIdentity> {
     let status = rig.launcher_status();
     let unit = status.unit(unit).unwrap();
@@ -35,12 +26,12 @@ fn process(rig: &TestRig, unit: &str) -> Option<ProcessIdentity> {
 }
 
 fn pulse(monitor: &Monitor, process: &str) -> Sender {
-    monitor.seen().streams[topic_of(process)].newest()
+    monitor.seen().streams[pulse_of(process).unwrap()].newest()
 }
 
 fn sender_of(monitor: &Monitor, process: &str, incarnation: u64) -> Sender {
     let seen = monitor.seen();
-    *seen.streams[topic_of(process)]
+    *seen.streams[pulse_of(process).unwrap()]
         .senders
         .iter()
         .find(|sender| sender.incarnation == incarnation)
@@ -93,7 +84,7 @@ fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
     let silent = sender_of(monitor, unit, known.incarnation);
     kill(before.pid, libc::SIGCONT);
     monitor.until("the continued process publishes again", |seen| {
-        seen.streams[topic_of(unit)].senders.iter().any(|sender| {
+        seen.streams[pulse_of(unit).unwrap()].senders.iter().any(|sender| {
             sender.sequence > silent.sequence && { sender.incarnation == known.incarnation }
         })
     });
@@ -122,7 +113,7 @@ fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
     assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
     assert!(!before.is_alive(), "the frozen {unit} is alive beside its replacement");
     monitor.until("the replacement publishes", |seen| {
-        seen.streams[topic_of(unit)].newest().incarnation != known.incarnation
+        seen.streams[pulse_of(unit).unwrap()].newest().incarnation != known.incarnation
     });
     monitor.pass_ticks(WATCHED);
     assert_off(
@@ -170,7 +161,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     kill(first.pid, libc::SIGSTOP);
     let second = Second::of(rig, unit, first);
     monitor.until("the second publishes", |seen| {
-        seen.streams[topic_of(unit)].newest().incarnation != old.incarnation
+        seen.streams[pulse_of(unit).unwrap()].newest().incarnation != old.incarnation
     });
     let new = pulse(monitor, unit);
     monitor.power_up(rig);
@@ -201,7 +192,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     for _ in 0..3 {
         let refused = rig.run(["reset"]);
         let (one, other) =
-            (pulse(monitor, unit), monitor.seen().streams[topic_of(unit)].senders.len());
+            (pulse(monitor, unit), monitor.seen().streams[pulse_of(unit).unwrap()].senders.len());
         assert!(!refused.status.success(), "{unit}: reset although two publish ({one:?}, {other})");
     }
     drop(second);

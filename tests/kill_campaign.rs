@@ -10,37 +10,23 @@ use std::process::Output;
 use std::time::{Duration, Instant};
 
 use common::monitor::{LIMIT, Monitor, SLACK, Sender, TICK_NS, off_bound, tick_of};
-use common::{Footprint, TestRig, WORKERS, told, wait_for};
+use common::{Footprint, TestRig, pulse_of, told, wait_for, workers};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 
 /// Rounds, each of which kills every process once; `FARREACH_KILL_ROUNDS` overrides the number.
 const ROUNDS: usize = 20;
-const VICTIMS: [&str; 8] = [
-    "keeper",
-    "logger",
-    "simulator",
-    "acquisition",
-    "control",
-    "experiment",
-    "watchdog",
-    "launcher",
-];
-/// The periodic message of each process, which shows that it is alive.
-const PULSES: [(&str, &str); 6] = [
-    ("simulator", "card_scan"),
-    ("acquisition", "sample"),
-    ("control", "command"),
-    ("watchdog", "token"),
-    ("logger", "heartbeat/logger"),
-    ("experiment", "heartbeat/experiment"),
-];
 /// Attempts per kill; a stall of the host spoils an attempt.
 const ATTEMPTS: usize = 12;
 /// The topics of the loops that power the motor.
 const FAST: [&str; 4] = ["card_scan", "sample", "command", "token"];
 /// Ticks observed after each kill, and again after the restart.
 const WATCHED: u64 = 400;
+/// All processes of the rig.
+fn victims() -> Vec<&'static str> {
+    [workers(), vec!["launcher"]].concat()
+}
+
 /// Result of a kill.
 struct Struck {
     /// Ticks from the kill, or from the victim's last message if that is later, to the first scan
@@ -81,8 +67,7 @@ impl Campaign {
     }
 
     fn pulse(&self, process: &str) -> Option<Sender> {
-        let (_, topic) = PULSES.iter().find(|(name, _)| *name == process)?;
-        Some(self.monitor().seen().streams.get(topic)?.newest())
+        Some(self.monitor().seen().streams.get(pulse_of(process)?)?.newest())
     }
 
     /// Kills once. An error is a stall of the host, which loops that were not killed show; the kill
@@ -96,10 +81,10 @@ impl Campaign {
                 .unwrap_or_else(|| panic!("before {victim}: tripped without a kill: {causes:?}")));
         }
         let before = self.processes();
-        assert_eq!(before.len(), VICTIMS.len(), "not all ready before {victim}: {before:?}");
-        let pulses: BTreeMap<&str, Sender> = PULSES
-            .iter()
-            .filter_map(|(process, _)| Some((*process, self.pulse(process)?)))
+        assert_eq!(before.len(), victims().len(), "not all ready before {victim}: {before:?}");
+        let pulses: BTreeMap<&str, Sender> = workers()
+            .into_iter()
+            .filter_map(|process| Some((process, self.pulse(process)?)))
             .collect();
         let epoch = self.monitor().seen().newest_token.unwrap().epoch;
         let struck_ns = self.monitor().mark();
@@ -112,7 +97,7 @@ impl Campaign {
             assert!(adopted.status.success(), "adopting: {}", told(&adopted));
         }
         let come_back = |now: &BTreeMap<String, ProcessIdentity>| {
-            now.len() == VICTIMS.len()
+            now.len() == victims().len()
                 && now.get(victim).is_some_and(|process| *process != before[victim])
         };
         let back = wait_for(LIMIT, || come_back(&self.processes()));
@@ -156,7 +141,8 @@ impl Campaign {
         pulse: Option<Sender>,
     ) -> Result<Struck, String> {
         let timeouts = self.monitor().timeouts();
-        if matches!(victim, "keeper" | "logger" | "experiment") {
+        let profile = self.monitor().profile();
+        if victim != "launcher" && off_bound(victim, profile).is_none() {
             let seen = self.monitor().seen();
             let powered = seen.scans.iter().all(|scan| scan.power)
                 && seen.tokens.iter().all(|token| token.enabled && token.epoch == epoch);
@@ -215,7 +201,7 @@ impl Campaign {
         }
         // The victim may have published once more between the reading of the clock and the signal.
         let last_word_ns = pulse.map_or(0, |pulse| {
-            let topic = PULSES.iter().find(|(process, _)| *process == victim).unwrap().1;
+            let topic = pulse_of(victim).unwrap();
             let mut senders = tripped.streams[topic].senders.iter();
             senders.find(|sender| sender.incarnation == pulse.incarnation).unwrap().last_ns
         });
@@ -286,19 +272,20 @@ fn sr_19_a_killed_process_leaves_the_motor_off_in_time_and_the_others_running() 
     campaign.monitor().power_up(&campaign.rig);
 
     let name = campaign.rig.name().clone();
+    let victims = victims();
     let mut settled = None;
     let began = Instant::now();
     for round in 0..rounds {
-        for turn in 0..VICTIMS.len() {
+        for turn in 0..victims.len() {
             // A different order in each round, and no unit twice within the time after which a
             // restarted unit counts as healthy.
-            campaign.kill(VICTIMS[(turn + round) % VICTIMS.len()]);
+            campaign.kill(victims[(turn + round) % victims.len()]);
         }
         if round == 1 {
             settled = Some(lowest_footprint(&name));
         }
     }
-    eprintln!("{} kills, {:?}", rounds * VICTIMS.len(), began.elapsed());
+    eprintln!("{} kills, {:?}", rounds * victims.len(), began.elapsed());
     report(&campaign);
 
     // Shared memory does not grow; the keeper gets time to clean up.
@@ -321,10 +308,10 @@ fn sr_19_a_killed_process_leaves_the_motor_off_in_time_and_the_others_running() 
         .iter()
         .map(|unit| (unit.name.clone(), unit.restarts))
         .collect();
-    assert_eq!(restarts.len(), WORKERS.len());
+    assert_eq!(restarts.len(), workers().len());
     assert!(restarts.values().all(|&count| count as usize >= rounds), "{restarts:?}");
     assert!(
-        campaign.stalls.len() <= rounds * VICTIMS.len() / 4,
+        campaign.stalls.len() <= rounds * victims.len() / 4,
         "too many stalls to conclude: {:?}",
         campaign.stalls
     );

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use ipc_types::{Backend, Event, EventKind, GateState, Process, SAMPLE, Sample, event_topic};
+use ipc_types::{CardKind, Event, EventKind, GateState, Process, SAMPLE, Sample, event_topic};
 use recording::mcap_read::Recording;
 use serde_json::Value;
 
@@ -102,7 +102,7 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
             (first.session, first.incarnation),
             "row {row}"
         );
-        assert_eq!(sample.backend, Backend::Replay.code(), "row {row}");
+        assert_eq!(sample.backend, CardKind::Replay.code(), "row {row}");
         assert_eq!(
             (sample.gate_state, sample.output_v[0]),
             (GateState::Closed.code(), 0.0),

@@ -119,13 +119,7 @@ fn three_axes_move_together_and_nothing_is_lost() {
         "sample to command: p50 {:.0} µs, p99 {:.0} µs, most {:.0} µs",
         answers.p50, answers.p99, answers.max
     );
-    for process in [
-        Process::Simulator,
-        Process::Acquisition,
-        Process::Control,
-        Process::Watchdog,
-        Process::Experiment,
-    ] {
+    for &process in Process::ALL {
         let Some(topic) = timing_topic(process) else { continue };
         let timings = recording.messages::<LoopTiming>(topic.topic.name).unwrap();
         let missed =

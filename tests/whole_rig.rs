@@ -4,18 +4,19 @@
 
 mod common;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::Duration;
 
 use ipc_types::{
-    COMMAND, Event, EventKind, GateState, Mode, MotorCommand, Process, SAMPLE, Sample, event_topic,
+    COMMAND, Event, EventKind, GateState, Mode, MotorCommand, PROCESSES, Process, SAMPLE, Sample,
+    event_topic,
 };
 use recording::mcap_read::Recording;
 use serde_json::Value;
 
-use common::{TestRig, WORKERS, told, wait_for};
+use common::{TestRig, told, wait_for, workers};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
@@ -106,13 +107,13 @@ impl Session {
             rates && processes.iter().all(|process| process["state"] == "ready")
         });
         assert!(held, "{last:#}");
-        let names: Vec<_> = last["processes"]
+        let names: BTreeSet<_> = last["processes"]
             .as_array()
             .unwrap()
             .iter()
             .map(|p| p["name"].as_str().unwrap())
             .collect();
-        assert_eq!(names, WORKERS);
+        assert_eq!(names, BTreeSet::from_iter(workers()));
         assert!(
             last["processes"].as_array().unwrap().iter().all(|process| process["restarts"] == 0),
             "{last:#}"
@@ -231,7 +232,8 @@ fn assert_event(recording: &Recording, process: Process, kind: EventKind) {
 /// Asserts that every loss counter of a loop has a place in the status; no process was killed here,
 /// so no connection was lost.
 fn assert_losses_are_shown(status: &Value) {
-    for process in ["simulator", "acquisition", "control", "watchdog", "experiment"] {
+    for process in PROCESSES.iter().filter(|entry| entry.real_time.is_some()) {
+        let process = process.name();
         let row = status["processes"]
             .as_array()
             .unwrap()

@@ -34,6 +34,11 @@ macro_rules! codes {
                 match code { $($value => Some(Self::$variant),)+ _ => None }
             }
 
+            /// What the value means, in a sentence: its documentation.
+            pub const fn about(self) -> &'static str {
+                match self { $(Self::$variant => concat!($($vdoc),+).trim_ascii(),)+ }
+            }
+
             /// In words, for screens and messages.
             pub const fn text(self) -> &'static str {
                 match self { $(Self::$variant => $text,)+ }
@@ -48,29 +53,7 @@ macro_rules! codes {
     };
 }
 
-codes! {
-    /// The processes of a rig.
-    Process {
-        /// Holds every service open and cleans up after the dead.
-        Keeper = 0, "keeper";
-        /// The simulated card with the simulated plant behind it.
-        Simulator = 1, "simulator";
-        /// Card to shared memory; holds the gate.
-        Acquisition = 2, "acquisition";
-        /// The control laws.
-        Control = 3, "control";
-        /// Interlocks and enable line.
-        Watchdog = 4, "watchdog";
-        /// All topics to disk.
-        Logger = 5, "logger";
-        /// Plays protocols.
-        Experiment = 6, "experiment";
-        /// Starts and restarts the others on a machine without systemd.
-        Launcher = 7, "launcher";
-        /// A person's command line.
-        Operator = 8, "operator";
-    }
-}
+pub(crate) use codes;
 
 codes! {
     /// State of the gate, where acquisition writes the DAC.
@@ -238,20 +221,6 @@ impl Mode {
     /// field.
     pub const fn yields(self) -> bool {
         matches!(self, Self::Impedance | Self::Rhythm)
-    }
-}
-
-codes! {
-    /// Acquisition's card.
-    Backend {
-        /// The simulator process.
-        Simulated = 0, "simulated";
-        /// A measured record.
-        Replay = 1, "replay";
-        /// Nothing.
-        Null = 2, "null";
-        /// A real card.
-        Hardware = 3, "hardware";
     }
 }
 

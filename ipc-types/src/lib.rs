@@ -1,10 +1,11 @@
 //! What crosses a process boundary, and nothing else: fixed-layout messages, the codes that they
-//! carry, the table of topics, the rule for loss, and the requests of the command plane.
+//! carry, the tables of processes, topics and cards, the rule for loss, and the requests of the
+//! command plane.
 //!
 //! Every message is `#[repr(C)]`, flat and padded by hand, so that the bytes in shared memory are
 //! at the same time the body of a valid little-endian CDR message (behind a four-byte header). A
 //! recording therefore holds a copy of those bytes, and readers that know `ros2msg` decode it with
-//! no converter. The `message!` macro asserts every offset at compile time and generates the
+//! no converter. The `messages!` macro asserts every offset at compile time and generates the
 //! schema.
 //!
 //! Units are SI in every field and named in its doc comment: rad or m (the axis's declared unit),
@@ -12,21 +13,25 @@
 //! positive.
 #![forbid(unsafe_op_in_unsafe_fn)]
 
+mod card;
 mod codes;
 mod message;
+mod process;
 mod requests;
 mod sequence;
 mod topics;
 mod types;
-mod upkeep;
 
+pub use card::*;
 pub use codes::*;
-pub use message::{CDR_HEADER, Code, Field, Message, Primitive, Value, schema_comment};
+pub use message::{
+    CDR_HEADER, Code, Field, Message, Primitive, TypeVisitor, Value, schema_comment,
+};
+pub use process::*;
 pub use requests::*;
 pub use sequence::{Arrival, SequenceTracker};
 pub use topics::*;
 pub use types::*;
-pub use upkeep::*;
 
 /// Most axes that one rig has.
 pub const AXES: usize = 3;

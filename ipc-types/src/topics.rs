@@ -3,21 +3,16 @@
 use std::marker::PhantomData;
 
 use crate::{
-    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat, LoopTiming,
-    LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
+    CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
+    LoopTiming, LossCounters, Message, MotorCommand, PROCESSES, Process, ProcessTopic,
+    ProcessTopicKind, Sample, Setpoint,
 };
 
 /// How often a topic is published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rate {
-    /// Once per scan of the card (rig file, 2,000 Hz unless said).
-    Acquisition,
-    /// Once per control cycle (rig file, 500 Hz unless said).
-    Control,
-    /// Once per cycle of the experiment (rig file, 500 Hz unless said).
-    Experiment,
-    /// Once per cycle of the watchdog (rig file, 1,000 Hz unless said).
-    Watchdog,
+    /// Once per cycle of a process's loop.
+    Loop(Process),
     /// A fixed rate (Hz).
     Hertz(u32),
     /// When something happens.
@@ -70,6 +65,14 @@ impl<T> Clone for TypedTopic<T> {
 }
 impl<T> Copy for TypedTopic<T> {}
 
+impl<T: Message> TypedTopic<T> {
+    /// The topic of this message type that a process owns; `None` where it owns none.
+    fn of(process: Process) -> Option<Self> {
+        let owned = |topic: &&Topic| topic.owner == process && topic.type_name == T::TYPE_NAME;
+        TOPICS.iter().find(owned).map(|topic| Self { topic: *topic, message: PhantomData })
+    }
+}
+
 /// Publishers wanted, and two more for those that died a moment ago.
 const PUBLISHERS: usize = 3;
 const SUBSCRIBERS: usize = 16;
@@ -101,124 +104,122 @@ const fn topic<T: Message>(
     }
 }
 
-/// Scans in the simulated card's FIFO.
-pub const CARD_FIFO: usize = 512;
-
 /// Acquisition's samples.
 pub const SAMPLE: TypedTopic<Sample> =
-    topic("sample", Process::Acquisition, Rate::Acquisition, 1024, 0);
+    topic("sample", Process::Acquisition, Rate::Loop(Process::Acquisition), 1024, 0);
 /// Control's commands; no history, so that a late joiner never sees an old one.
 pub const COMMAND: TypedTopic<MotorCommand> =
-    topic("command", Process::Control, Rate::Control, 512, 0);
+    topic("command", Process::Control, Rate::Loop(Process::Control), 512, 0);
 /// The watchdog's tokens; no history, so that a late joiner never sees an old one.
 pub const TOKEN: TypedTopic<EnableToken> =
-    topic("token", Process::Watchdog, Rate::Watchdog, 512, 0);
+    topic("token", Process::Watchdog, Rate::Loop(Process::Watchdog), 512, 0);
 /// The watchdog's enable line; no history.
 pub const ENABLE_LINE: TypedTopic<EnableLine> =
-    topic("enable_line", Process::Watchdog, Rate::Watchdog, 512, 0);
+    topic("enable_line", Process::Watchdog, Rate::Loop(Process::Watchdog), 512, 0);
 /// The simulated card's FIFO: the history *is* the FIFO, so that it outlives the acquisition that
 /// reads it.
 pub const CARD_SCAN: TypedTopic<CardScan> =
-    topic("card_scan", Process::Simulator, Rate::Acquisition, 1024, CARD_FIFO);
+    topic("card_scan", Process::Simulator, Rate::Loop(Process::Acquisition), 1024, CARD_FIFO);
 /// Volts for the simulated card; no history.
 pub const CARD_OUTPUT: TypedTopic<CardOutput> =
-    topic("card_output", Process::Acquisition, Rate::Acquisition, 1024, 0);
+    topic("card_output", Process::Acquisition, Rate::Loop(Process::Acquisition), 1024, 0);
 /// The setpoint.
 pub const SETPOINT: TypedTopic<Setpoint> =
-    topic("setpoint", Process::Experiment, Rate::Experiment, 512, 0);
+    topic("setpoint", Process::Experiment, Rate::Loop(Process::Experiment), 512, 0);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
 pub const CLOCK: TypedTopic<ClockSync> = topic("clock", Process::Logger, Rate::Hertz(1), 16, 1);
 
-macro_rules! per_process {
-    (
-        $(#[doc = $doc:literal])+
-        $name:ident, $type:ty, $prefix:literal, $rate:expr, $buffer:literal, $history:literal,
-        [$($process:ident $text:literal),+ $(,)?]
-    ) => {
-        $(#[doc = $doc])+
-        pub const fn $name(process: Process) -> Option<TypedTopic<$type>> {
-            match process {
-                $(Process::$process => Some(topic::<$type>(
-                    concat!($prefix, "/", $text),
-                    Process::$process,
-                    $rate,
-                    $buffer,
-                    $history,
-                )),)+
-                _ => None,
-            }
-        }
-    };
-}
-
-per_process! {
-    /// Events of one process.
-    event_topic, Event, "event", Rate::Sporadic, 64, 16,
-    [
-        Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog",
-        Logger "logger", Experiment "experiment",
-    ]
-}
-per_process! {
-    /// Heartbeats of one slow process.
-    heartbeat_topic, Heartbeat, "heartbeat", Rate::Hertz(20), 64, 1,
-    [Logger "logger", Experiment "experiment"]
-}
-per_process! {
-    /// Loop timing of one periodic process.
-    timing_topic, LoopTiming, "timing", Rate::Hertz(1), 16, 1,
-    [
-        Simulator "simulator", Acquisition "acquisition", Control "control", Watchdog "watchdog",
-        Experiment "experiment",
-    ]
-}
-
-const fn event(process: Process) -> Topic {
-    match event_topic(process) {
-        Some(typed) => typed.topic,
-        None => panic!("no event topic"),
-    }
-}
-const fn heartbeat(process: Process) -> Topic {
-    match heartbeat_topic(process) {
-        Some(typed) => typed.topic,
-        None => panic!("no heartbeat topic"),
-    }
-}
-const fn timing(process: Process) -> Topic {
-    match timing_topic(process) {
-        Some(typed) => typed.topic,
-        None => panic!("no timing topic"),
-    }
-}
-
-/// The table. [`LossCounters::topic`](crate::LossCounters) is an index into it.
-pub const TOPICS: &[Topic] = &[
-    SAMPLE.topic,
-    COMMAND.topic,
-    TOKEN.topic,
-    ENABLE_LINE.topic,
-    CARD_SCAN.topic,
-    CARD_OUTPUT.topic,
-    SETPOINT.topic,
-    LOSS.topic,
-    CLOCK.topic,
-    event(Process::Simulator),
-    event(Process::Acquisition),
-    event(Process::Control),
-    event(Process::Watchdog),
-    event(Process::Logger),
-    event(Process::Experiment),
-    heartbeat(Process::Logger),
-    heartbeat(Process::Experiment),
-    timing(Process::Simulator),
-    timing(Process::Acquisition),
-    timing(Process::Control),
-    timing(Process::Watchdog),
-    timing(Process::Experiment),
+/// The topics that one process has, with their places in [`TOPICS`]. Recordings hold the places: a
+/// new topic takes the next that is free.
+const OWN: &[(usize, Topic)] = &[
+    (0, SAMPLE.topic),
+    (1, COMMAND.topic),
+    (2, TOKEN.topic),
+    (3, ENABLE_LINE.topic),
+    (4, CARD_SCAN.topic),
+    (5, CARD_OUTPUT.topic),
+    (6, SETPOINT.topic),
+    (7, LOSS.topic),
+    (8, CLOCK.topic),
 ];
+
+/// A topic that several processes have.
+const fn process_topic(owner: Process, own: ProcessTopic) -> Topic {
+    let name = own.name;
+    match own.kind {
+        ProcessTopicKind::event => topic::<Event>(name, owner, Rate::Sporadic, 64, 16).topic,
+        ProcessTopicKind::heartbeat => {
+            topic::<Heartbeat>(name, owner, Rate::Hertz(20), 64, 1).topic
+        }
+        ProcessTopicKind::timing => topic::<LoopTiming>(name, owner, Rate::Hertz(1), 16, 1).topic,
+    }
+}
+
+const COUNT: usize = {
+    let (mut count, mut at) = (OWN.len(), 0);
+    while at < PROCESSES.len() {
+        count += PROCESSES[at].topics.len();
+        at += 1;
+    }
+    count
+};
+
+/// The topics. [`LossCounters::topic`] is an index into this table.
+pub const TOPICS: &[Topic] = &{
+    let mut table: [Option<Topic>; COUNT] = [None; COUNT];
+    let mut at = 0;
+    while at < OWN.len() {
+        let (place, topic) = OWN[at];
+        assert!(table[place].is_none(), "two topics in one place");
+        table[place] = Some(topic);
+        at += 1;
+    }
+    let mut process = 0;
+    while process < PROCESSES.len() {
+        let entry = &PROCESSES[process];
+        let mut at = 0;
+        while at < entry.topics.len() {
+            let own = entry.topics[at];
+            assert!(table[own.place].is_none(), "two topics in one place");
+            table[own.place] = Some(process_topic(entry.process, own));
+            at += 1;
+        }
+        process += 1;
+    }
+    let mut topics = [SAMPLE.topic; COUNT];
+    let mut at = 0;
+    while at < COUNT {
+        // No place is free: there are as many topics as places.
+        if let Some(topic) = table[at] {
+            topics[at] = topic;
+        }
+        at += 1;
+    }
+    topics
+};
+
+/// Events of one process.
+pub fn event_topic(process: Process) -> Option<TypedTopic<Event>> {
+    TypedTopic::of(process)
+}
+
+/// Heartbeats of one slow process.
+pub fn heartbeat_topic(process: Process) -> Option<TypedTopic<Heartbeat>> {
+    TypedTopic::of(process)
+}
+
+/// Loop timing of one periodic process.
+pub fn timing_topic(process: Process) -> Option<TypedTopic<LoopTiming>> {
+    TypedTopic::of(process)
+}
+
+/// What a process publishes all the time: its heartbeat, or else the first of its topics.
+pub fn pulse_topic(process: Process) -> Option<&'static Topic> {
+    let own = || TOPICS.iter().filter(|topic| topic.owner == process);
+    own().find(|topic| topic.type_name == Heartbeat::TYPE_NAME).or_else(|| own().next())
+}
 
 /// A topic by name.
 pub fn find_topic(name: &str) -> Option<&'static Topic> {
@@ -246,6 +247,6 @@ pub const LOGGER_COMMANDS: CommandService =
 /// Protocols.
 pub const EXPERIMENT_COMMANDS: CommandService =
     CommandService { name: "command/experiment", owner: Process::Experiment, bytes: 65_536 };
-/// All of them.
+/// The services that answer requests.
 pub const COMMAND_SERVICES: &[CommandService] =
     &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS];

@@ -1,13 +1,13 @@
-//! The messages. The macro puts four identity fields before those written here: session (drawn by
-//! the keeper at each cold start), incarnation (drawn at each process start), sequence (from 0, per
-//! incarnation and topic), and the time of publishing.
+//! The messages, all of them in one list. The macro puts four identity fields before those written
+//! here: session (drawn by the keeper at each cold start), incarnation (drawn at each process
+//! start), sequence (from 0, per incarnation and topic), and the time of publishing.
 
-use crate::message::message;
+use crate::message::messages;
 use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
-message! {
+messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
-    Sample, "farreach.Sample.v1", "farreach/msg/Sample" {
+    Sample v1 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -62,18 +62,16 @@ message! {
         gate_state: u8 = GateState,
         /// GateCause of the last epoch that the gate ended
         gate_cause: u8 = GateCause,
-        /// Backend
-        backend: u8 = Backend,
+        /// CardKind
+        backend: u8 = CardKind,
         /// Profile that acquisition was granted
         profile: u8 = Profile,
         /// 1 if the card reports the motor power on (enable line alive)
         motor_power: u8,
     }
-}
 
-message! {
     /// Volts for the motors, from control.
-    MotorCommand, "farreach.MotorCommand.v1", "farreach/msg/MotorCommand" {
+    MotorCommand v1 {
         /// tick of the sample that it was computed from
         sample_tick: u64,
         /// scan time of that sample [ns, CLOCK_MONOTONIC]
@@ -113,11 +111,9 @@ message! {
         /// none
         reserved: u16,
     }
-}
 
-message! {
     /// The watchdog's permission to power the motor, for a few milliseconds.
-    EnableToken, "farreach.EnableToken.v1", "farreach/msg/EnableToken" {
+    EnableToken v1 {
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
         /// incarnation of the watchdog that issued it
@@ -147,22 +143,18 @@ message! {
         /// none
         reserved: u32,
     }
-}
 
-message! {
     /// The watchdog's digital output: the card drops the motor when it stops toggling.
-    EnableLine, "farreach.EnableLine.v1", "farreach/msg/EnableLine" {
+    EnableLine v1 {
         /// enable epoch
         epoch: u64,
         /// how often the level changed since the watchdog started; the level is its lowest bit
         toggles: u64,
     }
-}
 
-message! {
     /// One scan from the simulated card's FIFO, from card to acquisition; recorded as evidence of
     /// what the motor really got.
-    CardScan, "farreach.CardScan.v1", "farreach/msg/CardScan" {
+    CardScan v1 {
         /// tick of the acquisition grid
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -196,22 +188,18 @@ message! {
         /// none
         reserved: u8,
     }
-}
 
-message! {
     /// Volts that acquisition writes to the simulated card.
-    CardOutput, "farreach.CardOutput.v1", "farreach/msg/CardOutput" {
+    CardOutput v1 {
         /// volts for the DACs (V)
         volts: [f64; AXES],
         /// highest tick that acquisition has taken out of the FIFO and published
         taken_tick: u64,
     }
-}
 
-message! {
     /// Where the handle shall go, from the experiment or the operator; holds until its lease
     /// lapses.
-    Setpoint, "farreach.Setpoint.v3", "farreach/msg/Setpoint" {
+    Setpoint v3 {
         /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
         at_ns: u64,
         /// until when it may be followed [ns, CLOCK_MONOTONIC]
@@ -269,11 +257,9 @@ message! {
         /// none
         reserved: [u8; 5],
     }
-}
 
-message! {
     /// Something happened that a person or an analysis wants to know.
-    Event, "farreach.Event.v1", "farreach/msg/Event" {
+    Event v1 {
         /// first value; its meaning depends on the kind
         a: f64,
         /// second value
@@ -292,6 +278,97 @@ message! {
         segment: u32,
         /// text, UTF-8, zero-padded
         text: [u8; TEXT],
+    }
+
+    /// Sign of life of a slow process, 20 Hz.
+    Heartbeat v1 {
+        /// messages lost on the way to this process since it started
+        lost: u64,
+        /// messages waiting in its own queue
+        queued: u64,
+        /// operating system's process id
+        pid: u32,
+        /// Process
+        source: u8 = Process,
+        /// state, its meaning depends on the process (logger: 1 recording; experiment: 1 running)
+        state: u8,
+        /// Profile
+        profile: u8 = Profile,
+        /// none
+        reserved: u8,
+    }
+
+    /// How punctual a periodic process was, once a second: over the last second, and since it
+    /// started; and what it missed or could not hand on.
+    LoopTiming v2 {
+        /// period of the loop (ns)
+        period_ns: u64,
+        /// phase of the loop within its period (ns)
+        phase_ns: u64,
+        /// cycles run since start
+        cycles: u64,
+        /// periods skipped since start because it woke late
+        missed_periods: u64,
+        /// wake lateness over the last second: p50, p99, p99.9, max (ns)
+        wake_late_ns: [u64; 4],
+        /// execution time over the last second: p50, p99, p99.9, max (ns)
+        execution_ns: [u64; 4],
+        /// wake lateness since start: p50, p99, p99.9, max (ns)
+        total_wake_late_ns: [u64; 4],
+        /// execution time since start: p50, p99, p99.9, max (ns)
+        total_execution_ns: [u64; 4],
+        /// operating system's process id
+        pid: u32,
+        /// Process
+        source: u8 = Process,
+        /// Profile
+        profile: u8 = Profile,
+        /// 1 if memory is locked
+        memory_locked: u8,
+        /// 1 if idle processors are kept awake
+        kept_awake: u8,
+        /// messages of other processes that are missing in their sequence, since start
+        lost: u64,
+        /// messages of other processes whose sequence repeated or went backwards, since start
+        out_of_turn: u64,
+        /// senders that died while they were being connected, since start
+        connections_failed: u64,
+        /// own messages that a subscriber did not get because its connection is broken, since start
+        undelivered: u64,
+        /// what found a queue between the process's own threads full, since start
+        dropped: u64,
+        /// setpoints that control did not follow, since start
+        refused: u64,
+    }
+
+    /// What the logger got, lost and wrote of one topic, once a second.
+    LossCounters v1 {
+        /// messages received since the logger started
+        received: u64,
+        /// messages that never reached the logger (gaps in the sequence)
+        gaps: u64,
+        /// messages dropped because the logger's own queue to the disk was full
+        dropped: u64,
+        /// messages written to the present recording
+        written: u64,
+        /// messages that the disk refused
+        refused: u64,
+        /// index of the topic in the table of topics
+        topic: u32,
+        /// none
+        reserved: u32,
+    }
+
+    /// Monotonic against wall clock, once a second.
+    ClockSync v1 {
+        /// CLOCK_MONOTONIC at the middle of the measurement (ns)
+        monotonic_ns: u64,
+        /// CLOCK_REALTIME at the same instant (ns since 1970)
+        realtime_ns: u64,
+        /// realtime minus monotonic as fixed at the start of the recording (ns)
+        file_offset_ns: i64,
+        /// half the time that the measurement took (ns)
+        uncertainty_ns: u64,
     }
 }
 

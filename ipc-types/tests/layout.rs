@@ -14,7 +14,7 @@ fn schema_lists_every_field_with_type_and_unit() {
     );
     assert!(schema.contains("uint64 tick\n"));
     assert!(schema.contains("int64[3] slave_counts\n"));
-    let constants = GateState::ALL.len() + GateCause::ALL.len() + Backend::ALL.len();
+    let constants = GateState::ALL.len() + GateCause::ALL.len() + CardKind::ALL.len();
     let lines = schema.lines().filter(|line| !line.starts_with('#')).count();
     assert_eq!(lines, Sample::FIELDS.len() + constants + Profile::ALL.len());
 }
@@ -39,6 +39,63 @@ fn every_field_is_aligned_as_cdr_wants_it() {
             end += field.count() * field.primitive.size();
         }
         assert_eq!(end, topic.size, "{}", topic.name);
+    }
+}
+
+#[test]
+fn every_topic_resolves_to_its_message() {
+    struct Names;
+    impl TypeVisitor for Names {
+        type Output = (&'static str, usize);
+        fn visit<T: Message>(self) -> Self::Output {
+            (T::TYPE_NAME, size_of::<T>())
+        }
+    }
+    for topic in TOPICS {
+        let found = visit_type(topic.type_name, Names);
+        assert_eq!(found, Some((topic.type_name, topic.size)), "{}", topic.name);
+    }
+    assert_eq!(visit_type("farreach.Sample.v0", Names), None);
+}
+
+/// Recordings hold indices into the table of topics: what a release had keeps its place.
+#[test]
+fn the_first_topics_keep_their_places() {
+    let expected = "sample command token enable_line card_scan card_output setpoint loss clock \
+        event/simulator event/acquisition event/control event/watchdog event/logger \
+        event/experiment heartbeat/logger heartbeat/experiment timing/simulator \
+        timing/acquisition timing/control timing/watchdog timing/experiment";
+    let names = TOPICS.iter().map(|topic| topic.name);
+    assert!(names.take(22).eq(expected.split_whitespace()));
+}
+
+#[test]
+fn a_process_starts_after_the_keeper_runs_in_its_period_and_owns_what_bears_its_name() {
+    for entry in PROCESSES {
+        let process = entry.process;
+        let keeper = process == Process::Keeper;
+        assert_eq!(entry.after.contains(&Process::Keeper), !keeper, "{process}");
+        assert!(!entry.after.contains(&process), "{process}");
+        // The watchdog comes after everything that it watches.
+        let watched = PROCESSES.iter().map(|entry| entry.process);
+        assert!(
+            process != Process::Watchdog
+                || watched.filter(|it| *it != process).all(|it| entry.after.contains(&it)),
+            "{process}"
+        );
+        if let Some(own) = entry.real_time {
+            assert!(own.phase_us < 1_000_000 / own.rate_hz, "{process}");
+            assert!(timing_topic(process).is_some(), "{process}");
+        }
+        // The keeper has the shared memory only.
+        assert_eq!(event_topic(process).is_some(), !keeper, "{process}");
+        assert_eq!(pulse_topic(process).is_some(), !keeper, "{process}");
+    }
+    for topic in TOPICS {
+        assert!(topic.owner.entry().is_some(), "{}", topic.name);
+        if let Some((_, process)) = topic.name.split_once('/') {
+            assert_eq!(process, topic.owner.text(), "{}", topic.name);
+        }
     }
 }
 
@@ -71,6 +128,23 @@ fn codes_round_trip_and_unknown_codes_are_none() {
     }
     assert!(TripCause::ALL.len() <= 64, "faults are one bit each of a u64");
     assert_eq!(WatchdogState::from_code(200), None);
+}
+
+/// Programs read these names in `--json`, and these codes in recordings.
+#[test]
+fn codes_keep_their_numbers_and_their_names_in_json() {
+    fn name(code: impl serde::Serialize) -> String {
+        serde_json::to_value(code).unwrap().as_str().unwrap().to_owned()
+    }
+    let names: Vec<_> = GateState::ALL.iter().map(name).collect();
+    assert_eq!(names, ["closed", "open", "burnt"]);
+    assert_eq!(GateState::LatchedClosed.code(), 2);
+    assert_eq!(TripCause::GateLatched.code(), 7);
+    assert_eq!(name(TripCause::GateLatched), "gate_burnt");
+    assert_eq!(serde_json::from_str::<GateState>("\"burnt\"").unwrap(), GateState::LatchedClosed);
+    let names: Vec<_> = CardKind::ALL.iter().map(name).collect();
+    assert_eq!(names, ["simulated", "replay", "null", "hardware"]);
+    assert!(CardKind::ALL.iter().all(|kind| name(kind) == kind.text()));
 }
 
 proptest! {

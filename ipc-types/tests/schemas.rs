@@ -1,4 +1,5 @@
-//! `docs/schemas/*.msg` and `docs/topics.md` are generated from the code; here they are held true.
+//! `docs/schemas/*.msg`, `docs/topics.md` and `docs/processes.md` are generated from the code; here
+//! they are held true.
 //!
 //! After a change of a message or of the table of topics: `UPDATE_SCHEMAS=1 cargo test -p ipc-types
 //! --test schemas`.
@@ -10,7 +11,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use ipc_types::{COMMAND_SERVICES, Rate, TOPICS};
+use ipc_types::{COMMAND_SERVICES, PROCESSES, Rate, TOPICS};
 
 const HOW: &str = "regenerate with `UPDATE_SCHEMAS=1 cargo test -p ipc-types --test schemas`";
 
@@ -102,10 +103,7 @@ fn the_table_of_topics_is_that_of_the_code() {
     );
     for topic in TOPICS {
         let rate = match topic.rate {
-            Rate::Acquisition => "each scan (rig file)".to_owned(),
-            Rate::Control => "each control cycle (rig file)".to_owned(),
-            Rate::Experiment => "each cycle of the experiment (rig file)".to_owned(),
-            Rate::Watchdog => "each cycle of the watchdog (rig file)".to_owned(),
+            Rate::Loop(process) => format!("each cycle of {process} (rig file)"),
             Rate::Hertz(rate) => format!("{rate} Hz"),
             Rate::Sporadic => "when something happens".to_owned(),
         };
@@ -126,4 +124,42 @@ fn the_table_of_topics_is_that_of_the_code() {
         writeln!(text, "| `{}` | {} |", service.name, service.owner).unwrap();
     }
     hold(&docs().join("topics.md"), &text);
+}
+
+#[test]
+fn the_page_of_processes_is_that_of_the_code() {
+    let mut text = String::from(
+        "# Processes\n\n\
+         Generated from `ipc-types/src/process.rs`; do not edit. [Topics](topics.md) says what\n\
+         each publishes, and the unit files in `launch/units/` how it is started.\n\n\
+         *Priority* is that of the loop in `SCHED_FIFO`; the rig file may give other rates and\n\
+         phases. Processes stop in the reverse order of their start. One that is *silent* for the\n\
+         time given is killed and started again.\n\n\
+         | process | what it does | starts after | priority | rate | phase | silent | stops in |\n\
+         |---|---|---|---|---|---|---|---|\n",
+    );
+    for entry in PROCESSES {
+        let after: Vec<_> = entry.after.iter().map(|process| process.text()).collect();
+        let [priority, rate, phase] = match entry.real_time {
+            Some(own) => [
+                format!("{}", own.priority),
+                format!("{} Hz", own.rate_hz),
+                format!("{} µs", own.phase_us),
+            ],
+            None => Default::default(),
+        };
+        let only = entry.card.map(|card| format!(" Only with the {card} card."));
+        writeln!(
+            text,
+            "| {} | {}{} | {} | {priority} | {rate} | {phase} | {} s | {} s |",
+            entry.name(),
+            entry.process.about(),
+            only.unwrap_or_default(),
+            after.join(", "),
+            entry.silence_s,
+            entry.stop_s
+        )
+        .unwrap();
+    }
+    hold(&docs().join("processes.md"), &text);
 }

@@ -1,10 +1,12 @@
 //! The unit files: what the parser accepts and refuses, and what systemd says about them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
+use ipc_types::{CardKind, PROCESSES, ProcessEntry, processes_with};
 use launch::units::{Limit, Restart, SchedulingPolicy, UnitError, UnitSet, parse_service};
 
 const MINIMAL: &str = "[Service]\nType=notify\n\
@@ -15,27 +17,147 @@ fn parse(text: &str) -> Result<launch::units::Unit, UnitError> {
 }
 
 fn all() -> Vec<launch::units::Unit> {
-    let set = UnitSet::embedded();
-    let mut wanted = set.target("bench").unwrap();
-    wanted.push("simulator".to_owned());
-    set.load(&wanted, "bench").unwrap()
+    let wanted: Vec<String> = PROCESSES.iter().map(|entry| entry.name().to_owned()).collect();
+    UnitSet::embedded().load(&wanted, "bench").unwrap()
+}
+
+/// `Key=`, with at most three units a line.
+fn list(key: &str, entries: &[&ProcessEntry]) -> String {
+    let line = |chunk: &[&ProcessEntry]| {
+        let names = chunk.iter().map(|entry| format!(" farreach-{}@%i.service", entry.name()));
+        format!("{key}={}\n", names.collect::<String>().trim_start())
+    };
+    entries.chunks(3).map(line).collect()
+}
+
+/// The text of a unit file, by the table of processes.
+fn service(entry: &ProcessEntry) -> String {
+    let name = entry.name();
+    let after: Vec<&ProcessEntry> =
+        entry.after.iter().map(|process| process.entry().unwrap()).collect();
+    let waits = if after.is_empty() {
+        String::new()
+    } else {
+        format!("{WAITS}Wants=farreach-keeper@%i.service\n{}", list("After", &after))
+    };
+    let class = entry.real_time.map_or("", |_| CLASS);
+    let (only, install) = match entry.card {
+        Some(card) => (
+            format!(
+                "# Only wanted on a rig with the {card} card: systemctl enable \
+                 farreach-{name}@RIG.\n"
+            ),
+            "\n[Install]\nWantedBy=farreach@%i.target\n",
+        ),
+        None => (String::new(), ""),
+    };
+    format!(
+        "# {}\n{only}{GENERATED}\n[Unit]\nDescription=farreach %i: {name}\n{waits}{PART_OF}\n\
+         [Service]\nType=notify\nNotifyAccess=main\n\
+         ExecStart=/usr/local/bin/farreach service {name}\n{PLACES}{}{class}LimitMEMLOCK=infinity\n\
+         OOMScoreAdjust={}\nTimeoutStartSec=10s\nTimeoutStopSec={}s\nWatchdogSec={}s\n\
+         {ENDS}{install}",
+        entry.process.about().replace(". ", ".\n# "),
+        entry.unit,
+        entry.oom_score,
+        entry.stop_s,
+        entry.silence_s,
+    )
+}
+
+const GENERATED: &str = "\
+# Generated from ipc-types/src/process.rs: UPDATE_UNITS=1 cargo test -p launch --test unit_files
+# Read by systemd and by farreach's own launcher; launch/README.md lists the keys that it honours.
+";
+const WAITS: &str = "\
+# Wants= and After=, not Requires= or BindsTo=: a start waits for the keeper, but a keeper that dies
+# and restarts must not take this process with it (Requires= propagates automatic restarts, too).
+";
+const PART_OF: &str = "\
+# Stopped and restarted with the target, never because another process died.
+PartOf=farreach@%i.target
+StartLimitIntervalSec=20s
+StartLimitBurst=10
+";
+const PLACES: &str = "\
+Environment=FARREACH_RIG_NAME=%i FARREACH_RUN_DIR=/run/farreach/%i
+EnvironmentFile=/etc/farreach/%i/environment
+RuntimeDirectory=farreach/%i
+RuntimeDirectoryMode=0700
+RuntimeDirectoryPreserve=yes
+";
+const CLASS: &str = "\
+# Priority during start: above everything outside the rig, below every loop. The process raises
+# itself (LimitRTPRIO=) when it enters its loop.
+CPUSchedulingPolicy=fifo
+CPUSchedulingPriority=10
+LimitRTPRIO=90
+";
+const ENDS: &str = "\
+KillMode=mixed
+KillSignal=SIGTERM
+WatchdogSignal=SIGKILL
+Restart=on-failure
+# The card's FIFO holds 256 ms: with acquisition back within about 150 ms of a crash, nothing is
+# lost.
+RestartSec=50ms
+# 2: wrong command line or rig file; a restart cannot help.
+RestartPreventExitStatus=2
+";
+
+/// The text of the target, which wants what every rig has.
+fn target() -> String {
+    let wanted: Vec<_> = PROCESSES.iter().filter(|entry| entry.card.is_none()).collect();
+    format!(
+        "# All of one rig: systemctl start farreach@RIG.target.\n{GENERATED}\n[Unit]\n\
+         Description=farreach %i: all processes of the rig\n\
+         # Wants=, not Requires=: the watchdog handles the failure of one process; the others go \
+         on.\n\
+         # A rig without a card also enables the simulator.\n{}\n\
+         [Install]\nWantedBy=multi-user.target\n",
+        list("Wants", &wanted)
+    )
+}
+
+#[test]
+fn the_unit_files_are_those_of_the_table_of_processes() {
+    let mut expected: BTreeMap<String, String> = PROCESSES
+        .iter()
+        .map(|entry| (format!("farreach-{}@.service", entry.name()), service(entry)))
+        .collect();
+    expected.insert("farreach@.target".to_owned(), target());
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("units");
+    if std::env::var_os("UPDATE_UNITS").is_some_and(|value| value == "1") {
+        for (name, text) in &expected {
+            std::fs::write(directory.join(name), text).unwrap();
+        }
+        return;
+    }
+    for (name, text) in &expected {
+        let found = std::fs::read_to_string(directory.join(name)).unwrap_or_default();
+        assert_eq!(&found, text, "{name}: stale; run the test with UPDATE_UNITS=1");
+    }
+    let embedded: Vec<_> = UnitSet::embedded().files().map(|(name, _)| name.to_owned()).collect();
+    assert_eq!(embedded, expected.into_keys().collect::<Vec<_>>());
 }
 
 #[test]
 fn the_keeper_starts_first_and_the_watchdog_last() {
     let names: Vec<String> = all().into_iter().map(|unit| unit.name).collect();
-    assert_eq!(
-        names,
-        ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"]
-    );
+    assert_eq!((names[0].as_str(), names.last().unwrap().as_str()), ("keeper", "watchdog"));
+    assert_eq!(names.len(), PROCESSES.len());
 }
 
 #[test]
 fn a_rig_with_a_card_starts_no_simulator() {
     let set = UnitSet::embedded();
     let units = set.load(&set.target("bench").unwrap(), "bench").unwrap();
-    assert!(units.iter().all(|unit| unit.name != "simulator"));
-    assert_eq!(units.len(), 6);
+    let mut names: Vec<_> = units.iter().map(|unit| unit.name.as_str()).collect();
+    let mut expected: Vec<_> = processes_with(CardKind::Replay).map(|entry| entry.name()).collect();
+    names.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(names, expected);
+    assert!(!names.contains(&"simulator"));
 }
 
 #[test]
@@ -59,7 +181,8 @@ fn the_watchdog_starts_after_all_that_it_supervises() {
 #[test]
 fn units_start_below_the_priority_of_every_loop_and_may_raise_it() {
     let units = all();
-    for name in ["watchdog", "acquisition", "simulator", "control", "experiment"] {
+    for entry in PROCESSES.iter().filter(|entry| entry.real_time.is_some()) {
+        let name = entry.name();
         let unit = units.iter().find(|unit| unit.name == name).unwrap();
         assert_eq!(unit.scheduling, SchedulingPolicy::Fifo(10), "{name}");
         assert_eq!(unit.limit_rtprio, Some(Limit::Value(90)), "{name}");

@@ -13,12 +13,19 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use ipc_types::Profile;
+use ipc_types::{CardKind, PROCESSES, ProcessEntry, Profile, processes_with, pulse_topic};
 use runtime::RigName;
 
 /// The units of a simulated rig.
-pub const WORKERS: [&str; 7] =
-    ["keeper", "logger", "simulator", "acquisition", "control", "experiment", "watchdog"];
+pub fn workers() -> Vec<&'static str> {
+    processes_with(CardKind::Simulated).map(ProcessEntry::name).collect()
+}
+
+/// What a process publishes all the time, as its pulse.
+pub fn pulse_of(process: &str) -> Option<&'static str> {
+    let entry = PROCESSES.iter().find(|entry| entry.name() == process)?;
+    pulse_topic(entry.process).map(|topic| topic.name)
+}
 
 /// A rig under test.
 pub struct TestRig {

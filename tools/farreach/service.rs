@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use acquisition::AcquisitionError;
+use acquisition::{AcquisitionError, CardOptions};
 use clap::builder::FalseyValueParser;
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use control::ControlError;
 use experiment::ExperimentError;
+use ipc_types::CardKind;
 use logger::LoggerError;
-use operator::command::key_and_value;
+use operator::command::{card_name, key_and_value};
 use runtime::RigName;
 use simulator::SimulatorError;
 use watchdog::WatchdogError;
@@ -48,7 +49,7 @@ pub(crate) enum Service {
         #[command(flatten)]
         rig: RigArgument,
         /// The card that it reads and writes
-        #[arg(long, value_enum, env = "FARREACH_CARD", hide_env_values = true)]
+        #[arg(long, env = "FARREACH_CARD", hide_env_values = true, value_parser = card_name())]
         card: CardKind,
         /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
@@ -117,17 +118,6 @@ pub(crate) struct RigArgument {
     file: PathBuf,
 }
 
-/// The card of acquisition.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum CardKind {
-    /// The simulator process
-    Simulated,
-    /// A measured record
-    Replay,
-    /// No card: samples without data, no output
-    Null,
-}
-
 /// `up` sets every variable; an empty one counts as absent.
 fn given(text: Option<String>) -> Option<PathBuf> {
     text.filter(|text| !text.is_empty()).map(PathBuf::from)
@@ -148,19 +138,10 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             })?;
         }
         Service::Acquisition { rig, card, replay, looped } => {
-            let card = match card {
-                CardKind::Simulated => acquisition::Card::Simulated,
-                CardKind::Null => acquisition::Card::Null,
-                CardKind::Replay => {
-                    let record = given(replay).ok_or_else(|| {
-                        Usage("--card replay: --replay RECORD is missing".to_owned())
-                    })?;
-                    acquisition::Card::Replay { record, looped }
-                }
-            };
+            let card = CardOptions { kind: card, replay: given(replay), looped };
             let options = acquisition::Options { rig_name, rig_file: rig.file, card };
             checked(acquisition::run(&options), |error| {
-                matches!(error, AcquisitionError::Rig(_) | AcquisitionError::Replay(_))
+                matches!(error, AcquisitionError::Rig(_) | AcquisitionError::Card(_))
             })?;
         }
         Service::Control(rig) => {

@@ -1,5 +1,7 @@
 //! Rates of the periodic processes and their phases within each period.
 
+use ipc_types::Process;
+
 use crate::read::{Keys, Section, Source};
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -52,26 +54,39 @@ impl Rates {
 
     pub(crate) fn read(section: Section<'_>) -> Self {
         section.document("[rates]", RATE_KEYS);
-        let rate = |key, default, least, most, advice| {
-            section.whole_or(key, default, least, most, advice) as u32
+        let rate = |key, process: Process, least, most, advice| {
+            let default = process.real_time().map_or(0, |own| own.rate_hz);
+            section.whole_or(key, default.into(), least, most, advice) as u32
         };
         let rates = Self {
-            acquisition_hz: rate("acquisition_hz", 2000, 100, 10_000, "§ 2.2 acquires at 2000 Hz"),
+            acquisition_hz: rate(
+                "acquisition_hz",
+                Process::Acquisition,
+                100,
+                10_000,
+                "§ 2.2 acquires at 2000 Hz",
+            ),
             control_hz: rate(
                 "control_hz",
-                500,
+                Process::Control,
                 50,
                 2_000,
                 "§ 2.2 controls at 500 Hz and wants 1000 Hz",
             ),
             watchdog_hz: rate(
                 "watchdog_hz",
-                1000,
+                Process::Watchdog,
                 100,
                 5_000,
                 "at 1000 Hz the enable line toggles in time",
             ),
-            experiment_hz: rate("experiment_hz", 500, 50, 2_000, "the rate of control is enough"),
+            experiment_hz: rate(
+                "experiment_hz",
+                Process::Experiment,
+                50,
+                2_000,
+                "the rate of control is enough",
+            ),
         };
         section.finish();
         rates
@@ -170,16 +185,17 @@ const PHASE_KEYS: Keys = &[
 impl Phases {
     pub(crate) fn read(section: Section<'_>) -> Self {
         section.document("[phases_us]", PHASE_KEYS);
-        let phase = |key, default| {
-            section.whole_or(key, default, 0, 20_000, "whole µs, within the loop's own period")
-                * 1000
+        let phase = |process: Process| {
+            let default = process.real_time().map_or(0, |own| own.phase_us.into());
+            let advice = "whole µs, within the loop's own period";
+            section.whole_or(process.text(), default, 0, 20_000, advice) * 1000
         };
         let phases = Self {
-            simulator_ns: phase("simulator", 0),
-            acquisition_ns: phase("acquisition", 80),
-            control_ns: phase("control", 200),
-            watchdog_ns: phase("watchdog", 350),
-            experiment_ns: phase("experiment", 420),
+            simulator_ns: phase(Process::Simulator),
+            acquisition_ns: phase(Process::Acquisition),
+            control_ns: phase(Process::Control),
+            watchdog_ns: phase(Process::Watchdog),
+            experiment_ns: phase(Process::Experiment),
         };
         section.finish();
         phases

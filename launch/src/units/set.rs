@@ -6,16 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{Unit, UnitError, parse_service, parse_target};
 
 /// The unit files that come with the binary, so that it works wherever it is put.
-const EMBEDDED: &[(&str, &str)] = &[
-    ("farreach@.target", include_str!("../../units/farreach@.target")),
-    ("farreach-keeper@.service", include_str!("../../units/farreach-keeper@.service")),
-    ("farreach-logger@.service", include_str!("../../units/farreach-logger@.service")),
-    ("farreach-simulator@.service", include_str!("../../units/farreach-simulator@.service")),
-    ("farreach-acquisition@.service", include_str!("../../units/farreach-acquisition@.service")),
-    ("farreach-control@.service", include_str!("../../units/farreach-control@.service")),
-    ("farreach-experiment@.service", include_str!("../../units/farreach-experiment@.service")),
-    ("farreach-watchdog@.service", include_str!("../../units/farreach-watchdog@.service")),
-];
+const EMBEDDED: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/units.rs"));
 
 /// Unit files as text, by file name; embedded or from a directory.
 #[derive(Clone, Debug)]

@@ -2,34 +2,15 @@
 
 use std::path::PathBuf;
 
-use ipc_types::{
-    AXES, COMMAND, EventKind, LoopTiming, Process, SAMPLE, Sample, Severity, TOKEN, TypedTopic,
-    timing_topic,
-};
+use ipc_types::{AXES, COMMAND, EventKind, Process, SAMPLE, Sample, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
 use runtime::daq::{Daq, DaqError};
 use runtime::gate::{Gate, GateConfig, GateOutput};
-use runtime::{Grid, LoopMeter, PortError, Service, ServiceError};
+use runtime::{Grid, PortError, Service, ServiceError};
 use thiserror::Error;
 
-use crate::{Converter, NullDaq, ReplayDaq, ReplayError, SimulatedDaq};
-
-/// Which card acquisition reads and writes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Card {
-    /// The simulator process.
-    Simulated,
-    /// A measured record.
-    Replay {
-        /// The record: MCAP or CSV.
-        record: PathBuf,
-        /// Begin again at its end.
-        looped: bool,
-    },
-    /// None.
-    Null,
-}
+use crate::{CardError, CardOptions, Converter};
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -39,7 +20,7 @@ pub struct Options {
     /// Its rig file.
     pub rig_file: PathBuf,
     /// The card.
-    pub card: Card,
+    pub card: CardOptions,
 }
 
 /// Why the process ended.
@@ -49,36 +30,23 @@ pub enum AcquisitionError {
     #[error(transparent)]
     Rig(#[from] rig::RigError),
     #[error(transparent)]
-    Replay(#[from] ReplayError),
+    Card(#[from] CardError),
     #[error(transparent)]
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
     #[error("card: {0}")]
-    Card(#[from] DaqError),
-    #[error("{0} has no topic for its timing")]
-    NoTopic(Process),
+    Daq(#[from] DaqError),
 }
 
 /// Runs acquisition until a signal ends it.
 pub fn run(options: &Options) -> Result<(), AcquisitionError> {
     let rig = RigFile::load(&options.rig_file)?;
     // Reads and checks a record before the process joins the rig.
-    let replay = match &options.card {
-        Card::Replay { record, looped } => Some(ReplayDaq::open(record, &rig, *looped)?),
-        _ => None,
-    };
+    let opened = options.card.open(&rig)?;
     let mut service = Service::start(Process::Acquisition, &options.rig_name)?;
-    match (&options.card, replay) {
-        (_, Some(mut daq)) => run_loop(&rig, &mut service, &mut daq),
-        (Card::Null, None) => {
-            run_loop(&rig, &mut service, &mut NullDaq::new(rig.rates.acquisition_hz))
-        }
-        (_, None) => {
-            let mut daq = SimulatedDaq::new(&service, &rig)?;
-            run_loop(&rig, &mut service, &mut daq)
-        }
-    }
+    let mut card = opened(&service, &rig)?;
+    run_loop(&rig, &mut service, &mut *card)
 }
 
 /// A closed gate with the limits of the rig file.
@@ -102,21 +70,18 @@ fn run_loop(
     service: &mut Service,
     daq: &mut dyn Daq,
 ) -> Result<(), AcquisitionError> {
-    let timing_topic: TypedTopic<LoopTiming> = timing_topic(Process::Acquisition)
-        .ok_or(AcquisitionError::NoTopic(Process::Acquisition))?;
     let mut samples = service.publisher(SAMPLE)?;
-    let mut timings = service.publisher(timing_topic)?;
+    let mut timings = service.timing_publisher()?;
     let mut tokens = service.subscriber(TOKEN)?;
     let mut commands = service.subscriber(COMMAND)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.acquisition_ns);
     let converter = Converter::new(rig);
-    let backend = daq.capabilities().backend.code();
+    let backend = daq.kind().code();
     let mut gate = gate(rig, service);
     // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
-    let mut meter =
-        LoopMeter::new(Process::Acquisition, service.grants()).map_err(ServiceError::from)?;
+    let mut meter = service.loop_meter()?;
     let mut reported_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {

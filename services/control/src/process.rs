@@ -2,13 +2,10 @@
 
 use std::path::PathBuf;
 
-use ipc_types::{
-    COMMAND, Event, EventKind, GateState, LoopTiming, Process, SAMPLE, SETPOINT, Severity, TOKEN,
-    TypedTopic, timing_topic,
-};
+use ipc_types::{COMMAND, Event, EventKind, GateState, Process, SAMPLE, SETPOINT, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
+use runtime::{Grid, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::law::{Law, LawConfig};
@@ -33,30 +30,24 @@ pub enum ControlError {
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
-    #[error("{0} has no topic for its timing or events")]
-    NoTopic(Process),
 }
 
 /// Runs control until a signal ends it.
 pub fn run(options: &Options) -> Result<(), ControlError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Control, &options.rig_name)?;
-    let no_topic = || ControlError::NoTopic(Process::Control);
-    let timing_topic: TypedTopic<LoopTiming> =
-        timing_topic(Process::Control).ok_or_else(no_topic)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut setpoints = service.subscriber(SETPOINT)?;
     let mut tokens = service.subscriber(TOKEN)?;
     let mut commands = service.publisher(COMMAND)?;
-    let mut timings = service.publisher(timing_topic)?;
+    let mut timings = service.timing_publisher()?;
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
     let mut law = Law::new(LawConfig::of_rig(&rig));
     let identity = service.identity();
     let mut validation = SetpointValidation::of_rig(identity.session, &rig);
     let profile = service.enter_loop()?;
-    let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter =
-        LoopMeter::new(Process::Control, service.grants()).map_err(ServiceError::from)?;
+    let mut events = service.take_events()?;
+    let mut meter = service.loop_meter()?;
     let (mut sample, mut setpoint, mut token) = (None, None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

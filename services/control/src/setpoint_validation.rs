@@ -5,7 +5,7 @@
 //! of refusals so far.
 
 use ipc_types::{AXES, Event, EventKind, Mode, Process, Setpoint, Severity};
-use rig::RigFile;
+use rig::{Limits, RigFile};
 
 /// Shortest interval between two reports of one reason (ns).
 pub const REPORT_INTERVAL_NS: u64 = 1_000_000_000;
@@ -67,17 +67,6 @@ impl Refusal {
     }
 }
 
-/// Limits of one axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisLimits {
-    /// Lowest position (rad or m).
-    pub position_min: f64,
-    /// Highest position (rad or m).
-    pub position_max: f64,
-    /// Highest speed (rad/s or m/s).
-    pub speed_max: f64,
-}
-
 /// The report of a refused setpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Notice {
@@ -124,7 +113,7 @@ fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
 pub struct SetpointValidation {
     session: u64,
     axes: usize,
-    limits: [AxisLimits; AXES],
+    limits: [Limits; AXES],
     followed: Option<Followed>,
     /// The sender that the current one, of the same owner, has replaced.
     replaced: Option<u64>,
@@ -135,16 +124,16 @@ pub struct SetpointValidation {
 }
 
 impl SetpointValidation {
-    /// Validation for a session of a rig with these axes, at most [`AXES`].
-    pub fn new(session: u64, axes: &[AxisLimits]) -> Self {
-        let mut limits =
-            [AxisLimits { position_min: 0.0, position_max: 0.0, speed_max: 0.0 }; AXES];
+    /// Validation for a session of a rig with these limits, of at most [`AXES`] axes.
+    pub fn new(session: u64, axes: impl ExactSizeIterator<Item = Limits>) -> Self {
+        let count = axes.len().min(AXES);
+        let mut limits = [Limits::default(); AXES];
         for (limit, axis) in limits.iter_mut().zip(axes) {
-            *limit = *axis;
+            *limit = axis;
         }
         Self {
             session,
-            axes: axes.len().min(AXES),
+            axes: count,
             limits,
             followed: None,
             replaced: None,
@@ -156,12 +145,7 @@ impl SetpointValidation {
 
     /// Validation for a session of a rig, with the limits of its file.
     pub fn of_rig(session: u64, rig: &RigFile) -> Self {
-        let limits = rig.axes.iter().map(|axis| AxisLimits {
-            position_min: axis.limits.position_min,
-            position_max: axis.limits.position_max,
-            speed_max: axis.limits.speed_max,
-        });
-        Self::new(session, &limits.collect::<Vec<_>>())
+        Self::new(session, rig.axes.iter().map(|axis| axis.limits))
     }
 
     /// Accepts or refuses a setpoint that has just arrived. Later setpoints are compared with the

@@ -197,8 +197,7 @@ impl Runner {
     /// Those of the ports, and [`ExperimentError::ThreadEnded`].
     pub fn run(mut self) -> Result<(), ExperimentError> {
         let profile = self.service.enter_loop()?;
-        let mut events =
-            self.service.take_events().ok_or(ExperimentError::NoTopic(Process::Experiment))?;
+        let mut events = self.service.take_events()?;
         let mut meter = LoopMeter::new(Process::Experiment, self.service.grants())
             .map_err(ServiceError::from)?;
         let mut last_beat = 0;

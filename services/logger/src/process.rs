@@ -285,7 +285,7 @@ impl Logger {
     pub fn run(mut self) -> Result<(), LoggerError> {
         let mut grid = Grid::new(PERIOD_NS, PHASE_NS);
         self.service.ready()?;
-        self.events = self.service.take_events();
+        self.events = self.service.take_events().ok();
         let (mut last_beat, mut last_count) = (0, 0);
         while !self.service.stopping() {
             let Some(wake) = grid.wait() else { continue };

@@ -6,7 +6,7 @@ mod common;
 use std::path::Path;
 
 use common::{PERIOD_NS, sample, start, write_file};
-use ipc_types::{Backend, SAMPLE, Sample};
+use ipc_types::{CardKind, SAMPLE, Sample};
 use proptest::prelude::*;
 use recording::mcap_write::Writer;
 use recording::record::*;
@@ -201,7 +201,7 @@ fn a_replayed_record_keeps_its_own_time_and_one_pass() {
     let path = dir.path().join("run.mcap");
     let replayed = |i: u64, at: f64| {
         let mut s = sample(i);
-        s.backend = Backend::Replay.code();
+        s.backend = CardKind::Replay.code();
         s.record_time_s = at;
         s
     };

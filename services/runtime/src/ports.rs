@@ -5,10 +5,7 @@ use iceoryx2::port::subscriber::Subscriber as LibrarySubscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
-use ipc_types::{
-    CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Heartbeat, LoopTiming,
-    LossCounters, Message, MotorCommand, Sample, SequenceTracker, Setpoint, Topic, TypedTopic,
-};
+use ipc_types::{Message, SequenceTracker, Topic, TypeVisitor, TypedTopic, visit_type};
 use thiserror::Error;
 
 use crate::clock::now_ns;
@@ -55,82 +52,18 @@ pub(crate) const fn messages_in_segment(topic: &Topic) -> usize {
     topic.subscribers * (topic.buffer + BORROWED) + topic.history + 1
 }
 
-fn hold_typed<T: Message>(
-    node: &Node<ipc::Service>,
-    topic: &Topic,
-) -> Result<Service<T>, PortError> {
-    node.service_builder(&service_name(topic)?)
-        .publish_subscribe::<T>()
-        .max_publishers(topic.publishers)
-        .max_subscribers(topic.subscribers)
-        .max_nodes(NODES)
-        .subscriber_max_buffer_size(topic.buffer)
-        .subscriber_max_borrowed_samples(BORROWED)
-        .history_size(topic.history)
-        .enable_safe_overflow(true)
-        .open_or_create()
-        .map_err(failed(topic.name, "creating"))
-}
-
-/// Does `$body` with `$T` as the message type of a topic; the one place that knows them all.
-macro_rules! with_type {
-    ($topic:expr, $T:ident => $body:expr) => {
-        match $topic.type_name {
-            name if name == Sample::TYPE_NAME => {
-                type $T = Sample;
-                $body
-            }
-            name if name == MotorCommand::TYPE_NAME => {
-                type $T = MotorCommand;
-                $body
-            }
-            name if name == EnableToken::TYPE_NAME => {
-                type $T = EnableToken;
-                $body
-            }
-            name if name == EnableLine::TYPE_NAME => {
-                type $T = EnableLine;
-                $body
-            }
-            name if name == CardScan::TYPE_NAME => {
-                type $T = CardScan;
-                $body
-            }
-            name if name == CardOutput::TYPE_NAME => {
-                type $T = CardOutput;
-                $body
-            }
-            name if name == Setpoint::TYPE_NAME => {
-                type $T = Setpoint;
-                $body
-            }
-            name if name == Event::TYPE_NAME => {
-                type $T = Event;
-                $body
-            }
-            name if name == Heartbeat::TYPE_NAME => {
-                type $T = Heartbeat;
-                $body
-            }
-            name if name == LoopTiming::TYPE_NAME => {
-                type $T = LoopTiming;
-                $body
-            }
-            name if name == LossCounters::TYPE_NAME => {
-                type $T = LossCounters;
-                $body
-            }
-            name if name == ClockSync::TYPE_NAME => {
-                type $T = ClockSync;
-                $body
-            }
-            other => Err(PortError {
-                topic: $topic.name,
-                action: "looking up the type",
-                reason: other.to_owned(),
-            }),
-        }
-    };
+/// Does something with the message type of a topic.
+fn visit<T, V>(topic: &Topic, visitor: V) -> Result<T, PortError>
+where
+    V: TypeVisitor<Output = Result<T, PortError>>,
+{
+    visit_type(topic.type_name, visitor).unwrap_or_else(|| {
+        Err(PortError {
+            topic: topic.name,
+            action: "looking up the type",
+            reason: topic.type_name.to_owned(),
+        })
+    })
 }
 
 /// Creates a topic's service, or joins it, and keeps it open for as long as the result lives.
@@ -138,14 +71,37 @@ pub(crate) fn hold(
     node: &Node<ipc::Service>,
     topic: &Topic,
 ) -> Result<Box<dyn std::any::Any>, DomainError> {
-    type Held = Box<dyn std::any::Any>;
-    let held: Result<Held, PortError> = with_type!(topic, T => {
-        hold_typed::<T>(node, topic).map(|service| Box::new(service) as Held)
-    });
-    held.map_err(|error| DomainError::Library {
+    visit(topic, Hold { node, topic }).map_err(|error| DomainError::Library {
         action: "creating a topic".to_owned(),
         reason: error.to_string(),
     })
+}
+
+struct Hold<'a> {
+    node: &'a Node<ipc::Service>,
+    topic: &'a Topic,
+}
+
+impl TypeVisitor for Hold<'_> {
+    type Output = Result<Box<dyn std::any::Any>, PortError>;
+
+    fn visit<T: Message>(self) -> Self::Output {
+        let topic = self.topic;
+        let service = self
+            .node
+            .service_builder(&service_name(topic)?)
+            .publish_subscribe::<T>()
+            .max_publishers(topic.publishers)
+            .max_subscribers(topic.subscribers)
+            .max_nodes(NODES)
+            .subscriber_max_buffer_size(topic.buffer)
+            .subscriber_max_borrowed_samples(BORROWED)
+            .history_size(topic.history)
+            .enable_safe_overflow(true)
+            .open_or_create()
+            .map_err(failed(topic.name, "creating"))?;
+        Ok(Box::new(service))
+    }
 }
 
 /// How often a port tries again when a connection could not be made. The library reports a peer
@@ -330,7 +286,18 @@ pub fn open_raw(
     node: &Node<ipc::Service>,
     topic: &Topic,
 ) -> Result<Box<dyn RawSubscriber>, PortError> {
-    with_type!(topic, T => {
-        Subscriber::<T>::from_table(node, topic).map(|s| Box::new(s) as Box<dyn RawSubscriber>)
-    })
+    visit(topic, OpenRaw { node, topic })
+}
+
+struct OpenRaw<'a> {
+    node: &'a Node<ipc::Service>,
+    topic: &'a Topic,
+}
+
+impl TypeVisitor for OpenRaw<'_> {
+    type Output = Result<Box<dyn RawSubscriber>, PortError>;
+
+    fn visit<T: Message>(self) -> Self::Output {
+        Ok(Box::new(Subscriber::<T>::from_table(self.node, self.topic)?))
+    }
 }

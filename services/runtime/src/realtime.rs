@@ -124,18 +124,9 @@ pub fn request_short_slices() -> bool {
 /// is not of the rig.
 pub const HELPER_PRIORITY: i32 = 10;
 
-/// Priority of a process's loop. The watchdog goes before all that it watches; who is read goes
-/// before who reads, but for the simulated card, which catches up; the experiment's setpoints have
-/// a lease of their own. A process without a real-time loop has the helpers'.
-pub const fn loop_priority(process: Process) -> i32 {
-    match process {
-        Process::Watchdog => 85,
-        Process::Acquisition => 80,
-        Process::Simulator => 75,
-        Process::Control => 70,
-        Process::Experiment => 30,
-        _ => HELPER_PRIORITY,
-    }
+/// Priority of a process's loop; a process without a real-time loop has the helpers'.
+pub fn loop_priority(process: Process) -> i32 {
+    process.real_time().map_or(HELPER_PRIORITY, |real_time| real_time.priority)
 }
 
 /// Sets the scheduling of a thread beside a loop in the same process (readiness, the operator's

@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{Node, ipc};
-use ipc_types::{Event, EventKind, Message, Process, Profile, Severity, TypedTopic, event_topic};
+use ipc_types::{
+    Event, EventKind, Heartbeat, LoopTiming, Message, Process, Profile, Severity, TypedTopic,
+    event_topic, heartbeat_topic, timing_topic,
+};
 use thiserror::Error;
 
 use crate::domain::{Domain, DomainError, RigName};
@@ -14,6 +17,7 @@ use crate::identity::{Identity, random_u64};
 use crate::ports::{PortError, Publisher, Subscriber};
 use crate::realtime::{self, Grants, Timeouts};
 use crate::request::RequestError;
+use crate::timing::LoopMeter;
 
 /// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried
 /// again.
@@ -35,6 +39,9 @@ pub enum ServiceError {
     Signal(#[from] std::io::Error),
     #[error("timing histograms: {0}")]
     Histogram(#[from] hdrhistogram::CreationError),
+    /// The table of topics has no such topic for this process.
+    #[error("{0} has no topic for its {1}")]
+    NoTopic(Process, &'static str),
     /// The rig runs in real time and this process may not.
     #[error(
         "rig {0} runs in the realtime profile, but SCHED_FIFO was not granted to {1}: \
@@ -141,6 +148,23 @@ impl Service {
         Subscriber::new(&self.node, topic)
     }
 
+    /// Publishes the timing of the process's loop.
+    pub fn timing_publisher(&self) -> Result<Publisher<LoopTiming>, ServiceError> {
+        let topic = timing_topic(self.process);
+        Ok(self.publisher(topic.ok_or(ServiceError::NoTopic(self.process, "timing"))?)?)
+    }
+
+    /// Measures the process's loop; call after [`Service::enter_loop`].
+    pub fn loop_meter(&self) -> Result<LoopMeter, ServiceError> {
+        Ok(LoopMeter::new(self.process, self.grants())?)
+    }
+
+    /// Publishes the process's heartbeats.
+    pub fn heartbeat_publisher(&self) -> Result<Publisher<Heartbeat>, ServiceError> {
+        let topic = heartbeat_topic(self.process);
+        Ok(self.publisher(topic.ok_or(ServiceError::NoTopic(self.process, "heartbeats"))?)?)
+    }
+
     /// Whether a signal asked the process to end. A loop looks at it at each cycle's edge.
     pub fn stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
@@ -224,8 +248,8 @@ impl Service {
     }
 
     /// Hands out the publisher of events, for a loop that composes its events itself.
-    pub fn take_events(&mut self) -> Option<Publisher<Event>> {
-        self.events.take()
+    pub fn take_events(&mut self) -> Result<Publisher<Event>, ServiceError> {
+        self.events.take().ok_or(ServiceError::NoTopic(self.process, "events"))
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{AXES, Backend, CARD_FIFO};
+use ipc_types::{AXES, CARD_FIFO, CardKind};
 use rig::RigFile;
-use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
+use runtime::daq::{Daq, DaqError, Present, Scan};
 
 use crate::card::{Card, CardError};
 
@@ -83,8 +83,8 @@ fn present(rig: &RigFile) -> Present {
 }
 
 impl Daq for LockStepDaq {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities::of(Backend::Simulated)
+    fn kind(&self) -> CardKind {
+        CardKind::Simulated
     }
 
     fn read_due(&mut self, _now_ns: u64) -> Result<&[Scan], DaqError> {

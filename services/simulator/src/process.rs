@@ -2,13 +2,10 @@
 
 use std::path::PathBuf;
 
-use ipc_types::{
-    CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, LoopTiming, Process, Severity, TypedTopic,
-    timing_topic,
-};
+use ipc_types::{CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, Process, Severity};
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
+use runtime::{Grid, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::card::{Card, CardError};
@@ -39,8 +36,6 @@ pub enum SimulatorError {
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
-    #[error("{0} has no topic for its timing")]
-    NoTopic(Process),
 }
 
 /// Runs the simulated card until a signal ends it.
@@ -48,16 +43,13 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Simulator, &options.rig_name)?;
     let mut card = Card::new(&rig, &options.effects, service.timeouts().line_ns)?;
-    let timing_topic: TypedTopic<LoopTiming> =
-        timing_topic(Process::Simulator).ok_or(SimulatorError::NoTopic(Process::Simulator))?;
     let mut scans = service.publisher(CARD_SCAN)?;
-    let mut timings = service.publisher(timing_topic)?;
+    let mut timings = service.timing_publisher()?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
     let profile = service.enter_loop()?;
-    let mut meter =
-        LoopMeter::new(Process::Simulator, service.grants()).map_err(ServiceError::from)?;
+    let mut meter = service.loop_meter()?;
     let mut last_tick = None;
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };

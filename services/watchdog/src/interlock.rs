@@ -23,7 +23,7 @@ mod refusal;
 mod speed;
 mod watch;
 
-pub use config::{AxisLimits, Config};
+pub use config::Config;
 pub use faults::{Effect, FaultSet, PRIORITY, effect};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
@@ -106,7 +106,7 @@ pub struct Interlock {
 
 impl Interlock {
     /// An interlock that has just started: faulted, no message seen.
-    pub const fn new(config: Config) -> Self {
+    pub fn new(config: Config) -> Self {
         Self {
             config,
             state: WatchdogState::Faulted,

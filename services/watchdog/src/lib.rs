@@ -8,4 +8,4 @@ mod command_thread;
 pub mod interlock;
 mod process;
 
-pub use process::{Options, WatchdogError, axis_limits, run};
+pub use process::{Options, WatchdogError, run};

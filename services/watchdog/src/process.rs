@@ -5,19 +5,16 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use ipc_types::{
-    AXES, COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, LoopTiming, Process, SAMPLE,
-    Severity, TOKEN, TypedTopic, Verb, WatchdogState, timing_topic,
+    COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, Process, SAMPLE, Severity, TOKEN, Verb,
+    WatchdogState,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, LoopMeter, Losses, PortError, Service, ServiceError};
+use runtime::{Grid, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::command_thread::{self, Heartbeat, Shared};
-use crate::interlock::{AxisLimits, Config, Interlock, Outputs, Peers, StateChange};
-
-/// For `arm`, an axis that moves by fewer counts than this within the speed window is at rest.
-const REST_COUNTS: f64 = 3.0;
+use crate::interlock::{Config, Interlock, Outputs, Peers, StateChange};
 
 /// What the process is started with.
 #[derive(Clone, Debug)]
@@ -40,44 +37,9 @@ pub enum WatchdogError {
     Port(#[from] PortError),
     #[error("thread: {0}")]
     Thread(#[from] std::io::Error),
-    #[error("{0} has no topic for its timing or events")]
-    NoTopic(Process),
     /// The command thread has ended.
     #[error("the command thread has ended: the operator's commands have no effect")]
     CommandThreadDead,
-}
-
-/// The limits of a rig file, for the interlock.
-pub fn axis_limits(rig: &RigFile) -> [AxisLimits; AXES] {
-    let nothing = AxisLimits {
-        position_min: 0.0,
-        position_max: 0.0,
-        speed_max: 0.0,
-        rest_speed: 0.0,
-        volts_max: 0.0,
-        torque_max: 0.0,
-        torque_needed: false,
-        encoder_jump_counts: 0,
-        master_count: 1.0,
-        slave_count: 1.0,
-    };
-    let mut limits = [nothing; AXES];
-    for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
-        let master_count = 1.0 / axis.master.counts_per_unit;
-        *limit = AxisLimits {
-            position_min: axis.limits.position_min,
-            position_max: axis.limits.position_max,
-            speed_max: axis.limits.speed_max,
-            rest_speed: REST_COUNTS * master_count / 8e-3,
-            volts_max: axis.limits.volts_max,
-            torque_max: axis.limits.torque_max.unwrap_or(f64::INFINITY),
-            torque_needed: axis.torque.is_some(),
-            encoder_jump_counts: axis.limits.encoder_jump_counts.unsigned_abs(),
-            master_count,
-            slave_count: axis.slave.map_or(master_count, |slave| 1.0 / slave.counts_per_unit),
-        };
-    }
-    limits
 }
 
 /// The interlock's configuration for this session.
@@ -87,8 +49,7 @@ fn config(rig: &RigFile, service: &Service) -> Config {
         service.domain().profile(),
         identity.session,
         identity.incarnation,
-        rig.axes.len(),
-        axis_limits(rig),
+        &rig.axes,
         // No rig file records an override yet.
         false,
     )
@@ -112,14 +73,11 @@ fn state_changed(change: &StateChange) -> Event {
 pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let rig = RigFile::load(&options.rig_file)?;
     let mut service = Service::start(Process::Watchdog, &options.rig_name)?;
-    let no_topic = || WatchdogError::NoTopic(Process::Watchdog);
-    let timing_topic: TypedTopic<LoopTiming> =
-        timing_topic(Process::Watchdog).ok_or_else(no_topic)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut commands = service.subscriber(COMMAND)?;
     let mut tokens = service.publisher(TOKEN)?;
     let mut lines = service.publisher(ENABLE_LINE)?;
-    let mut timings = service.publisher(timing_topic)?;
+    let mut timings = service.timing_publisher()?;
     let shared = Arc::new(Shared::new());
     let command_thread = command_thread::start(
         service.domain().name().clone(),
@@ -128,9 +86,8 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     )?;
     let mut grid = Grid::of_rate(rig.rates.watchdog_hz, rig.phases.watchdog_ns);
     service.enter_loop()?;
-    let mut events = service.take_events().ok_or_else(no_topic)?;
-    let mut meter =
-        LoopMeter::new(Process::Watchdog, service.grants()).map_err(ServiceError::from)?;
+    let mut events = service.take_events()?;
+    let mut meter = service.loop_meter()?;
     let mut interlock = Interlock::new(config(&rig, &service));
     let mut toggles = 0;
     let mut heartbeat = Heartbeat::default();

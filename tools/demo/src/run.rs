@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context as _, bail};
-use ipc_types::{Process, Profile};
-use operator::{CardChoice, Cleaning, UpOptions};
+use ipc_types::{CardKind, Process, Profile};
+use operator::{CardOptions, Cleaning, UpOptions};
 use plant::effects::Effect;
 use rig::protocol::Protocol;
 use rig::{load_protocol, load_rig};
@@ -255,9 +255,8 @@ fn run_session(
     let options = UpOptions {
         rig_name: name.clone(),
         rig: args.rig.clone(),
-        card: Some(CardChoice::Simulated {
-            effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
-        }),
+        card: Some(CardOptions::of(CardKind::Simulated)),
+        effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
         record: Some(folder.recording()),
         profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,

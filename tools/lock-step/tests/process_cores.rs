@@ -29,7 +29,6 @@ use runtime::Timeouts;
 use runtime::daq::{Present, Scan};
 use runtime::gate::{Gate, GateConfig};
 use simulator::Card;
-use watchdog::axis_limits;
 use watchdog::interlock::{Config, Interlock, Peers};
 
 const SESSION: u64 = 7;
@@ -77,8 +76,7 @@ struct Rig {
 impl Rig {
     fn new(rig: &RigFile, protocol: &str) -> Self {
         let protocol = Protocol::parse(protocol, "protocol.toml").unwrap();
-        let limits = axis_limits(rig);
-        let volts_max = limits.map(|limit| limit.volts_max);
+        let volts_max = |axis: usize| rig.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
         let bits = (1u8 << rig.axes.len()) - 1;
         Self {
             card: Card::new(rig, &[], Timeouts::of(PROFILE).line_ns).unwrap(),
@@ -88,16 +86,11 @@ impl Rig {
                 SESSION,
                 ACQUISITION,
                 rig.axes.len(),
-                volts_max,
+                std::array::from_fn(volts_max),
             )),
             law: Law::new(LawConfig::of_rig(rig)),
             machine: Interlock::new(Config::for_profile(
-                PROFILE,
-                SESSION,
-                WATCHDOG,
-                rig.axes.len(),
-                limits,
-                false,
+                PROFILE, SESSION, WATCHDOG, &rig.axes, false,
             )),
             player: Player::new(Settings::default()),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
@@ -156,7 +149,7 @@ impl Rig {
                 command_sequence: output.command_sequence,
                 gate_state: output.state.code(),
                 gate_cause: output.cause.code(),
-                backend: ipc_types::Backend::Simulated.code(),
+                backend: ipc_types::CardKind::Simulated.code(),
                 profile: PROFILE.code(),
                 ..self.converter.convert(&scan)
             };

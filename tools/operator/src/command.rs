@@ -6,8 +6,9 @@ mod work;
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use ipc_types::{Profile, Verb};
+use ipc_types::{CardKind, Profile, Verb};
 use runtime::RigName;
 
 /// The operator's commands.
@@ -87,6 +88,16 @@ pub fn key_and_value(text: &str) -> Result<(String, String), String> {
     Ok((key.to_owned(), value.to_owned()))
 }
 
+/// Reads the name of a card that has a driver.
+pub fn card_name() -> impl TypedValueParser<Value = CardKind> {
+    let kinds = || acquisition::DRIVERS.iter().map(|driver| driver.kind);
+    let value =
+        |kind: CardKind| PossibleValue::new(kind.text()).help(kind.about().trim_end_matches('.'));
+    PossibleValuesParser::new(kinds().map(value)).try_map(move |name| {
+        kinds().find(|kind| kind.text() == name).ok_or_else(|| format!("no card {name}"))
+    })
+}
+
 /// Output for programs.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Json {
@@ -104,6 +115,9 @@ pub struct UpArguments {
     /// Uses the simulated card
     #[arg(long, conflicts_with = "replay")]
     pub simulate: bool,
+    /// Uses the card of this name
+    #[arg(long, conflicts_with_all = ["simulate", "replay"], value_parser = card_name())]
+    pub card: Option<CardKind>,
     /// Adds an effect to the simulated plant that the declared model lacks (repeatable)
     #[arg(long = "effect", value_name = "ID[@SITE][=SIZE]", requires = "simulate")]
     pub effects: Vec<String>,

@@ -18,10 +18,11 @@ pub const DATA_LOST: i32 = 3;
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// Neither `--simulate` nor `--replay`.
+    /// None of `--simulate`, `--replay` and `--card`.
     #[error(
-        "this build has no driver for a real card; use the simulated card (--simulate) or replay a \
-         measured record (--replay RECORD)"
+        "no card was chosen; use the simulated card (--simulate), replay a measured record \
+         (--replay RECORD), or name a card (--card NAME: {})",
+        acquisition::DRIVERS.iter().map(|driver| driver.kind.text()).collect::<Vec<_>>().join(", ")
     )]
     NoCard,
     /// The rig file or the protocol is invalid.
@@ -29,10 +30,10 @@ pub enum Error {
     File(#[from] FileError),
     /// The simulated card cannot be built: an unknown effect, or a model that cannot be simulated.
     #[error(transparent)]
-    Card(#[from] simulator::CardError),
-    /// The record cannot be replayed on this rig.
+    Simulator(#[from] simulator::CardError),
+    /// The card cannot be opened.
     #[error(transparent)]
-    Replay(#[from] acquisition::ReplayError),
+    Card(#[from] acquisition::CardError),
     /// The path is not UTF-8 and cannot be passed in an environment variable.
     #[error("{}: expected a path in UTF-8", .0.display())]
     Path(PathBuf),

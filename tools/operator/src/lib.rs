@@ -21,10 +21,11 @@ mod run;
 pub mod status;
 mod up;
 
+pub use acquisition::CardOptions;
 pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use files::{rig_of, running};
 pub use found_range::FoundRange;
 pub use link::{RigLink, verb};
 pub use run::{Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol};
-pub use up::{CardChoice, Up, UpOptions, up, up_in_foreground};
+pub use up::{Up, UpOptions, up, up_in_foreground};

@@ -6,7 +6,7 @@ mod table;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
-    Backend, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
+    CardKind, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
     WatchdogState,
 };
 use launch::{RigState, UnitState};
@@ -39,7 +39,7 @@ pub struct RigStatus {
     /// Measured stalls of the host, by which the profile was chosen; `null` if a person chose it.
     pub host_stall: Option<HostStall>,
     /// The card that acquisition reads.
-    pub backend: Option<Backend>,
+    pub backend: Option<CardKind>,
     /// The interlocks.
     pub watchdog: Option<WatchdogStatus>,
     /// The gate, and the card's counters.
@@ -318,7 +318,7 @@ impl RigStatus {
             self.watchdog = Some(WatchdogStatus::new(token, tripped));
         }
         if let Some(sample) = &seen.sample {
-            self.backend = Backend::from_code(sample.backend);
+            self.backend = CardKind::from_code(sample.backend);
             self.gate = Some(GateStatus {
                 state: GateState::from_code(sample.gate_state).unwrap_or(GateState::Closed),
                 cause: GateCause::from_code(sample.gate_cause).unwrap_or(GateCause::None),

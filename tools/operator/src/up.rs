@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use ipc_types::{Backend, Profile};
+use acquisition::CardOptions;
+use ipc_types::{CardKind, Profile, processes_with};
 use launch::{Config, StopReport};
 use rig::RigFile;
 use runtime::realtime::{self, PROFILE_VARIABLE};
@@ -10,34 +11,6 @@ use runtime::{Domain, HostStall, RigName, Timeouts};
 
 use crate::Error;
 use crate::files::keep_copy;
-
-/// What stands behind acquisition.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CardChoice {
-    /// The simulator process, with effects in its plant that no model is told of
-    /// (`ID[@SITE][=SIZE]`).
-    Simulated {
-        /// The effects; may be empty.
-        effects: Vec<String>,
-    },
-    /// A measured record.
-    Replay {
-        /// The record, MCAP or CSV.
-        record: PathBuf,
-        /// From the beginning again at its end.
-        looped: bool,
-    },
-}
-
-impl CardChoice {
-    /// What the samples will bear.
-    pub fn backend(&self) -> Backend {
-        match self {
-            Self::Simulated { .. } => Backend::Simulated,
-            Self::Replay { .. } => Backend::Replay,
-        }
-    }
-}
 
 /// What to bring up.
 #[derive(Clone, Debug)]
@@ -47,7 +20,9 @@ pub struct UpOptions {
     /// Rig file: a path, or the name of a shipped one.
     pub rig: PathBuf,
     /// The card; `None` is an error that says what there is.
-    pub card: Option<CardChoice>,
+    pub card: Option<CardOptions>,
+    /// Effects in the plant of the simulated card that no model is told of (`ID[@SITE][=SIZE]`).
+    pub effects: Vec<String>,
     /// Records from the start into this file.
     pub record: Option<PathBuf>,
     /// Timing profile; `None` for that of `FARREACH_PROFILE`, or else the one that suits the
@@ -66,8 +41,8 @@ pub struct Up {
     pub rig: RigFile,
     /// The copy of it that all processes read.
     pub rig_file: PathBuf,
-    /// What stands behind acquisition.
-    pub backend: Backend,
+    /// The card behind acquisition.
+    pub card: CardKind,
     /// Timing profile of the rig.
     pub profile: Profile,
     /// Measured stalls of the host; `None` if the profile was chosen by a person.
@@ -89,7 +64,7 @@ pub fn up(options: &UpOptions) -> Result<Up, Error> {
         running,
         rig: prepared.rig,
         rig_file: prepared.rig_file,
-        backend: prepared.backend,
+        card: prepared.card,
         profile: domain.profile(),
         host_stall: domain.host_stall(),
         session: domain.session(),
@@ -97,17 +72,17 @@ pub fn up(options: &UpOptions) -> Result<Up, Error> {
 }
 
 /// Brings a rig up and supervises it in this very process, until a signal or [`crate::down`] ends
-/// it. `begin` is told the rig file and the backend when all is checked, before the first process
+/// it. `begin` is told the rig file and the card when all is checked, before the first process
 /// starts.
 ///
 /// # Errors
 /// As [`up`].
 pub fn up_in_foreground(
     options: &UpOptions,
-    begin: impl FnOnce(&RigFile, Backend),
+    begin: impl FnOnce(&RigFile, CardKind),
 ) -> Result<StopReport, Error> {
     let mut prepared = Prepared::new(options)?;
-    begin(&prepared.rig, prepared.backend);
+    begin(&prepared.rig, prepared.card);
     prepared.config.foreground = true;
     let report =
         launch::supervise(prepared.config.clone()).map_err(|error| prepared.failed(error))?;
@@ -121,34 +96,25 @@ struct Prepared {
     rig_name: RigName,
     rig: RigFile,
     rig_file: PathBuf,
-    backend: Backend,
+    card: CardKind,
 }
 
 impl Prepared {
     fn new(options: &UpOptions) -> Result<Self, Error> {
         let rig = rig::load_rig(&options.rig)?;
         let card = options.card.as_ref().ok_or(Error::NoCard)?;
-        match card {
-            CardChoice::Simulated { effects } => {
-                // what the simulator process does with it; the line's life does not matter here
-                simulator::Card::new(&rig, effects, Timeouts::of(Profile::BestEffort).line_ns)?;
-            }
-            CardChoice::Replay { record, looped } => {
-                acquisition::ReplayDaq::open(record, &rig, *looped)?;
-            }
+        if card.kind == CardKind::Simulated {
+            // what the simulator process does with it; the line's life does not matter here
+            let line_ns = Timeouts::of(Profile::BestEffort).line_ns;
+            simulator::Card::new(&rig, &options.effects, line_ns)?;
         }
+        let _checked = card.open(&rig)?;
         options.rig_name.make_directory()?;
         let run_dir = options.rig_name.run_directory();
         make_private(&run_dir)?;
         let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
         let config = config(options, card, &run_dir, &rig_file)?;
-        Ok(Self {
-            config,
-            rig_name: options.rig_name.clone(),
-            rig,
-            rig_file,
-            backend: card.backend(),
-        })
+        Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, card: card.kind })
     }
 
     /// The launcher stopped what it had started; what is left of the rig is its directory.
@@ -170,33 +136,24 @@ fn make_private(run_dir: &Path) -> Result<(), Error> {
 
 fn config(
     options: &UpOptions,
-    card: &CardChoice,
+    card: &CardOptions,
     run_dir: &Path,
     rig_file: &Path,
 ) -> Result<Config, Error> {
-    let mut units = vec!["keeper", "logger", "acquisition", "control", "experiment", "watchdog"];
-    let mut variables = vec![("FARREACH_RIG", absolute(rig_file)?)];
     // Every variable is set, if only to nothing: those of the caller's shell must not get in.
-    let (kind, replay, looped, effects) = match card {
-        CardChoice::Simulated { effects } => {
-            units.insert(2, "simulator");
-            ("simulated", String::new(), false, effects.join(","))
-        }
-        CardChoice::Replay { record, looped } => {
-            ("replay", absolute(record)?, *looped, String::new())
-        }
-    };
-    variables.push(("FARREACH_CARD", kind.to_owned()));
-    variables.push(("FARREACH_REPLAY", replay));
-    variables.push(("FARREACH_REPLAY_LOOP", looped.to_string()));
-    variables.push(("FARREACH_EFFECTS", effects));
-    variables.push((
-        "FARREACH_RECORD",
-        options.record.as_deref().map(absolute).transpose()?.unwrap_or_default(),
-    ));
-    variables.push(("FARREACH_LEARNT", learnt_folder()?));
+    let path = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| Ok(String::new()), absolute);
     let chosen = options.profile.or_else(realtime::chosen_profile);
-    variables.push((PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())));
+    let variables = [
+        ("FARREACH_RIG", absolute(rig_file)?),
+        ("FARREACH_CARD", card.kind.text().to_owned()),
+        ("FARREACH_REPLAY", path(&card.replay)?),
+        ("FARREACH_REPLAY_LOOP", card.looped.to_string()),
+        ("FARREACH_EFFECTS", options.effects.join(",")),
+        ("FARREACH_RECORD", path(&options.record)?),
+        ("FARREACH_LEARNT", learnt_folder()?),
+        (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
+    ];
+    let units = processes_with(card.kind).map(|entry| entry.process.text());
     let config =
         Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
     Ok(variables
@@ -231,30 +188,30 @@ mod tests {
 
     use super::*;
 
-    fn options(card: Option<CardChoice>) -> UpOptions {
+    fn options(card: Option<CardOptions>) -> UpOptions {
         UpOptions {
             rig_name: format!("up-{}", std::process::id()).parse().unwrap(),
             rig: "hydrostatic".into(),
             card,
+            effects: Vec::new(),
             record: Some("run.mcap".into()),
             profile: Some(Profile::BestEffort),
             executable: "/bin/farreach".into(),
         }
     }
 
+    fn replay(record: &str) -> CardOptions {
+        CardOptions { kind: CardKind::Replay, replay: Some(record.into()), looped: true }
+    }
+
     #[test]
     fn nothing_is_made_for_what_cannot_come_up() {
+        let simulated = Some(CardOptions::of(CardKind::Simulated));
         let wrong = [
             options(None),
-            options(Some(CardChoice::Simulated { effects: vec!["gremlins".to_owned()] })),
-            options(Some(CardChoice::Replay {
-                record: "/nowhere/record.csv".into(),
-                looped: false,
-            })),
-            UpOptions {
-                rig: "/nowhere/rig.toml".into(),
-                ..options(Some(CardChoice::Simulated { effects: vec![] }))
-            },
+            UpOptions { effects: vec!["gremlins".to_owned()], ..options(simulated.clone()) },
+            options(Some(replay("/nowhere/record.csv"))),
+            UpOptions { rig: "/nowhere/rig.toml".into(), ..options(simulated) },
         ];
         for wrong in wrong {
             let error = up(&wrong).unwrap_err();
@@ -266,7 +223,7 @@ mod tests {
 
     #[test]
     fn the_environment_is_whole_and_absolute() {
-        let card = CardChoice::Replay { record: "record.csv".into(), looped: true };
+        let card = replay("record.csv");
         let options = options(Some(card.clone()));
         let config =
             config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();

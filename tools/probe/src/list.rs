@@ -9,10 +9,7 @@ use crate::attach;
 
 fn rate(rate: Rate) -> String {
     match rate {
-        Rate::Acquisition => "acquisition".to_owned(),
-        Rate::Control => "control".to_owned(),
-        Rate::Experiment => "experiment".to_owned(),
-        Rate::Watchdog => "watchdog".to_owned(),
+        Rate::Loop(process) => process.text().to_owned(),
         Rate::Hertz(hertz) => format!("{hertz} Hz"),
         Rate::Sporadic => "sporadic".to_owned(),
     }

@@ -1,18 +1,18 @@
 //! Which setpoints control follows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use control::setpoint_validation::{AxisLimits, REPORT_INTERVAL_NS, Refusal, SetpointValidation};
+use control::setpoint_validation::{REPORT_INTERVAL_NS, Refusal, SetpointValidation};
 use ipc_types::{EventKind, Message, Mode, Process, Setpoint};
 use proptest::prelude::*;
+use rig::Limits;
 
 const SESSION: u64 = 7;
 const MS: u64 = 1_000_000;
 
 fn validation() -> SetpointValidation {
-    SetpointValidation::new(
-        SESSION,
-        &[AxisLimits { position_min: -2.0, position_max: 1.5, speed_max: 10.0 }],
-    )
+    let limits =
+        Limits { position_min: -2.0, position_max: 1.5, speed_max: 10.0, ..Limits::default() };
+    SetpointValidation::new(SESSION, [limits].into_iter())
 }
 
 fn setpoint(sequence: u64, now_ns: u64) -> Setpoint {

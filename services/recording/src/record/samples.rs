@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use ipc_types::{ANALOG, AXES, Backend, CARD_FIFO, SAMPLE, Sample};
+use ipc_types::{ANALOG, AXES, CARD_FIFO, CardKind, SAMPLE, Sample};
 
 use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
 use crate::mcap_read::Recording;
@@ -127,7 +127,7 @@ pub fn from_recording(
             ),
         });
     }
-    let replayed = first.backend == Backend::Replay.code();
+    let replayed = first.backend == CardKind::Replay.code();
     let time_s = if replayed {
         findings.extend(one_pass(&mut samples));
         samples.iter().map(|(_, sample)| sample.record_time_s).collect()

@@ -1,6 +1,6 @@
 //! The card as acquisition sees it: batched, so that a late wake yields late samples and not holes.
 
-use ipc_types::{ANALOG, AXES, Backend, CARD_FIFO, CardScan};
+use ipc_types::{ANALOG, AXES, Capabilities, CardKind, CardScan};
 use thiserror::Error;
 
 use crate::timing::Losses;
@@ -82,58 +82,6 @@ pub struct Present {
     pub analog: u16,
 }
 
-/// What a card can do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Capabilities {
-    /// Which kind of card.
-    pub backend: Backend,
-    /// Scans that the card buffers; older ones are dropped, and counted.
-    pub fifo_depth: usize,
-    /// Whether volts can be written.
-    pub accepts_output: bool,
-    /// Whether the outputs hold their last value when the process that wrote them dies.
-    pub holds_on_exit: bool,
-    /// Who drives the edges of the enable line; `None` for a card that does not drop the motor by
-    /// itself when the line stops toggling.
-    pub enable_line: Option<LineDriver>,
-}
-
-/// Who drives the edges of the enable line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LineDriver {
-    /// The card takes the watchdog's line directly.
-    Watchdog,
-    /// Acquisition passes the watchdog's edges on to a digital output of its card.
-    Acquisition,
-}
-
-impl Capabilities {
-    /// The capabilities of a kind of card: the one table that acquisition and watchdog share. A
-    /// real card has no enable line, and does not arm, until its entry names who drives the edges.
-    pub const fn of(backend: Backend) -> Self {
-        let none = Self {
-            backend,
-            fifo_depth: 512,
-            accepts_output: false,
-            holds_on_exit: false,
-            enable_line: None,
-        };
-        match backend {
-            Backend::Simulated => Self {
-                fifo_depth: CARD_FIFO,
-                accepts_output: true,
-                holds_on_exit: true,
-                enable_line: Some(LineDriver::Watchdog),
-                ..none
-            },
-            Backend::Hardware => Self { accepts_output: true, holds_on_exit: true, ..none },
-            // A file drops nothing.
-            Backend::Replay => Self { fifo_depth: 1 << 20, ..none },
-            Backend::Null => none,
-        }
-    }
-}
-
 /// What a card refused. Carries no text of its own, so that it can be made in a real-time loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum DaqError {
@@ -150,8 +98,13 @@ pub enum DaqError {
 
 /// A data acquisition card.
 pub trait Daq {
+    /// Which kind of card it is.
+    fn kind(&self) -> CardKind;
+
     /// What it can do.
-    fn capabilities(&self) -> Capabilities;
+    fn capabilities(&self) -> Capabilities {
+        self.kind().capabilities()
+    }
 
     /// Every scan that the card clocked since the last call, oldest first; empty when none is due.
     /// The ticks rise strictly, from call to call as well.

@@ -1,35 +1,11 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
+use rig::Axis;
 use runtime::Timeouts;
 
-/// Limits of one axis; beyond any of them the motor loses power.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisLimits {
-    /// Lowest position, of master and slave (rad or m).
-    pub position_min: f64,
-    /// Highest position, of master and slave (rad or m).
-    pub position_max: f64,
-    /// Highest speed, of master and slave (rad/s or m/s).
-    pub speed_max: f64,
-    /// Speed below which the axis counts as at rest, for `arm` (rad/s or m/s).
-    pub rest_speed: f64,
-    /// Highest motor volts, either sign (V).
-    pub volts_max: f64,
-    /// Highest torque (or force) at the slave, either sign (N·m or N).
-    pub torque_max: f64,
-    /// Whether the rig cannot do without the torque channel: its absence is then a fault.
-    pub torque_needed: bool,
-    /// Furthest that an encoder may move within one tick (counts).
-    pub encoder_jump_counts: u64,
-    /// One count of the master's encoder (rad or m).
-    pub master_count: f64,
-    /// One count of the slave's encoder (rad or m).
-    pub slave_count: f64,
-}
-
 /// What the interlock needs to know about its rig.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// Session of the rig.
     pub session: u64,
@@ -58,10 +34,8 @@ pub struct Config {
     pub speed_window_ns: u64,
     /// How far ahead of our clock a message's time may be (ns).
     pub future_ns: u64,
-    /// Axes of the rig.
-    pub axes: usize,
-    /// Limits of each axis.
-    pub limits: [AxisLimits; AXES],
+    /// Axes of the rig; beyond any of their limits the motor loses power.
+    pub axes: Vec<Axis>,
     /// Whether the rig file records that the rig does without an enable line.
     pub line_override: bool,
 }
@@ -72,8 +46,7 @@ impl Config {
         profile: Profile,
         session: u64,
         incarnation: u64,
-        axes: usize,
-        limits: [AxisLimits; AXES],
+        axes: &[Axis],
         line_override: bool,
     ) -> Self {
         let timeouts = Timeouts::of(profile);
@@ -91,8 +64,7 @@ impl Config {
             hold_ns: 2 * peer_lost_ns,
             speed_window_ns: 8_000_000,
             future_ns: 1_000_000,
-            axes: axes.min(AXES),
-            limits,
+            axes: axes.iter().take(AXES).cloned().collect(),
             line_override,
         }
     }

@@ -1,11 +1,19 @@
 //! The newest messages that the interlock saw, and the faults that they show.
 
-use ipc_types::{AXES, Backend, Message, MotorCommand, Profile, Sample, TripCause};
-use runtime::daq::Capabilities;
+use ipc_types::{AXES, Capabilities, CardKind, Message, MotorCommand, Profile, Sample, TripCause};
+use rig::Encoder;
 
 use super::config::Config;
 use super::faults::FaultSet;
 use super::speed::SpeedWindow;
+
+/// For `arm`, an axis that moves by fewer counts than this within the speed window is at rest.
+const REST_COUNTS: f64 = 3.0;
+
+/// One count of an encoder (rad or m).
+fn count(encoder: &Encoder) -> f64 {
+    1.0 / encoder.counts_per_unit
+}
 
 /// The samples seen.
 #[derive(Clone, Debug)]
@@ -43,25 +51,22 @@ impl SampleWatch {
             None => {}
         }
         faults.merge(measured(sample, config));
-        for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
-            for (window, position, present, count) in [
+        for (axis, entry) in config.axes.iter().enumerate() {
+            let slave = entry.slave.as_ref().unwrap_or(&entry.master);
+            for (window, position, present, encoder) in [
                 (
                     &mut self.master[axis],
                     sample.master_position[axis],
                     sample.master_present,
-                    limits.master_count,
+                    &entry.master,
                 ),
-                (
-                    &mut self.slave[axis],
-                    sample.slave_position[axis],
-                    sample.slave_present,
-                    limits.slave_count,
-                ),
+                (&mut self.slave[axis], sample.slave_position[axis], sample.slave_present, slave),
             ] {
                 if present & (1 << axis) != 0 && position.is_finite() {
                     window.push(sample.scan_time_ns, position);
-                    let speed = window.at_least(config.speed_window_ns, count).unwrap_or(0.0);
-                    faults.insert_if(beyond(speed, limits.speed_max), TripCause::SpeedLimit);
+                    let speed = window.at_least(config.speed_window_ns, count(encoder));
+                    let beyond = beyond(speed.unwrap_or(0.0), entry.limits.speed_max);
+                    faults.insert_if(beyond, TripCause::SpeedLimit);
                 }
             }
         }
@@ -72,9 +77,10 @@ impl SampleWatch {
     /// Whether every axis's master is at rest; `None` where its speed is not known.
     pub(super) fn at_rest(&self, config: &Config) -> Option<bool> {
         let mut rest = true;
-        for (window, limits) in self.master.iter().zip(&config.limits).take(config.axes) {
-            rest &=
-                window.at_least(config.speed_window_ns, limits.master_count)? <= limits.rest_speed;
+        for (window, axis) in self.master.iter().zip(&config.axes) {
+            let count = count(&axis.master);
+            let rest_speed = REST_COUNTS * count / (config.speed_window_ns as f64 / 1e9);
+            rest &= window.at_least(config.speed_window_ns, count)? <= rest_speed;
         }
         Some(rest)
     }
@@ -141,7 +147,7 @@ pub(super) fn has_enable_line(sample: &Sample) -> bool {
 
 /// What the card that took a sample can do; `None` for a kind that this build does not know.
 fn capabilities(sample: &Sample) -> Option<Capabilities> {
-    Backend::from_code(sample.backend).map(Capabilities::of)
+    CardKind::from_code(sample.backend).map(CardKind::capabilities)
 }
 
 /// Whether the card is real and a process lacks real-time scheduling.
@@ -151,7 +157,7 @@ pub(super) fn lacks_realtime(
     config: &Config,
 ) -> bool {
     let realtime = Profile::Realtime.code();
-    sample.backend == Backend::Hardware.code()
+    capabilities(sample).is_some_and(|card| card.real)
         && (config.profile != Profile::Realtime
             || sample.profile != realtime
             || command.is_some_and(|command| command.profile != realtime))
@@ -159,7 +165,7 @@ pub(super) fn lacks_realtime(
 
 /// Volts that an axis may get; none on axes that the rig lacks.
 fn volts_max(axis: usize, config: &Config) -> f64 {
-    if axis < config.axes { config.limits[axis].volts_max } else { 0.0 }
+    config.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max)
 }
 
 /// True also where the value or the limit is not a number.
@@ -173,11 +179,12 @@ fn beyond(value: f64, limit: f64) -> bool {
 /// What is wrong with the measured values themselves.
 fn measured(sample: &Sample, config: &Config) -> FaultSet {
     let mut faults = FaultSet::NONE;
-    for (axis, limits) in config.limits.iter().enumerate().take(config.axes) {
+    for (axis, entry) in config.axes.iter().enumerate() {
+        let limits = &entry.limits;
         let bit = 1 << axis;
         faults.insert_if(sample.master_present & bit == 0, TripCause::SensorInvalid);
         faults.insert_if(
-            limits.torque_needed && sample.torque_present & bit == 0,
+            entry.torque.is_some() && sample.torque_present & bit == 0,
             TripCause::SensorInvalid,
         );
         for (value, present) in [
@@ -194,7 +201,7 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
             let torque = sample.slave_torque[axis];
             faults.insert_if(!torque.is_finite(), TripCause::SensorInvalid);
             faults.insert_if(
-                torque.is_finite() && beyond(torque, limits.torque_max),
+                torque.is_finite() && limits.torque_max.is_some_and(|most| beyond(torque, most)),
                 TripCause::TorqueLimit,
             );
         }
@@ -222,8 +229,8 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
 /// Whether an encoder moved further than the machine can in the ticks between two samples.
 fn jumped(last: &Sample, sample: &Sample, config: &Config) -> bool {
     let ticks = u128::from(sample.tick - last.tick);
-    config.limits.iter().enumerate().take(config.axes).any(|(axis, limits)| {
-        let allowed = u128::from(limits.encoder_jump_counts) * ticks;
+    config.axes.iter().enumerate().any(|(axis, entry)| {
+        let allowed = u128::from(entry.limits.encoder_jump_counts.unsigned_abs()) * ticks;
         let bit = 1 << axis;
         [
             (

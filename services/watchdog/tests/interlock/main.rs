@@ -6,7 +6,7 @@ mod faults;
 mod properties;
 mod world;
 
-use ipc_types::{Backend, GateState, Message, Profile, TripCause, Verb, WatchdogState};
+use ipc_types::{CardKind, GateState, Message, Profile, TripCause, Verb, WatchdogState};
 use watchdog::interlock::{Config, Interlock, Peers, Refusal};
 
 use world::{COUNT, MS, SESSION, World, config};
@@ -107,7 +107,7 @@ fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
                 ..config(Profile::Realtime)
             });
         }
-        world.sample.backend = Backend::Hardware.code();
+        world.sample.backend = CardKind::Hardware.code();
         world.sample.profile =
             if who == 1 { Profile::BestEffort } else { Profile::Realtime }.code();
         world.command.profile =
@@ -122,7 +122,7 @@ fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
 
 #[test]
 fn sr_14_a_card_that_cannot_take_volts_never_arms() {
-    for backend in [Backend::Replay.code(), Backend::Null.code(), 200] {
+    for backend in [CardKind::Replay.code(), CardKind::Null.code(), 200] {
         let mut world = World::new(Profile::Realtime);
         world.sample.backend = backend;
         world.cycles(30);
@@ -139,7 +139,7 @@ fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
     {
         let mut world = World::new(Profile::Realtime);
         world.interlock = Interlock::new(Config { line_override, ..config(Profile::Realtime) });
-        world.sample.backend = Backend::Hardware.code();
+        world.sample.backend = CardKind::Hardware.code();
         world.cycles(30);
         world.verb(Verb::Reset).unwrap();
         assert_eq!(world.verb(Verb::Arm), expected);
@@ -218,7 +218,7 @@ fn sr_16_arms_at_rest_only() {
     let mut position = 0.0;
     let mut moving = |world: &mut World| {
         for _ in 0..20 {
-            position += 0.5 * 5e-4;
+            position += 1.0 * 5e-4;
             world.sample.master_position[0] = (position / COUNT).floor() * COUNT;
             world.now += MS / 2;
             world.sample_now();

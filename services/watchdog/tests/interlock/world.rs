@@ -1,28 +1,29 @@
 //! A simulated rig round the interlock: a card, a gate and a control process.
 
 use ipc_types::{
-    AXES, Backend, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
+    CardKind, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
 };
-use watchdog::interlock::{AxisLimits, Config, Interlock, Outputs, Peers, Refusal};
+use watchdog::interlock::{Config, Interlock, Outputs, Peers, Refusal};
 
 pub(crate) const MS: u64 = 1_000_000;
 pub(crate) const SESSION: u64 = 11;
 pub(crate) const COUNT: f64 = std::f64::consts::TAU / 4000.0;
 
 pub(crate) fn config(profile: Profile) -> Config {
-    let limits = AxisLimits {
+    let rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+    let mut axis = rig.axes[0].clone();
+    axis.limits = rig::Limits {
         position_min: -1.0,
         position_max: 1.0,
         speed_max: 20.0,
-        rest_speed: 0.2,
         volts_max: 5.0,
-        torque_max: 10.0,
-        torque_needed: false,
+        torque_max: Some(10.0),
         encoder_jump_counts: 20,
-        master_count: COUNT,
-        slave_count: COUNT,
     };
-    Config::for_profile(profile, SESSION, 31, 1, [limits; AXES], false)
+    axis.torque = None;
+    axis.master.counts_per_unit = 1.0 / COUNT;
+    axis.slave = Some(axis.master);
+    Config::for_profile(profile, SESSION, 31, &[axis], false)
 }
 
 /// A healthy rig around the interlock: a card, a gate and a control process.
@@ -49,7 +50,7 @@ impl World {
             torque_present: 1,
             motor_present: 1,
             analog_present: 1,
-            backend: Backend::Simulated.code(),
+            backend: CardKind::Simulated.code(),
             profile: profile.code(),
             ..Sample::default()
         };

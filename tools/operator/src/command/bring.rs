@@ -3,13 +3,14 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use ipc_types::Profile;
+use acquisition::CardOptions;
+use ipc_types::{CardKind, Profile};
 use launch::StopReport;
 use runtime::RigName;
 use serde_json::json;
 
 use super::{UpArguments, print_json};
-use crate::{CardChoice, Cleaning, DONE, Down, Error, Up, UpOptions};
+use crate::{Cleaning, DONE, Down, Error, Up, UpOptions};
 
 /// The price of the best-effort profile.
 const BEST_EFFORT_COSTS: &str =
@@ -22,9 +23,9 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
     let options = options(arguments, rig_name)?;
     let mut out = std::io::stdout();
     if arguments.foreground {
-        let report = crate::up_in_foreground(&options, |rig, backend| {
+        let report = crate::up_in_foreground(&options, |rig, card| {
             eprintln!(
-                "rig {rig_name} ({}, card {backend}) runs in this terminal; Ctrl-C stops it",
+                "rig {rig_name} ({}, card {card}) runs in this terminal; Ctrl-C stops it",
                 rig.name
             );
         })?;
@@ -41,13 +42,16 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
 }
 
 fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Error> {
-    let card = match (&arguments.replay, arguments.simulate) {
-        (Some(record), _) => {
-            Some(CardChoice::Replay { record: record.clone(), looped: arguments.looped })
-        }
-        (None, true) => Some(CardChoice::Simulated { effects: arguments.effects.clone() }),
-        (None, false) => None,
+    let kind = match (arguments.card, &arguments.replay, arguments.simulate) {
+        (Some(kind), ..) => Some(kind),
+        (None, Some(_), _) => Some(CardKind::Replay),
+        (None, None, simulate) => simulate.then_some(CardKind::Simulated),
     };
+    let card = kind.map(|kind| CardOptions {
+        kind,
+        replay: arguments.replay.clone(),
+        looped: arguments.looped,
+    });
     let executable = std::env::current_exe().map_err(|source| Error::Io {
         doing: "find the executable",
         path: PathBuf::from("/proc/self/exe"),
@@ -57,6 +61,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         rig_name: rig_name.clone(),
         rig: arguments.rig.clone(),
         card,
+        effects: arguments.effects.clone(),
         record: arguments.record.clone(),
         profile: arguments.profile,
         executable,
@@ -77,7 +82,7 @@ fn json_of(up: &Up) -> serde_json::Value {
         "rig": up.rig.name,
         "rig_file": up.rig_file,
         "run_dir": up.running.run_dir,
-        "backend": up.backend,
+        "backend": up.card,
         "profile": up.profile,
         "host_stall": up.host_stall,
         "session": format!("{:016x}", up.session),
@@ -93,7 +98,7 @@ fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result
     writeln!(
         out,
         "rig {rig_name} is up: {}, card {}, profile {}",
-        up.rig.name, up.backend, up.profile
+        up.rig.name, up.card, up.profile
     )?;
     writeln!(out, "  processes  {}", names.join(", "))?;
     writeln!(out, "  logs       {}", up.running.run_dir.display())?;
@@ -107,13 +112,12 @@ fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result
         "farreach" => String::new(),
         name => format!(" --rig-name {name}"),
     };
-    match up.backend {
-        ipc_types::Backend::Replay => writeln!(out, "  next       farreach{option} status")?,
-        _ => writeln!(
-            out,
-            "  next       farreach{option} reset, arm, run PROTOCOL.toml; down ends it all"
-        )?,
-    }
+    let next = if up.card.capabilities().accepts_output {
+        "reset, arm, run PROTOCOL.toml; down ends it all"
+    } else {
+        "status"
+    };
+    writeln!(out, "  next       farreach{option} {next}")?;
     if up.profile == Profile::BestEffort {
         let why = match up.host_stall {
             Some(stall) if stall.fifo => {

@@ -210,8 +210,9 @@ fn unit_state(state: launch::UnitState) -> &'static str {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-    use ipc_types::WatchdogState;
+    use ipc_types::{GateCause, GateState, WatchdogState};
 
+    use super::super::GateStatus;
     use super::*;
 
     const NOW_MS: u64 = 1_000_000_000_000;
@@ -261,6 +262,26 @@ mod tests {
             processes: vec![process("acquisition", 59), process("experiment", 12 * 60)],
             ..RigStatus::default()
         }
+    }
+
+    #[test]
+    fn a_gate_that_latched_keeps_its_name_in_json() {
+        let mut status = status();
+        let gate = GateStatus {
+            state: GateState::LatchedClosed,
+            cause: GateCause::TokenStale,
+            epoch: 3,
+            motor_power: false,
+            scans_missed: 0,
+            cycles_missed: 0,
+        };
+        status.gate = Some(gate);
+        if let Some(watchdog) = &mut status.watchdog {
+            watchdog.cause = TripCause::GateLatched;
+        }
+        let json = serde_json::to_value(&status).unwrap();
+        assert_eq!(json["gate"]["state"], "burnt");
+        assert_eq!(json["watchdog"]["cause"], "gate_burnt");
     }
 
     #[test]

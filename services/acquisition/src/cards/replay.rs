@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use ipc_types::{AXES, Backend};
+use ipc_types::{AXES, CardKind};
 use recording::record::{
     ColumnNames, FindingKind, Mapping, Options, Record, RecordError, SampleColumns, TIME, from_csv,
     from_mcap,
 };
 use rig::RigFile;
-use runtime::daq::{Capabilities, Daq, DaqError, Physical, Present, Scan};
+use runtime::daq::{Daq, DaqError, Physical, Present, Scan};
 use thiserror::Error;
 
-use crate::null::only_zero;
+use super::null::only_zero;
 
 /// Most scans of one call; a later call gets the rest, nothing is dropped.
 const BATCH: usize = 512;
@@ -146,8 +146,8 @@ impl ReplayDaq {
 }
 
 impl Daq for ReplayDaq {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities::of(Backend::Replay)
+    fn kind(&self) -> CardKind {
+        CardKind::Replay
     }
 
     fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError> {

@@ -1,7 +1,7 @@
 //! No card: scans that hold nothing, so that the chain can be run and timed by itself.
 
-use ipc_types::{AXES, Backend};
-use runtime::daq::{Capabilities, Daq, DaqError, Scan};
+use ipc_types::{AXES, CardKind};
+use runtime::daq::{Daq, DaqError, Scan};
 
 /// Most scans of one call.
 const BATCH: usize = 512;
@@ -24,8 +24,8 @@ impl NullDaq {
 }
 
 impl Daq for NullDaq {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities::of(Backend::Null)
+    fn kind(&self) -> CardKind {
+        CardKind::Null
     }
 
     fn read_due(&mut self, now_ns: u64) -> Result<&[Scan], DaqError> {
@@ -56,7 +56,7 @@ impl Daq for NullDaq {
 }
 
 /// What a card without outputs says to a write.
-pub(crate) fn only_zero(volts: [f64; AXES]) -> Result<(), DaqError> {
+pub(super) fn only_zero(volts: [f64; AXES]) -> Result<(), DaqError> {
     if !volts.iter().all(|v| v.is_finite()) {
         Err(DaqError::NotFinite)
     } else if volts.iter().any(|v| *v != 0.0) {

@@ -1,8 +1,8 @@
 //! The simulated card, over shared memory.
 
-use ipc_types::{AXES, Backend, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardOutput, CardScan};
+use ipc_types::{AXES, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardKind, CardOutput, CardScan};
 use rig::RigFile;
-use runtime::daq::{Capabilities, Daq, DaqError, Present, Scan};
+use runtime::daq::{Daq, DaqError, Present, Scan};
 use runtime::{Losses, PortError, Publisher, Service, Subscriber};
 
 /// The simulator process as a card. Its FIFO outlives this object: a successor goes on behind the
@@ -41,8 +41,8 @@ impl SimulatedDaq {
 }
 
 impl Daq for SimulatedDaq {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities::of(Backend::Simulated)
+    fn kind(&self) -> CardKind {
+        CardKind::Simulated
     }
 
     fn read_due(&mut self, _now_ns: u64) -> Result<&[Scan], DaqError> {

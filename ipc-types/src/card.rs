@@ -1,0 +1,74 @@
+//! The kinds of card behind acquisition, and what each can do.
+
+use crate::codes::codes;
+
+/// Scans in the simulated card's FIFO.
+pub const CARD_FIFO: usize = 512;
+
+codes! {
+    /// The card behind acquisition. Its name is the value of `--card`.
+    CardKind {
+        /// The simulator process.
+        Simulated = 0, "simulated";
+        /// A measured record.
+        Replay = 1, "replay";
+        /// No card: samples without data, no output.
+        Null = 2, "null";
+        /// A real card.
+        Hardware = 3, "hardware";
+    }
+}
+
+/// What a card can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capabilities {
+    /// Scans that the card buffers; older ones are dropped, and counted.
+    pub fifo_depth: usize,
+    /// Whether volts can be written.
+    pub accepts_output: bool,
+    /// Whether the outputs hold their last value when the process that wrote them dies.
+    pub holds_on_exit: bool,
+    /// Who drives the edges of the enable line; `None` for a card that does not drop the motor by
+    /// itself when the line stops toggling.
+    pub enable_line: Option<LineDriver>,
+    /// Whether it moves a real machine: it then arms in the realtime profile only.
+    pub real: bool,
+}
+
+/// Who drives the edges of the enable line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LineDriver {
+    /// The card takes the watchdog's line directly.
+    Watchdog,
+    /// Acquisition passes the watchdog's edges on to a digital output of its card.
+    Acquisition,
+}
+
+impl CardKind {
+    /// What cards of this kind can do: the one table that acquisition and watchdog share. A real
+    /// card has no enable line, and does not arm, until its entry names who drives the edges.
+    pub const fn capabilities(self) -> Capabilities {
+        let none = Capabilities {
+            fifo_depth: 512,
+            accepts_output: false,
+            holds_on_exit: false,
+            enable_line: None,
+            real: false,
+        };
+        match self {
+            Self::Simulated => Capabilities {
+                fifo_depth: CARD_FIFO,
+                accepts_output: true,
+                holds_on_exit: true,
+                enable_line: Some(LineDriver::Watchdog),
+                ..none
+            },
+            // A file drops nothing.
+            Self::Replay => Capabilities { fifo_depth: 1 << 20, ..none },
+            Self::Null => none,
+            Self::Hardware => {
+                Capabilities { accepts_output: true, holds_on_exit: true, real: true, ..none }
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! The table of processes: launcher, unit files, priorities, topics, screens and pages follow from
+//! it.
+
+use crate::CardKind;
+use crate::codes::codes;
+
+/// Takes the processes with their codes and names, and with the entry of each that is a part of the
+/// rig. `topics: [event 9]` gives each topic its place in the table of topics.
+macro_rules! processes {
+    ($(
+        $(#[doc = $doc:literal])+
+        $name:ident = $code:literal, $text:literal $({
+            topics: [$($topic:ident $place:literal),*],
+            $($entry:tt)+
+        })?;
+    )+) => {
+        codes! {
+            /// The processes of a rig.
+            Process { $($(#[doc = $doc])+ $name = $code, $text;)+ }
+        }
+
+        /// The processes of which a rig consists.
+        pub const PROCESSES: &[ProcessEntry] = &[$($(ProcessEntry {
+            process: Process::$name,
+            topics: &[$(ProcessTopic {
+                name: concat!(stringify!($topic), "/", $text),
+                kind: ProcessTopicKind::$topic,
+                place: $place,
+            },)*],
+            $($entry)+
+        },)?)+];
+    };
+}
+
+processes! {
+    /// Creates the rig's shared memory, holds it open, cleans up after processes that died.
+    Keeper = 0, "keeper" {
+        topics: [],
+        after: &[],
+        card: None,
+        real_time: None,
+        silence_s: 5,
+        stop_s: 5,
+        oom_score: -900,
+        unit: "# Finds out whether real-time scheduling is granted to the rig; itself it runs \
+               without.\nLimitRTPRIO=90\n",
+    };
+    /// The simulated card with the simulated plant behind it.
+    Simulator = 1, "simulator" {
+        topics: [event 9, timing 17],
+        after: &[Process::Keeper, Process::Logger],
+        card: Some(CardKind::Simulated),
+        real_time: Some(RealTimeLoop { priority: 75, rate_hz: 2000, phase_us: 0 }),
+        silence_s: 2,
+        stop_s: 3,
+        oom_score: -500,
+        unit: "",
+    };
+    /// Reads the card, publishes samples, writes motor voltages through the gate.
+    Acquisition = 2, "acquisition" {
+        topics: [event 10, timing 18],
+        after: &[Process::Keeper, Process::Logger, Process::Simulator],
+        card: None,
+        real_time: Some(RealTimeLoop { priority: 80, rate_hz: 2000, phase_us: 80 }),
+        silence_s: 2,
+        stop_s: 3,
+        oom_score: -900,
+        unit: "",
+    };
+    /// The control law.
+    Control = 3, "control" {
+        topics: [event 11, timing 19],
+        after: &[Process::Keeper, Process::Logger, Process::Acquisition],
+        card: None,
+        real_time: Some(RealTimeLoop { priority: 70, rate_hz: 500, phase_us: 200 }),
+        silence_s: 2,
+        stop_s: 3,
+        oom_score: -900,
+        unit: "",
+    };
+    /// The interlocks and the motor's enable line. Starts last, and stops first, which removes
+    /// motor power.
+    Watchdog = 4, "watchdog" {
+        topics: [event 12, timing 20],
+        after: &[
+            Process::Keeper, Process::Logger, Process::Simulator, Process::Acquisition,
+            Process::Control, Process::Experiment,
+        ],
+        card: None,
+        real_time: Some(RealTimeLoop { priority: 85, rate_hz: 1000, phase_us: 350 }),
+        silence_s: 2,
+        stop_s: 3,
+        oom_score: -900,
+        unit: "",
+    };
+    /// Writes all topics to disk. Starts before the processes that it records and stops after them.
+    Logger = 5, "logger" {
+        topics: [event 13, heartbeat 15],
+        after: &[Process::Keeper],
+        card: None,
+        real_time: None,
+        silence_s: 5,
+        stop_s: 20,
+        oom_score: -500,
+        unit: "",
+    };
+    /// Plays protocols.
+    Experiment = 6, "experiment" {
+        topics: [event 14, heartbeat 16, timing 21],
+        after: &[Process::Keeper, Process::Logger, Process::Acquisition, Process::Control],
+        card: None,
+        real_time: Some(RealTimeLoop { priority: 30, rate_hz: 500, phase_us: 420 }),
+        silence_s: 5,
+        stop_s: 5,
+        oom_score: -100,
+        unit: "# Learnt references outlast the rig; /etc/farreach/%i/environment may name another \
+               folder.\nEnvironment=FARREACH_LEARNT=/var/lib/farreach/%i/learnt\n",
+    };
+    /// Starts and restarts the others on a machine without systemd.
+    Launcher = 7, "launcher";
+    /// A person's command line.
+    Operator = 8, "operator";
+}
+
+/// One process of a rig. Its name and what it does are the [`Process`]'s own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessEntry {
+    /// Which process.
+    pub process: Process,
+    /// What it publishes besides the topics of its own.
+    pub topics: &'static [ProcessTopic],
+    /// Processes that start before it and stop after it. All but the keeper wait for the keeper.
+    pub after: &'static [Process],
+    /// The card that it belongs to; it then runs with that card only.
+    pub card: Option<CardKind>,
+    /// Its real-time loop; `None` for a process without one.
+    pub real_time: Option<RealTimeLoop>,
+    /// Silence after which it is killed and started again (s).
+    pub silence_s: u32,
+    /// Time that it has to end in, before it is killed (s).
+    pub stop_s: u32,
+    /// `oom_score_adj`: the lower, the later the kernel ends it when memory runs out.
+    pub oom_score: i32,
+    /// Further lines of its unit file's `[Service]` section.
+    pub unit: &'static str,
+}
+
+/// A topic that several processes have, each its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessTopic {
+    /// Name of the topic, `event/control`.
+    pub name: &'static str,
+    /// What its messages are.
+    pub kind: ProcessTopicKind,
+    /// Its place in the table of topics; recordings hold it.
+    pub place: usize,
+}
+
+/// The topics that several processes have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(non_camel_case_types, reason = "the word is the first part of the topic's name")]
+pub enum ProcessTopicKind {
+    /// Events: every process with ports.
+    event,
+    /// Heartbeats: a slow process.
+    heartbeat,
+    /// Timing of the loop: a periodic process.
+    timing,
+}
+
+/// The real-time loop of a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RealTimeLoop {
+    /// Priority in `SCHED_FIFO`. The watchdog goes before all that it watches; who is read goes
+    /// before who reads, but for the simulated card, which catches up; the experiment's setpoints
+    /// have a lease of their own.
+    pub priority: i32,
+    /// Rate, unless the rig file gives another (Hz).
+    pub rate_hz: u32,
+    /// Start within its period, unless the rig file gives another (µs).
+    pub phase_us: u32,
+}
+
+impl Process {
+    /// Its entry in the table; `None` for launcher and operator.
+    pub fn entry(self) -> Option<&'static ProcessEntry> {
+        PROCESSES.iter().find(|entry| entry.process == self)
+    }
+
+    /// Its real-time loop; `None` for a process without one.
+    pub fn real_time(self) -> Option<RealTimeLoop> {
+        self.entry().and_then(|entry| entry.real_time)
+    }
+}
+
+impl ProcessEntry {
+    /// Short name of its unit.
+    pub const fn name(&self) -> &'static str {
+        self.process.text()
+    }
+}
+
+/// The processes of a rig with a card, those that belong to another card left out.
+pub fn processes_with(card: CardKind) -> impl Iterator<Item = &'static ProcessEntry> {
+    PROCESSES.iter().filter(move |entry| entry.card.is_none_or(|of| of == card))
+}

@@ -1,0 +1,94 @@
+//! The cards that acquisition can be started with: one table, from the kind to its driver.
+
+mod null;
+mod replay;
+mod simulated;
+
+use std::path::PathBuf;
+
+use ipc_types::CardKind;
+pub use null::NullDaq;
+pub use replay::{ReplayDaq, ReplayError};
+use rig::RigFile;
+use runtime::daq::Daq;
+use runtime::{PortError, Service};
+pub use simulated::SimulatedDaq;
+use thiserror::Error;
+
+/// The drivers. A kind of card that is not among them cannot be chosen.
+pub const DRIVERS: &[Driver] = &[
+    Driver {
+        kind: CardKind::Simulated,
+        open: |_, _| Ok(Box::new(|service, rig| Ok(Box::new(SimulatedDaq::new(service, rig)?)))),
+    },
+    Driver {
+        kind: CardKind::Replay,
+        open: |options, rig| {
+            let record = options.replay.as_ref().ok_or(CardError::NoRecord)?;
+            Ok(ready(ReplayDaq::open(record, rig, options.looped)?))
+        },
+    },
+    Driver {
+        kind: CardKind::Null,
+        open: |_, rig| Ok(ready(NullDaq::new(rig.rates.acquisition_hz))),
+    },
+];
+
+/// Opens the cards of one kind.
+#[derive(Clone, Copy, Debug)]
+pub struct Driver {
+    /// The kind.
+    pub kind: CardKind,
+    /// Checks options and rig file before the process joins the rig; what reads a file or a device
+    /// does so here.
+    pub open: fn(&CardOptions, &RigFile) -> Result<Opened, CardError>,
+}
+
+/// A card that was opened: the rest is done when the process has joined the rig.
+pub type Opened = Box<dyn FnOnce(&Service, &RigFile) -> Result<Box<dyn Daq>, PortError>>;
+
+/// A card that needs nothing of the rig.
+fn ready(card: impl Daq + 'static) -> Opened {
+    Box::new(|_, _| Ok(Box::new(card)))
+}
+
+/// Which card, and what its driver is told.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CardOptions {
+    /// The kind of card.
+    pub kind: CardKind,
+    /// Measured record (MCAP or CSV), for the replay.
+    pub replay: Option<PathBuf>,
+    /// Whether the record begins again at its end.
+    pub looped: bool,
+}
+
+impl CardOptions {
+    /// A card that needs no further options.
+    pub const fn of(kind: CardKind) -> Self {
+        Self { kind, replay: None, looped: false }
+    }
+
+    /// Opens the card for a rig.
+    ///
+    /// # Errors
+    /// When there is no driver, an option is missing, or the card does not fit the rig.
+    pub fn open(&self, rig: &RigFile) -> Result<Opened, CardError> {
+        let driver = DRIVERS.iter().find(|driver| driver.kind == self.kind);
+        (driver.ok_or(CardError::NoDriver(self.kind))?.open)(self, rig)
+    }
+}
+
+/// A card cannot be opened.
+#[derive(Debug, Error)]
+pub enum CardError {
+    /// There is none for this kind of card.
+    #[error("this build has no driver for card {0}")]
+    NoDriver(CardKind),
+    /// The replay has nothing to replay.
+    #[error("--card replay: --replay RECORD is missing")]
+    NoRecord,
+    /// The record cannot be replayed on this rig.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+}
