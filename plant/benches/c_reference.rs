@@ -11,8 +11,8 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::Instant;
 
-use plant::batch;
 use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 const STEPS: usize = 60_000;
 const RUNS: usize = 15;
@@ -141,20 +141,24 @@ fn in_batch() -> Result<(), Failure> {
         })
         .collect();
     let inputs: Vec<_> = (0..STEPS).map(input).collect();
+    let simulate = |parameters: &Parameters| {
+        let mut plant = Plant::new(parameters.clone(), Vec::new())?;
+        let mut sum = 0.0;
+        for input in &inputs {
+            plant.step(*input, 0.5e-3);
+            sum += plant.state().slave_position_rad.powi(2);
+        }
+        Ok::<f64, plant::ParameterError>(sum)
+    };
     let mut rates = [Vec::new(), Vec::new()];
     for _ in 0..5 {
-        for (threads, rates) in [1, 0].into_iter().zip(&mut rates) {
+        for (parallel, rates) in [false, true].into_iter().zip(&mut rates) {
             let began = Instant::now();
-            let errors = batch::simulate(&sets, threads, |parameters| {
-                let mut plant = Plant::new(parameters.clone(), Vec::new())?;
-                let mut sum = 0.0;
-                for input in &inputs {
-                    plant.step(*input, 0.5e-3);
-                    sum += plant.state().slave_position_rad.powi(2);
-                }
-                Ok::<f64, plant::ParameterError>(sum)
-            });
-            black_box(errors.into_iter().collect::<Result<Vec<_>, _>>()?);
+            let sum: Result<Vec<f64>, _> = match parallel {
+                true => sets.par_iter().map(simulate).collect(),
+                false => sets.iter().map(simulate).collect(),
+            };
+            black_box(sum?);
             rates.push(sets.len() as f64 / began.elapsed().as_secs_f64());
         }
     }

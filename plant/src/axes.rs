@@ -73,8 +73,8 @@ pub enum CouplingError {
     /// The handle would have hardly any inertia, or a negative one, in some direction.
     #[error(
         "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every \
-         direction (for two axes: a coupling of at most 0.8 times the root of the product of \
-         their slaves' inertia), found {found:.3}; make the coupling smaller, or the handle's own \
+         direction (for two axes: a coupling of at most 0.8 times the root of the product of their \
+         slaves' inertia), found {found:.3}; make the coupling smaller, or the handle's own \
          inertia larger"
     )]
     TooStrong {

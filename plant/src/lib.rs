@@ -35,7 +35,6 @@
 mod absorb;
 pub mod any;
 pub mod axes;
-pub mod batch;
 pub mod cable;
 pub mod drive;
 pub mod effects;

@@ -1,4 +1,5 @@
-//! One piece of cable: imposed elongation to tension, with toe, sag, permanent set and hysteresis.
+//! One piece of cable: tension from imposed elongation, with toe, sag, permanent set and
+//! hysteresis.
 //!
 //! ```text
 //! x   = x_e + p                      elongation: elastic part, permanent set
@@ -9,10 +10,10 @@
 //! T   = f + z ≥ (1 - φ) f ≥ 0        a cable pulls; k = K/(1 + φ): loading shows the slope K
 //! ```
 //!
-//! From rest the tension is continuous in the elongation and depends on its path, not on its speed.
-//! Nothing in the law gives energy: set and slip only take it. Valid well below the breaking load
-//! (no yield, no creep). Sources: fig. 5.3 (toe, slope), fig. 5.4 (set, hysteresis), § 5.3 (sag);
-//! sag stiffness `1/K_eff = 1/K + w²ℓ³/(12 T³)` per span is Ernst's (Der Bauingenieur 40, 1965),
+//! The tension is continuous in the elongation and depends on its path, not on its rate. The law
+//! creates no energy: set and slip only dissipate it. Valid well below the breaking load (no yield,
+//! no creep). Sources: fig. 5.3 (toe, slope), fig. 5.4 (set, hysteresis), § 5.3 (sag); sag
+//! stiffness `1/K_eff = 1/K + w²ℓ³/(12 T³)` per span is Ernst's (Der Bauingenieur 40, 1965),
 //! friction under load is Jenkins's element (1962).
 
 /// The constants of a piece of cable; SI.
@@ -20,20 +21,20 @@
 pub struct ElementLaw {
     /// Slope of the loading curve once the fibres are aligned `K`, N/m.
     pub stiffness_n_per_m: f64,
-    /// Tension at which the toe goes over into the straight part, N.
+    /// Tension at which the toe ends and the straight part begins, N.
     pub toe_tension_n: f64,
     /// Sag constant `S = n w² ℓ³/24`, N²·m; 0 for a cable without weight.
     pub sag_n2_m: f64,
     /// Permanent set over elastic elongation on first loading `β`.
     pub set_ratio: f64,
-    /// Stiffness of the rubbing branch over the elastic one `κ`.
+    /// Stiffness of the friction branch over the elastic one `κ`.
     pub branch_ratio: f64,
     /// Friction between fibres over tension `φ`, below 1.
     pub friction_ratio: f64,
 }
 
 impl ElementLaw {
-    /// `S` of `spans` spans of `span_m` each, by a cable of `weight_n_per_m`.
+    /// `S` of a cable of `weight_n_per_m` with `spans` spans of `span_m` each.
     pub fn sag_constant(spans: f64, span_m: f64, weight_n_per_m: f64) -> f64 {
         spans * weight_n_per_m.powi(2) * span_m.powi(3) / 24.0
     }
@@ -64,9 +65,9 @@ impl ElementLaw {
         if self.sag_n2_m <= 0.0 {
             return weightless;
         }
-        // Concave and growing in the tension: one Newton step leads below the root, the next
-        // approach it from there. Gap and slope are multiplied by the tension's cube, which leaves
-        // one division.
+        // Concave and increasing in the tension: the first Newton step leads below the root, the
+        // next ones approach it from there. Gap and slope are multiplied by the cube of the
+        // tension, which leaves a single division.
         let mut tension = near.max(weightless).max(1e-9);
         for _ in 0..100 {
             let (straight, slope) = self.straight(tension);
@@ -76,7 +77,7 @@ impl ElementLaw {
             let next = if next > 0.0 { next } else { 0.25 * tension };
             let change = (next - tension).abs();
             tension = next;
-            // What is left is of the order of the square.
+            // The remaining error is of the order of the square of the change.
             if change <= 1e-9 * tension {
                 break;
             }
@@ -84,8 +85,8 @@ impl ElementLaw {
         tension
     }
 
-    /// Energy of the elastic part at an elastic tension above 0, J: of stretching, and of lifting
-    /// its weight.
+    /// Energy of the elastic part at a positive elastic tension, J: of stretching, and of lifting
+    /// the weight.
     fn energy(&self, tension_n: f64) -> f64 {
         let (k, end) = (self.elastic_n_per_m(), 2.0 * self.toe_tension_n / self.elastic_n_per_m());
         let stretching = if tension_n < self.toe_tension_n {
@@ -108,7 +109,7 @@ impl ElementLaw {
         }
     }
 
-    /// Elongation without sag, and its slope over tension.
+    /// Elongation without sag, and its derivative with respect to tension.
     fn straight(&self, tension: f64) -> (f64, f64) {
         let k = self.elastic_n_per_m();
         if tension < self.toe_tension_n {
@@ -126,7 +127,7 @@ pub struct Element {
     law: ElementLaw,
     /// Largest elastic elongation so far, m.
     aligned_m: f64,
-    /// Elastic elongation at which the rubbing branch is free of force, m.
+    /// Elastic elongation at which the friction branch is free of force, m.
     slip_m: f64,
     elastic_n: f64,
     rubbing_n: f64,
@@ -134,15 +135,15 @@ pub struct Element {
 }
 
 impl Element {
-    /// A new cable, lying free of tension at elongation 0 (with sag: tight by as much as its weight
-    /// makes it).
+    /// A new cable, free of tension at elongation 0 (with sag: under the tension of its own
+    /// weight).
     pub fn new(law: ElementLaw) -> Self {
         let elastic_n = law.tension(0.0, 0.0);
         Self { law, aligned_m: 0.0, slip_m: 0.0, elastic_n, rubbing_n: 0.0, dissipated_j: 0.0 }
     }
 
-    /// A cable that has once been loaded to `bedding_n` and now rests at `tension_n`, free of
-    /// rubbing; and its elongation.
+    /// A cable that was once loaded to `bedding_n` and now rests at `tension_n`, its friction
+    /// branch free of force; and its elongation.
     pub fn bedded(law: ElementLaw, bedding_n: f64, tension_n: f64) -> (Self, f64) {
         let aligned_m = law.stretch(bedding_n.max(tension_n)).max(0.0);
         let stretch = law.stretch(tension_n);

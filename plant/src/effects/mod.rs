@@ -1,9 +1,9 @@
 //! Deviations from the declared model, added to a plant by name: one file each.
 //!
 //! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
-//! internal step. Each effect is a [`ParameterSet`]; its first parameter is its
-//! size, the value after `=` in `ID[@SITE][=SIZE]`. To add one: a file here, `pub mod` and a
-//! line in [`LIST`].
+//! internal step. Each effect is a [`ParameterSet`]; its first parameter is its size, the value
+//! after `=` in `ID[@SITE][=SIZE]`. To add one: a file here, and its name in two lines of this file
+//! (`pub mod` and [`LIST`]).
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};
@@ -55,7 +55,7 @@ pub(crate) use entry::{effect, identity};
 pub use registry::{EffectError, make, parse};
 pub(crate) use sited::Sited;
 
-/// Every effect, in the order of its kind. Names and sites are an interface.
+/// Every effect, grouped by kind. Names and sites are an interface.
 pub const LIST: &[Entry] = &[
     line_compliance::ENTRY,
     nonlinear_stiffness::ENTRY,
@@ -274,7 +274,7 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Prepares for a plant with these constants and clears its inner state; may allocate.
     fn prepare(&mut self, _constants: &dyn LineConstants) {}
 
-    /// Whether it applies to a plant with such lines.
+    /// Whether it acts on a plant with such lines.
     fn applies(&self, _constants: &dyn LineConstants) -> bool {
         true
     }
@@ -310,14 +310,14 @@ pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
         coefficient
     }
 
-    /// Site line: how far the fluid of a line went in the step for which [`Effect::link`] was
+    /// Site line: displacement of the fluid of a line in the step for which [`Effect::link`] was
     /// called, m.
     fn flowed(&mut self, _line: usize, _displacement_m: f64, _moment: &Moment) {}
 
     /// Sites master, slave: adds force, friction.
     fn side(&mut self, _load: &mut SideLoad, _moment: &Moment) {}
 
-    /// Sites master, slave: how far the side went in the step for which [`Effect::side`] was
+    /// Sites master, slave: displacement of the side in the step for which [`Effect::side`] was
     /// called, rad (m).
     fn moved(&mut self, _displacement: f64, _moment: &Moment) {}
 

@@ -25,10 +25,6 @@ parameter_set! {
 }
 
 impl FrictionLaw for Asymmetric {
-    fn name(&self) -> &'static str {
-        "asymmetric"
-    }
-
     fn contribute(&mut self, load: &mut Load, _at: &OperatingPoint) {
         let (forward, backward) = (self.level + self.difference, self.level - self.difference);
         load.dry.forward += forward;

@@ -13,10 +13,6 @@ parameter_set! {
 }
 
 impl FrictionLaw for Coulomb {
-    fn name(&self) -> &'static str {
-        "coulomb"
-    }
-
     fn contribute(&mut self, load: &mut Load, _at: &OperatingPoint) {
         load.dry.add(self.level, self.level);
     }

@@ -34,10 +34,6 @@ impl Dahl {
 }
 
 impl FrictionLaw for Dahl {
-    fn name(&self) -> &'static str {
-        "dahl"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         self.bristle.contribute(load, self.stiffness, 0.0, self.level, at);
     }

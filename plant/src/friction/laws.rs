@@ -18,9 +18,9 @@ pub struct LawEntry {
     pub source: &'static str,
     /// Its parameters, each with unit, range, default and source.
     pub parameters: &'static [ParameterInfo],
-    /// Whether a mirrored movement meets mirrored friction.
+    /// Whether friction is equal in both directions.
     pub symmetric: bool,
-    /// Whether it gives way elastically before it slides, instead of exact stick.
+    /// Whether it yields elastically before sliding, instead of exact stick.
     pub presliding: bool,
     build: fn() -> Box<dyn FrictionLaw>,
 }

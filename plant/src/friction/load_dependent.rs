@@ -31,10 +31,6 @@ impl LoadDependent {
 }
 
 impl FrictionLaw for LoadDependent {
-    fn name(&self) -> &'static str {
-        "load_dependent"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         let level = self.level(at.transmitted);
         load.dry.add(level, level);

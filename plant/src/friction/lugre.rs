@@ -48,10 +48,6 @@ impl LuGre {
 }
 
 impl FrictionLaw for LuGre {
-    fn name(&self) -> &'static str {
-        "lugre"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         let level = self.curve().level(at.velocity);
         self.bristle.contribute(load, self.stiffness, self.damping, level, at);

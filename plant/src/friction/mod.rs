@@ -77,9 +77,6 @@ pub struct OperatingPoint {
 
 /// A law of friction on one degree of freedom.
 pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
-    /// Its name in [`LAWS`].
-    fn name(&self) -> &'static str;
-
     /// Adds to a load what friction does over the coming step. Nothing is allocated.
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint);
 

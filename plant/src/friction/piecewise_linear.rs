@@ -38,10 +38,6 @@ impl Stribeck {
 }
 
 impl FrictionLaw for Stribeck {
-    fn name(&self) -> &'static str {
-        "piecewise_linear"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         load.dry.add(self.level(at.velocity), self.level(0.0));
     }

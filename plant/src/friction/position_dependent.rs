@@ -40,10 +40,6 @@ impl PositionDependent {
 }
 
 impl FrictionLaw for PositionDependent {
-    fn name(&self) -> &'static str {
-        "position_dependent"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         let level = self.level * self.factor(at.position);
         load.dry.add(level, level);

@@ -35,10 +35,6 @@ impl StribeckCurve {
 }
 
 impl FrictionLaw for StribeckCurve {
-    fn name(&self) -> &'static str {
-        "stribeck"
-    }
-
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint) {
         load.dry.add(self.level(at.velocity), self.breakaway);
     }

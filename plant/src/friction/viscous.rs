@@ -13,10 +13,6 @@ parameter_set! {
 }
 
 impl FrictionLaw for Viscous {
-    fn name(&self) -> &'static str {
-        "viscous"
-    }
-
     fn contribute(&mut self, load: &mut Load, _at: &OperatingPoint) {
         load.viscous_forward += self.coefficient;
         load.viscous_backward += self.coefficient;

@@ -1,13 +1,14 @@
-//! What softens a line beyond its fluid: hose wall, belts, entrained gas. § 3.2.2 neglects all
-//! three.
+//! Compliance of a line beyond that of its fluid: hose wall, belts, entrained gas. § 3.2.2 neglects
+//! all three.
 //!
-//! The line's stiffness is `K = B A / L` (eq. 3.1.7). What gives way in series adds its compliance:
+//! The line's stiffness is `K = B A / L` (eq. 3.1.7). Compliances in series add up:
 //!
-//! - the hose wall: the bore widens under pressure, which acts like a fluid of modulus `B_w` in
-//!   series with the oil, `1/B' = 1/B + 1/B_w`. For a tube with open ends (the hose lies loose, its
-//!   ends carry the thrust) Lamé's radial displacement, `u = (p r_i/E) [ν + (r_o² + r_i²)/(r_o² -
-//!   r_i²)]`, gives `B_w = p A/ΔA = p r_i/(2u)`; for a thin wall that is `E t/d`, Korteweg's
-//!   formula (Timoshenko and Goodier, Theory of Elasticity, § 28);
+//! - the hose wall: the bore expands under pressure, which acts like a fluid of modulus `B_w` in
+//!   series with the oil, `1/B' = 1/B + 1/B_w`. For a tube with open ends (the hose lies loose, and
+//!   its ends carry the thrust) Lamé's radial displacement,
+//!   `u = (p r_i/E) [ν + (r_o² + r_i²)/(r_o² - r_i²)]`, gives `B_w = p A/ΔA = p r_i/(2u)`; for a
+//!   thin wall that is `E t/d`, Korteweg's formula (Timoshenko and Goodier, Theory of Elasticity, §
+//!   28);
 //! - entrained gas: a volume fraction `φ` at the absolute pressure `p` adds `φ/(n p)`, with `n = 1`
 //!   for slow (isothermal) and up to 1.4 for fast (adiabatic) changes (Merritt, Hydraulic Control
 //!   Systems, 1967, § 2.3);
@@ -19,8 +20,8 @@ use std::f64::consts::PI;
 
 use super::Parameters;
 
-/// Modulus of a fluid that gives way as the bore of a tube does, Pa; see the module's text.
-/// Infinite for a rigid wall.
+/// Bulk modulus of a fluid that is as compliant as the wall of a tube, Pa (see the module
+/// documentation). Infinite for a rigid wall.
 pub fn wall_bulk_modulus_pa(
     inner_diameter_m: f64,
     wall_m: f64,
@@ -33,7 +34,7 @@ pub fn wall_bulk_modulus_pa(
     youngs_modulus_pa / (2.0 * lame)
 }
 
-/// What one softening would have to be, each by itself, to make a line as soft as it is.
+/// Values of single causes, each of which alone would explain a softened line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Explanations {
     /// Young's modulus of the hose wall, Pa.
@@ -42,12 +43,12 @@ pub struct Explanations {
     pub belt_stiffness_n_per_m: f64,
     /// Volume fraction of gas at the rest pressure, slow changes.
     pub gas_fraction: f64,
-    /// The bulk modulus, if it is misprinted and nothing else is missing, Pa.
+    /// The bulk modulus, if it is misprinted and nothing else is compliant, Pa.
     pub bulk_modulus_pa: f64,
 }
 
 impl Parameters {
-    /// The hose's bore that goes with its area, m; `hose_diameter_m` contradicts it
+    /// Bore that corresponds to the area of the hose, m; `hose_diameter_m` contradicts it
     /// (`docs/errata.md`).
     pub fn bore_m(&self) -> f64 {
         (4.0 * self.hose_area_m2 / PI).sqrt()
@@ -65,8 +66,8 @@ impl Parameters {
         1.0 / ((1.0 - self.gas_fraction) / self.bulk_modulus_pa + 1.0 / wall + gas)
     }
 
-    /// Stiffness of the half line between a piston and the middle of the hose, `2K` with all that
-    /// gives way, N/m: at the master's and at the slave's end.
+    /// Stiffness of the half line between a piston and the middle of the hose, `2K` with all
+    /// compliances, N/m: at the master's and at the slave's end.
     pub fn half_line_stiffness_n_per_m(&self) -> [f64; 2] {
         let hose =
             2.0 * self.line_stiffness_factor * self.effective_bulk_modulus_pa() * self.hose_area_m2
@@ -75,8 +76,8 @@ impl Parameters {
             .map(|ratio| 1.0 / (1.0 / hose + ratio * ratio / self.belt_stiffness_n_per_m))
     }
 
-    /// What it would take, each by itself, to soften the line from the fluid's own stiffness by
-    /// `factor` (below 1). What cannot do it is NaN.
+    /// Values of single causes, each of which alone softens the line from the stiffness of the
+    /// fluid by `factor` (below 1). NaN for causes that cannot.
     pub fn explain_softening(&self, factor: f64) -> Explanations {
         let missing = (1.0 / factor - 1.0) / self.bulk_modulus_pa;
         let positive = |value: f64| if value > 0.0 && value.is_finite() { value } else { f64::NAN };
@@ -87,7 +88,7 @@ impl Parameters {
             self.hose_wall_poisson_ratio,
         );
         let gas_pressure = self.gas_exponent * self.rest_pressure_pa;
-        // Both ends alike: the mean of α² over the two.
+        // The mean of α² over both ends.
         let square = 0.5 * (self.master_area_ratio.powi(2) + self.slave_area_ratio.powi(2));
         let half = 2.0 * self.bulk_modulus_pa * self.hose_area_m2 / self.hose_length_m;
         Explanations {

@@ -4,7 +4,7 @@ use crate::effects::LineConstants;
 use crate::fluid::Pipe;
 use crate::friction::Stribeck;
 use crate::parameter::parameter_set;
-use crate::transmission::{State, TransmissionParameters, least_damping};
+use crate::transmission::{TransmissionParameters, least_damping};
 
 parameter_set! {
     /// Constants of the hydrostatic transmission, SI.
@@ -184,17 +184,6 @@ impl Parameters {
         self.motor_coulomb_nm
             + self.master_piston_static_friction_n * self.master_pulley_radius_m
             + self.slave_static_friction_nm * self.transmission_ratio()
-    }
-
-    /// Pressure change against the pressure at rest, Pa: of each line, at the master's and at the
-    /// slave's end.
-    ///
-    /// `dP = F/A` (eq. 3.1.5). Line 2 returns, so its sign is opposite to that of line 1.
-    pub fn line_pressure_pa(&self, state: &State) -> [[f64; 2]; 2] {
-        let [first, second] = state.line_force_n.map(|[at_master, at_slave]| {
-            [-at_master / self.hose_area_m2, at_slave / self.hose_area_m2]
-        });
-        [first, second.map(|pressure| -pressure)]
     }
 
     /// Loss in one hose.

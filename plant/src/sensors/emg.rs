@@ -1,20 +1,20 @@
-//! Surface EMG of the muscles that make the hand's torque.
+//! Surface EMG of the muscles that generate the torque of the hand.
 //!
 //! Per channel, in this order:
 //!
-//! 1. **Excitation** from torque: `u = |τ| / τ_max` for the muscles that pull that way, `κ u` for
-//!    those against (co-contraction), plus a stiffening part of both; from 0 to 1. Flexors make
+//! 1. **Excitation** from torque: `u = |τ| / τ_max` for the agonists, `κ u` for the antagonists
+//!    (co-contraction), plus a stiffening part for both; limited to 0 to 1. Flexors generate
 //!    positive hand torque.
-//! 2. **Activation** follows excitation as a first-order lag, faster on the way up than down: `ȧ =
-//!    (u - a) / t` (Zajac 1989; Winters 1990 for the times).
+//! 2. **Activation** follows excitation with a first-order lag, faster when rising than when
+//!    falling: `ȧ = (u - a) / t` (Zajac 1989; Winters 1990 for the times).
 //! 3. **Signal**: white noise through a causal band-pass of 10 to 400 Hz (§ 2.2: "EMG signals cover
 //!    frequencies from 10 to 400 Hz"), scaled to unit rms, times `a`, channel gain and volts at
-//!    full activation. Amplitude goes with activation ("amplitude is correlated with muscle
-//!    tension", § 2.1).
-//! 4. **Floor**: white noise of electrodes and amplifier; the sum clips.
+//!    full activation. Amplitude is proportional to activation ("amplitude is correlated with
+//!    muscle tension", § 2.1).
+//! 4. **Floor**: white noise of electrodes and amplifier; the sum is clipped.
 //!
-//! A real muscle's EMG comes some 50 ms before its torque; torque is what is known here, so this
-//! one follows it.
+//! The EMG of a real muscle precedes its torque by about 50 ms; here it is derived from the torque
+//! and follows it.
 
 use super::BandPass;
 use crate::parameter::parameter_set;
@@ -26,7 +26,7 @@ use rand_pcg::Pcg64Mcg;
 /// Channels of the rig: "upto six EMG inputs" (§ 2.1).
 pub const EMG_CHANNELS: usize = 6;
 
-/// Which way a channel's muscle pulls.
+/// Direction of the muscle of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Muscle {
     /// Positive hand torque.
@@ -36,28 +36,28 @@ pub enum Muscle {
 }
 
 parameter_set! {
-    /// Constants of the muscles and their amplifier, all channels alike.
+    /// Constants of the muscles and of the amplifier, equal for all channels.
     #[derive(PartialEq)]
     pub struct EmgParameters {
         /// Hand torque at full activation `τ_max`.
         full_torque_nm: "N m", 1e-3, 1e3, 5.0, "assumed: somewhat less than a strong wrist";
-        /// Antagonist's excitation over the agonist's `κ`.
+        /// Excitation of the antagonist over that of the agonist `κ`.
         cocontraction: "1", 0.0, 1.0, 0.15, "assumed";
-        /// Excitation of both without torque: a stiffened joint.
+        /// Excitation of both without torque, as in a stiffened joint.
         stiffening: "1", 0.0, 1.0, 0.0, "assumed: relaxed";
         /// Time constant of rising activation.
         activation_s: "s", 1e-4, 1.0, 0.015, "Zajac 1989, order of magnitude";
         /// Time constant of falling activation.
         deactivation_s: "s", 1e-4, 1.0, 0.05, "Zajac 1989, order of magnitude";
-        /// Lower corner.
+        /// Lower corner frequency.
         low_hz: "Hz", 1.0, 100.0, 10.0, "§ 2.2";
-        /// Upper corner.
+        /// Upper corner frequency.
         high_hz: "Hz", 101.0, 1e4, 400.0, "§ 2.2";
-        /// Root mean square at full activation and unit channel gain, after the amplifier.
+        /// Rms voltage at full activation and unit channel gain, after the amplifier.
         full_rms_v: "V", 0.0, 10.0, 0.2, "assumed: 0.2 mV, amplified 1000 times";
-        /// Root mean square of the noise floor.
+        /// Rms voltage of the noise floor.
         floor_rms_v: "V", 0.0, 10.0, 0.003, "assumed: 3 uV, amplified 1000 times";
-        /// Volts at which the output clips.
+        /// Voltage at which the output clips.
         limit_v: "V", 1e-3, 100.0, 10.0, "assumed: the card's range";
     }
 }
@@ -71,12 +71,12 @@ struct Channel {
     generator: Pcg64Mcg,
 }
 
-/// Six channels of surface EMG, read at a fixed rate.
+/// Six channels of surface EMG, sampled at a fixed rate.
 #[derive(Clone, Debug)]
 pub struct Emg {
     parameters: EmgParameters,
     channels: [Channel; EMG_CHANNELS],
-    /// Volts per filtered unit noise at full activation.
+    /// Scale from filtered noise to volts at full activation.
     scale_v: f64,
     rise: f64,
     fall: f64,
@@ -85,16 +85,16 @@ pub struct Emg {
 }
 
 impl Emg {
-    /// Electrodes at rest, read every `step_s`: flexors on channels 0, 2, 4 and extensors on 1, 3,
-    /// 5, with gains of 1. The same seed gives the same signals.
+    /// Relaxed muscles, sampled every `step_s` (s): flexors on channels 0, 2, 4 and extensors on 1,
+    /// 3, 5, with unit gains. Equal seeds give equal signals.
     ///
     /// # Errors
-    /// [`ParameterError::OutOfRange`]; also for an upper corner at or above 0.49 of the sampling
-    /// rate.
+    /// [`ParameterError::OutOfRange`]; also if the upper corner frequency is 0.49 of the sampling
+    /// rate or more.
     pub fn new(parameters: EmgParameters, step_s: f64, seed: u64) -> Result<Self, ParameterError> {
         parameters.check()?;
         let EmgParameters { low_hz, high_hz, .. } = parameters;
-        // Written so that a step that is no number fails too.
+        // Written such that NaN fails, too.
         if !(step_s > 0.0 && high_hz * step_s < 0.49) {
             let (minimum, maximum) = (101.0, 0.49 / step_s);
             return Err(ParameterError::OutOfRange {
@@ -106,8 +106,7 @@ impl Emg {
             });
         }
         let filter = BandPass::new(low_hz * step_s, high_hz * step_s);
-        // The high pass rings longest: e⁻⁴⁰ after this many samples, and no more than a few 100
-        // 000.
+        // The high-pass rings longest: it has decayed by e⁻⁴⁰ after this many samples.
         let samples = (20.0 / (low_hz * step_s)).min(1e6) as usize;
         let channels = std::array::from_fn(|index| Channel {
             muscle: if index % 2 == 0 { Muscle::Flexor } else { Muscle::Extensor },
@@ -127,7 +126,7 @@ impl Emg {
         })
     }
 
-    /// The same electrodes on other muscles and with other gains (how well each lies over its
+    /// Places the electrodes on other muscles, with other gains (how well each lies over its
     /// muscle).
     #[must_use]
     pub fn with_channels(mut self, placed: [(Muscle, f64); EMG_CHANNELS]) -> Self {
@@ -160,8 +159,8 @@ impl Emg {
         )
     }
 
-    /// Volts of the six channels one step later, with the hand torque (N·m) held over it. A torque
-    /// that is no number counts as none.
+    /// Advances by one step with the hand torque (N·m) held and returns the voltages of the six
+    /// channels. NaN counts as zero torque.
     pub fn read(&mut self, hand_torque_nm: f64) -> [f64; EMG_CHANNELS] {
         let torque = if hand_torque_nm.is_nan() { 0.0 } else { hand_torque_nm };
         let (flexor, extensor) = self.excitation(torque);

@@ -1,4 +1,4 @@
-//! Second-order sections and the Butterworth band-pass made of them.
+//! Second-order sections, and a Butterworth band-pass composed of them.
 
 use std::f64::consts::PI;
 
@@ -11,14 +11,14 @@ pub struct Biquad {
 }
 
 impl Biquad {
-    /// Low pass of quality `quality` at a part of the sampling rate, 0 to 0.5; bilinear, exact at
-    /// the corner.
+    /// Low-pass with the corner frequency `frequency`, a fraction of the sampling rate (0 to 0.5),
+    /// and the quality factor `quality`; bilinear transform, exact at the corner.
     pub fn low_pass(frequency: f64, quality: f64) -> Self {
         let (cosine, alpha) = Self::corner(frequency, quality);
         Self::scaled([0.5 * (1.0 - cosine), 1.0 - cosine, 0.5 * (1.0 - cosine)], cosine, alpha)
     }
 
-    /// High pass, likewise.
+    /// High-pass; arguments as for [`Self::low_pass`].
     pub fn high_pass(frequency: f64, quality: f64) -> Self {
         let (cosine, alpha) = Self::corner(frequency, quality);
         Self::scaled([0.5 * (1.0 + cosine), -(1.0 + cosine), 0.5 * (1.0 + cosine)], cosine, alpha)
@@ -48,19 +48,21 @@ impl Biquad {
     }
 }
 
-/// Qualities of the two sections of a fourth-order Butterworth filter, `1 / 2 cos(π/8)` and `1 / 2
-/// cos(3π/8)`.
+/// Quality factors of the two sections of a fourth-order Butterworth filter, `1 / 2 cos(π/8)` and
+/// `1 / 2 cos(3π/8)`.
 const FOURTH_ORDER: [f64; 2] = [0.541_196_100_146_197, 1.306_562_964_876_376_5];
 
-/// A causal band-pass: Butterworth high pass of fourth order, then Butterworth low pass of fourth
-/// order, 3 dB at each corner and 24 dB an octave beyond. For corners well apart.
+/// A causal band-pass: a fourth-order Butterworth high-pass followed by a fourth-order Butterworth
+/// low-pass; -3 dB at each corner frequency and 24 dB per octave beyond. For corner frequencies
+/// well apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BandPass {
     sections: [Biquad; 4],
 }
 
 impl BandPass {
-    /// From `low` to `high`, as parts of the sampling rate, `0 < low < high < 0.5`.
+    /// With corner frequencies `low` and `high`, fractions of the sampling rate,
+    /// `0 < low < high < 0.5`.
     pub fn new(low: f64, high: f64) -> Self {
         let [wide, narrow] = FOURTH_ORDER;
         Self {
@@ -79,8 +81,8 @@ impl BandPass {
         self.sections.iter_mut().fold(input, |signal, section| section.update(signal))
     }
 
-    /// Root mean square of the output for white noise of unit variance: the energy of the impulse
-    /// response, summed over `samples` of it.
+    /// Rms output for white noise of unit variance: the root of the energy of the impulse response
+    /// over `samples`.
     pub fn noise_gain(&self, samples: usize) -> f64 {
         let mut filter = *self;
         let first = filter.update(1.0);

@@ -1,32 +1,32 @@
-//! The MR-compatible optical torque cell: volts of a torque.
+//! The MR-compatible optical torque cell: voltage from torque.
 //!
-//! A polymer cross whose deflection is read by the intensity of a reflected beam through optical
-//! fibres (§ 2.1, § 5.1); its zero wanders with temperature and with the bend of the fibres. No
-//! numbers are printed.
+//! The deflection of a polymer cross is measured by the intensity of a beam that is reflected
+//! through optical fibres (§ 2.1, § 5.1). Its zero drifts with temperature and with the bending of
+//! the fibres. The thesis gives no values.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// What a torque cell does to its torque.
+/// Parameters of a torque cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueCellParameters {
     /// Volts per N·m.
     pub volts_per_nm: f64,
-    /// Volts at no torque, V.
+    /// Voltage at zero torque, V.
     pub offset_v: f64,
     /// Standard deviation of white noise on each reading, V.
     pub noise_v: f64,
-    /// Cut-off of the first-order low pass, Hz; infinite for none.
+    /// Cut-off frequency of the first-order low-pass, Hz; infinite for none.
     pub bandwidth_hz: f64,
-    /// Volts at which the output clips, V.
+    /// Voltage at which the output clips, V.
     pub limit_v: f64,
 }
 
-/// How the zero of a torque cell wanders; by default not at all.
+/// Drift of the zero of a torque cell; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Drift {
-    /// Steady drift (the optics warm up), V/s.
+    /// Constant rate, as the optics warm up, V/s.
     pub ramp_v_per_s: f64,
     /// Random walk, V/√s: the standard deviation after `t` seconds is this times `√t`. One V/√h is
     /// 1/60 V/√s.
@@ -41,12 +41,12 @@ pub struct TorqueCell {
     filtered_nm: f64,
     wandered_v: f64,
     generator: Pcg64Mcg,
-    /// Its own, so that drift leaves the noise as it was.
+    /// Separate, so that the drift does not change the noise.
     walk_generator: Pcg64Mcg,
 }
 
 impl TorqueCell {
-    /// A cell at rest; the same seed gives the same noise.
+    /// A cell without load; equal seeds give equal noise.
     pub fn new(parameters: TorqueCellParameters, seed: u64) -> Self {
         Self {
             parameters,
@@ -58,13 +58,13 @@ impl TorqueCell {
         }
     }
 
-    /// The same cell with a zero that wanders.
+    /// Adds drift of the zero.
     #[must_use]
     pub fn with_drift(self, drift: Drift) -> Self {
         Self { drift, ..self }
     }
 
-    /// How far the zero has wandered, V.
+    /// Present drift of the zero, V.
     pub fn wandered_v(&self) -> f64 {
         self.wandered_v
     }
@@ -74,7 +74,7 @@ impl TorqueCell {
         &self.parameters
     }
 
-    /// Volts after `dt_s` with the torque held, N·m.
+    /// Advances by `dt_s` (s) with the torque (N·m) held and returns the voltage, V.
     pub fn read(&mut self, torque_nm: f64, dt_s: f64) -> f64 {
         let decay = (-std::f64::consts::TAU * self.parameters.bandwidth_hz * dt_s).exp();
         self.filtered_nm = torque_nm + (self.filtered_nm - torque_nm) * decay;
@@ -90,8 +90,7 @@ impl TorqueCell {
         volts.clamp(-parameters.limit_v.abs(), parameters.limit_v.abs())
     }
 
-    /// The torque that volts stand for, N·m, by gain and offset: drift is not known to whoever
-    /// reads.
+    /// Torque of a voltage by gain and offset, N·m; the drift is unknown to the reader.
     pub fn torque_nm(&self, volts: f64) -> f64 {
         (volts - self.parameters.offset_v) / self.parameters.volts_per_nm
     }

@@ -4,10 +4,10 @@ use crate::parameter::parameter_set;
 use crate::{ParameterError, ParameterSet};
 
 parameter_set! {
-    /// The trigger output of an MR scanner, as a level over time; without jitter.
+    /// The trigger output of an MR scanner as a voltage over time, without jitter.
     ///
     /// The thesis's programs wait while the line reads more than 2.0 V (appendix, `tg.s90 > 2.0`):
-    /// it idles high and a pulse pulls it low. For a scanner that pulses high, exchange the two
+    /// it idles high and a pulse pulls it low. For a scanner with positive pulses, swap the two
     /// levels.
     #[derive(Copy, PartialEq)]
     pub struct ScannerTrigger {
@@ -17,22 +17,22 @@ parameter_set! {
         pulse_s: "s", 1e-6, 60.0, 0.01, "assumed: long enough for 500 Hz sampling";
         /// Start of the first pulse.
         start_s: "s", 0.0, 1e9, 0.0, "choice";
-        /// Volumes, a whole number; 0 for no end.
+        /// Number of volumes, an integer; 0 for unlimited.
         volumes: "1", 0.0, 1e9, 0.0, "choice";
-        /// Volts between pulses.
+        /// Voltage between pulses.
         idle_v: "V", -10.0, 10.0, 5.0, "appendix: above 2.0 V while waiting";
-        /// Volts during a pulse.
+        /// Voltage during a pulse.
         pulse_v: "V", -10.0, 10.0, 0.0, "appendix: not above 2.0 V";
     }
 }
 
-/// Volts that tell the levels apart (appendix, `tg.s90 > 2.0`).
+/// Threshold voltage between the levels (appendix, `tg.s90 > 2.0`).
 const THRESHOLD_V: f64 = 2.0;
-/// A time this close below an edge counts as on it, s: times that are sums of steps are not exact.
+/// Tolerance for a time just before an edge, s: sums of steps are not exact.
 const EDGE_S: f64 = 1e-9;
 
 impl ScannerTrigger {
-    /// Checks the ranges, and that a pulse ends before the next.
+    /// Checks the ranges, and that a pulse ends before the next one starts.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`].
@@ -51,7 +51,7 @@ impl ScannerTrigger {
         })
     }
 
-    /// The volume that is being scanned, from 0; `None` before the first and after the last.
+    /// Index of the volume being scanned, from 0; `None` before the first and after the last.
     pub fn volume(&self, time_s: f64) -> Option<u64> {
         let since = time_s - self.start_s + EDGE_S;
         if since.is_nan() || since < 0.0 {
@@ -61,20 +61,20 @@ impl ScannerTrigger {
         (self.volumes == 0.0 || volume < self.volumes).then_some(volume as u64)
     }
 
-    /// Whether a pulse is on: from its start up to, and without, its end.
+    /// Whether a pulse is active; its start is included, its end is not.
     pub fn pulse(&self, time_s: f64) -> bool {
         self.volume(time_s).is_some_and(|volume| {
             time_s - (self.start_s + volume as f64 * self.repetition_s) + EDGE_S < self.pulse_s
         })
     }
 
-    /// Volts on the line.
+    /// Voltage of the line, V.
     pub fn volts(&self, time_s: f64) -> f64 {
         if self.pulse(time_s) { self.pulse_v } else { self.idle_v }
     }
 
-    /// Whether volts mean a pulse on this line: on the pulse's side of the appendix's 2.0 V, or of
-    /// the middle between the levels where those lie on one side of it.
+    /// Whether a voltage is that of a pulse: on the pulse's side of 2.0 V (appendix), or, if both
+    /// levels are on one side of it, of the mean of the levels.
     pub fn is_pulse(&self, volts: f64) -> bool {
         let between = (self.idle_v > THRESHOLD_V) != (self.pulse_v > THRESHOLD_V);
         let threshold = if between { THRESHOLD_V } else { 0.5 * (self.idle_v + self.pulse_v) };

@@ -128,8 +128,7 @@ pub enum ResultsError {
     /// A case counted twice.
     #[error(
         "{path}, line {line}: case {} of seed {seed} again, by the same program asked the same \
-         way; it is on line {first} already. \
-         Remove one of the two: a case counts once",
+         way; it is on line {first} already. Remove one of the two: a case counts once",
         name(*set, *index)
     )]
     Duplicate {

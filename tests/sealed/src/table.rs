@@ -74,7 +74,20 @@ pub struct Row {
     pub value: Option<f64>,
 }
 
-/// What became of the cases of one effect.
+impl Row {
+    /// A row with a number, if there is one.
+    fn number(
+        set: &'static str,
+        what: &str,
+        bar: &'static str,
+        value: Option<f64>,
+        found: String,
+    ) -> Self {
+        Self { set, what: what.to_owned(), bar, found, share: None, value }
+    }
+}
+
+/// Results of the cases of one effect.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ByEffect {
     /// Cases, and how many of them are detectable.
@@ -130,8 +143,9 @@ pub fn table(scores: &[Score]) -> Table {
             Row { set: set.name(), what, bar, found, share: Some(share), value: None }
         }));
     }
-    accuracy(&mut rows, &seen);
-    sizes_and_times(&mut rows, &seen);
+    let (listed, pairs) = (seen(Set::Listed), seen(Set::Pairs));
+    accuracy(&mut rows, &listed);
+    sizes_and_times(&mut rows, &listed, &pairs);
     Table { rows, by_effect: by_effect(scores) }
 }
 
@@ -190,22 +204,10 @@ fn pair_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
     ]
 }
 
-fn accuracy<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
-    let mut number = |set: &'static str,
-                      what: &str,
-                      bar: &'static str,
-                      value: Option<f64>,
-                      found: String,
-                      share: Option<Share>| {
-        rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
-    };
-    let listed = seen(Set::Listed);
+fn accuracy(rows: &mut Vec<Row>, listed: &[&Score]) {
+    let number = |what, bar, value, found| Row::number("listed", what, bar, value, found);
     let plain = |value: f64| format!("{value:.3}");
-    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| {
-        value.map_or_else(|| "none".to_owned(), text)
-    };
-    // A case without an answer or without a floor does not hold the bar, and is behind all that
-    // have a number.
+    // A case without an answer or without a noise floor counts as beyond all that have a number.
     let over: Vec<Option<f64>> =
         listed.iter().map(|score| score.over_floor.filter(|ratio| ratio.is_finite())).collect();
     if !over.is_empty() {
@@ -217,50 +219,27 @@ fn accuracy<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
         };
         let within =
             Share::new(over.iter().flatten().filter(|ratio| **ratio <= 1.4).count(), over.len());
-        number(
-            "listed",
-            "error at most 1.4 repeat floors",
-            ">= 90 %",
-            None,
-            format!("{within}{missing}"),
-            Some(within),
-        );
+        let found = format!("{within}{missing}");
+        let row = number("error at most 1.4 repeat floors", ">= 90 %", None, found);
+        rows.push(Row { share: Some(within), ..row });
         let p90 = quantile_of_all(&over, 0.9);
         let text = of_all(p90, &over, &plain);
-        number("listed", "error over floor, 90th percentile", "<= 1.4", p90, text, None);
+        rows.push(number("error over floor, 90th percentile", "<= 1.4", p90, text));
     }
     let drops: Vec<f64> = listed.iter().filter_map(|score| score.drop).collect();
     let median = quantile(&drops, 0.5);
-    number("listed", "drop of the error, median", ">= 10 times", median, put(median, &plain), None);
+    rows.push(number("drop of the error, median", ">= 10 times", median, or_none(median, &plain)));
     let from_file: Vec<f64> = listed.iter().filter_map(|score| score.drop_from_file).collect();
     if let Some(median) = quantile(&from_file, 0.5) {
-        number(
-            "listed",
-            "drop from what the rig file leaves as it is, median",
-            "",
-            Some(median),
-            plain(median),
-            None,
-        );
+        let what = "drop from what the rig file leaves as it is, median";
+        rows.push(number(what, "", Some(median), plain(median)));
     }
 }
 
-fn sizes_and_times<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>) {
-    let mut number = |set: &'static str,
-                      what: &str,
-                      bar: &'static str,
-                      value: Option<f64>,
-                      found: String,
-                      share: Option<Share>| {
-        rows.push(Row { set, what: what.to_owned(), bar, found, share, value });
-    };
-    let (listed, pairs) = (seen(Set::Listed), seen(Set::Pairs));
+fn sizes_and_times(rows: &mut Vec<Row>, listed: &[&Score], pairs: &[&Score]) {
     let percent = |value: f64| format!("{:.2} %", 100.0 * value);
-    let put = |value: Option<f64>, text: &dyn Fn(f64) -> String| {
-        value.map_or_else(|| "none".to_owned(), text)
-    };
     let first = |errors: &[f64]| errors.first().copied().filter(|error| error.is_finite());
-    // One effect a case: the size of another name is no size of this one.
+    // One effect per case: the size of another effect says nothing about this one.
     let sizes: Vec<Option<f64>> = listed.iter().map(|score| first(&score.size_errors)).collect();
     let raw: Vec<Option<f64>> = listed.iter().map(|score| first(&score.raw_size_errors)).collect();
     for (what, bar, values, at) in [
@@ -270,7 +249,7 @@ fn sizes_and_times<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>
         ("error of the raw first parameter, 90th percentile", "", &raw, 0.9),
     ] {
         let value = quantile_of_all(values, at);
-        number("listed", what, bar, value, of_all(value, values, &percent), None);
+        rows.push(Row::number("listed", what, bar, value, of_all(value, values, &percent)));
     }
     let named: Vec<f64> = sizes.iter().flatten().copied().collect();
     for (what, at) in [
@@ -278,31 +257,22 @@ fn sizes_and_times<'a>(rows: &mut Vec<Row>, seen: &dyn Fn(Set) -> Vec<&'a Score>
         ("... of those rightly named, 90th percentile", 0.9),
     ] {
         let value = quantile(&named, at);
-        number(
-            "listed",
-            what,
-            "",
-            value,
-            format!("{} (n = {})", put(value, &percent), named.len()),
-            None,
-        );
+        let found = format!("{} (n = {})", or_none(value, &percent), named.len());
+        rows.push(Row::number("listed", what, "", value, found));
     }
-    for (set, cases, bar) in [("listed", &listed, "<= 30 s"), ("pairs", &pairs, "<= 60 s")] {
-        let seconds: Vec<f64> = cases
-            .iter()
-            .filter(|score| score.end != End::Failed)
-            .map(|score| score.seconds)
-            .collect();
+    for (set, cases, bar) in [("listed", listed, "<= 30 s"), ("pairs", pairs, "<= 60 s")] {
+        let ended = cases.iter().filter(|score| score.end != End::Failed);
+        let seconds: Vec<f64> = ended.map(|score| score.seconds).collect();
         let median = quantile(&seconds, 0.5);
-        number(
-            set,
-            "time of a case, median, late ones at the limit (s)",
-            bar,
-            median,
-            put(median, &|value| format!("{value:.1}")),
-            None,
-        );
+        let what = "time of a case, median, late ones at the limit (s)";
+        let found = or_none(median, &|value| format!("{value:.1}"));
+        rows.push(Row::number(set, what, bar, median, found));
     }
+}
+
+/// A value as text.
+fn or_none(value: Option<f64>, text: &dyn Fn(f64) -> String) -> String {
+    value.map_or_else(|| "none".to_owned(), text)
 }
 
 fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {

@@ -20,6 +20,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use clap::Parser;
+use identify::prediction_error::transmission_model::acts_on_torque_alone;
 use plant::ParameterSet as _;
 use plant::any;
 use plant::effects::{self, Effect, Site};
@@ -32,15 +33,6 @@ const OBSERVER_DAMPING: f64 = 1.4;
 const APART: usize = 25;
 /// A model beyond this has lost the record (rad).
 const DIVERGED_RAD: f64 = 1e3;
-/// Effects of the torque cell.
-const ON_TORQUE: [&str; 6] = [
-    "sensor_offset",
-    "sensor_gain",
-    "sensor_drift",
-    "sensor_crosstalk",
-    "mains_hum",
-    "rectified_sensor",
-];
 
 /// Runs a fitted model ahead.
 #[derive(Parser)]
@@ -136,10 +128,6 @@ fn model(args: &Args) -> anyhow::Result<Model> {
             effect["id"].as_str().unwrap_or_default(),
             effect["site"].as_str().unwrap_or_default(),
         );
-        if ON_TORQUE.contains(&id) {
-            left_out.push(format!("{id}@{site}"));
-            continue;
-        }
         let place = Site::from_name(site)
             .with_context(|| format!("{id}: expected a site, found {site:?}"))?;
         let parameters = list(&effect, "parameters");
@@ -148,7 +136,11 @@ fn model(args: &Args) -> anyhow::Result<Model> {
         for parameter in &parameters {
             made.set(parameter["name"].as_str().unwrap_or_default(), number(parameter, "value")?)?;
         }
-        placed.push(made);
+        if acts_on_torque_alone(made.as_ref()) {
+            left_out.push(format!("{id}@{site}"));
+        } else {
+            placed.push(made);
+        }
     }
     if found["unlisted"].is_object() {
         left_out.push("a function without a name".to_owned());

@@ -16,9 +16,9 @@ pub enum IdentifyError {
     },
     /// Machines that lack nothing can be simulated of transmissions that turn only.
     #[error(
-        "{file}: --calibrate: expected a transmission with an axis in rad, found a model of \
-         kind \"{kind}\" with an axis in {unit}; \
-         records of others are not simulated: leave --calibrate out"
+        "{file}: --calibrate: expected a transmission with an axis in rad, found a model of kind \
+         \"{kind}\" with an axis in {unit}; records of others are not simulated: leave --calibrate \
+         out"
     )]
     NotSimulated {
         /// The rig file.
@@ -149,8 +149,8 @@ pub enum IdentifyError {
     /// The declared model cannot be simulated along the records at all.
     #[error(
         "{file}: the declared model diverges from these records for all parameters within their \
-         tolerances; expected records of this rig: \
-         check the rig file, the units and the signs of the columns"
+         tolerances; expected records of this rig: check the rig file, the units and the signs of \
+         the columns"
     )]
     Lost {
         /// The records.
@@ -158,8 +158,8 @@ pub enum IdentifyError {
     },
     /// The equations could not be solved.
     #[error(
-        "{file}: the columns {columns} cannot be told apart in the rows that take part in the \
-         fit; excite the machine more"
+        "{file}: the columns {columns} cannot be told apart in the rows that take part in the fit; \
+         excite the machine more"
     )]
     Singular {
         /// The records.

@@ -3,12 +3,12 @@
 //! The filter is a Butterworth low-pass of order 4 (two second-order sections, bilinear transform,
 //! cut-off pre-warped), run forward and then backward over the record. "Order 4" is the order of
 //! one pass, as published for the EMPS record: the two passes together have the magnitude
-//! `|H(f)|²`, so the amplitude is halved (-6 dB, not -3 dB) at the cut-off frequency, fall by 48 dB
-//! per octave, and have no phase.
+//! `|H(f)|²`, so the amplitude is halved (-6 dB, not -3 dB) at the cut-off frequency and falls by
+//! 48 dB per octave, without phase shift.
 //!
-//! Edges: the record is continued at both ends by its reflection through the end point (odd
-//! extension, three periods of the cut-off), and each pass begins in the steady state of its first
-//! value. What is left of the edges decays within [`ZeroPhase::settling`] samples, which callers
+//! Edges: the record is extended at both ends by its reflection through the end point (odd
+//! extension, three periods of the cut-off), and each pass starts in the steady state of its first
+//! value. The remaining transients decay within [`ZeroPhase::settling`] samples, which callers
 //! leave out.
 
 use std::f64::consts::PI;
@@ -49,12 +49,12 @@ impl ZeroPhase {
         Some(Self { sections: [section(PI / 8.0), section(3.0 * PI / 8.0)], pad })
     }
 
-    /// Samples at each end that still feel the edge: four periods of the cut-off.
+    /// Number of samples with edge transients at each end: four periods of the cut-off.
     pub fn settling(&self) -> usize {
         self.pad * 4 / 3
     }
 
-    /// The signal without what lies above the cut-off; as long as the input.
+    /// The low-passed signal, of the length of the input.
     pub fn run(&self, signal: &[f64]) -> Vec<f64> {
         let n = signal.len();
         if n < 2 {
@@ -90,11 +90,11 @@ impl Section {
     }
 }
 
-/// First and second derivative by five-point central differences, step `step` (s).
+/// First and second derivatives by five-point central differences with the sampling interval `step`
+/// (s).
 ///
 /// The relative error is `(ωh)⁴/30` and `(ωh)⁴/90`: below 2e-4 at 40 Hz and 1 kHz. The two samples
-/// at each end have no centre and repeat their neighbour; they lie within the filter's settling
-/// anyway.
+/// at each end repeat their neighbour; they lie within the filter's settling.
 pub fn derivatives(signal: &[f64], step: f64) -> (Vec<f64>, Vec<f64>) {
     let n = signal.len();
     let (mut first, mut second) = (vec![0.0; n], vec![0.0; n]);

@@ -1,4 +1,4 @@
-//! Measured columns and the checks that every model wants of them.
+//! Measured columns, and the checks that are common to all models.
 
 use crate::equation_error::split::Role;
 use crate::error::{IdentifyError, Result};
@@ -6,23 +6,23 @@ use crate::error::{IdentifyError, Result};
 /// One record, as columns.
 #[derive(Clone, Debug, Default)]
 pub struct Series {
-    /// Where it comes from, for messages.
+    /// File or segment, for messages.
     pub file: String,
     /// Name and values, in the order of the file.
     pub columns: Vec<(String, Vec<f64>)>,
-    /// What the command line fixed.
+    /// Role fixed on the command line.
     pub role: Option<Role>,
-    /// What the reader found odd.
+    /// Remarks of the reader.
     pub notes: Vec<String>,
 }
 
-/// Mean time from row to row (s); `None` of fewer than two rows.
+/// Mean time between rows (s); `None` for fewer than two rows.
 pub fn step_of(time: &[f64]) -> Option<f64> {
     let steps = time.len().checked_sub(1).filter(|steps| *steps > 0)?;
     Some((time[steps] - time[0]) / steps as f64)
 }
 
-/// Time steps may differ from their median by this share.
+/// Largest relative deviation of a time step from the median.
 const JITTER: f64 = 0.05;
 
 impl Series {
@@ -31,7 +31,7 @@ impl Series {
         self.columns.iter().find(|c| c.0 == name).map(|c| c.1.as_slice())
     }
 
-    /// The first of these columns that is there.
+    /// The first of these columns that exists.
     ///
     /// # Errors
     /// [`IdentifyError::Column`].
@@ -45,7 +45,7 @@ impl Series {
         })
     }
 
-    /// The time column, checked: finite, rising, uniform.
+    /// The time column, checked: finite, ascending, uniform.
     ///
     /// # Errors
     /// [`IdentifyError::Cell`] at the first row that breaks the rule, [`IdentifyError::Short`].
@@ -105,7 +105,7 @@ impl Series {
         }
     }
 
-    /// Checks that a channel lives: it changes, and takes ten different values or more.
+    /// Checks that a channel varies and takes ten different values or more.
     ///
     /// # Errors
     /// [`IdentifyError::Channel`].
@@ -138,8 +138,8 @@ impl Series {
         Ok(())
     }
 
-    /// Share of rows that repeat the column's largest or smallest value at least five times in a
-    /// row: a channel at its rail.
+    /// Share of rows in runs of at least five rows at the largest or smallest value of the column:
+    /// a clipped channel.
     pub fn railed(&self, name: &str) -> f64 {
         let values = self.column(name).unwrap_or(&[]);
         let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);

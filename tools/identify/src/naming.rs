@@ -1,23 +1,23 @@
-//! How records and their stretches are called.
+//! Names of records and of the segments cut from them.
 
 use std::collections::BTreeSet;
 
-/// Behind the name of a stretch.
+/// End of the name of a segment.
 const END: &str = " s]";
 
-/// A stretch of a recording, from and to these times (s).
+/// Name of the segment of a recording between two times (s).
 pub(crate) fn segment(recording: &str, from: f64, to: f64) -> String {
     format!("{recording}[{from:.1}..{to:.1}{END}")
 }
 
-/// The recording that a stretch of this name was cut from; other names stay as they are.
+/// The recording from which the segment of this name was cut; other names are returned unchanged.
 pub(crate) fn recording_of(name: &str) -> &str {
     name.strip_suffix(END)
         .and_then(|name| name.rsplit_once('['))
         .map_or(name, |(recording, _)| recording)
 }
 
-/// Records as captions call them: by the names of their files, where those differ.
+/// Short names for captions: file names without folders if they are distinct, else the full names.
 pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<&'a str> {
     let short = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
     let distinct: BTreeSet<&str> = names.clone().map(short).collect();
@@ -27,7 +27,7 @@ pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<&'
     }
 }
 
-/// What a model was held against: stretches of one recording together.
+/// The records with which a model was compared, segments of one recording together.
 pub(crate) fn held(labels: &[&str]) -> String {
     let told =
         labels.chunk_by(|a, b| recording_of(a) == recording_of(b)).map(|of_one| match of_one {

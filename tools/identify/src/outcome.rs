@@ -1,26 +1,26 @@
-//! The result, as other programs read it (`--json`).
+//! The result in the form of `--json`.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-/// The verdict in one word.
+/// The verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Effects were found that the model lacks.
     Effect,
-    /// Nothing is missing that these records could show.
+    /// No effect is missing that these records could reveal.
     None,
-    /// Something is missing, and the records cannot tell two effects apart.
+    /// An effect is missing, and the records cannot distinguish two that explain it.
     Ambiguous,
     /// Something is missing that no listed effect explains.
     Unlisted,
 }
 
 impl Verdict {
-    /// The word for so many effects added, so many rivals that the records cannot tell from them,
-    /// and whether something is left that no listed effect explains.
+    /// The verdict from the number of effects added, the number of rivals that the records cannot
+    /// distinguish from them, and whether a residual remains that no listed effect explains.
     pub fn of(effects: usize, rivals: usize, remains: bool) -> Self {
         match (effects, rivals) {
             (0, _) if remains => Self::Unlisted,
@@ -91,9 +91,9 @@ pub struct FoundEffect {
     pub parameters: Vec<EffectParameter>,
     /// Block t of its gain on the selecting rows.
     pub t: f64,
-    /// Fall of the root-mean-square residual on the selecting rows (%). For transmissions 1 -
-    /// exp(-g), where g is the fall of its logarithm summed over channels, by blocks or by whole
-    /// records, whichever is less by mean.
+    /// Decrease of the rms residual on the selecting rows (%). For transmissions 1 - exp(-g), where
+    /// g is the decrease of its logarithm summed over channels: the lesser of the means over blocks
+    /// and over records.
     pub gain_percent: f64,
 }
 
@@ -118,13 +118,13 @@ pub struct Calibration {
     pub machines: usize,
     /// Replicates in which something absent was found, listed or not.
     pub alarms: usize,
-    /// Of each, the largest gain of a name that it should not have got, as in
-    /// [`FoundEffect::gain_percent`]; 0 where there was none (%).
+    /// Largest gain of a falsely found effect in each replicate, as in
+    /// [`FoundEffect::gain_percent`]; 0 if there was none (%).
     pub gains_percent: Vec<f64>,
-    /// The last effect that was found, which they do not have; `null` where none was found in the
+    /// The last effect found, which the replicates do not have; `null` if none was found in the
     /// records.
     pub of: Option<Named>,
-    /// Replicates with at least its gain.
+    /// Number of replicates with at least its gain.
     pub as_much: Option<usize>,
     /// Bootstrap p-value: `(1 + as_much) / (1 + machines)`.
     pub probability: Option<f64>,
@@ -135,27 +135,27 @@ pub struct Calibration {
 /// The residual as a function of one variable.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct UnlistedTable {
-    /// For transmissions, where it acts. The other kinds do not tell: it is the first of the sites
-    /// at which their effects sit.
+    /// For transmissions, where it acts. For other kinds, which do not tell, the first of the sites
+    /// of their effects.
     pub site: String,
-    /// Of which variable; [`UNKNOWN`] where no function of one variable explains enough of it (of
-    /// transmissions only).
+    /// The variable; [`UNKNOWN`] if no function of one variable explains enough of it
+    /// (transmissions only).
     pub depends_on: String,
-    /// Abscissa, value, standard deviation (`null` where the records do not reach); empty without a
+    /// Abscissa, value, standard deviation (`null` where there are no data); empty without a
     /// function.
     pub table: Vec<[f64; 3]>,
-    /// Share of the residual power that no torque at a place explains, place by place. Left out for
-    /// what is left beside a named effect, where no movement is repeated or no slave measured, and
-    /// for drives, oscillators and elements.
+    /// Share of the residual power that no torque at a place explains, place by place. Left out
+    /// beside a listed effect, if no movement is repeated or the slave is not measured, and for
+    /// drives, oscillators and elements.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unexplained: Vec<Unexplained>,
 }
 
-/// What [`UnlistedTable::depends_on`] says where no function of one variable explains enough.
+/// Value of [`UnlistedTable::depends_on`] if no function of one variable explains enough.
 pub const UNKNOWN: &str = "unknown";
 
 impl UnlistedTable {
-    /// Of which variable it is a function, if it is one.
+    /// The variable, if it is a function of one.
     pub fn variable(&self) -> Option<&str> {
         Some(self.depends_on.as_str()).filter(|variable| *variable != UNKNOWN)
     }
@@ -177,7 +177,7 @@ pub struct Left {
     pub id: String,
     /// Site of the effect; `null` for a generic function.
     pub site: Option<String>,
-    /// Root mean square of what it puts out on the selecting rows.
+    /// Root mean square of its contribution on the selecting rows.
     pub size: f64,
     /// Unit of the size.
     pub unit: String,
@@ -219,14 +219,14 @@ pub struct FittedParameter {
     pub declared: Option<f64>,
     /// Fitted value.
     pub fitted: f64,
-    /// Standard deviation; `null` where it stands at the edge of its tolerance, is a shape or was
-    /// not fitted.
+    /// Standard deviation; `null` if it is at the bound of its tolerance, is a shape or was not
+    /// fitted.
     pub std: Option<f64>,
     /// Unit.
     pub unit: String,
-    /// Whether the records say more about it than its declaration.
+    /// Whether the records identify it better than its declaration.
     pub identifiable: bool,
-    /// Whether it stands at the edge of its tolerance.
+    /// Whether it is at the bound of its tolerance.
     pub at_tolerance: bool,
     /// Whether the records identify it.
     #[serde(rename = "sight")]
@@ -256,7 +256,7 @@ pub enum Identifiability {
 }
 
 impl FittedParameter {
-    /// That in words; empty if it is identified.
+    /// Its identifiability in words; empty if it is identified.
     pub fn remark(&self) -> String {
         match (self.identifiability, &self.trades_with) {
             (Identifiability::Identified, _) => String::new(),
@@ -273,25 +273,25 @@ impl FittedParameter {
     }
 }
 
-/// What was used for what; rows of one record as `file[from..to s]`.
+/// Records by role; rows of one record as `file[from..to s]`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Roles {
-    /// To fit parameters.
+    /// For fitting parameters.
     pub fit: Vec<String>,
-    /// To choose effects.
+    /// For selecting effects.
     pub select: Vec<String>,
-    /// To report errors.
+    /// For reporting errors.
     pub report: Vec<String>,
 }
 
 /// What to measure next.
 #[derive(Clone, Debug, Serialize)]
 pub struct NextExperiment {
-    /// What is open.
+    /// The open question.
     pub why: String,
-    /// What would settle it.
+    /// The experiment that would settle it.
     pub what: String,
-    /// A protocol that does it, where the rig can play one and it was asked for.
+    /// Its protocol, if it was requested and the rig can play one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub protocol: Option<String>,
 }
@@ -308,13 +308,14 @@ pub struct StepError {
     pub select_percent: f64,
     /// See `fit_percent`.
     pub report_percent: f64,
-    /// Everything fitted to and judged on all rows, as publications do: no held-out figure.
+    /// With everything fitted to and evaluated on all rows, as in publications: not a held-out
+    /// error.
     pub all_rows_percent: f64,
     /// Parameters of that fit to all rows: name, value, standard deviation.
     pub all_rows_parameters: Vec<(String, f64, f64)>,
 }
 
-/// How one candidate did in one round.
+/// Validation of one candidate in one round.
 #[derive(Clone, Debug, Serialize)]
 pub struct CandidateGain {
     /// Round, from 1.
@@ -322,18 +323,18 @@ pub struct CandidateGain {
     /// Id of the effect, or the variable of a generic function. For transmissions followed by `@`
     /// and the site; for oscillators by ` (screened)` where it was not simulated.
     pub id: String,
-    /// Whether it is a generic function, not a listed effect.
+    /// Whether it is a nonparametric function, not a listed effect.
     pub generic: bool,
     /// As [`FoundEffect::gain_percent`]; of an oscillator's candidate that was only screened, of
     /// the residual of its input.
     pub gain_percent: f64,
     /// Block t.
     pub t: f64,
-    /// Selecting blocks that it makes better and worse by more than 1 %. For transmissions whole
-    /// records, by more than 1 % and more than a tenth of what all gain by mean (in logarithms,
-    /// summed over channels).
+    /// Number of selecting blocks that improve by more than 1 %. For transmissions, number of
+    /// records that improve by more than 0.01 and by more than a tenth of the largest gain (of the
+    /// mean gain beside other effects), in logarithms, summed over channels.
     pub blocks_better: usize,
-    /// See `blocks_better`.
+    /// Number of those that deteriorate by as much.
     pub blocks_worse: usize,
     /// Whether it passes.
     pub accepted: bool,

@@ -3,6 +3,8 @@
 use report::{Colour, Figure, Page, Table, Tone};
 
 use crate::effects::Units;
+use crate::equation_error::signals::ForceBalance;
+use crate::equation_error::validation::{LEAST_GAIN, LEAST_T};
 use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
 use crate::residual_figures::{banded, drawn};
@@ -18,7 +20,7 @@ pub struct RecordView {
     pub position: Vec<f64>,
     /// Velocity.
     pub velocity: Vec<f64>,
-    /// What was measured of the channel.
+    /// Measured values of the channel.
     pub measured: Vec<f64>,
     /// Residual of the declared model.
     pub before: Vec<f64>,
@@ -26,10 +28,26 @@ pub struct RecordView {
     pub after: Vec<f64>,
 }
 
+impl RecordView {
+    /// A record at its rows, with what was measured of the channel and the residuals.
+    pub fn new(
+        balance: &ForceBalance,
+        measured: &[f64],
+        before: Vec<f64>,
+        after: Vec<f64>,
+    ) -> Self {
+        let signals = &balance.signals;
+        let [time, position, velocity] =
+            [&signals.time, &signals.position, &signals.velocity].map(|full| signals.rows(full));
+        let (name, measured) = (balance.name.clone(), measured.to_vec());
+        Self { name, time, position, velocity, measured, before, after }
+    }
+}
+
 /// The channel whose error is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
-    /// The force that the measured motion needs.
+    /// The force that the measured motion requires.
     Force,
     /// The output, simulated from the input.
     Output,
@@ -44,7 +62,7 @@ impl Channel {
     }
 }
 
-/// What the page shows beside the outcome.
+/// Data of the page in addition to the outcome.
 pub struct View {
     /// Units of the axis.
     pub units: Units,
@@ -60,18 +78,19 @@ pub struct View {
     pub cut_off: f64,
 }
 
-/// Records that get a figure of their own.
+/// Number of records with figures of their own.
 const MOST_FIGURES: usize = 3;
-/// Rows in the figure of the measured channel: over a long record three curves are one.
+/// Rows in the figure of the measured channel: over a long record three curves cannot be
+/// distinguished.
 const DETAIL_ROWS: usize = 1400;
-/// The same for an output that oscillates, where a few periods show more.
+/// The same for an output that oscillates, of which a few periods are shown.
 const DETAIL_PERIODS: usize = 200;
 /// Listed candidates of each round in the table.
 const MOST_CANDIDATES: usize = 6;
 /// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
 const BANDS_PER_OCTAVE: f64 = 6.0;
 
-/// The verdict as a sentence, and one that says how far it holds.
+/// Returns the verdict as a sentence, and one on the errors.
 pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
     let list = words.join(", and ");
     let (tone, sentence) = match outcome.verdict {
@@ -89,8 +108,7 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
             (
                 Tone::Warning,
                 format!(
-                    "The model lacks something that no listed effect explains; it depends on \
-                    {on}."
+                    "The model lacks something that no listed effect explains; it depends on {on}."
                 ),
             )
         }
@@ -107,8 +125,8 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
             )
         } else {
             format!(
-                "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its \
-                 root mean square). ",
+                "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its root \
+                 mean square). ",
                 short(e.before),
                 short(e.after),
                 e.unit,
@@ -138,10 +156,9 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         .table(
             steps(outcome),
             &format!(
-                "Error of the {} in percent of its root mean square, \
-            after each step. Parameters come from \
-            the fitting rows, but for the last column, where everything is fitted to and judged \
-            on all rows, as publications do.",
+                "Error of the {} in percent of its root mean square, after each step. Parameters \
+                 come from the fitting rows, but for the last column, where everything is fitted \
+                 to and judged on all rows, as publications do.",
                 view.channel.name()
             ),
         )
@@ -151,8 +168,7 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
     }
     page = page.heading("What the residual depends on").paragraph(
         "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
-         either side (band). A mean \
-         away from zero is something that the model lacks.",
+         either side (band). A mean away from zero is something that the model lacks.",
     );
     let u = &view.units;
     let all = |f: &dyn Fn(&RecordView) -> &[f64]| -> Vec<f64> {
@@ -193,45 +209,45 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         page = page.heading("What is left").table(
             left(&outcome.left),
             "Effects that are visible but not accepted, tried one by one beside the model: two \
-             lines may show the same effect. \
-             Size is the rms of its force. Below a block t of 2.5 it may be chance.",
+             lines may show the same effect. Size is the rms of its force. Below a block t of 2.5 \
+             it may be chance.",
         );
     }
-    candidates_and_parameters(page, outcome).paragraph(&view.method())
+    let accepted = format!(
+        "Each candidate is fitted on the fitting rows and validated on the selecting ones. It is \
+         added when the residual falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of \
+         its standard errors above zero, and when more blocks get better than worse.",
+        100.0 * LEAST_GAIN
+    );
+    let captions = (
+        accepted.as_str(),
+        "The best candidates of each round; all are in the result at the end. Nonparametric ones \
+         are functions of one variable.",
+        "Parameters of the model with its effects, from the fitting rows; ± is one standard \
+         deviation, by blocks.",
+    );
+    candidates_and_parameters(page, outcome, captions).paragraph(&view.method())
 }
 
-/// Candidates, parameters, the next experiment and notes.
-fn candidates_and_parameters(mut page: Page, outcome: &Outcome) -> Page {
-    page = page
+/// Candidates, parameters, the next experiment and notes, with a paragraph on how candidates are
+/// accepted and the captions of the two tables.
+pub(crate) fn candidates_and_parameters(
+    page: Page,
+    outcome: &Outcome,
+    (accepted, candidates, fitted): (&str, &str, &str),
+) -> Page {
+    let page = page
         .heading("Candidates")
-        .paragraph(&format!(
-            "Each candidate is fitted on the fitting rows and validated on the selecting ones. It \
-             is added when the residual falls by \
-             {:.0} % or more, when the mean fall is {:.1} of its standard errors above zero, and \
-             when more blocks get better than worse.",
-            100.0 * crate::equation_error::validation::LEAST_GAIN,
-            crate::equation_error::validation::LEAST_T
-        ))
-        .table(
-            ranking(outcome),
-            "The best candidates of each round; all are in the result at the \
-            end. Nonparametric ones are functions of one variable.",
-        )
+        .paragraph(accepted)
+        .table(ranking(outcome), candidates)
         .heading("Parameters")
-        .table(
-            parameters(outcome),
-            "Parameters of the model with its effects, from the fitting \
-            rows; ± is one standard deviation, by blocks.",
-        )
+        .table(parameters(outcome), fitted)
         .heading("Next experiment")
         .paragraph(&format!(
             "{} To settle it: {}.",
             outcome.next_experiment.why, outcome.next_experiment.what
         ));
-    for note in &outcome.notes {
-        page = page.paragraph(&format!("Note: {note}."));
-    }
-    page
+    outcome.notes.iter().fold(page, |page, note| page.paragraph(&format!("Note: {note}.")))
 }
 
 impl View {
@@ -247,18 +263,16 @@ impl View {
         match self.channel {
             Channel::Force => format!(
                 "Position and force pass the same zero-phase low-pass (Butterworth, order 4 a \
-                 pass, {:.0} Hz, forward and backward); \
-                 speed and acceleration are differences of the filtered position; no floor is \
-                 known without repeated records.",
+                 pass, {:.0} Hz, forward and backward); speed and acceleration are differences of \
+                 the filtered position; no floor is known without repeated records.",
                 self.cut_off
             ),
             Channel::Output => format!(
                 "The output is simulated from the input alone, begun at the measured state of the \
-                 first row, and compared as \
-                 measured, without a filter. Candidates are screened by the balance of the input \
-                 up to {:.0} Hz; those marked \
-                 “screened” were not simulated, and their gain is that of the balance. No floor \
-                 is known without repeated records.",
+                 first row, and compared as measured, without a filter. Candidates are screened by \
+                 the balance of the input up to {:.0} Hz; those marked “screened” were not \
+                 simulated, and their gain is that of the balance. No floor is known without \
+                 repeated records.",
                 self.cut_off
             ),
         }
@@ -269,7 +283,7 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
     let (name, unit) = (view.channel.name(), view.unit());
     let minus = |e: &[f64]| -> Vec<f64> { r.measured.iter().zip(e).map(|(f, e)| f - e).collect() };
     let (declared, effects) = (minus(&r.before), minus(&r.after));
-    // Mid-record, where the movement is under way.
+    // From the middle of the record, during the movement.
     let length = if view.channel == Channel::Output { DETAIL_PERIODS } else { DETAIL_ROWS };
     let from = (r.time.len() / 2).saturating_sub(length / 2);
     let part = from..(from + length).min(r.time.len());
@@ -314,7 +328,7 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
     page
 }
 
-/// Amplitudes in bands of the first record.
+/// Amplitudes of the first record by frequency bands.
 fn spectrum(view: &View, with: bool) -> Figure {
     let mut figure = Figure::new("", "frequency / Hz", format!("amplitude / {}", view.unit()))
         .size(680, 300)
@@ -328,7 +342,7 @@ fn spectrum(view: &View, with: bool) -> Figure {
     {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
-        // A Hann window: what does not repeat within the record must not leak into all bands.
+        // A Hann window, against leakage of what is not periodic in the record.
         let window = |i: usize| 1.0 - (std::f64::consts::TAU * i as f64 / n).cos();
         let windowed: Vec<f64> =
             values.iter().enumerate().map(|(i, v)| (v - mean) * window(i)).collect();
@@ -371,7 +385,7 @@ fn left(left: &[Left]) -> Table {
     table
 }
 
-/// The name of something that is left.
+/// The name of an effect or function that is left.
 pub fn what_is_left(left: &Left) -> String {
     match &left.site {
         Some(site) => format!("{}@{site}", left.id),
@@ -395,7 +409,7 @@ fn steps(outcome: &Outcome) -> Table {
     table
 }
 
-pub(crate) fn ranking(outcome: &Outcome) -> Table {
+fn ranking(outcome: &Outcome) -> Table {
     let mut table = Table::new([
         "round",
         "candidate",
@@ -428,7 +442,7 @@ pub(crate) fn ranking(outcome: &Outcome) -> Table {
     table
 }
 
-pub(crate) fn parameters(outcome: &Outcome) -> Table {
+fn parameters(outcome: &Outcome) -> Table {
     let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
     let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
     for p in &outcome.parameters {

@@ -1,22 +1,22 @@
-//! Linear least squares with bounds, and errors that hold for correlated residuals.
+//! Bounded linear least squares, with standard deviations that hold for correlated residuals.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Sums of products over some rows: all that a fit needs, and additive over sets of rows.
+/// Sums of products over a set of rows: sufficient for a fit, and additive over sets.
 #[derive(Clone, Debug)]
 pub struct Gram {
-    /// Column by column.
+    /// Of columns with columns.
     pub xx: DMatrix<f64>,
-    /// Column by target.
+    /// Of columns with the target.
     pub xy: DVector<f64>,
-    /// Target by target.
+    /// Of the target with itself.
     pub yy: f64,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
 impl Gram {
-    /// No rows yet.
+    /// No rows.
     pub fn empty(columns: usize) -> Self {
         Self { xx: DMatrix::zeros(columns, columns), xy: DVector::zeros(columns), yy: 0.0, rows: 0 }
     }
@@ -48,25 +48,25 @@ impl Gram {
 /// Lower and upper bound of a coefficient.
 pub type Bound = (f64, f64);
 
-/// A fit: coefficients, and which of them stand at a bound.
+/// A fit: coefficients, and which of them are at a bound.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// In the order of the columns.
     pub coefficients: DVector<f64>,
-    /// Whether the coefficient stands at one of its bounds.
+    /// Whether the coefficient is at one of its bounds.
     pub at_bound: Vec<bool>,
     /// Sum of squared residuals over the fitted rows.
     pub squares: f64,
 }
 
-/// A part in 1e10 of each column's own size, so that empty bins of a spline do not break the
-/// solution.
+/// Ridge relative to the squared length of each column, so that empty bins of a spline do not make
+/// the matrix singular.
 const RIDGE: f64 = 1e-10;
 
 /// Least squares within bounds, by the active-set method of Stark and Parker, "Bounded-variable
 /// least squares: an algorithm and applications", Computational Statistics 10 (1995).
 ///
-/// `None` where the free columns cannot be told apart.
+/// `None` where the free columns are collinear.
 pub fn solve(gram: &Gram, bounds: &[Bound]) -> Option<Fit> {
     let p = gram.xy.len();
     // Columns are scaled to unit length: kg and N·s/m differ by orders of magnitude.
@@ -78,9 +78,9 @@ pub fn solve(gram: &Gram, bounds: &[Bound]) -> Option<Fit> {
     let b = DVector::from_fn(p, |i, _| gram.xy[i] / scale[i]);
     let bound = |i: usize| (bounds[i].0 * scale[i], bounds[i].1 * scale[i]);
     let mut fixed: Vec<Option<f64>> = vec![None; p];
-    // Those that start infeasible without bounds are clamped one at a time, the worst first; those
-    // whose gradient points inward are freed again. Each pass lowers the squares, so the loop ends;
-    // the count is a safeguard.
+    // Coefficients beyond their bounds are fixed at them one at a time, the worst first; those
+    // whose gradient points inward are freed again. Each pass lowers the sum of squares, so the
+    // loop terminates; the limit is a safeguard.
     let mut x = DVector::zeros(p);
     for _ in 0..6 * p + 6 {
         x = solve_free(&a, &b, &fixed)?;
@@ -129,8 +129,7 @@ fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, fixed: &[Option<f64>]) -> Opti
 
 /// Standard deviations by the cluster sandwich of Liang and Zeger (1986): residuals may be
 /// correlated in any way within a cluster (after a low-pass they are) and have any variance;
-/// clusters are independent. `scores` holds `Xᵀe` of each cluster. Coefficients at a bound have no
-/// standard deviation of their own: 0.
+/// clusters are independent. `scores` holds `Xᵀe` of each cluster. Coefficients at a bound get 0.
 pub fn standard_deviations(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> Vec<f64> {
     let free: Vec<usize> = (0..fit.at_bound.len()).filter(|&i| !fit.at_bound[i]).collect();
     let mut out = vec![0.0; fit.at_bound.len()];

@@ -2,7 +2,7 @@
 
 use report::{Colour, Figure};
 
-/// Bins of a map.
+/// Bins of a figure.
 const BINS: usize = 40;
 /// Gap in the rows, as a share of the range, across which no line is drawn.
 const HOLE: f64 = 0.05;
@@ -22,9 +22,8 @@ pub(crate) fn drawn<T: PartialEq>(
     vec![("declared model", Colour::Vermillion, before), ("with effects", Colour::Blue, after)]
 }
 
-/// Rows in order of a variable, in bins of about a fortieth of them; a bin without rows stands for
-/// a hole that is wider than a twentieth of the range, as between records: no line may lead across
-/// it.
+/// Rows sorted by a variable, in bins of about a fortieth of them. A bin without rows marks a gap
+/// wider than a twentieth of the range, as between records, across which no line is drawn.
 fn bins(values: &[f64]) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_finite()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
@@ -55,7 +54,7 @@ pub(crate) fn banded(
     with: bool,
 ) -> Figure {
     let bins = bins(values);
-    // Of a hole not a number, which ends a line.
+    // NaN for a gap, which ends a line.
     let mean = |bin: &[usize], of: &dyn Fn(usize) -> f64| {
         bin.iter().map(|i| of(*i)).sum::<f64>() / bin.len() as f64
     };

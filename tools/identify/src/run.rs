@@ -17,7 +17,7 @@ use crate::page::{short, what_is_left};
 use crate::study::{Identification, StudyOptions, read_mapped, study};
 use crate::write_rig::{Provenance, fitted};
 
-/// File name that stands for standard output.
+/// File name for standard output.
 const STDOUT: &str = "-";
 /// How often the spinner turns.
 const TICK: std::time::Duration = std::time::Duration::from_millis(120);
@@ -54,8 +54,8 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     let Identification { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
-    // The result is saved before anything is printed, since the reader may close the pipe (`|
-    // head`).
+    // The result is saved before anything is printed, since the reader of the pipe may close it
+    // (`| head`).
     let json_file = args.json.as_deref().filter(|path| *path != Path::new(STDOUT));
     if let Some(path) = json_file {
         let file = whole_file(path, &json)
@@ -177,12 +177,12 @@ fn revision() -> String {
     std::env::var("FARREACH_REVISION").unwrap_or_else(|_| built.to_owned())
 }
 
-/// A file that is there whole or not at all, and was not there before.
+/// Writes a new file completely or not at all; an existing one is an error.
 fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
     whole_file(path, text)?.persist_noclobber(path).map(drop).map_err(|error| error.error)
 }
 
-/// A file beside `path` with all of a text, that has no name yet.
+/// A complete temporary file in the folder of `path`, to be renamed.
 fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
     let folder =
         path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -196,7 +196,7 @@ fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFil
     Ok(file)
 }
 
-/// All records with the roles that the command line fixes.
+/// All records with the roles fixed on the command line.
 fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
     for (paths, role) in
@@ -204,7 +204,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     {
         asked.extend(paths.iter().map(|p| (p, Some(role))));
     }
-    // Two paths of one file count as one; missing files are reported when read.
+    // Two paths of the same file count as one; missing files are reported when they are read.
     let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     for (i, (path, _)) in asked.iter().enumerate() {
         if asked[..i].iter().any(|(other, _)| real(other) == real(path)) {
@@ -257,7 +257,7 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     Ok(())
 }
 
-/// The result for a reader, line by line.
+/// The result as text for a reader.
 fn outcome_text(outcome: &Outcome, sentence: &str, detail: &str) -> String {
     let mut text = format!("{sentence}\n{detail}\n");
     for s in &outcome.steps {

@@ -1,10 +1,9 @@
-//! Signals whose spectrum ends below half the sampling frequency: interpolated, differentiated and
-//! low-passed by their Fourier transform.
+//! Interpolation, differentiation and low-pass of band-limited signals by their Fourier transform.
 //!
-//! A record is no period of anything, so its end is joined to its start by a stretch of odd
-//! reflections that fade into one another. What that does to the record itself decays within
-//! [`LowPass::settling`] samples of both ends, which callers leave out. Between the two edges the
-//! result is exact for a band-limited signal: the interpolation of Whittaker and Shannon.
+//! A record is not periodic, so its end is joined to its start by odd extensions of both that fade
+//! into each other. Their influence decays within [`LowPass::settling`] samples of either end,
+//! which callers leave out. In between, the result is exact for signals whose spectrum ends below
+//! half the sampling frequency (Whittaker-Shannon interpolation).
 
 use std::cell::RefCell;
 use std::f64::consts::{PI, TAU};
@@ -12,16 +11,16 @@ use std::f64::consts::{PI, TAU};
 use plant::fourier::Planner;
 use realfft::num_complex::Complex;
 
-/// Samples of the stretch that joins end and start, at most.
+/// Largest number of samples that join end and start.
 const JOIN: usize = 512;
 
 thread_local! {
-    /// Plans are costly and serve every signal of the same length.
+    /// Plans are costly; one serves all signals of the same length.
     static PLANNER: RefCell<Planner> = RefCell::new(Planner::new());
 }
 
-/// The transform of some rows, at frequencies from 0 to half the sampling frequency; `None` where
-/// it fails.
+/// The Fourier transform of some rows at frequencies from 0 to half the sampling frequency; `None`
+/// if it fails.
 pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
     let plan = PLANNER.with_borrow_mut(|planner| planner.forward(rows.len()));
     let mut bins = plan.make_output_vec();
@@ -29,15 +28,15 @@ pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
     Some(bins)
 }
 
-/// A signal in frequency.
+/// The Fourier transform of a signal.
 pub struct Spectrum {
     bins: Vec<Complex<f64>>,
     length: usize,
     samples: usize,
 }
 
-/// The smallest even number from `least` on whose prime factors are 2, 3 and 5: transforms of such
-/// lengths are fast.
+/// The smallest even number not below `least` with no prime factors but 2, 3 and 5: transforms of
+/// such lengths are fast.
 fn smooth_length(least: usize) -> usize {
     let smooth = |n: &usize| {
         let mut rest = *n;
@@ -73,7 +72,7 @@ impl Spectrum {
     }
 
     /// The signal, or its derivative of that order, at `factor` times the sampling frequency, from
-    /// the first sample to the last; each frequency (Hz) weighted. `None` where the transform
+    /// the first sample to the last, with a weight for each frequency (Hz). `None` if the transform
     /// fails.
     pub fn wave(
         &self,
@@ -89,7 +88,7 @@ impl Spectrum {
         for (k, (to, from)) in bins.iter_mut().zip(&self.bins).enumerate() {
             let frequency = k as f64 * sampling / self.length as f64;
             let turn = Complex::new(0.0, TAU * frequency).powu(derivative);
-            // The bin at half the sampling frequency stands for two when the wave is made finer.
+            // The bin at half the sampling frequency represents two bins of the finer signal.
             let share = if k == nyquist && factor > 1 { 0.5 } else { 1.0 };
             *to = *from * turn * (share * weight(frequency) / self.length as f64);
         }
@@ -104,7 +103,7 @@ impl Spectrum {
         Some(out)
     }
 
-    /// The frequency (Hz) below which this share of the energy lies, the mean left out.
+    /// The frequency (Hz) below which this share of the energy lies, excluding the mean.
     pub fn energy_below(&self, share: f64, sampling: f64) -> f64 {
         let energy: Vec<f64> = self.bins.iter().skip(1).map(Complex::norm_sqr).collect();
         let total: f64 = energy.iter().sum();
@@ -117,8 +116,8 @@ impl Spectrum {
     }
 }
 
-/// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves.
-/// Parts that take no part are 0.
+/// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Rows
+/// that are to be left out must be 0.
 pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
     let length = smooth_length(4 * signal.len().max(1));
     let mut work = signal.to_vec();
@@ -130,29 +129,29 @@ pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// A low-pass without phase: 1 up to the cut-off, 0 from 1.25 times the cut-off on, a half cosine
+/// A zero-phase low-pass: 1 up to the cut-off, 0 above 1.25 times the cut-off, a half cosine in
 /// between.
 #[derive(Clone, Copy, Debug)]
 pub struct LowPass {
-    /// End of what passes unchanged (Hz).
+    /// Highest frequency that passes unchanged (Hz).
     pub cut_off: f64,
     /// Sampling frequency (Hz).
     pub sampling: f64,
 }
 
 impl LowPass {
-    /// Weight of a frequency (Hz).
+    /// Weight at a frequency (Hz).
     pub fn weight(&self, frequency: f64) -> f64 {
         let share = ((frequency / self.cut_off - 1.0) / 0.25).clamp(0.0, 1.0);
         0.5 * (1.0 + (PI * share).cos())
     }
 
-    /// Samples at each end that still feel the edge: sixteen periods of the cut-off.
+    /// Number of samples with edge transients at each end: sixteen periods of the cut-off.
     pub fn settling(&self) -> usize {
         (16.0 * self.sampling / self.cut_off).ceil() as usize
     }
 
-    /// The signal without what lies above the cut-off; as long as the input.
+    /// The low-passed signal, of the length of the input.
     pub fn run(&self, signal: &[f64]) -> Vec<f64> {
         Spectrum::of(signal)
             .and_then(|s| s.wave(1, 0, self.sampling, |f| self.weight(f)))

@@ -1,4 +1,5 @@
-//! From a rig file and records to the verdict: what the command line and other programs call.
+//! From a rig file and records to the verdict: the entry point of the command line and of other
+//! programs.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -23,7 +24,7 @@ pub struct Identification {
     pub page: Page,
     /// The verdict as a sentence.
     pub sentence: String,
-    /// A sentence on its accuracy.
+    /// A sentence on the errors.
     pub detail: String,
 }
 
@@ -41,7 +42,7 @@ pub struct StudyOptions {
 }
 
 impl Default for StudyOptions {
-    /// On all processors, without a proposal or simulated machines.
+    /// On all processors, without a proposal and without replicates.
     fn default() -> Self {
         let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         Self { jobs, seed: 1, propose: false, calibrate: 0 }
@@ -53,7 +54,7 @@ impl Default for StudyOptions {
 /// Effects that the file declares are ignored: they are selected from these records alone.
 ///
 /// # Errors
-/// Where the rig file has several axes or a model of no such kind, or the data cannot be used.
+/// If the rig file has several axes, or the data cannot be used.
 pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
     let file = rig.file_name().to_owned();
@@ -90,8 +91,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         let names: Vec<String> =
             rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
         outcome.notes.push(format!(
-            "{file} declares {} already: it is not used, since identify selects effects from \
-             these records alone",
+            "{file} declares {} already: it is not used, since identify selects effects from these \
+             records alone",
             names.join(", ")
         ));
     }
@@ -112,7 +113,7 @@ fn check_mapping(rig: &RigFile, mapping: &[Mapping]) -> Result<()> {
     })
 }
 
-/// A machine as messages describe it.
+/// A machine as described in messages.
 fn machine(rig: &RigFile) -> String {
     let units: BTreeSet<&str> = rig.axes.iter().map(|axis| axis.unit.symbol()).collect();
     let units: Vec<&str> = units.into_iter().collect();
@@ -159,8 +160,8 @@ fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
     Some(records)
 }
 
-/// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses holes,
-/// gaps and time that runs backwards; what it merely finds odd goes into the notes.
+/// Reads a recording of farreach's (`.mcap`) or a CSV file for a rig. The reader refuses missing
+/// values, gaps and time that runs backwards; its remarks go into the notes.
 ///
 /// # Errors
 /// [`IdentifyError::Read`], with file, row and column.
@@ -168,8 +169,8 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
     read_mapped(path, rig, &record::Options::default())
 }
 
-/// The same of a file that names its columns otherwise, or of another program's recording; its rows
-/// may be brought to another rate.
+/// As [`read`], for files with other column names and for recordings of other programs; rows may be
+/// resampled.
 ///
 /// # Errors
 /// As [`read`].

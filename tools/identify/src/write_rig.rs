@@ -21,24 +21,20 @@ use entries::{Entries, entries};
 /// Parameters that are only estimated, which the plant needs to be the fitted one.
 const OWN: [(&str, &str); 2] = [
     (SMOOTHING, "smooths dry friction near zero speed"),
-    (
-        SMOOTHING_SHAPE,
-        "shape of that \
-        smoothing",
-    ),
+    (SMOOTHING_SHAPE, "shape of that smoothing"),
 ];
 
-/// Standard deviations that a tolerance is.
+/// Width of a tolerance, in standard deviations.
 const DEVIATIONS: f64 = 5.0;
 /// Least share of the declared tolerance.
 const LEAST: f64 = 1.0 / 3.0;
-/// Tolerance where the file says none.
+/// Tolerance if the file gives none.
 const UNSAID: f64 = 0.25;
 
-/// The text to be written, and what is left out.
+/// The text to be written, and what it leaves out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
-    /// The text of the rig file; `None` where nothing is to be written.
+    /// The text of the rig file; `None` if nothing is to be written.
     pub text: Option<String>,
     /// Summary: parameters, effects.
     pub told: String,
@@ -49,7 +45,7 @@ pub struct Written {
 /// The rig file cannot be changed.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteRigError {
-    /// The text is no TOML.
+    /// The text is not TOML.
     #[error("{file}: expected a rig file, found {found}")]
     Text {
         /// The file.
@@ -57,17 +53,17 @@ pub enum WriteRigError {
         /// What is wrong with it.
         found: String,
     },
-    /// A fitted parameter is not where it was read from.
+    /// A fitted parameter is no longer where it was read from.
     #[error("{file}: {key}: expected a number or a table with `value`, found {found}")]
     Key {
         /// The file.
         file: String,
         /// The key.
         key: String,
-        /// What stands there.
+        /// What was found there.
         found: &'static str,
     },
-    /// It is refused as a rig file, with the fitted values or without.
+    /// The rig file is invalid, with the fitted values or without.
     #[error(
         "the rig file is not written, because it could not be used:\n{problems}\nmend these keys \
          in {file} and run identify again"
@@ -75,7 +71,7 @@ pub enum WriteRigError {
     Refused {
         /// The original.
         file: String,
-        /// All that is wrong, with lines of the text that is refused.
+        /// All problems, with lines of the refused text.
         problems: String,
     },
 }
@@ -181,7 +177,8 @@ fn own(name: &str) -> Option<&'static str> {
     OWN.iter().find(|(own, _)| *own == name).map(|(_, what)| *what)
 }
 
-/// The table that holds a parameter: the axis's own where it has it, else the model's.
+/// The table that holds a parameter: that of the axis if it has the parameter, else that of the
+/// model.
 fn table_of<'d>(document: &'d mut DocumentMut, name: &str) -> Option<&'d mut dyn TableLike> {
     let of_axis = |document: &DocumentMut| {
         document
@@ -267,7 +264,7 @@ fn number_of(entry: &dyn TableLike, key: &str) -> Option<f64> {
     item.as_float().or(item.as_integer().map(|whole| whole as f64))
 }
 
-/// Sets a key, with what stands around its value as it was.
+/// Sets a key; spaces and comments around its value are kept.
 fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
     if let Some(Item::Value(old)) = table.get(key) {
         *value.decor_mut() = old.decor().clone();
@@ -275,7 +272,7 @@ fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
     table.insert(key, Item::Value(value));
 }
 
-/// The list of effects, in place of the one that was there.
+/// Replaces the list of effects.
 fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
     let Some(model) = document.get_mut("model").and_then(Item::as_table_like_mut) else { return };
     model.remove("effects");
@@ -300,11 +297,11 @@ fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
     model.insert("effects", Item::ArrayOfTables(list));
 }
 
-/// Eight digits: far more than any record shows, and short enough to be read.
+/// A number with eight digits: more than any record can resolve, and short enough to be read.
 fn number(value: f64) -> Value {
     let value: f64 = format!("{value:.7e}").parse().unwrap_or(value);
     let plain = value == 0.0 || (1e-3..1e6).contains(&value.abs());
-    // The text is kept as it is, where a number would be written without an exponent.
+    // Parsed from text, since a number would be written without an exponent.
     if plain {
         Value::from(value)
     } else {
@@ -312,7 +309,7 @@ fn number(value: f64) -> Value {
     }
 }
 
-/// Two digits, not below the value.
+/// Rounded up to two digits.
 fn rounded_up(value: f64) -> f64 {
     if value <= 0.0 {
         return 0.0;

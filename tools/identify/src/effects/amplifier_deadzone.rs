@@ -1,39 +1,30 @@
-//! An amplifier that puts out nothing for small commands.
+//! Dead zone of the amplifier: small commands have no effect.
 //!
-//! `f = F - clamp(F, ±half_width)`, so that a wanted force `f` costs the command `F = f +
-//! half_width · sign(f)`. `f` comes from the motion, not from the command, whose noise would
-//! explain itself; its sign is smoothed over a twentieth of the force's rms.
+//! `f = F - clamp(F, ±half_width)`, so that a force `f` requires the command
+//! `F = f + half_width · sign(f)`. `f` is computed from the motion, not taken from the command,
+//! since noise of the command would explain itself; its sign is smoothed over a twentieth of the
+//! rms force.
 //!
-//! Parameter: `half_width` (N, N·m or V), at least 0; crossover of a stage without bias, 0.5 to 5 %
-//! of the range.
+//! Parameter: `half_width` (N, N·m or V), at least 0; 0.5 to 5 % of the range in an output stage
+//! without bias.
 //!
-//! In a residual: over the command a step at zero. Confused with: Coulomb friction where inertia
-//! hardly matters (command and velocity then change sign together).
+//! In a residual: plotted over the command, a step at zero. Confused with: Coulomb friction where
+//! inertia is small, since command and velocity then change sign together.
 
-use super::{Axis, Effect, InverseEffect, Term, View};
+use super::{Axis, Effect, Regressor, Term, View};
 
-pub(super) struct AmplifierDeadzone;
+pub(super) const EFFECT: Effect = Effect {
+    id: "amplifier_deadzone",
+    sites: &["drive"],
+    words: "an amplifier that puts out nothing for small commands (dead zone)",
+    experiment: "slow triangles of the command through zero with the current measured: the flat \
+                 part is the dead zone",
+    regressor: &AmplifierDeadzone,
+};
 
-impl Effect for AmplifierDeadzone {
-    fn id(&self) -> &'static str {
-        "amplifier_deadzone"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["drive"]
-    }
-    fn words(&self) -> &'static str {
-        "an amplifier that puts out nothing for small commands (dead zone)"
-    }
-    fn experiment(&self) -> &'static str {
-        "slow triangles of the command through zero with the current measured: the flat part is \
-         the dead zone"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct AmplifierDeadzone;
 
-impl InverseEffect for AmplifierDeadzone {
+impl Regressor for AmplifierDeadzone {
     fn applies(&self, axis: &Axis) -> bool {
         axis.commanded
     }

@@ -1,41 +1,31 @@
-//! An amplifier that follows late.
+//! First-order lag of the amplifier.
 //!
-//! `T ḟ + f = F`: a first-order lag of the current loop. A wanted force `f` costs the command `F =
-//! f + T ḟ`; `ḟ` comes from the motion, not from the command.
+//! `T ḟ + f = F`, as of a current loop. A force `f` requires the command `F = f + T ḟ`; `ḟ` is
+//! computed from the motion, not from the command.
 //!
-//! Parameter: `time_constant` `T` (s), at least 0; 0.1 ms in a good current loop, 5 ms in a slow
+//! Parameter: `time_constant` `T` (s), at least 0; 0.1 ms in a fast current loop, 5 ms in a slow
 //! one.
 //!
-//! In a residual: error in proportion to the rate of the force, largest at quick reversals.
-//! Confused with: dead time (the same in first order; below one and a half sampling periods neither
-//! gets a name), a mass or damping outside of its tolerance.
+//! In a residual: an error proportional to the rate of the force, largest at fast reversals.
+//! Confused with: dead time (equal to first order; below one and a half sampling periods neither is
+//! reported), mass or damping outside its tolerance.
 
 use super::transport_delay::LAG_OR_DEAD_TIME;
-use super::{Axis, Effect, InverseEffect, Term, View};
+use super::{Axis, Effect, Regressor, Term, View};
 use crate::filter::derivatives;
 use crate::input::step_of;
 
-pub(super) struct AmplifierLag;
+pub(super) const EFFECT: Effect = Effect {
+    id: "amplifier_lag",
+    sites: &["drive"],
+    words: "an amplifier that follows late (lag)",
+    experiment: LAG_OR_DEAD_TIME,
+    regressor: &AmplifierLag,
+};
 
-impl Effect for AmplifierLag {
-    fn id(&self) -> &'static str {
-        "amplifier_lag"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["drive"]
-    }
-    fn words(&self) -> &'static str {
-        "an amplifier that follows late (lag)"
-    }
-    fn experiment(&self) -> &'static str {
-        LAG_OR_DEAD_TIME
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct AmplifierLag;
 
-impl InverseEffect for AmplifierLag {
+impl Regressor for AmplifierLag {
     fn applies(&self, axis: &Axis) -> bool {
         axis.commanded
     }
@@ -66,7 +56,7 @@ impl InverseEffect for AmplifierLag {
         let mut before = command.first().copied().unwrap_or(0.0);
         let mut state = before;
         let follow = |f: &f64| {
-            // Exact for a command that goes straight from sample to sample.
+            // Exact for a command that is linear between samples.
             let slope = (f - before) / share;
             state = f - slope + (state - before + slope) * kept;
             before = *f;

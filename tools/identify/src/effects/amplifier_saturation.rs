@@ -1,36 +1,26 @@
-//! An amplifier that clips.
+//! Saturation of the amplifier.
 //!
-//! `f = clamp(F, ±limit)`: of the command `F` beyond the limit nothing arrives.
+//! `f = clamp(F, ±limit)`: the part of the command `F` beyond the limit is lost.
 //!
-//! Parameter: `limit` (N, N·m or V), 30 to 98 % of the largest command of the records; one above it
-//! does not act.
+//! Parameter: `limit` (N, N·m or V), searched from 30 to 98 % of the largest command of the
+//! records.
 //!
-//! In a residual: nothing at all but for the highest commands, where the motion lags what was asked
-//! for. Confused with: load-dependent friction, a command channel at its own rail.
+//! In a residual: an error only at the highest commands, where the force falls short. Confused
+//! with: load-dependent friction, a command channel that clips.
 
-use super::{Axis, Effect, InverseEffect, Shape, Term, View};
+use super::{Axis, Effect, Regressor, Shape, Term, View};
 
-pub(super) struct AmplifierSaturation;
+pub(super) const EFFECT: Effect = Effect {
+    id: "amplifier_saturation",
+    sites: &["drive"],
+    words: "an amplifier that clips",
+    experiment: "steps of the command up to its limit with the current measured",
+    regressor: &AmplifierSaturation,
+};
 
-impl Effect for AmplifierSaturation {
-    fn id(&self) -> &'static str {
-        "amplifier_saturation"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["drive"]
-    }
-    fn words(&self) -> &'static str {
-        "an amplifier that clips"
-    }
-    fn experiment(&self) -> &'static str {
-        "steps of the command up to its limit with the current measured"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct AmplifierSaturation;
 
-impl InverseEffect for AmplifierSaturation {
+impl Regressor for AmplifierSaturation {
     fn applies(&self, axis: &Axis) -> bool {
         axis.commanded
     }

@@ -1,39 +1,29 @@
-//! Backlash: a gap in which no force passes.
+//! Backlash: a gap in which no force is transmitted.
 //!
 //! `F = -stiffness_lost · clamp(x - centre, ±gap/2)` beside the declared `k x`, with
-//! `stiffness_lost` near `k`: inside the gap the spring is missing, outside it begins at the gap's
-//! edge. Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
+//! `stiffness_lost` near `k`: inside the gap there is no spring force, outside it the force starts
+//! from the edge of the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
 //!
 //! Parameters: `gap` (m or rad), 0.5 to 60 % of the travel; `centre` (m or rad), within the travel;
 //! `stiffness_lost` (N/m or N·m/rad), at least 0, near the stiffness for a real gap.
 //!
-//! In a residual: over the position a flat part with two kinks, without a loop. Confused with: a
-//! stiffening spring (no kinks), presliding hysteresis (a loop).
+//! In a residual: plotted over the position, a flat part between two kinks, without a loop.
+//! Confused with: a stiffening spring (no kinks), presliding hysteresis (a loop).
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
 
-pub(super) struct Backlash;
+pub(super) const EFFECT: Effect = Effect {
+    id: "backlash",
+    sites: &["line", "master", "slave"],
+    words: "backlash",
+    experiment: "very slow load and unload through zero force, with the position read finely: the \
+                 flat part is the gap",
+    regressor: &Backlash,
+};
 
-impl Effect for Backlash {
-    fn id(&self) -> &'static str {
-        "backlash"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["line", "master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "backlash"
-    }
-    fn experiment(&self) -> &'static str {
-        "very slow load and unload through zero force, with the position read finely: the flat \
-         part is the gap"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct Backlash;
 
-impl InverseEffect for Backlash {
+impl Regressor for Backlash {
     fn applies(&self, axis: &Axis) -> bool {
         axis.spring
     }

@@ -3,37 +3,27 @@
 //! `F = coulomb · sign(v)`, the sign smoothed as `tanh(v / smoothing_speed)`. Source: Coulomb;
 //! Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), eq. 1.
 //!
-//! Parameter: `coulomb` (N or N·m), at least 0, since friction takes energy out; from some per cent
-//! of the drive's force in ball bearings to half of it at rubber seals.
+//! Parameter: `coulomb` (N or N·m), at least 0, since friction dissipates energy; from a few per
+//! cent of the drive's force with ball bearings to half of it with rubber seals.
 //!
-//! In a residual: a step at each reversal of the velocity, flat between. Confused with: presliding
-//! hysteresis (a step over a travel instead of a speed), load-dependent friction where the load
-//! hardly varies.
+//! In a residual: a step at each reversal, constant in between. Confused with: presliding
+//! hysteresis (the step extends over a travel instead of a speed), load-dependent friction where
+//! the load hardly varies.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Term};
 
-pub(super) struct CoulombFriction;
+pub(super) const EFFECT: Effect = Effect {
+    id: "coulomb_friction",
+    sites: &["master", "slave"],
+    words: "Coulomb friction",
+    experiment: "slow strokes at several constant speeds, both ways: the force that is left at \
+                 vanishing speed is Coulomb friction",
+    regressor: &CoulombFriction,
+};
 
-impl Effect for CoulombFriction {
-    fn id(&self) -> &'static str {
-        "coulomb_friction"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "Coulomb friction"
-    }
-    fn experiment(&self) -> &'static str {
-        "slow strokes at several constant speeds, both ways: the force that is left at vanishing \
-         speed is Coulomb friction"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct CoulombFriction;
 
-impl InverseEffect for CoulombFriction {
+impl Regressor for CoulombFriction {
     fn uses_sign(&self) -> bool {
         true
     }

@@ -1,39 +1,29 @@
 //! Mass or inertia beyond the declared tolerance.
 //!
-//! `F = m a` with `m` outside of what is declared: missing physics that acts like a changed
-//! parameter. Inside the tolerance the same change is calibration, and no effect. A part tested by
-//! itself for which no mass is declared has none.
+//! `F = m a` with `m` outside the declared range: missing physics that acts like a changed
+//! parameter. Within the tolerance, such a change is calibration and not an effect. Where no mass
+//! is declared, as for a part tested by itself, the declared mass is 0.
 //!
-//! Parameter: `mass_beyond_declared` (kg or kg·m²), fitted less declared; either sign, the sum at
+//! Parameter: `mass_beyond_declared` (kg or kg·m²), fitted less declared; any sign; the sum is at
 //! least 0.
 //!
-//! In a residual: a straight line over the acceleration. Confused with: a wrong scale of the force,
-//! dead time beside a spring.
+//! In a residual: plotted over the acceleration, a straight line. Confused with: a wrong scale of
+//! the force, dead time beside a spring.
 
-use super::{Axis, Declared, Effect, InverseEffect, Term, View};
+use super::{Axis, Declared, Effect, Regressor, Term, View};
 
-pub(super) struct ExtraInertia;
+pub(super) const EFFECT: Effect = Effect {
+    id: "extra_inertia",
+    sites: &["master", "slave"],
+    words: "mass beyond the declared tolerance",
+    experiment: "quick reversals with and without a known mass clamped on: the known mass gives \
+                 the scale of force",
+    regressor: &ExtraInertia,
+};
 
-impl Effect for ExtraInertia {
-    fn id(&self) -> &'static str {
-        "extra_inertia"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "mass beyond the declared tolerance"
-    }
-    fn experiment(&self) -> &'static str {
-        "quick reversals with and without a known mass clamped on: the known mass gives the scale \
-         of force"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct ExtraInertia;
 
-impl InverseEffect for ExtraInertia {
+impl Regressor for ExtraInertia {
     fn lifts(&self) -> Option<Declared> {
         Some(Declared::Mass)
     }

@@ -5,33 +5,23 @@
 //! Parameters: `sine`, `cosine` (N·m); 0.2 kg at 0.1 m makes 0.2 N·m. Rotary axes that turn by 0.3
 //! rad or more.
 //!
-//! In a residual: one wave a turn over the position, the same both ways. Confused with: a spring
-//! (over a small angle), an offset, torque ripple of low order.
+//! In a residual: plotted over the position, one wave per turn, equal in both directions. Confused
+//! with: a spring (over a small angle), an offset, torque ripple of low order.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Term};
 
-pub(super) struct GravityImbalance;
+pub(super) const EFFECT: Effect = Effect {
+    id: "gravity_imbalance",
+    sites: &["master", "slave"],
+    words: "a centre of mass off the axis (gravity)",
+    experiment: "the same slow stroke with the axis turned by 90°, or upright: gravity follows, a \
+                 spring does not",
+    regressor: &GravityImbalance,
+};
 
-impl Effect for GravityImbalance {
-    fn id(&self) -> &'static str {
-        "gravity_imbalance"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "a centre of mass off the axis (gravity)"
-    }
-    fn experiment(&self) -> &'static str {
-        "the same slow stroke with the axis turned by 90°, or upright: gravity follows, a spring \
-         does not"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct GravityImbalance;
 
-impl InverseEffect for GravityImbalance {
+impl Regressor for GravityImbalance {
     fn applies(&self, axis: &Axis) -> bool {
         axis.rotary && axis.travel() > 0.3
     }

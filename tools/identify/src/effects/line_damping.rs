@@ -1,38 +1,29 @@
 //! Damping in the line beyond the declared tolerance.
 //!
-//! `F = d v` with `d` outside of what is declared, where a spring stands beside it (Kelvin-Voigt).
+//! `F = d v` with `d` outside the declared range, in parallel with a spring (Kelvin-Voigt).
 //!
-//! Parameter: `damping_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign,
-//! the sum at least 0.
+//! Parameter: `damping_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; any sign; the
+//! sum is at least 0.
 //!
-//! In a residual: a straight line over the velocity; loops over the position that grow with
-//! frequency. Confused with: a relaxing branch faster than the record, viscous friction, dead time.
+//! In a residual: plotted over the velocity, a straight line; plotted over the position, loops that
+//! widen with frequency. Confused with: a relaxing branch faster than the movement, viscous
+//! friction, dead time.
 
-use super::{Axis, Declared, Effect, InverseEffect, Term, View};
+use super::{Axis, Declared, Effect, Regressor, Term, View};
 
-pub(super) struct LineDamping;
+pub(super) const EFFECT: Effect = Effect {
+    id: "line_damping",
+    sites: &["line"],
+    words: "damping in the line beyond the declared tolerance",
+    experiment: "sines of the same amplitude at frequencies spaced by factors of two: the loop of \
+                 a damper grows with frequency, that of a relaxing branch has a largest one, that \
+                 of friction stays",
+    regressor: &LineDamping,
+};
 
-impl Effect for LineDamping {
-    fn id(&self) -> &'static str {
-        "line_damping"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["line"]
-    }
-    fn words(&self) -> &'static str {
-        "damping in the line beyond the declared tolerance"
-    }
-    fn experiment(&self) -> &'static str {
-        "sines of the same amplitude at frequencies spaced by factors of two: the loop of a \
-         damper grows with frequency, that of a \
-         relaxing branch has a largest one, that of friction stays"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct LineDamping;
 
-impl InverseEffect for LineDamping {
+impl Regressor for LineDamping {
     fn lifts(&self) -> Option<Declared> {
         Some(Declared::Viscous)
     }

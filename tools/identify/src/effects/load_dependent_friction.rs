@@ -1,39 +1,29 @@
-//! Friction that grows with the force that passes.
+//! Friction that grows with the transmitted force.
 //!
-//! `F = coefficient · |f| · sign(v)`, `f` the force that the rest of the model asks for: bearings
-//! pressed by the belt, seals pressed by the fluid. `f` comes from the motion, not from the
-//! measured force, whose noise would explain itself.
+//! `F = coefficient · |f| · sign(v)`, where `f` is the force that the rest of the model predicts:
+//! bearings loaded by the belt, seals loaded by the fluid. `f` is computed from the motion, not
+//! measured, since noise of the measured force would explain itself.
 //!
-//! Parameter: `coefficient` (1), 0 to 0.9; 0.01 in ball bearings, 0.1 to 0.3 at dry seals.
+//! Parameter: `coefficient` (1), 0 to 0.9; 0.01 for ball bearings, 0.1 to 0.3 for dry seals.
 //!
-//! In a residual: over the force, a V in one direction and its mirror image in the other; nothing
-//! where no load passes. Confused with: Coulomb friction (constant load), a wrong scale of the
+//! In a residual: plotted over the force, a V in one direction and its mirror image in the other;
+//! nothing without load. Confused with: Coulomb friction (constant load), a wrong scale of the
 //! force.
 
-use super::{Axis, Effect, InverseEffect, Term, View};
+use super::{Axis, Effect, Regressor, Term, View};
 
-pub(super) struct LoadDependentFriction;
+pub(super) const EFFECT: Effect = Effect {
+    id: "load_dependent_friction",
+    sites: &["slave", "master"],
+    words: "friction that grows with the load",
+    experiment: "the same strokes with two different known loads: Coulomb friction stays, \
+                 load-dependent friction grows in proportion",
+    regressor: &LoadDependentFriction,
+};
 
-impl Effect for LoadDependentFriction {
-    fn id(&self) -> &'static str {
-        "load_dependent_friction"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["slave", "master"]
-    }
-    fn words(&self) -> &'static str {
-        "friction that grows with the load"
-    }
-    fn experiment(&self) -> &'static str {
-        "the same strokes with two different known loads: Coulomb friction stays, load-dependent \
-         friction grows in proportion"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct LoadDependentFriction;
 
-impl InverseEffect for LoadDependentFriction {
+impl Regressor for LoadDependentFriction {
     fn uses_sign(&self) -> bool {
         true
     }

@@ -1,38 +1,29 @@
-//! Mains frequency in the channel of the force.
+//! Mains hum in the force channel.
 //!
-//! `F = sine · sin(2π f t) + cosine · cos(2π f t)` with `f` within 0.1 Hz of 50 or 60 Hz: what
-//! grids and sampling clocks differ.
+//! `F = sine · sin(2π f t) + cosine · cos(2π f t)` with `f` within 0.1 Hz of 50 or 60 Hz, the
+//! tolerance of mains and sampling clock.
 //!
-//! Parameters: `sine`, `cosine` (N, N·m or V), some thousandths of the range to some per cent;
-//! `frequency` `f` (Hz).
+//! Parameters: `sine`, `cosine` (N, N·m or V), a few tenths of a per cent to a few per cent of the
+//! range; `frequency` `f` (Hz).
 //!
-//! In a residual: a line in its spectrum at 50 or 60 Hz. A real vibration at mains frequency cannot
-//! be told from it in one channel and is taken for hum. Confused with: periodic disturbance.
+//! In a residual: a spectral line at 50 or 60 Hz. A mechanical vibration at mains frequency cannot
+//! be distinguished from it in one channel and is reported as hum. Confused with: periodic
+//! disturbance.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Spacing, Term, waves};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Spacing, Term, waves};
 
-pub(super) struct MainsHum;
+pub(super) const EFFECT: Effect = Effect {
+    id: "mains_hum",
+    sites: &["sensor"],
+    words: "mains frequency in the measured force (hum)",
+    experiment: "the same record at rest with the motor's supply off: hum stays, a vibration of \
+                 the machine does not",
+    regressor: &MainsHum,
+};
 
-impl Effect for MainsHum {
-    fn id(&self) -> &'static str {
-        "mains_hum"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["sensor"]
-    }
-    fn words(&self) -> &'static str {
-        "mains frequency in the measured force (hum)"
-    }
-    fn experiment(&self) -> &'static str {
-        "the same record at rest with the motor's supply off: hum stays, a vibration of the \
-         machine does not"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct MainsHum;
 
-impl InverseEffect for MainsHum {
+impl Regressor for MainsHum {
     fn applies(&self, axis: &Axis) -> bool {
         axis.cut_off > 35.0
     }

@@ -30,58 +30,54 @@ mod waves;
 use crate::equation_error::signals::Signals;
 use crate::regression::Bound;
 
-/// Every effect that identify knows by name of drives, elements and oscillators; of transmissions
-/// it knows [`plant::effects::LIST`].
-pub static ALL: &[&dyn Effect] = &[
-    &coulomb_friction::CoulombFriction,
-    &asymmetric_friction::AsymmetricFriction,
-    &stribeck_friction::StribeckFriction,
-    &viscous_friction::ViscousFriction,
-    &extra_inertia::ExtraInertia,
-    &quadratic_drag::QuadraticDrag,
-    &presliding_hysteresis::PreslidingHysteresis,
-    &position_dependent_friction::PositionDependentFriction,
-    &load_dependent_friction::LoadDependentFriction,
-    &thermal_drift::ThermalDrift,
-    &gravity_imbalance::GravityImbalance,
-    &nonlinear_stiffness::NonlinearStiffness,
-    &backlash::Backlash,
-    &viscoelastic_line::ViscoelasticLine,
-    &line_compliance::LineCompliance,
-    &line_damping::LineDamping,
-    &torque_ripple::TorqueRipple,
-    &amplifier_deadzone::AmplifierDeadzone,
-    &amplifier_saturation::AmplifierSaturation,
-    &amplifier_lag::AmplifierLag,
-    &transport_delay::TransportDelay,
-    &periodic_disturbance::PeriodicDisturbance,
-    &sensor_drift::SensorDrift,
-    &mains_hum::MainsHum,
+/// The effects of drives, elements and oscillators, in the order in which they are tried.
+pub static ALL: &[Effect] = &[
+    coulomb_friction::EFFECT,
+    asymmetric_friction::EFFECT,
+    stribeck_friction::EFFECT,
+    viscous_friction::EFFECT,
+    extra_inertia::EFFECT,
+    quadratic_drag::EFFECT,
+    presliding_hysteresis::EFFECT,
+    position_dependent_friction::EFFECT,
+    load_dependent_friction::EFFECT,
+    thermal_drift::EFFECT,
+    gravity_imbalance::EFFECT,
+    nonlinear_stiffness::EFFECT,
+    backlash::EFFECT,
+    viscoelastic_line::EFFECT,
+    line_compliance::EFFECT,
+    line_damping::EFFECT,
+    torque_ripple::EFFECT,
+    amplifier_deadzone::EFFECT,
+    amplifier_saturation::EFFECT,
+    amplifier_lag::EFFECT,
+    transport_delay::EFFECT,
+    periodic_disturbance::EFFECT,
+    sensor_drift::EFFECT,
+    mains_hum::EFFECT,
 ];
 
 /// The effect of that id.
-pub fn find(id: &str) -> Option<&'static dyn Effect> {
-    ALL.iter().copied().find(|effect| effect.id() == id)
+pub fn find(id: &str) -> Option<&'static Effect> {
+    ALL.iter().find(|effect| effect.id == id)
 }
 
-/// What an effect is, whatever the model: its name, where it can sit, what would tell it from
-/// others.
-pub trait Effect: Sync {
-    /// Fixed id, as in the table of effects.
-    fn id(&self) -> &'static str;
-    /// Sites at which it can sit.
-    fn sites(&self) -> &'static [&'static str];
-    /// In words, to complete "The model lacks ...".
-    fn words(&self) -> &'static str;
+/// A listed effect.
+pub struct Effect {
+    /// Fixed id, as in rig files and results.
+    pub id: &'static str,
+    /// Sites at which it may act.
+    pub sites: &'static [&'static str],
+    /// A description that completes "The model lacks ...".
+    pub words: &'static str,
     /// The experiment that would settle what one run leaves open about it.
-    fn experiment(&self) -> &'static str;
-    /// Its share in the force balance of a model that is read inversely (motion in, force out).
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        None
-    }
+    pub experiment: &'static str,
+    /// Its columns in the regression of the force on the motion.
+    pub regressor: &'static dyn Regressor,
 }
 
-/// Names of units in one machine: those of a linear or of a rotary axis, or of a circuit.
+/// Names of the units of a machine: a linear axis, a rotary axis or a circuit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Units {
     /// `N` or `N·m`.
@@ -99,7 +95,7 @@ pub struct Units {
 }
 
 impl Units {
-    /// Of a linear axis.
+    /// A linear axis.
     pub const LINEAR: Self = Self {
         force: "N",
         position: "m",
@@ -108,7 +104,7 @@ impl Units {
         damping: "N·s/m",
         mass: "kg",
     };
-    /// Of a rotary axis.
+    /// A rotary axis.
     pub const ROTARY: Self = Self {
         force: "N·m",
         position: "rad",
@@ -117,7 +113,7 @@ impl Units {
         damping: "N·m·s/rad",
         mass: "kg·m²",
     };
-    /// Of a circuit whose input and output are volts.
+    /// A circuit whose input and output are voltages.
     pub const VOLTS: Self = Self {
         force: "V",
         position: "V",
@@ -128,7 +124,7 @@ impl Units {
     };
 }
 
-/// What effects are scaled with: units, and how far, fast and long the records go.
+/// Units of the axis, and the ranges of the records, by which effects are scaled.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     /// Names of units.
@@ -137,9 +133,9 @@ pub struct Axis {
     pub rotary: bool,
     /// Position per motor turn, where it is declared; one turn of a rotary axis is 2π rad.
     pub turn: Option<f64>,
-    /// Whether a spring holds the position: the declared model has a stiffness.
+    /// Whether the declared model has a stiffness.
     pub spring: bool,
-    /// Whether the force is a command that something puts out, rather than a measured force.
+    /// Whether the force column is the command to an amplifier rather than a measured force.
     pub commanded: bool,
     /// Lowest and highest position.
     pub positions: (f64, f64),
@@ -153,12 +149,12 @@ pub struct Axis {
     pub force_peak: f64,
     /// Longest record (s).
     pub seconds: f64,
-    /// Highest frequency that the rows carry (Hz).
+    /// Cut-off frequency of the low-pass (Hz).
     pub cut_off: f64,
 }
 
 impl Axis {
-    /// How far the position goes.
+    /// Range of the position.
     pub fn travel(&self) -> f64 {
         self.positions.1 - self.positions.0
     }
@@ -171,13 +167,13 @@ pub struct Term {
     pub name: String,
     /// Its unit.
     pub unit: String,
-    /// Physical limits of the amplitude. Where they meet it is given, not fitted, and is not
-    /// reported.
+    /// Physical limits of the amplitude. Where the two are equal, the amplitude is given: it is
+    /// neither fitted nor reported.
     pub bound: Bound,
 }
 
 impl Term {
-    /// An amplitude of either sign.
+    /// An amplitude of any sign.
     pub fn free(name: &str, unit: impl Into<String>) -> Self {
         Self { name: name.into(), unit: unit.into(), bound: (f64::NEG_INFINITY, f64::INFINITY) }
     }
@@ -185,7 +181,7 @@ impl Term {
     pub fn positive(name: &str, unit: impl Into<String>) -> Self {
         Self { name: name.into(), unit: unit.into(), bound: (0.0, f64::INFINITY) }
     }
-    /// A column that enters as it is.
+    /// A column with the fixed amplitude 1.
     pub fn given() -> Self {
         Self { name: String::new(), unit: String::new(), bound: (1.0, 1.0) }
     }
@@ -195,18 +191,18 @@ impl Term {
     }
 }
 
-/// How values of a shape are spread over its range.
+/// How the grid of a shape is spaced over its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spacing {
-    /// By equal factors.
+    /// Logarithmic.
     Logarithmic,
     /// By equal steps.
     Linear,
-    /// By equal steps through the 0.2 Hz about 50 Hz, then through those about 60 Hz.
+    /// Linear, from 49.9 to 50.1 Hz and then from 59.9 to 60.1 Hz.
     Mains,
 }
 
-/// A parameter that shapes a column and that no linear fit finds: searched on a grid, then refined.
+/// A nonlinear parameter of a column: searched on a grid, then refined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// Name of the parameter.
@@ -219,12 +215,12 @@ pub struct Shape {
     pub high: f64,
     /// Points of the grid.
     pub points: usize,
-    /// How they are spread.
+    /// How they are spaced.
     pub spacing: Spacing,
 }
 
 impl Shape {
-    /// A shape that is searched by factors.
+    /// A shape on a logarithmic grid.
     pub fn by_factors(
         name: &str,
         unit: impl Into<String>,
@@ -240,7 +236,7 @@ impl Shape {
             spacing: Spacing::Logarithmic,
         }
     }
-    /// A shape that is searched by equal steps.
+    /// A shape on a linear grid.
     pub fn by_steps(
         name: &str,
         unit: impl Into<String>,
@@ -249,7 +245,7 @@ impl Shape {
     ) -> Self {
         Self { name: name.into(), unit: unit.into(), low, high, points, spacing: Spacing::Linear }
     }
-    /// The value at a share of the range, 0 to 1.
+    /// The value at a fraction of the range, 0 to 1.
     pub fn at(&self, share: f64) -> f64 {
         let share = share.clamp(0.0, 1.0);
         match self.spacing {
@@ -259,7 +255,7 @@ impl Shape {
             Spacing::Mains => 59.9 + 0.4 * (share - 0.5),
         }
     }
-    /// The share of the range at which a value stands.
+    /// The fraction of the range at which a value lies, 0 to 1.
     pub fn share(&self, value: f64) -> f64 {
         let share = match self.spacing {
             Spacing::Logarithmic => (value / self.low).ln() / (self.high / self.low).ln(),
@@ -282,15 +278,15 @@ pub enum Declared {
     Stiffness,
 }
 
-/// What an effect sees of a record, at the full rate.
+/// The signals of a record at the full rate, from which an effect computes its columns.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// Filtered motion, and the force as recorded.
     pub signals: &'a Signals,
     /// Smoothed sign of the velocity.
     pub sign: &'a [f64],
-    /// The force that the model without this effect asks for, low-passed. Empty before there is
-    /// one.
+    /// The force that the model without this effect predicts from the motion, low-passed; empty
+    /// before the first fit.
     pub model: &'a [f64],
     /// Units and scales.
     pub axis: &'a Axis,
@@ -309,40 +305,39 @@ pub struct Instant {
     pub sign: f64,
 }
 
-/// An effect as a force at an instant, by which a model can also be simulated from its input.
+/// An effect as a force at an instant, for simulation of the model from its input.
 pub trait Law: Sync {
-    /// Number of own states; they begin at 0.
+    /// Number of states of its own; they start at 0.
     fn states(&self) -> usize {
         0
     }
     /// Time derivative of the states.
     fn rates(&self, _now: &Instant, _shapes: &[f64], _states: &[f64], _rates: &mut [f64]) {}
-    /// Force per unit amplitude, one value a term, positive against the input.
+    /// Force per unit amplitude, one value per term, positive against the input.
     fn force(&self, now: &Instant, shapes: &[f64], states: &[f64], out: &mut [f64]);
 }
 
 /// An effect as columns of a regression.
 ///
-/// Columns are functions of the filtered motion. They are nonlinear, so the caller low-passes them
-/// once more: the force was low-passed after the machine had formed it, and a model must be treated
-/// alike.
-pub trait InverseEffect: Sync {
-    /// Effects that must be in the model first, because this one by itself would mimic them.
+/// Columns are functions of the filtered motion. Nonlinear ones are low-passed by the caller: the
+/// measured force is low-passed too, so that both sides of the balance have passed the same filter.
+pub trait Regressor: Sync {
+    /// Effects that must be in the model already, because without them this one would imitate them.
     fn needs(&self) -> &'static [&'static str] {
         &[]
     }
-    /// The simpler effect that this one contains as a limit. Where the simpler one does as well it
-    /// is taken, and the two are no rivals.
+    /// The simpler effect that this one contains as a limiting case. Where the simpler one explains
+    /// as much, it is chosen, and the two are not reported as rivals.
     fn refines(&self) -> Option<&'static str> {
         None
     }
-    /// The declared parameter whose tolerance it lifts, for effects that act like a changed
-    /// parameter. Such an effect is a candidate only where the fit stands at the tolerance's edge;
-    /// where the parameter is not declared it has a column of its own.
+    /// The declared parameter whose bounds it lifts, for effects that act like a changed parameter.
+    /// Such an effect is a candidate only where the fitted value is at the bound of its tolerance;
+    /// where the parameter is not declared, the effect has a column of its own.
     fn lifts(&self) -> Option<Declared> {
         None
     }
-    /// Whether it makes sense on this axis.
+    /// Whether it can occur on this axis.
     fn applies(&self, _axis: &Axis) -> bool {
         true
     }
@@ -350,20 +345,21 @@ pub trait InverseEffect: Sync {
     fn uses_sign(&self) -> bool {
         false
     }
-    /// Whether its columns come from the force that the model asks for.
+    /// Whether its columns are computed from the force that the model predicts.
     fn uses_model(&self) -> bool {
         false
     }
-    /// Whether its columns are linear in signals that are low-passed already.
+    /// Whether its columns are linear in signals that are already low-passed.
     fn linear(&self) -> bool {
         false
     }
-    /// By how much it shifts the force in time (s), where that is all it does. A shift of about a
-    /// sampling period is what sampling and holding make, and gets no name.
+    /// The time (s) by which it shifts the force, for effects that do nothing else. A shift of
+    /// about one sampling period is caused by sampling and zero-order hold and is not reported as
+    /// an effect.
     fn shift(&self, _amplitudes: &[f64], _shapes: &[f64]) -> Option<f64> {
         None
     }
-    /// Whether its columns are sine and cosine of the time, its only shape being the frequency.
+    /// Whether its columns are a sine and a cosine of time, with the frequency as the only shape.
     fn is_tone(&self) -> bool {
         false
     }
@@ -373,12 +369,12 @@ pub trait InverseEffect: Sync {
     fn shapes(&self, _axis: &Axis) -> Vec<Shape> {
         Vec::new()
     }
-    /// As a force at an instant, where it is one.
+    /// The effect as a force at an instant, if it can be written as one.
     fn law(&self) -> Option<&dyn Law> {
         None
     }
-    /// What arrives of a command that passes it (`step` apart (s)); `None` where it leaves the
-    /// command alone.
+    /// The output for a command sampled every `step` seconds, for effects of the amplifier; `None`
+    /// for others.
     fn deliver(
         &self,
         _command: &[f64],
@@ -388,7 +384,8 @@ pub trait InverseEffect: Sync {
     ) -> Option<Vec<f64>> {
         None
     }
-    /// One column per term at the full rate; a law without states is tabulated.
+    /// One column per term at the full rate; by default from [`Self::law`], for laws without
+    /// states.
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
         let signals = view.signals;
         let n = signals.time.len();
@@ -419,10 +416,9 @@ mod tests {
     #[test]
     fn ids_are_unique_and_needs_exist() {
         for (i, effect) in ALL.iter().enumerate() {
-            assert!(ALL[..i].iter().all(|other| other.id() != effect.id()), "{}", effect.id());
-            assert!(!effect.sites().is_empty() && !effect.words().is_empty());
-            let Some(inverse) = effect.inverse() else { continue };
-            for need in inverse.needs().iter().chain(&inverse.refines()) {
+            assert!(ALL[..i].iter().all(|other| other.id != effect.id), "{}", effect.id);
+            assert!(!effect.sites.is_empty() && !effect.words.is_empty());
+            for need in effect.regressor.needs().iter().chain(&effect.regressor.refines()) {
                 assert!(find(need).is_some(), "{need}");
             }
         }

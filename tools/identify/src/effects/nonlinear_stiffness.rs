@@ -1,40 +1,30 @@
 //! A spring that stiffens or softens.
 //!
-//! `F = cubic · x³ + quadratic · x²` beside the declared `k x`: the odd term acts alike both ways,
-//! the even one makes one direction stiffer than the other (gas trapped in one line, fibres that
-//! take load one after the other, a spring that was measured from another zero: a shift by `e`
-//! makes `3 cubic e x²`). Source: Duffing 1918.
+//! `F = cubic · x³ + quadratic · x²` beside the declared `k x`: the odd term is symmetric, the even
+//! one makes one direction stiffer than the other (gas trapped in one line, fibres that take up
+//! load one after another, a position measured from another zero: a shift by `e` adds
+//! `3 cubic e x²`). Source: Duffing 1918.
 //!
-//! Parameters: `cubic` (N/m³, N·m/rad³ or V⁻²), `quadratic` (N/m², N·m/rad² or V⁻¹), either sign;
-//! at the largest deflection they add some per cent to several times the linear force.
+//! Parameters: `cubic` (N/m³, N·m/rad³ or V⁻²), `quadratic` (N/m², N·m/rad² or V⁻¹), any sign; at
+//! the largest deflection they add from a few per cent to several times the linear force.
 //!
-//! In a residual: over the position an S (odd) or a parabola (even), without a loop; in frequency,
-//! energy at two and three times what was put in. Confused with: a compliance outside of its
-//! tolerance, backlash.
+//! In a residual: plotted over the position, an S (odd) or a parabola (even), without a loop; in
+//! the spectrum, second and third harmonics. Confused with: a compliance outside its tolerance,
+//! backlash.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Term};
 
-pub(super) struct NonlinearStiffness;
+pub(super) const EFFECT: Effect = Effect {
+    id: "nonlinear_stiffness",
+    sites: &["line", "slave"],
+    words: "a spring that is not linear",
+    experiment: "slow load and unload in steps over the whole travel, both ways: the curve itself",
+    regressor: &NonlinearStiffness,
+};
 
-impl Effect for NonlinearStiffness {
-    fn id(&self) -> &'static str {
-        "nonlinear_stiffness"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["line", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "a spring that is not linear"
-    }
-    fn experiment(&self) -> &'static str {
-        "slow load and unload in steps over the whole travel, both ways: the curve itself"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct NonlinearStiffness;
 
-impl InverseEffect for NonlinearStiffness {
+impl Regressor for NonlinearStiffness {
     fn applies(&self, axis: &Axis) -> bool {
         axis.spring
     }

@@ -1,38 +1,29 @@
-//! A vibration of fixed frequency.
+//! A vibration at a fixed frequency.
 //!
-//! `F = sine · sin(2π f t) + cosine · cos(2π f t)`: the scanner's gradients shake the table, a pump
-//! runs beside.
+//! `F = sine · sin(2π f t) + cosine · cos(2π f t)`: gradients of the scanner shake the table, or a
+//! pump runs nearby.
 //!
-//! Parameters: `sine`, `cosine` (N, N·m or V); `frequency` `f` (Hz), from two periods in the record
-//! to a little above the low-pass, without 0.15 Hz to either side of 50 and 60 Hz, where a tone is
-//! taken for mains hum.
+//! Parameters: `sine`, `cosine` (N, N·m or V); `frequency` `f` (Hz), from two periods per record to
+//! 1.1 times the cut-off frequency, except within 0.15 Hz of 50 and 60 Hz, where a tone counts as
+//! mains hum.
 //!
-//! In a residual: one line in its spectrum, whatever the movement does. Confused with: mains hum,
-//! torque ripple at constant speed, a movement that repeats itself at the same frequency.
+//! In a residual: one spectral line, independent of the movement. Confused with: mains hum, torque
+//! ripple at constant speed, a periodic movement of the same frequency.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, waves};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, waves};
 
-pub(super) struct PeriodicDisturbance;
+pub(super) const EFFECT: Effect = Effect {
+    id: "periodic_disturbance",
+    sites: &["slave", "master"],
+    words: "a vibration of fixed frequency",
+    experiment: "the same record with the machine at rest, and with the suspected source switched \
+                 off",
+    regressor: &PeriodicDisturbance,
+};
 
-impl Effect for PeriodicDisturbance {
-    fn id(&self) -> &'static str {
-        "periodic_disturbance"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["slave", "master"]
-    }
-    fn words(&self) -> &'static str {
-        "a vibration of fixed frequency"
-    }
-    fn experiment(&self) -> &'static str {
-        "the same record with the machine at rest, and with the suspected source switched off"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct PeriodicDisturbance;
 
-impl InverseEffect for PeriodicDisturbance {
+impl Regressor for PeriodicDisturbance {
     fn is_tone(&self) -> bool {
         true
     }

@@ -1,41 +1,30 @@
 //! Friction that varies along the stroke.
 //!
 //! `F = sign(v) · (sine · sin(n x) + cosine · cos(n x))` beside Coulomb friction: a bent spindle,
-//! an eccentric pulley, seals in a bore that is not straight. Source: first harmonic of any
-//! variation; the thesis, ch. 4 and fig. 5.5.
+//! an eccentric pulley, a bore that is not straight. Source: first harmonic of any variation;
+//! thesis, ch. 4 and fig. 5.5.
 //!
-//! Parameters: `sine`, `cosine` (N or N·m), together below the Coulomb friction; `order` `n` (rad
-//! per m, or waves per turn), 0.4 to 12 waves over the travel.
+//! Parameters: `sine`, `cosine` (N or N·m), of an amplitude below the Coulomb friction; `order` `n`
+//! (rad/m, or waves per turn), 0.4 to 12 waves over the travel.
 //!
 //! In a residual: plotted over the position, a wave in one direction and its mirror image in the
-//! other. Confused with: torque ripple and gravity (the same sign both ways), drift where the
-//! stroke is made once.
+//! other. Confused with: torque ripple and gravity (equal in both directions), drift where the
+//! stroke is made only once.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
 
-pub(super) struct PositionDependentFriction;
+pub(super) const EFFECT: Effect = Effect {
+    id: "position_dependent_friction",
+    sites: &["master", "slave"],
+    words: "friction that varies along the stroke",
+    experiment: "the whole stroke at one slow constant speed, both ways, several times: half the \
+                 difference of the two directions over the position is the friction",
+    regressor: &PositionDependentFriction,
+};
 
-impl Effect for PositionDependentFriction {
-    fn id(&self) -> &'static str {
-        "position_dependent_friction"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "friction that varies along the stroke"
-    }
-    fn experiment(&self) -> &'static str {
-        "the whole stroke at one slow constant speed, both ways, several times: half the \
-         difference of the two directions over the \
-         position is the friction"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct PositionDependentFriction;
 
-impl InverseEffect for PositionDependentFriction {
+impl Regressor for PositionDependentFriction {
     fn needs(&self) -> &'static [&'static str] {
         &["coulomb_friction"]
     }

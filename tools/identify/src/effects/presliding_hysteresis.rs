@@ -1,42 +1,31 @@
-//! Bristles: friction that builds up over a small travel.
+//! Presliding friction (bristles): it builds up over a small travel.
 //!
 //! `F = bristle_force · z`, `dz/dx = (1 - z sign(v)) / travel`: Dahl's law, whose limit for a small
 //! `travel` is Coulomb friction. Source: Dahl 1968; Canudas de Wit, Olsson, Åström, Lischinsky,
-//! IEEE Transactions on Automatic Control 40 (1995). The state begins at 0; what it really was is
-//! forgotten after a few `travel`.
+//! IEEE Transactions on Automatic Control 40 (1995). The state starts at 0; an error of this
+//! initial state decays over a few `travel`.
 //!
 //! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the
 //! record's travel.
 //!
-//! In a residual: after each reversal the force goes over from one side to the other along the
+//! In a residual: after each reversal the force changes from one side to the other as a function of
 //! *position*, however slow the movement. Confused with: Coulomb friction (small travel), a Maxwell
-//! branch (along the time instead), backlash.
+//! branch (a function of time instead), backlash.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, View};
 
-pub(super) struct PreslidingHysteresis;
+pub(super) const EFFECT: Effect = Effect {
+    id: "presliding_hysteresis",
+    sites: &["slave", "master"],
+    words: "presliding friction that builds up over a small travel",
+    experiment: "small strokes about one place at two speeds that differ tenfold: presliding \
+                 follows the travel, smoothing of friction the speed, a relaxing branch the time",
+    regressor: &PreslidingHysteresis,
+};
 
-impl Effect for PreslidingHysteresis {
-    fn id(&self) -> &'static str {
-        "presliding_hysteresis"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["slave", "master"]
-    }
-    fn words(&self) -> &'static str {
-        "presliding friction that builds up over a small travel"
-    }
-    fn experiment(&self) -> &'static str {
-        "small strokes about one place at two speeds that differ tenfold: presliding follows the \
-         travel, smoothing of friction the speed, \
-         a relaxing branch the time"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct PreslidingHysteresis;
 
-impl InverseEffect for PreslidingHysteresis {
+impl Regressor for PreslidingHysteresis {
     fn refines(&self) -> Option<&'static str> {
         Some("coulomb_friction")
     }
@@ -54,7 +43,7 @@ impl InverseEffect for PreslidingHysteresis {
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
         let mut state = 0.0;
         let mut last = view.signals.position.first().copied().unwrap_or(0.0);
-        // Exact for a movement that keeps its direction from sample to sample.
+        // Exact for a movement that keeps its direction between samples.
         let bristle = |x: &f64| {
             let step = x - last;
             last = *x;

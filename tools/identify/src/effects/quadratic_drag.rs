@@ -3,37 +3,26 @@
 //! `F = coefficient · |v| v`: turbulent flow through ports and bends, air. Source: Borda-Carnot;
 //! Merritt, Hydraulic Control Systems (1967), ch. 3.
 //!
-//! Parameter: `coefficient` (N·s²/m² or N·m·s²/rad²), at least 0; at the highest speed it makes
-//! some per cent to all of the viscous friction.
+//! Parameter: `coefficient` (N·s²/m² or N·m·s²/rad²), at least 0; at the highest speed, from a few
+//! per cent to the whole of the viscous friction.
 //!
-//! In a residual: an S over the velocity that bends away from the straight line at both ends.
-//! Confused with: viscous friction (over a narrow range of speed), Stribeck friction of negative
-//! sign.
+//! In a residual: plotted over the velocity, an S that is steeper at both ends. Confused with:
+//! viscous friction (over a narrow range of speed), negative Stribeck friction.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Term};
 
-pub(super) struct QuadraticDrag;
+pub(super) const EFFECT: Effect = Effect {
+    id: "quadratic_drag",
+    sites: &["master", "slave"],
+    words: "drag that grows with the square of speed",
+    experiment: "constant speeds up to the highest that the drive can hold, both ways: drag \
+                 quadruples when speed doubles",
+    regressor: &QuadraticDrag,
+};
 
-impl Effect for QuadraticDrag {
-    fn id(&self) -> &'static str {
-        "quadratic_drag"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "drag that grows with the square of speed"
-    }
-    fn experiment(&self) -> &'static str {
-        "constant speeds up to the highest that the drive can hold, both ways: drag quadruples \
-         when speed doubles"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct QuadraticDrag;
 
-impl InverseEffect for QuadraticDrag {
+impl Regressor for QuadraticDrag {
     fn terms(&self, axis: &Axis) -> Vec<Term> {
         vec![Term::positive(
             "coefficient",

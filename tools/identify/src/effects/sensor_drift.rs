@@ -1,37 +1,27 @@
-//! A force channel whose zero wanders.
+//! Zero drift of the force channel.
 //!
-//! `F → F + rate · t`, `t` since the start of the record. Source: bridge amplifiers warm up; data
-//! sheets give some thousandths of the range per hour, bad cables far more.
+//! `F → F + rate · t`, `t` since the start of the record. Source: warm-up of bridge amplifiers;
+//! data sheets give a few tenths of a per cent of the range per hour, bad cables far more.
 //!
-//! Parameter: `rate` (N/s, N·m/s or V/s), either sign.
+//! Parameter: `rate` (N/s, N·m/s or V/s), any sign.
 //!
-//! In a residual: a ramp over the time that does not care for the movement. Confused with: a slow
-//! real force, thermal drift (which changes sign with the velocity), relaxation of an element that
+//! In a residual: a ramp over time, independent of the movement. Confused with: a slow real force,
+//! thermal drift of friction (which changes sign with the velocity), relaxation of an element that
 //! is held.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Term};
 
-pub(super) struct SensorDrift;
+pub(super) const EFFECT: Effect = Effect {
+    id: "sensor_drift",
+    sites: &["sensor"],
+    words: "a zero of the force that wanders",
+    experiment: "the unloaded channel recorded for as long as the run, before and after it",
+    regressor: &SensorDrift,
+};
 
-impl Effect for SensorDrift {
-    fn id(&self) -> &'static str {
-        "sensor_drift"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["sensor"]
-    }
-    fn words(&self) -> &'static str {
-        "a zero of the force that wanders"
-    }
-    fn experiment(&self) -> &'static str {
-        "the unloaded channel recorded for as long as the run, before and after it"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct SensorDrift;
 
-impl InverseEffect for SensorDrift {
+impl Regressor for SensorDrift {
     fn terms(&self, axis: &Axis) -> Vec<Term> {
         vec![Term::free("rate", format!("{}/s", axis.units.force))]
     }

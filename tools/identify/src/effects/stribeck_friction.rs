@@ -1,40 +1,30 @@
-//! Stribeck friction: more of it near standstill.
+//! Stribeck friction: higher near standstill.
 //!
-//! `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)` on top of Coulomb friction, without which a
-//! high Stribeck speed would mimic it. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
+//! `F = stribeck · sign(v) · exp(-(v/stribeck_speed)²)` in addition to Coulomb friction, which a
+//! high Stribeck speed would otherwise imitate. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
 //! Automatica 30 (1994), eq. 3.
 //!
 //! Parameters: `stribeck` (N or N·m), at least 0, usually 5 to 60 % of the Coulomb friction;
-//! `stribeck_speed` (m/s or rad/s), 1 to 35 % of the record's highest speed: above that the bell is
-//! as wide as the record and acts as a changed viscous friction.
+//! `stribeck_speed` (m/s or rad/s), 1 to 35 % of the record's highest speed: above that, the curve
+//! is as wide as the speed range and acts like a changed viscous friction.
 //!
-//! In a residual: a spike at each side of a reversal. Confused with: presliding hysteresis, a wrong
-//! smoothing of the sign.
+//! In a residual: a spike on either side of a reversal. Confused with: presliding hysteresis, a
+//! wrong smoothing speed.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
 
-pub(super) struct StribeckFriction;
+pub(super) const EFFECT: Effect = Effect {
+    id: "stribeck_friction",
+    sites: &["master", "slave"],
+    words: "friction that falls with speed near standstill (Stribeck)",
+    experiment: "constant speeds spaced by factors of two down to the slowest that the drive can \
+                 hold, both ways",
+    regressor: &StribeckFriction,
+};
 
-impl Effect for StribeckFriction {
-    fn id(&self) -> &'static str {
-        "stribeck_friction"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "friction that falls with speed near standstill (Stribeck)"
-    }
-    fn experiment(&self) -> &'static str {
-        "constant speeds spaced by factors of two down to the slowest that the drive can hold, \
-         both ways"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct StribeckFriction;
 
-impl InverseEffect for StribeckFriction {
+impl Regressor for StribeckFriction {
     fn needs(&self) -> &'static [&'static str] {
         &["coulomb_friction"]
     }

@@ -1,40 +1,32 @@
-//! Friction that changes as the machine warms.
+//! Friction that changes as the machine warms up.
 //!
 //! `F = (coulomb_excess · sign(v) + viscous_excess · v) · exp(-t / time_constant)`, `t` since the
-//! start of the record: more when cold where the excess is positive. Source: viscosity falls with
-//! temperature, which settles exponentially; Bittencourt and Gunnarsson, J. Dyn. Sys. Meas. Control
-//! 134 (2012), fig. 6.
+//! start of the record: higher when cold if the excess is positive. Source: viscosity falls with
+//! temperature, which approaches its final value exponentially; Bittencourt and Gunnarsson, J. Dyn.
+//! Sys. Meas. Control 134 (2012), fig. 6.
 //!
 //! Parameters: `coulomb_excess` (N or N·m), `viscous_excess` (N·s/m or N·m·s/rad), up to twice the
-//! warm values; `time_constant` (s), a thirtieth to two fifths of the record: slower ones act as a
-//! constant.
+//! warm values; `time_constant` (s), a thirtieth to two fifths of the record: slower drift acts
+//! like a constant.
 //!
-//! In a residual: error that is large early (or late) and goes with the velocity's sign. Confused
-//! with: drift of a sensor (does not change sign with the velocity), differences between records.
+//! In a residual: an error that is large early in the record (or late) and follows the sign of the
+//! velocity. Confused with: drift of a sensor (which does not change sign with the velocity),
+//! differences between records.
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
 
-pub(super) struct ThermalDrift;
+pub(super) const EFFECT: Effect = Effect {
+    id: "thermal_drift",
+    sites: &["master", "slave", "line"],
+    words: "friction that drifts as the machine warms",
+    experiment: "the same movement for ten times as long, begun cold, with the temperature \
+                 recorded",
+    regressor: &ThermalDrift,
+};
 
-impl Effect for ThermalDrift {
-    fn id(&self) -> &'static str {
-        "thermal_drift"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave", "line"]
-    }
-    fn words(&self) -> &'static str {
-        "friction that drifts as the machine warms"
-    }
-    fn experiment(&self) -> &'static str {
-        "the same movement for ten times as long, begun cold, with the temperature recorded"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct ThermalDrift;
 
-impl InverseEffect for ThermalDrift {
+impl Regressor for ThermalDrift {
     fn refines(&self) -> Option<&'static str> {
         Some("coulomb_friction")
     }

@@ -1,47 +1,36 @@
 //! Dead time between the force and the motion.
 //!
-//! `F(t) = f(t + delay)`, `f` the force that the motion asks for: a positive delay is a motion that
-//! comes late after the recorded force (dead time of amplifier, network or position sensor), a
-//! negative one a force channel that comes late.
+//! `F(t) = f(t + delay)`, where `f` is the force that the model predicts from the motion: for a
+//! positive delay the motion lags the recorded force (dead time of amplifier, network or position
+//! sensor), for a negative one the force channel lags.
 //!
-//! Parameter: `delay` (s), within one period of the low-pass's cut-off to either side; 0.1 to 20
-//! ms.
+//! Parameter: `delay` (s), any sign, at most one period of the cut-off frequency; 0.1 to 20 ms.
 //!
-//! In a residual: error in proportion to the rate of the force. Confused with: a lag of the
-//! amplifier (the same in first order), damping beside a spring, channels that were not sampled at
-//! the same instant. Below one and a half sampling periods it gets no name: a command that is
-//! sampled and held acts half a period late by itself, and one more where the loop computes in
-//! between.
+//! In a residual: an error proportional to the rate of the force. Confused with: a lag of the
+//! amplifier (equal to first order), damping in parallel with a spring, channels that were not
+//! sampled at the same instant. Below one and a half sampling periods it is not reported:
+//! zero-order hold of the command alone delays it by half a period, and computing time in the loop
+//! by one more.
 
-use super::{Axis, Effect, InverseEffect, Shape, Term, View, waves};
+use super::{Axis, Effect, Regressor, Shape, Term, View, waves};
 use crate::input::step_of;
 
-/// The experiment that tells a lag from dead time.
+/// The experiment that distinguishes a lag from dead time.
 pub(super) const LAG_OR_DEAD_TIME: &str = "steps of the command with the current measured: a lag \
-    begins at once, dead time does not; or sines up to \
-     the bandwidth: a lag loses amplitude, dead time only phase";
+                                           begins at once, dead time does not; or sines up to the \
+                                           bandwidth: a lag loses amplitude, dead time only phase";
 
-pub(super) struct TransportDelay;
+pub(super) const EFFECT: Effect = Effect {
+    id: "transport_delay",
+    sites: &["drive", "line", "sensor"],
+    words: "dead time between force and motion",
+    experiment: LAG_OR_DEAD_TIME,
+    regressor: &TransportDelay,
+};
 
-impl Effect for TransportDelay {
-    fn id(&self) -> &'static str {
-        "transport_delay"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["drive", "line", "sensor"]
-    }
-    fn words(&self) -> &'static str {
-        "dead time between force and motion"
-    }
-    fn experiment(&self) -> &'static str {
-        LAG_OR_DEAD_TIME
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct TransportDelay;
 
-impl InverseEffect for TransportDelay {
+impl Regressor for TransportDelay {
     fn uses_model(&self) -> bool {
         true
     }

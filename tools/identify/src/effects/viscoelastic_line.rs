@@ -1,42 +1,32 @@
 //! A relaxing branch: stiffness that decays with time.
 //!
-//! `F = branch_stiffness · e`, `ė = v - e / relaxation`: a Maxwell branch beside the declared
-//! spring (standard linear solid). Fast movement feels both springs, slow movement the declared one
-//! alone. Source: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials
-//! (1976), ch. 5. The branch begins relaxed.
+//! `F = branch_stiffness · e`, `ė = v - e / relaxation`: a Maxwell branch in parallel with the
+//! declared spring (standard linear solid). In fast movement both springs act, in slow movement
+//! only the declared one. Source: Findley, Lai, Onaran, Creep and Relaxation of Nonlinear
+//! Viscoelastic Materials (1976), ch. 5. The branch starts relaxed.
 //!
 //! Parameters: `branch_stiffness` (N/m or N·m/rad), at least 0, a few per cent to several times the
-//! declared stiffness; `relaxation` (s), from half a radian of the highest frequency seen to a
-//! third of the record: faster ones are a damper, slower ones a spring.
+//! declared stiffness; `relaxation` (s), from half a radian at the cut-off frequency to a third of
+//! the record: faster branches act like a damper, slower ones like a spring.
 //!
-//! In a residual: after a step of the position the force decays; over frequency the loop has a
-//! largest size. Confused with: damping (all of the record slower than the relaxation), stiffness
-//! (all faster), leakage (decays to nothing).
+//! In a residual: after a step of the position the force decays; the width of the loop has a
+//! maximum over frequency. Confused with: damping (movement slower than the relaxation), stiffness
+//! (faster), leakage (decays to zero).
 
-use super::{Axis, Effect, Instant, InverseEffect, Law, Shape, Term, View};
+use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, View};
 
-pub(super) struct ViscoelasticLine;
+pub(super) const EFFECT: Effect = Effect {
+    id: "viscoelastic_line",
+    sites: &["line"],
+    words: "a relaxing branch (viscoelasticity)",
+    experiment: "a step that is held for ten times the relaxation, and sines of the same amplitude \
+                 at frequencies spaced by factors of two",
+    regressor: &ViscoelasticLine,
+};
 
-impl Effect for ViscoelasticLine {
-    fn id(&self) -> &'static str {
-        "viscoelastic_line"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["line"]
-    }
-    fn words(&self) -> &'static str {
-        "a relaxing branch (viscoelasticity)"
-    }
-    fn experiment(&self) -> &'static str {
-        "a step that is held for ten times the relaxation, and sines of the same amplitude at \
-         frequencies spaced by factors of two"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct ViscoelasticLine;
 
-impl InverseEffect for ViscoelasticLine {
+impl Regressor for ViscoelasticLine {
     fn applies(&self, axis: &Axis) -> bool {
         axis.spring
     }
@@ -55,7 +45,7 @@ impl InverseEffect for ViscoelasticLine {
         let mut stretch = 0.0;
         let mut column = vec![0.0; position.len()];
         for i in 1..position.len() {
-            // Exact for a position that goes straight from sample to sample.
+            // Exact for a position that is linear between samples.
             let share = (time[i] - time[i - 1]) / shapes[0];
             let kept = (-share).exp();
             stretch = stretch * kept + (position[i] - position[i - 1]) * (1.0 - kept) / share;

@@ -1,38 +1,28 @@
 //! Viscous friction beyond the declared tolerance.
 //!
-//! `F = c v` with `c` outside of what is declared: missing physics that acts like a changed
-//! parameter. Inside the tolerance the same change is calibration, and no effect.
+//! `F = c v` with `c` outside the declared range: missing physics that acts like a changed
+//! parameter. Within the tolerance, such a change is calibration and not an effect.
 //!
-//! Parameter: `viscous_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; either sign,
-//! the sum at least 0.
+//! Parameter: `viscous_beyond_declared` (N·s/m or N·m·s/rad), fitted less declared; any sign; the
+//! sum is at least 0.
 //!
-//! In a residual: a straight line over the velocity. Confused with: quadratic drag, a hand's
-//! damper, damping in the line.
+//! In a residual: plotted over the velocity, a straight line. Confused with: quadratic drag,
+//! damping by a hand, damping in the line.
 
-use super::{Axis, Declared, Effect, InverseEffect, Term, View};
+use super::{Axis, Declared, Effect, Regressor, Term, View};
 
-pub(super) struct ViscousFriction;
+pub(super) const EFFECT: Effect = Effect {
+    id: "viscous_friction",
+    sites: &["master", "slave"],
+    words: "viscous friction beyond the declared tolerance",
+    experiment: "strokes at several constant speeds, both ways: the slope of force over speed is \
+                 the viscous friction",
+    regressor: &ViscousFriction,
+};
 
-impl Effect for ViscousFriction {
-    fn id(&self) -> &'static str {
-        "viscous_friction"
-    }
-    fn sites(&self) -> &'static [&'static str] {
-        &["master", "slave"]
-    }
-    fn words(&self) -> &'static str {
-        "viscous friction beyond the declared tolerance"
-    }
-    fn experiment(&self) -> &'static str {
-        "strokes at several constant speeds, both ways: the slope of force over speed is the \
-         viscous friction"
-    }
-    fn inverse(&self) -> Option<&dyn InverseEffect> {
-        Some(self)
-    }
-}
+struct ViscousFriction;
 
-impl InverseEffect for ViscousFriction {
+impl Regressor for ViscousFriction {
     fn lifts(&self) -> Option<Declared> {
         Some(Declared::Viscous)
     }

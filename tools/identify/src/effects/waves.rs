@@ -1,7 +1,7 @@
-//! What effects that are waves share.
+//! Helpers of the sinusoidal effects.
 
-/// Grid points for a frequency or wave number, given the number of waves by which its range differs
-/// over the record: a wave that is off by a quarter over the record still shows.
+/// Grid points for a frequency or wave number whose range spans so many waves over the record: four
+/// per wave, since a wave that is a quarter off over the record is still found.
 pub(super) fn points(waves: f64) -> usize {
     ((4.0 * waves).ceil().clamp(2.0, 6000.0)) as usize
 }
@@ -12,7 +12,7 @@ pub(super) fn pair(values: &[f64], wave: f64) -> Vec<Vec<f64>> {
     vec![sine, cosine]
 }
 
-/// A frequency (Hz), moved out of the 0.15 Hz to either side of 50 and 60 Hz.
+/// A frequency (Hz), kept 0.15 Hz away from 50 and 60 Hz.
 pub(super) fn beside_mains(frequency: f64) -> f64 {
     for mains in [50.0, 60.0] {
         let off: f64 = frequency - mains;

@@ -2,7 +2,7 @@
 //!
 //! The residual of the model without the new effect is regressed on the effect's columns, without
 //! the low-pass and without refitting the rest. Tones are found in the residual's spectrum. The
-//! best few points that are not neighbours go on to the exact fit.
+//! best few points that are not neighbours are then fitted exactly.
 
 use super::model::{RegressionModel, Structure, residual};
 use super::split::Block;
@@ -13,7 +13,7 @@ use crate::spectral::periodogram;
 /// Columns of one record, row by row.
 type Columns = Vec<Vec<f64>>;
 
-/// Points that are fitted exactly.
+/// Number of points that are fitted exactly.
 const KEPT: usize = 6;
 /// Largest product of rows and points; beyond it rows are decimated.
 const LARGEST_COST: usize = 20_000_000;

@@ -10,12 +10,13 @@ use super::split::Block;
 use crate::effects::Shape;
 use crate::regression::{Bound, Fit, solve, standard_deviations};
 
-/// Clusters of the sandwich last this long at least (s).
+/// Shortest cluster of the sandwich covariance (s).
 const CLUSTER_S: f64 = 0.2;
-/// And this many periods of the cut-off, far beyond what the low-pass correlates.
+/// Shortest cluster in periods of the cut-off, much longer than the correlation caused by the
+/// low-pass.
 const CLUSTER_PERIODS: f64 = 8.0;
 
-/// A grid with more points than this is looked over first.
+/// A grid with more points than this is first screened coarsely.
 const LARGEST_GRID: usize = 24;
 
 /// What to do with known nonlinear parameters (shapes).
@@ -33,8 +34,8 @@ pub enum ShapeSearch {
 impl RegressionModel {
     /// Fits amplitudes and shapes on `blocks`. Shapes beyond the `known` ones are searched on their
     /// grid (amplitudes by bounded least squares at each point); the best point is refined by
-    /// Levenberg-Marquardt on the projected residual. `None` where the columns cannot be told apart
-    /// in these rows.
+    /// Levenberg-Marquardt on the projected residual. `None` where the columns are collinear in
+    /// these rows.
     pub fn fit(
         &self,
         structure: &Structure<'_>,
@@ -68,7 +69,7 @@ impl RegressionModel {
     ) -> Option<Vec<f64>> {
         let places = self.places(structure);
         let settled = places.iter().take_while(|place| place.end <= known.len().max(1)).count();
-        // Effects without shapes are settled from the start, and still may be new.
+        // An effect without shapes counts as settled, but may be new all the same.
         let last_is_new = structure.effects.last().is_some_and(|e| e.uses_sign());
         let smoothing = match known.first() {
             Some(held) if how == ShapeSearch::Fixed || !last_is_new => vec![*held],
@@ -86,7 +87,7 @@ impl RegressionModel {
                 effects: structure.effects[..settled].to_vec(),
                 model: structure.model.clone(),
             };
-            // With the sign of the whole structure, which the settled part by itself may not want.
+            // The sign is that of the whole structure: the settled part alone may not need it.
             let signs: Vec<Vec<f64>> =
                 self.balances.iter().map(|b| self.sign(structure, smoothing, b)).collect();
             let settled_columns = self.columns(&before, &leading);
@@ -191,8 +192,8 @@ fn grid(shapes: &[Shape]) -> Vec<Vec<f64>> {
     points
 }
 
-/// The residual as a function of the shapes alone, amplitudes solved for inside (variable
-/// projection). Shapes are followed as shares of their range.
+/// The residual as a function of the shapes alone, with the amplitudes solved for at each point
+/// (variable projection). Shapes are expressed as fractions of their range.
 struct Projected<'a> {
     regression: &'a RegressionModel,
     structure: &'a Structure<'a>,
@@ -242,7 +243,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Projected<'_> {
         let here = self.residuals()?;
         let mut jacobian = DMatrix::zeros(here.len(), self.shares.len());
         for (k, i) in self.free.iter().enumerate() {
-            // A fiftieth of the way to the next point of the grid, inward at the upper end.
+            // A fiftieth of the distance to the next point of the grid, inward at the upper end.
             let step = 0.02 / (self.shapes[*i].points - 1) as f64;
             let step = if self.shares[k] + step > 1.0 { -step } else { step };
             let mut moved = self.shares.clone();

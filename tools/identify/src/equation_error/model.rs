@@ -1,12 +1,13 @@
 //! A linear model with a few nonlinear shapes, and its columns.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::signals::ForceBalance;
+use super::signals::{ForceBalance, Signals};
 use super::split::Block;
-use crate::effects::{Axis, Declared, InverseEffect, Shape, Term, View};
+use crate::effects::{Axis, Declared, Regressor, Shape, Term, View};
 use crate::regression::{Bound, Fit, Gram};
 
 /// A declared parameter as a column of the regression.
@@ -48,6 +49,18 @@ impl Column {
             Declared::Stiffness => Self::Position,
         }
     }
+
+    /// Its values along a record at the full rate, low-passed, given the smoothed sign of the
+    /// velocity.
+    fn values<'a>(self, signals: &'a Signals, sign: &[f64]) -> Cow<'a, [f64]> {
+        Cow::Borrowed(match self {
+            Self::Acceleration => &signals.acceleration,
+            Self::Velocity => &signals.velocity,
+            Self::Position => &signals.position,
+            Self::Sign => return Cow::Owned(signals.low_passed(sign)),
+            Self::One => return Cow::Owned(vec![1.0; signals.time.len()]),
+        })
+    }
 }
 
 /// The machine and its records, before any effect.
@@ -58,7 +71,7 @@ pub struct RegressionModel {
     pub parameters: Vec<Parameter>,
     /// Units and scales of the axis.
     pub axis: Axis,
-    /// Where effects are looked for; one that can sit at several takes the first.
+    /// Sites at which effects are searched; an effect with several of them is placed at the first.
     pub sites: &'static [&'static str],
 }
 
@@ -66,9 +79,9 @@ pub struct RegressionModel {
 #[derive(Clone, Default)]
 pub struct Structure<'a> {
     /// In the order in which they were added.
-    pub effects: Vec<&'a dyn InverseEffect>,
-    /// The force that a model asked for, per record at the full rate: what columns are made of that
-    /// come from it.
+    pub effects: Vec<&'a dyn Regressor>,
+    /// The force that a model predicts, per record at the full rate, from which some columns are
+    /// computed.
     pub model: Arc<Vec<Vec<f64>>>,
 }
 
@@ -85,7 +98,8 @@ pub struct Fitted {
     pub columns: Vec<Vec<Vec<f64>>>,
 }
 
-/// Sampling periods by which sampling, computing and holding may shift a force.
+/// Time shift of a force that sampling, computing and zero-order hold may cause, in sampling
+/// periods.
 const HELD: f64 = 1.5;
 
 impl RegressionModel {
@@ -95,7 +109,7 @@ impl RegressionModel {
     }
 
     /// Whether an effect frees a declared parameter instead of having a column of its own.
-    pub fn frees(&self, effect: &dyn InverseEffect) -> bool {
+    pub fn frees(&self, effect: &dyn Regressor) -> bool {
         effect.lifts().is_some_and(|which| self.declares(Column::of(which)))
     }
 
@@ -114,8 +128,8 @@ impl RegressionModel {
         shapes
     }
 
-    /// The terms of one effect that have a column.
-    pub fn terms_of(&self, effect: &dyn InverseEffect) -> Vec<Term> {
+    /// The terms of one effect that have columns of their own.
+    pub fn terms_of(&self, effect: &dyn Regressor) -> Vec<Term> {
         if self.frees(effect) { Vec::new() } else { effect.terms(&self.axis) }
     }
 
@@ -124,13 +138,13 @@ impl RegressionModel {
         structure.effects.iter().flat_map(|e| self.terms_of(*e)).collect()
     }
 
-    /// Bounds of all amplitudes: tolerances of declared parameters unless an effect lifts them,
-    /// physical limits of effects.
+    /// Bounds of all amplitudes: of declared parameters their tolerances, unless an effect lifts
+    /// them; of effects their physical limits.
     pub fn bounds(&self, structure: &Structure<'_>) -> Vec<Bound> {
         let lifted =
             |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
         let declared = self.parameters.iter().map(|p| match p.column {
-            // Mass, damping and stiffness below 0 are no machine, whatever the tolerance.
+            // Mass, damping and stiffness cannot be negative, whatever the tolerance.
             Column::One => (p.declared - p.spread, p.declared + p.spread),
             column if lifted(column) => (0.0, f64::INFINITY),
             _ => ((p.declared - p.spread).max(0.0), p.declared + p.spread),
@@ -138,7 +152,7 @@ impl RegressionModel {
         declared.chain(self.terms(structure).into_iter().map(|t| t.bound)).collect()
     }
 
-    /// The smoothed sign along a record, where the structure wants one.
+    /// The smoothed sign along a record, if the structure needs it; else empty.
     pub(super) fn sign(
         &self,
         structure: &Structure<'_>,
@@ -151,20 +165,13 @@ impl RegressionModel {
     /// Rows of the declared parameters' columns.
     pub(super) fn declared_columns(&self, sign: &[f64], balance: &ForceBalance) -> Vec<Vec<f64>> {
         let signals = &balance.signals;
-        let rows = |p: &Parameter| match p.column {
-            Column::Acceleration => signals.rows(&signals.acceleration),
-            Column::Velocity => signals.rows(&signals.velocity),
-            Column::Position => signals.rows(&signals.position),
-            Column::Sign => signals.low_passed_rows(sign),
-            Column::One => vec![1.0; balance.rows()],
-        };
-        self.parameters.iter().map(rows).collect()
+        self.parameters.iter().map(|p| signals.rows(&p.column.values(signals, sign))).collect()
     }
 
     /// An effect's columns at the full rate, low-passed.
     fn full_columns(
         &self,
-        effect: &dyn InverseEffect,
+        effect: &dyn Regressor,
         view: &View<'_>,
         shapes: &[f64],
     ) -> Vec<Vec<f64>> {
@@ -182,7 +189,7 @@ impl RegressionModel {
     pub(super) fn effect_columns(
         &self,
         structure: &Structure<'_>,
-        effect: &dyn InverseEffect,
+        effect: &dyn Regressor,
         (record, sign, shapes): (usize, &[f64], &[f64]),
     ) -> Vec<Vec<f64>> {
         let signals = &self.balances[record].signals;
@@ -191,11 +198,11 @@ impl RegressionModel {
         self.full_columns(effect, &view, shapes).iter().map(|c| signals.rows(c)).collect()
     }
 
-    /// The shapes of each effect: their places in the list of all, the smoothing speed being the
+    /// The range of each effect's shapes in the list of all, of which the smoothing speed is the
     /// first.
     pub fn places(&self, structure: &Structure<'_>) -> Vec<std::ops::Range<usize>> {
         let mut next = 1;
-        let place = |effect: &&dyn InverseEffect| {
+        let place = |effect: &&dyn Regressor| {
             let from = next;
             next += effect.shapes(&self.axis).len();
             from..next
@@ -221,8 +228,8 @@ impl RegressionModel {
         self.balances.iter().enumerate().map(of).collect()
     }
 
-    /// The force that a fitted model asks for, per record at the full rate, low-passed. Effects
-    /// that are made of this force themselves are left out.
+    /// The force that a fitted model predicts, per record at the full rate, low-passed. Effects
+    /// that are computed from this force are left out.
     pub fn force(&self, structure: &Structure<'_>, fitted: &Fitted) -> Vec<Vec<f64>> {
         let places = self.places(structure);
         let of = |balance: &ForceBalance| {
@@ -233,18 +240,12 @@ impl RegressionModel {
             };
             let sign = self.sign(structure, fitted.shapes[0], balance);
             for (p, amplitude) in self.parameters.iter().zip(fitted.fit.coefficients.iter()) {
-                match p.column {
-                    Column::Acceleration => add(*amplitude, &signals.acceleration),
-                    Column::Velocity => add(*amplitude, &signals.velocity),
-                    Column::Position => add(*amplitude, &signals.position),
-                    Column::Sign => add(*amplitude, &signals.low_passed(&sign)),
-                    Column::One => add(*amplitude, &vec![1.0; signals.time.len()]),
-                }
+                add(*amplitude, &p.column.values(signals, &sign));
             }
             let mut at = self.parameters.len();
             for (effect, place) in structure.effects.iter().zip(&places) {
                 let terms = self.terms_of(*effect);
-                // A clipped command is no force that the motion asks for.
+                // A clipped command is not a force required by the motion.
                 if !effect.uses_model() && !terms.iter().any(Term::is_given) {
                     let view = View { signals, sign: &sign, model: &[], axis: &self.axis };
                     let columns = self.full_columns(*effect, &view, &fitted.shapes[place.clone()]);
@@ -282,8 +283,8 @@ impl RegressionModel {
         )
     }
 
-    /// The shift in time (s) of the effect that was added last, where it is one that sampling and
-    /// holding would make.
+    /// The time shift (s) of the last effect, if it is one that sampling and zero-order hold may
+    /// cause.
     pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
         let effect = *structure.effects.last()?;
         let amplitudes = fitted.fit.coefficients.as_slice();
@@ -293,7 +294,7 @@ impl RegressionModel {
         effect.shift(own, &fitted.shapes[place]).filter(|shift| shift.abs() < HELD * sampling)
     }
 
-    /// Root mean square over some rows of what the last `terms` columns of a fit put out.
+    /// Root mean square over some rows of the contribution of the last `terms` columns of a fit.
     pub fn size_of_last(&self, fitted: &Fitted, terms: usize, blocks: &[Block]) -> f64 {
         let (mut sum, mut rows) = (0.0, 0usize);
         for block in blocks {
@@ -311,7 +312,7 @@ impl RegressionModel {
     }
 }
 
-/// Force less the columns times their coefficients, over some rows.
+/// Force minus the columns times their coefficients, over some rows.
 pub(super) fn residual(
     columns: &[Vec<f64>],
     force: &[f64],

@@ -9,22 +9,20 @@ use super::model::{Column, Fitted, RegressionModel, Structure};
 use super::spline::{Spline, Variable};
 use super::split::{Block, Role};
 use super::validation::{Validation, mean_squares, validate};
-use crate::effects::{ALL, Effect, InverseEffect};
+use crate::effects::{ALL, Effect, Regressor};
 
 /// A rival is as good as the winner when its gain (in log error) is at least this share of the
 /// winner's.
 const RIVAL: f64 = 0.9;
 
-/// Most effects that are added: more than three are a fit, not an explanation.
+/// Most effects that are added: more would be curve fitting, not an explanation.
 pub const MOST_EFFECTS: usize = 3;
 
-/// An effect where it sits.
+/// An effect at a site.
 #[derive(Clone, Copy)]
 pub struct SitedEffect {
     /// The effect.
-    pub effect: &'static dyn Effect,
-    /// Its share in the balance of forces.
-    pub inverse: &'static dyn InverseEffect,
+    pub effect: &'static Effect,
     /// Its site.
     pub site: &'static str,
 }
@@ -34,7 +32,7 @@ pub struct SitedEffect {
 pub struct FittedCandidate {
     /// The effect.
     pub sited: SitedEffect,
-    /// How it did.
+    /// Its validation.
     pub validation: Validation,
     /// The model with it.
     pub structure: Structure<'static>,
@@ -50,7 +48,7 @@ impl FittedCandidate {
     }
 }
 
-/// One step of the search: the candidates as they did, ranked, and the model after it.
+/// One step of the search: the validated candidates, and the model after it.
 pub struct SelectionStep {
     /// All candidates, best first.
     pub ranking: Vec<Validation>,
@@ -64,7 +62,7 @@ pub struct SelectionStep {
     pub fitted: Fitted,
 }
 
-/// A residual that no listed effect explains.
+/// A residual that no listed effect explains, as a function of one variable.
 #[derive(Clone, Debug)]
 pub struct Unlisted {
     /// What it depends on.
@@ -73,10 +71,10 @@ pub struct Unlisted {
     pub table: Vec<[f64; 3]>,
 }
 
-/// A generic function of one variable, beside the model.
+/// A nonparametric function of one variable, fitted beside the model.
 #[derive(Clone, Debug)]
 pub struct NonparametricFit {
-    /// How it did.
+    /// Its validation.
     pub validation: Validation,
     /// Its table.
     pub unlisted: Unlisted,
@@ -118,7 +116,7 @@ pub fn of(blocks: &[Block], role: Role) -> Vec<Block> {
 /// Whether the model has that effect already: added, or declared as a parameter.
 fn has(regression: &RegressionModel, added: &[SitedEffect], id: &str) -> bool {
     id == "coulomb_friction" && regression.declares(Column::Sign)
-        || added.iter().any(|a| a.effect.id() == id)
+        || added.iter().any(|a| a.effect.id == id)
 }
 
 /// Returns the candidates that are applicable beside the effects in the model.
@@ -135,22 +133,24 @@ pub fn candidates(
             .any(|(p, edge)| p.column == column && *edge)
     };
     let rank = |site: &str| regression.sites.iter().position(|s| *s == site);
-    let sited = |effect: &'static dyn Effect| {
-        let inverse = effect.inverse()?;
-        let site = regression.sites.iter().find(|site| effect.sites().contains(site))?;
-        Some(SitedEffect { effect, inverse, site })
+    let sited = |effect: &'static Effect| {
+        let site = regression.sites.iter().find(|site| effect.sites.contains(site))?;
+        Some(SitedEffect { effect, site })
     };
     let mut list: Vec<SitedEffect> = ALL
         .iter()
-        .filter_map(|e| sited(*e))
-        .filter(|c| !has(regression, added, c.effect.id()) && c.inverse.applies(&regression.axis))
-        .filter(|c| c.inverse.needs().iter().all(|need| has(regression, added, need)))
+        .filter_map(sited)
         .filter(|c| {
-            !regression.frees(c.inverse) || c.inverse.lifts().map(Column::of).is_some_and(at_edge)
+            !has(regression, added, c.effect.id) && c.effect.regressor.applies(&regression.axis)
+        })
+        .filter(|c| c.effect.regressor.needs().iter().all(|need| has(regression, added, need)))
+        .filter(|c| {
+            !regression.frees(c.effect.regressor)
+                || c.effect.regressor.lifts().map(Column::of).is_some_and(at_edge)
         })
         .collect();
     // Of two effects on the same parameter, the one at the first site is kept.
-    let lifted: Vec<_> = list.iter().map(|c| (c.inverse.lifts(), rank(c.site))).collect();
+    let lifted: Vec<_> = list.iter().map(|c| (c.effect.regressor.lifts(), rank(c.site))).collect();
     let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
         lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
     };
@@ -176,7 +176,7 @@ pub struct SelectionRound<'a> {
 }
 
 impl SelectionRound<'_> {
-    /// Fits one candidate on the fitting blocks and judges it on the selecting ones.
+    /// Fits one candidate on the fitting blocks and validates it on the selecting ones.
     fn attempt(
         &self,
         sited: SitedEffect,
@@ -185,16 +185,16 @@ impl SelectionRound<'_> {
     ) -> Option<FittedCandidate> {
         let regression = self.regression;
         let mut structure = self.structure.clone();
-        structure.effects.push(sited.inverse);
+        structure.effects.push(sited.effect.regressor);
         structure.model = Arc::clone(model);
         let mut fitted = regression.fit(&structure, self.fit, &self.now.shapes, self.how)?;
         if structure.effects.iter().any(|e| e.uses_model()) {
-            // The model force was that of the model without the effect.
+            // The predicted force was that of the model without the effect.
             structure.model = Arc::new(regression.force(&structure, &fitted));
             fitted = regression.fit(&structure, self.fit, &fitted.shapes, self.how)?;
         }
         let after = mean_squares(regression, &fitted, self.select);
-        let mut validation = validate(sited.effect.id(), before, &after);
+        let mut validation = validate(sited.effect.id, before, &after);
         validation.accepted &= regression.hidden_shift(&structure, &fitted).is_none();
         Some(FittedCandidate { sited, validation, structure, fitted, after })
     }
@@ -210,18 +210,18 @@ impl SelectionRound<'_> {
     }
 }
 
-/// A candidate as ranked.
+/// A ranked candidate.
 pub struct RankedCandidate<'a> {
     /// The effect.
     pub sited: SitedEffect,
-    /// How it did.
+    /// Its validation.
     pub validation: &'a Validation,
     /// Mean squared residual of each selecting block.
     pub after: &'a [f64],
 }
 
 impl RankedCandidate<'_> {
-    /// Fall of the error in logarithms.
+    /// Decrease of the logarithm of the error.
     fn log_gain(&self) -> f64 {
         -(1.0 - self.validation.gain_percent / 100.0).max(1e-12).ln()
     }
@@ -229,8 +229,9 @@ impl RankedCandidate<'_> {
 
 /// Number of parameters of an effect.
 fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
-    let terms = sited.inverse.terms(&regression.axis);
-    terms.iter().filter(|t| !t.is_given()).count() + sited.inverse.shapes(&regression.axis).len()
+    let terms = sited.effect.regressor.terms(&regression.axis);
+    terms.iter().filter(|t| !t.is_given()).count()
+        + sited.effect.regressor.shapes(&regression.axis).len()
 }
 
 /// Chooses, of the accepted candidates with about the best gain, the one with the fewest
@@ -246,7 +247,8 @@ pub fn choose(
     let best = (0..tried.len())
         .filter(|i| is_near(&tried[*i]))
         .min_by_key(|i| freedom(regression, &tried[*i].sited))?;
-    let simpler = tried[best].sited.inverse.refines().filter(|id| !has(regression, added, id));
+    let simpler =
+        tried[best].sited.effect.regressor.refines().filter(|id| !has(regression, added, id));
     let simpler = simpler
         .and_then(|id| tried.iter().position(|t| t.validation.id == id && t.validation.accepted));
     Some(
@@ -264,7 +266,8 @@ pub fn equally_good(
     best: usize,
 ) -> Vec<SitedEffect> {
     let winner = &tried[best];
-    let nested = |a: &SitedEffect, b: &SitedEffect| a.inverse.refines() == Some(b.effect.id());
+    let nested =
+        |a: &SitedEffect, b: &SitedEffect| a.effect.regressor.refines() == Some(b.effect.id);
     tried
         .iter()
         .enumerate()
@@ -285,7 +288,7 @@ fn rivals(
     let beside = SelectionRound { structure: &winner.structure, now: &winner.fitted, ..*round }
         .try_all(&near);
     let adds = |c: &SitedEffect| {
-        beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
+        beside.iter().any(|b| b.validation.id == c.effect.id && b.validation.accepted)
     };
     near.into_iter().filter(|c| !adds(c)).take(2).collect()
 }
@@ -345,15 +348,10 @@ pub fn nonparametric(round: &SelectionRound<'_>) -> Vec<NonparametricFit> {
         else {
             continue;
         };
-        let effects = round
-            .structure
-            .effects
-            .iter()
-            .copied()
-            .chain([&spline as &dyn InverseEffect])
-            .collect();
+        let effects =
+            round.structure.effects.iter().copied().chain([&spline as &dyn Regressor]).collect();
         let wider = Structure { effects, model: Arc::clone(&round.structure.model) };
-        // Shapes stay where they are: a spline must not pay for a worse smoothing.
+        // Shapes are held: a spline must not compensate for a worse smoothing speed.
         let Some(fitted) = regression.fit(&wider, round.fit, &round.now.shapes, ShapeSearch::Fixed)
         else {
             continue;
@@ -403,24 +401,17 @@ mod tests {
         assert!(!validate("x", &after, &before).accepted);
     }
 
+    static PANICKING: Effect = Effect {
+        id: "panicking",
+        sites: &["master"],
+        words: "nothing",
+        experiment: "none",
+        regressor: &Panicking,
+    };
+
     struct Panicking;
 
-    impl Effect for Panicking {
-        fn id(&self) -> &'static str {
-            "panicking"
-        }
-        fn sites(&self) -> &'static [&'static str] {
-            &["master"]
-        }
-        fn words(&self) -> &'static str {
-            "nothing"
-        }
-        fn experiment(&self) -> &'static str {
-            "none"
-        }
-    }
-
-    impl InverseEffect for Panicking {
+    impl Regressor for Panicking {
         fn terms(&self, _: &Axis) -> Vec<Term> {
             panic!("a defect of an effect")
         }
@@ -459,6 +450,6 @@ mod tests {
             select: &[],
             how: ShapeSearch::Refine,
         };
-        round.try_all(&[SitedEffect { effect: &Panicking, inverse: &Panicking, site: "master" }]);
+        round.try_all(&[SitedEffect { effect: &PANICKING, site: "master" }]);
     }
 }

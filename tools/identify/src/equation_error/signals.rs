@@ -1,25 +1,23 @@
-//! From measured position and force to the rows of a regression.
+//! Rows of a regression from measured position and force.
 
 use crate::filter::{ZeroPhase, derivatives};
 use crate::spectral::{LowPass, Spectrum};
 
-/// Rows per cut-off frequency that are kept after the low-pass: five, since nothing is left above
-/// the cut-off.
+/// Row rate after the low-pass, in cut-off frequencies.
 const ROWS_PER_CUT_OFF: f64 = 5.0;
 
-/// How much finer than sampled a band-limited motion is followed: a cube of it stays below half the
-/// finer rate.
+/// Oversampling factor of band-limited motion: even its cube stays below half the finer rate.
 pub const FINER: usize = 4;
 
-/// Of the output's energy this share lies below the band's edge.
+/// Share of the energy of the output below the edge of the band.
 const BAND_ENERGY: f64 = 0.999;
 
-/// The low-pass that all signals of a record pass alike.
+/// The low-pass that is applied to all signals of a record.
 #[derive(Clone, Copy, Debug)]
 enum Filter {
     /// Butterworth, forward and backward.
     ZeroPhase(ZeroPhase),
-    /// In frequency.
+    /// In the frequency domain.
     Spectral(LowPass),
 }
 
@@ -66,8 +64,8 @@ pub struct CutOff {
 }
 
 impl ForceBalance {
-    /// Low-passes position and force alike (see [`crate::filter`]) and takes derivatives of the
-    /// position. `None` where the record is too short to leave a row.
+    /// Low-passes position and force alike (see [`crate::filter`]) and differentiates the position.
+    /// `None` if the record is too short to leave a row.
     pub fn new(
         name: &str,
         time: &[f64],
@@ -102,10 +100,10 @@ impl ForceBalance {
         })
     }
 
-    /// The same for a band-limited pair: motion and force are followed [`FINER`] times finer than
-    /// sampled, with spectral derivatives (see [`crate::spectral`]), and rows are the sampling
-    /// instants. The band ends where 99.9 % of the motion's energy does, and a quarter above.
-    /// `None` where the record is too short to leave a row.
+    /// The same for band-limited signals: motion and force are oversampled by [`FINER`], with
+    /// spectral derivatives (see [`crate::spectral`]), and rows are the sampling instants. The
+    /// cut-off is 1.25 times the frequency below which 99.9 % of the energy of the motion lies.
+    /// `None` if the record is too short to leave a row.
     pub fn band_limited(name: &str, time: &[f64], position: &[f64], force: &[f64]) -> Option<Self> {
         let first = *time.first()?;
         let step = (time.last()? - first) / (time.len().checked_sub(1)? as f64);
@@ -138,12 +136,12 @@ impl ForceBalance {
         })
     }
 
-    /// Rows of the regression.
+    /// Number of rows of the regression.
     pub fn rows(&self) -> usize {
         self.force.len()
     }
 
-    /// Seconds from one row to the next.
+    /// Time between rows (s).
     pub fn row_step(&self) -> f64 {
         let s = &self.signals;
         s.stride as f64 * (s.time[s.time.len() - 1] - s.time[0]) / (s.time.len() - 1) as f64
@@ -183,7 +181,7 @@ impl Signals {
         self.rows(&self.low_passed(full))
     }
 
-    /// The rows alone, as signals of their own rate: for a first look that need not be exact.
+    /// The rows alone, as signals at the row rate, for a coarse screening.
     pub fn thin(&self) -> Self {
         Self {
             time: self.rows(&self.time),
@@ -197,8 +195,8 @@ impl Signals {
         }
     }
 
-    /// Sign of the velocity, smoothed: `tanh(v / smoothing)`. A hard sign would make noise at
-    /// standstill switch the whole friction; the width is fitted.
+    /// Sign of the velocity, smoothed: `tanh(v / smoothing)`. With a hard sign, noise at standstill
+    /// would switch the whole friction; the width is fitted.
     pub fn sign(&self, smoothing: f64) -> Vec<f64> {
         self.velocity.iter().map(|v| (v / smoothing).tanh()).collect()
     }

@@ -1,25 +1,25 @@
 //! Nonparametric functions of one variable, fitted to a residual that no listed effect explains.
 
-use crate::effects::{Axis, Instant, InverseEffect, Law, Term, View};
+use crate::effects::{Axis, Instant, Law, Regressor, Term, View};
 use crate::equation_error::signals::Signals;
 
-/// What a residual may depend on.
+/// A variable on which a residual may depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variable {
     /// Position.
     Position,
-    /// Position, with the opposite sign in the other direction.
+    /// Position, with the sign of the velocity.
     PositionByDirection,
     /// Velocity.
     Velocity,
     /// Acceleration.
     Acceleration,
-    /// Time in the run.
+    /// Time since the start.
     Time,
 }
 
 impl Variable {
-    /// Those that are tried.
+    /// All variables.
     pub const ALL: [Self; 5] =
         [Self::Position, Self::PositionByDirection, Self::Velocity, Self::Acceleration, Self::Time];
 
@@ -56,14 +56,14 @@ impl Variable {
 #[derive(Clone, Debug)]
 pub struct Spline {
     variable: Variable,
-    /// Abscissae of the knots, rising.
+    /// Abscissae of the knots, ascending.
     pub knots: Vec<f64>,
 }
 
 impl Spline {
-    /// Knots over the range that the records cover, halfway between even spacing (which leaves
-    /// knots without data that then swing freely) and equal numbers of rows (which leaves the ends
-    /// coarse). `None` where the variable does not vary.
+    /// Knots over the range of the records, halfway between even spacing (which leaves knots
+    /// without data, whose values would be arbitrary) and equal numbers of rows (which leaves the
+    /// ends coarse). `None` if the variable does not vary.
     pub fn over<'a>(
         variable: Variable,
         records: impl Iterator<Item = &'a Signals>,
@@ -83,8 +83,8 @@ impl Spline {
 }
 
 impl Spline {
-    /// The knot to the left of a value, and how far towards the next one it lies; beyond the ends
-    /// it stays at them.
+    /// The knot below a value, and the position of the value between it and the next, 0 to 1;
+    /// values beyond the ends count as at the ends.
     fn place(&self, value: f64) -> (usize, f64) {
         let left = self.knots.partition_point(|k| *k <= value).clamp(1, self.knots.len() - 1) - 1;
         let share = (value - self.knots[left]) / (self.knots[left + 1] - self.knots[left]);
@@ -92,7 +92,7 @@ impl Spline {
     }
 }
 
-impl InverseEffect for Spline {
+impl Regressor for Spline {
     fn uses_sign(&self) -> bool {
         self.variable == Variable::PositionByDirection
     }
@@ -102,7 +102,7 @@ impl InverseEffect for Spline {
     }
 
     fn law(&self) -> Option<&dyn Law> {
-        // The acceleration is what a simulation asks for, not what it knows.
+        // In a simulation the acceleration is the unknown.
         (self.variable != Variable::Acceleration).then_some(self)
     }
 

@@ -1,13 +1,13 @@
-//! Which rows fit, which select, which report.
+//! Roles of the rows: fit, select, report.
 
 /// What rows are used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// Parameters are fitted on them.
     Fit,
-    /// Effects are chosen on them.
+    /// Effects are selected on them.
     Select,
-    /// Errors are reported on them; touched once, at the end.
+    /// Errors are reported on them; they are used once, at the end.
     Report,
 }
 
@@ -18,7 +18,7 @@ pub struct Block {
     pub record: usize,
     /// Rows.
     pub rows: std::ops::Range<usize>,
-    /// What for.
+    /// Their role.
     pub role: Role,
 }
 
@@ -36,10 +36,10 @@ impl SplitMix {
     }
 }
 
-/// Splits one record into contiguous blocks of `length` rows with `guard` rows left out between
-/// neighbours, so that the low-pass carries nothing from one block into the next. Of every four
-/// neighbours two fit, one selects and one reports, in an order drawn anew: roles are spread over
-/// the record and no period of the motion can lock onto them.
+/// Splits one record into contiguous blocks of `length` rows with `guard` rows left out in between,
+/// so that the low-pass carries nothing from one block into the next. Of every four successive
+/// blocks two fit, one selects and one reports, in random order: the roles are spread over the
+/// record and cannot coincide with a period of the motion.
 pub fn one_record(
     record: usize,
     rows: usize,
@@ -66,7 +66,8 @@ pub fn one_record(
     blocks
 }
 
-/// A whole record in one role, cut into blocks of `length` rows (gains are judged block by block).
+/// A whole record in one role, cut into blocks of about `length` rows (gains are validated block by
+/// block).
 pub fn whole_record(record: usize, rows: usize, length: usize, role: Role) -> Vec<Block> {
     let count = (rows / length.max(1)).max(1);
     (0..count)
@@ -74,9 +75,9 @@ pub fn whole_record(record: usize, rows: usize, length: usize, role: Role) -> Ve
         .collect()
 }
 
-/// Roles of `n` whole records where nobody fixed them: the last quarter reports, the quarter before
-/// it selects (each rounded down, but one record at least), the others fit. `None` for fewer than
-/// three records.
+/// Default roles of `n` whole records: the last quarter reports, the quarter before it selects
+/// (each rounded down, but at least one record), the others fit. `None` for fewer than three
+/// records.
 pub fn roles(n: usize) -> Option<Vec<Role>> {
     if n < 3 {
         return None;

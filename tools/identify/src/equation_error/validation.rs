@@ -3,9 +3,9 @@
 use super::model::{Fitted, RegressionModel};
 use super::split::Block;
 
-/// An effect is accepted when the root-mean-square residual on the selecting rows falls by this
-/// share at least. On filtered rows at 200 Hz any test of significance alone would fire on clean
-/// data; size is what protects.
+/// Least relative decrease of the rms residual on the selecting rows for which an effect is
+/// accepted. On filtered rows at 200 Hz a significance test alone would reject clean data; the size
+/// of the decrease protects against that.
 pub const LEAST_GAIN: f64 = 0.10;
 
 /// Least t: mean decrease of the blocks' squared residual over its standard error.
@@ -16,13 +16,13 @@ pub const LEAST_T: f64 = 2.5;
 pub struct Validation {
     /// Id of the effect, or name of the spline's variable.
     pub id: &'static str,
-    /// Fall of the root-mean-square residual on the selecting rows, in percent.
+    /// Decrease of the rms residual on the selecting rows, in percent.
     pub gain_percent: f64,
-    /// Block t of the fall.
+    /// Block t of the decrease.
     pub t: f64,
-    /// Blocks on which the residual fell and rose by more than 1 %.
+    /// Number of blocks on which the residual fell by more than 1 %.
     pub better: usize,
-    /// See `better`.
+    /// Number of blocks on which it rose by more than 1 %.
     pub worse: usize,
     /// Whether it passes.
     pub accepted: bool,

@@ -16,7 +16,9 @@
 use report::Page;
 use rig::Model as Declared;
 
-use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
+use super::equation_error_study::{
+    CHECK_UNITS, Declaration, axis, check_channels, check_scale, study, units_of,
+};
 use super::{Model, Options};
 use crate::effects::Units;
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
@@ -28,7 +30,8 @@ use crate::outcome::Outcome;
 /// The model kind `drive`.
 pub(super) struct Drive;
 
-/// Where a drive's effects are looked for: at the mass, before it, and in its instruments.
+/// Sites at which effects of a drive are searched: the mass, the amplifier and motor, the
+/// instruments.
 const SITES: &[&str] = &["master", "drive", "sensor"];
 
 /// As published for EMPS.
@@ -53,20 +56,14 @@ impl Model for Drive {
             balances.push(balance);
             channel = name;
         }
-        let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
+        let units = units_of(channel);
         let parameters =
             declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let mut axis = axis(&balances, units, false, true);
         axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
-        let advice =
-            "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-        check_scale(
-            &regression,
-            channel,
-            (Column::Acceleration, "force and acceleration give a mass"),
-            advice,
-        )?;
+        let scale = (Column::Acceleration, "force and acceleration give a mass");
+        check_scale(&regression, channel, scale, CHECK_UNITS)?;
         study(regression, records, options, (channel, notes))
     }
 }

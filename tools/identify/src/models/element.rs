@@ -15,7 +15,9 @@
 use report::Page;
 use rig::Model as Declared;
 
-use super::equation_error_study::{Declaration, axis, check_channels, check_scale, study};
+use super::equation_error_study::{
+    CHECK_UNITS, Declaration, axis, check_channels, check_scale, study, units_of,
+};
 use super::{Model, Options};
 use crate::effects::Units;
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
@@ -27,8 +29,7 @@ use crate::outcome::Outcome;
 /// The model kind `element`.
 pub(super) struct Element;
 
-/// Where an element's effects are looked for: in the part, at its moved end, and in the
-/// instruments.
+/// Sites at which effects of an element are searched: the part, its moved end, the instruments.
 const SITES: &[&str] = &["line", "slave", "sensor"];
 
 const CUT_OFF: CutOff = CutOff { highest: 100.0, share: 0.15 };
@@ -60,19 +61,13 @@ impl Model for Element {
             balances.push(balance.ok_or_else(|| series.short(time.len()))?);
             channel = force_name;
         }
-        let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
+        let units = units_of(channel);
         let parameters =
             declared_parameters(&Declaration { file: rig_file, model: declared }, &units)?;
         let axis = axis(&balances, units, true, false);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
-        let advice =
-            "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-        check_scale(
-            &regression,
-            channel,
-            (Column::Position, "force and position give a stiffness"),
-            advice,
-        )?;
+        let scale = (Column::Position, "force and position give a stiffness");
+        check_scale(&regression, channel, scale, CHECK_UNITS)?;
         study(regression, records, options, (channel, notes))
     }
 }

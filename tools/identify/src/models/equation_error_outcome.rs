@@ -8,12 +8,15 @@ use super::minor_effects::{left, shift_note, shows};
 use super::next_experiment::OpenQuestion;
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
-use crate::equation_error::search::{FittedCandidate, SearchResult, SitedEffect, of};
+use crate::equation_error::search::{
+    FittedCandidate, SearchResult, SelectionStep, SitedEffect, Unlisted, of,
+};
+use crate::equation_error::signals::ForceBalance;
 use crate::equation_error::split::{Block, Role};
 use crate::equation_error::validation::Validation;
 use crate::outcome::{
-    CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable,
-    Verdict,
+    CandidateGain, ChannelError, FittedParameter, FoundEffect, Named, Outcome, Roles, StepError,
+    UnlistedTable, Verdict,
 };
 use crate::page;
 
@@ -32,31 +35,20 @@ fn outcome(study: &Study) -> Outcome {
         .rev()
         .find(|s| !s.rivals.is_empty())
         .map_or(Vec::new(), |s| s.rivals.clone());
-    // With three effects in the model a fourth that passes is something left, too.
+    // With three effects in the model, a fourth that passes remains unexplained, too.
     let remains =
         found.unlisted.is_some() || found.last_round.iter().any(|t| t.validation.accepted);
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let report = of(&study.blocks, Role::Report);
-    let (before, force) = error(&study.regression, &found.base, &report);
-    let (after, _) = error(&study.regression, found.last(), &report);
-    let channel = ChannelError {
-        declared: None,
-        before,
-        after,
-        floor: None,
-        unit: study.regression.axis.units.force.to_owned(),
-        before_percent: 100.0 * before / force,
-        after_percent: 100.0 * after / force,
-    };
+    let [before, after] =
+        [&found.base, found.last()].map(|fitted| error(&study.regression, fitted, &report));
+    let channel = channel_error(before, after, study.regression.axis.units.force);
     let declared = parameters(&study.regression, &found.structure(), found.last());
     let contested = found.steps.iter().rev().find(|s| !s.rivals.is_empty());
     let open = OpenQuestion {
         contested: contested.and_then(|s| Some((s.added, *s.rivals.first()?))),
         unlisted: found.unlisted.as_ref().map(|u| u.variable),
-        unsure: declared
-            .iter()
-            .find(|p| !p.identifiable && p.declared.is_some())
-            .map(|p| p.name.clone()),
+        unsure: unsure(&declared),
         last: found.steps.last().map(|s| s.added),
         records: study.regression.balances.len(),
         spring: study.regression.axis.spring,
@@ -66,7 +58,7 @@ fn outcome(study: &Study) -> Outcome {
         effects: effects(&study.regression, found),
         ambiguous_with: rivals.iter().map(named).collect(),
         remains,
-        unlisted: unlisted(&study.regression, found),
+        unlisted: unlisted(&study.regression, found.unlisted.as_ref()),
         calibration: None,
         left: left(study),
         error: [(study.channel.to_owned(), channel)].into(),
@@ -93,15 +85,39 @@ fn notes(study: &Study) -> Vec<String> {
 
 /// An effect by name and site.
 pub(super) fn named(sited: &SitedEffect) -> Named {
-    Named { id: sited.effect.id().into(), site: sited.site.into() }
+    Named { id: sited.effect.id.into(), site: sited.site.into() }
+}
+
+/// The errors of a channel on the reporting rows, before and after: each with the root mean square
+/// of the channel.
+pub(super) fn channel_error(
+    (before, size): (f64, f64),
+    (after, _): (f64, f64),
+    unit: &str,
+) -> ChannelError {
+    ChannelError {
+        declared: None,
+        before,
+        after,
+        floor: None,
+        unit: unit.to_owned(),
+        before_percent: 100.0 * before / size,
+        after_percent: 100.0 * after / size,
+    }
+}
+
+/// The first declared parameter that the records do not identify.
+pub(super) fn unsure(parameters: &[FittedParameter]) -> Option<String> {
+    let unsure = parameters.iter().find(|p| !p.identifiable && p.declared.is_some());
+    unsure.map(|p| p.name.clone())
 }
 
 /// The table of an unlisted effect. Its site is that of most listed effects of this kind of model.
 pub(super) fn unlisted(
     regression: &RegressionModel,
-    found: &SearchResult,
+    unlisted: Option<&Unlisted>,
 ) -> Option<UnlistedTable> {
-    let unlisted = found.unlisted.as_ref()?;
+    let unlisted = unlisted?;
     let site = regression.sites.first().copied().unwrap_or_default();
     Some(UnlistedTable {
         site: site.into(),
@@ -113,10 +129,10 @@ pub(super) fn unlisted(
 
 fn effects(regression: &RegressionModel, found: &SearchResult) -> Vec<FoundEffect> {
     let structure = found.structure();
-    let effect = |(at, step): (usize, &crate::equation_error::search::SelectionStep)| {
-        let own = step.ranking.iter().find(|c| c.id == step.added.effect.id());
+    let effect = |(at, step): (usize, &SelectionStep)| {
+        let own = step.ranking.iter().find(|c| c.id == step.added.effect.id);
         FoundEffect {
-            id: step.added.effect.id().into(),
+            id: step.added.effect.id.into(),
             site: step.added.site.into(),
             parameters: effect_parameters(regression, &structure, at, found.last()),
             t: own.map_or(0.0, |c| c.t),
@@ -151,12 +167,7 @@ pub(super) fn roles(regression: &RegressionModel, blocks: &[Block]) -> Roles {
 
 /// All rows of all records as one block each.
 fn all_rows(study: &Study) -> Vec<Block> {
-    let rows = study
-        .regression
-        .balances
-        .iter()
-        .map(crate::equation_error::signals::ForceBalance::rows)
-        .enumerate();
+    let rows = study.regression.balances.iter().map(ForceBalance::rows).enumerate();
     rows.map(|(record, n)| Block { record, rows: 0..n, role: Role::Fit }).collect()
 }
 
@@ -170,7 +181,7 @@ fn steps(study: &Study) -> Vec<StepError> {
     let by_role = |fitted: &Fitted, role| percent(fitted, &of(&study.blocks, role));
     let declared = Structure::default();
     let models = std::iter::once(("declared", &declared, &study.found.base))
-        .chain(study.found.steps.iter().map(|s| (s.added.effect.id(), &s.structure, &s.fitted)));
+        .chain(study.found.steps.iter().map(|s| (s.added.effect.id, &s.structure, &s.fitted)));
     let mut out = Vec::new();
     for (model, structure, fitted) in models {
         let whole = regression.fit(structure, &all, &fitted.shapes, ShapeSearch::Refine);
@@ -194,9 +205,9 @@ fn steps(study: &Study) -> Vec<StepError> {
     out
 }
 
-/// Validation of all candidates, round by round.
-pub(super) fn candidates(found: &SearchResult) -> Vec<CandidateGain> {
-    let row = |round: usize, generic: bool, c: &Validation| CandidateGain {
+/// Validation of one candidate in a round; `generic` for a nonparametric function.
+pub(super) fn candidate_gain(round: usize, generic: bool, c: &Validation) -> CandidateGain {
+    CandidateGain {
         round,
         id: c.id.to_owned(),
         generic,
@@ -205,14 +216,18 @@ pub(super) fn candidates(found: &SearchResult) -> Vec<CandidateGain> {
         blocks_better: c.better,
         blocks_worse: c.worse,
         accepted: c.accepted,
-    };
+    }
+}
+
+/// Validation of all candidates, round by round.
+fn candidates(found: &SearchResult) -> Vec<CandidateGain> {
     let last = found.steps.len() + 1;
     let mut out = Vec::new();
     for (i, step) in found.steps.iter().enumerate() {
-        out.extend(step.ranking.iter().map(|c| row(i + 1, false, c)));
+        out.extend(step.ranking.iter().map(|c| candidate_gain(i + 1, false, c)));
     }
-    out.extend(found.last_round.iter().map(|t| row(last, false, &t.validation)));
-    out.extend(found.nonparametric.iter().map(|g| row(last, true, &g.validation)));
+    out.extend(found.last_round.iter().map(|t| candidate_gain(last, false, &t.validation)));
+    out.extend(found.nonparametric.iter().map(|g| candidate_gain(last, true, &g.validation)));
     out
 }
 
@@ -225,19 +240,13 @@ fn study_view(study: &Study) -> page::View {
         .enumerate()
         .map(|(record, b)| {
             let block = Block { record, rows: 0..b.rows(), role: Role::Fit };
-            page::RecordView {
-                name: b.name.clone(),
-                time: b.signals.rows(&b.signals.time),
-                position: b.signals.rows(&b.signals.position),
-                velocity: b.signals.rows(&b.signals.velocity),
-                measured: b.force.clone(),
-                before: regression.residual(&study.found.base, &block),
-                after: regression.residual(study.found.last(), &block),
-            }
+            let [before, after] = [&study.found.base, study.found.last()]
+                .map(|fitted| regression.residual(fitted, &block));
+            page::RecordView::new(b, &b.force, before, after)
         })
         .collect();
     let cut_off = regression.balances.first().map_or(0.0, |b| b.cut_off);
-    let words = study.found.steps.iter().map(|s| s.added.effect.words()).collect();
+    let words = study.found.steps.iter().map(|s| s.added.effect.words).collect();
     page::View {
         units: regression.axis.units,
         channel: page::Channel::Force,

@@ -11,13 +11,13 @@ pub(super) fn effect_parameters(
     at: usize,
     fitted: &Fitted,
 ) -> Vec<EffectParameter> {
-    let Some(inverse) = structure.effects.get(at).copied() else { return Vec::new() };
+    let Some(regressor) = structure.effects.get(at).copied() else { return Vec::new() };
     let before =
         structure.effects[..at].iter().map(|e| regression.terms_of(*e).len()).sum::<usize>();
     let mut amplitude = regression.parameters.len() + before;
     let mut parameters = Vec::new();
-    for term in inverse.terms(&regression.axis) {
-        let (value, std) = match inverse.lifts().filter(|_| regression.frees(inverse)) {
+    for term in regressor.terms(&regression.axis) {
+        let (value, std) = match regressor.lifts().filter(|_| regression.frees(regressor)) {
             // Its amplitude is the excess of the declared parameter over its declared value.
             Some(which) => lifted(regression, fitted, which),
             None => {
@@ -35,7 +35,8 @@ pub(super) fn effect_parameters(
         }
     }
     let place = regression.places(structure)[at].clone();
-    for (shape, value) in inverse.shapes(&regression.axis).into_iter().zip(&fitted.shapes[place]) {
+    for (shape, value) in regressor.shapes(&regression.axis).into_iter().zip(&fitted.shapes[place])
+    {
         parameters.push(EffectParameter {
             name: shape.name,
             value: *value,

@@ -14,6 +14,7 @@ use crate::equation_error::split::{self, Block, Role};
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::outcome::Outcome;
+use crate::prediction_error::record::rms;
 use crate::regression::{Gram, solve};
 
 /// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
@@ -27,6 +28,15 @@ const FEWEST_BLOCKS: usize = 12;
 const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
+
+/// What to do where a scale is off by orders of magnitude.
+pub(super) const CHECK_UNITS: &str =
+    "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+
+/// Units of the axis whose force is measured in this column.
+pub(super) fn units_of(channel: &str) -> Units {
+    if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR }
+}
 
 /// Splits, searches and concludes.
 pub(super) fn study(
@@ -62,7 +72,7 @@ pub(super) struct Declaration<'a> {
 }
 
 impl Declaration<'_> {
-    /// The first of these that is declared, as a column.
+    /// The first of these parameters that is declared, as a column.
     pub(super) fn of(
         &self,
         names: &[&'static str],
@@ -80,7 +90,7 @@ impl Declaration<'_> {
         })
     }
 
-    /// As [`Self::of`], where one of them must be declared.
+    /// As [`Self::of`]; one of them must be declared.
     pub(super) fn need(
         &self,
         names: &[&'static str],
@@ -101,7 +111,7 @@ impl Declaration<'_> {
         })
     }
 
-    /// As [`Self::need`], where the value must be more than 0.
+    /// As [`Self::need`]; the value must be positive.
     pub(super) fn need_positive(
         &self,
         names: &[&'static str],
@@ -122,7 +132,7 @@ impl Declaration<'_> {
     }
 }
 
-/// Checks that channels are numbers and alive, and notes one that stands at its extreme.
+/// Checks that channels are finite and vary, and notes clipped ones.
 pub(super) fn check_channels(
     series: &Series,
     channels: &[(&str, &str)],
@@ -135,8 +145,7 @@ pub(super) fn check_channels(
         if railed > 0.001 {
             notes.push(format!(
                 "{}: {name} stands at its extreme for {:.1} % of the rows; where that is the \
-                 sensor's rail and not \
-                 the amplifier's, {what} is wrong there",
+                 sensor's rail and not the amplifier's, {what} is wrong there",
                 series.file,
                 100.0 * railed
             ));
@@ -145,14 +154,10 @@ pub(super) fn check_channels(
     Ok(())
 }
 
-/// Scales of the records.
+/// Units and ranges of the records.
 pub(super) fn axis(balances: &[ForceBalance], units: Units, spring: bool, commanded: bool) -> Axis {
     let all =
         |f: fn(&ForceBalance) -> &[f64]| balances.iter().flat_map(move |b| f(b).iter().copied());
-    let rms = |f| {
-        let (sum, n) = all(f).fold((0.0, 0usize), |(sum, n), v| (sum + v * v, n + 1));
-        (sum / n.max(1) as f64).sqrt()
-    };
     let peak = |f| all(f).fold(0.0f64, |top, v| top.max(v.abs()));
     let velocity: fn(&ForceBalance) -> &[f64] = |b| &b.signals.velocity;
     let force: fn(&ForceBalance) -> &[f64] = |b| &b.force;
@@ -165,17 +170,17 @@ pub(super) fn axis(balances: &[ForceBalance], units: Units, spring: bool, comman
         spring,
         commanded,
         positions: all(|b| &b.signals.position).fold((f64::INFINITY, f64::NEG_INFINITY), range),
-        velocity_rms: rms(velocity),
+        velocity_rms: rms(all(velocity)),
         velocity_peak: peak(velocity),
-        force_rms: rms(force),
+        force_rms: rms(all(force)),
         force_peak: peak(force),
         seconds: balances.iter().map(seconds).fold(0.0, f64::max),
         cut_off: balances.iter().map(|b| b.cut_off).fold(0.0, f64::max),
     }
 }
 
-/// Refuses data whose scale is off by orders of magnitude, or whose sign is: a free fit of one
-/// parameter tells.
+/// Refuses data with a wrong sign or a scale that is off by orders of magnitude, as a free fit of
+/// one parameter shows.
 pub(super) fn check_scale(
     regression: &RegressionModel,
     channel: &str,
@@ -206,11 +211,11 @@ pub(super) fn check_scale(
             solve(&gram, &vec![(f64::NEG_INFINITY, f64::INFINITY); columns.len()])
         };
         let Some(fit) = free(&columns) else { continue };
-        // Mass, damping and stiffness stand in the order of the declaration, before all others.
+        // Mass, damping and stiffness are in the order of the declaration, before all others.
         let found = fit.coefficients[at];
         columns.remove(at);
         let without = free(&columns).map_or(f64::INFINITY, |f| f.squares);
-        // Only where the column explains a good part of the force does its parameter say anything.
+        // Its parameter is meaningful only if the column explains a good part of the force.
         if fit.squares > 0.7 * without {
             continue;
         }
@@ -248,15 +253,15 @@ pub(super) fn blocks(
     let blocks = shared_out(regression, records, seed)?;
     let selecting = || blocks.iter().filter(|block| block.role == Role::Select);
     match selecting().next() {
-        // From one or two no error of a mean can be told, and anything would pass.
+        // One or two blocks give no standard error of a mean, and anything would pass.
         Some(first) if selecting().count() < FEWEST_SELECTING => {
             let b = &regression.balances[first.record];
             Err(IdentifyError::Short {
                 file: records[first.record].file.clone(),
                 found: format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
                 expected: format!(
-                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods \
-                     of {} Hz",
+                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of \
+                     {} Hz",
                     b.cut_off
                 ),
             })

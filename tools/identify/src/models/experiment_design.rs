@@ -99,8 +99,8 @@ fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperime
             why,
             what: format!(
                 "no movement that the rig plays by itself: the two models would differ by at most \
-                 {most:.2} times the repeatability; a hand that \
-                 drives the slave, or a sensor between the two"
+                 {most:.2} times the repeatability; a hand that drives the slave, or a sensor \
+                 between the two"
             ),
             protocol: None,
         });
@@ -183,8 +183,7 @@ fn for_parameters(
         }
         (false, false) => format!(
             "These records do not identify {} beyond its declaration, and no movement of this rig \
-             distinguishes it from the others, whose \
-             variance could be reduced.",
+             distinguishes it from the others, whose variance could be reduced.",
             names(&unseen)
         ),
     };
@@ -194,7 +193,7 @@ fn for_parameters(
     let clear = order.first().map_or(Vec::new(), |best| clear(best, &wanted));
     let Some((first, closeness)) = clear.first() else {
         let what = "separate measurements of the parameters, or tighter declarations: no movement \
-            that the rig plays by itself identifies them";
+                    that the rig plays by itself identifies them";
         return Some(NextExperiment { why, what: what.to_owned(), protocol: None });
     };
     let chosen = chosen(order.iter().map(|shown| shown.movement));
@@ -396,8 +395,8 @@ mod tests {
             .unwrap();
         let (best, before) = (ranked(best), ranked(Movement::Sine(20.0, 1.0)));
         println!(
-            "{label}: {best:.2} floors of {floors:?}, a sine of 20° and 1 Hz {before:.2}, a lag \
-             of {lag:.2e} s"
+            "{label}: {best:.2} floors of {floors:?}, a sine of 20° and 1 Hz {before:.2}, a lag of \
+             {lag:.2e} s"
         );
         assert!(
             best > 1.5 * before && best > LEAST_DIFFERENCE,

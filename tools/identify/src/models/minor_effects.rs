@@ -24,8 +24,8 @@ pub(super) fn shift_note(regression: &RegressionModel, what: &Validation, shift:
     let sampling = regression.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
     format!(
         "{}: {shift:.3e} s would reduce the error by {:.1} %; that is within one and a half \
-         sampling periods of {sampling:.3e} s, \
-         as sampling and zero-order hold cause, and is not accepted as an effect",
+         sampling periods of {sampling:.3e} s, as sampling and zero-order hold cause, and is not \
+         accepted as an effect",
         what.id, what.gain_percent
     )
 }
@@ -44,7 +44,7 @@ pub(super) fn left(study: &Study) -> Vec<Left> {
             site: Some(tried.sited.site.into()),
             size: regression.size_of_last(
                 &tried.fitted,
-                regression.terms_of(tried.sited.inverse).len(),
+                regression.terms_of(tried.sited.effect.regressor).len(),
                 &select,
             ),
             unit: unit.into(),

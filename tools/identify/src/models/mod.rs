@@ -66,7 +66,7 @@ pub trait Model: Sync {
     /// Returns the verdict as a sentence, and one on its accuracy.
     fn sentences(&self, outcome: &Outcome) -> (String, String) {
         let words =
-            |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words());
+            |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words);
         let words: Vec<&str> = outcome.effects.iter().filter_map(words).collect();
         let (_, sentence, detail) = crate::page::sentences(&words, outcome);
         (sentence, detail)

@@ -27,13 +27,9 @@ impl OpenQuestion {
             |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
         if let Some((added, rival)) = &self.contested {
             let (added, rival) = (added.effect, rival.effect);
-            let why = format!(
-                "These records cannot distinguish {} from \
-                    {}.",
-                added.words(),
-                rival.words()
-            );
-            return make(why, added.experiment());
+            let why =
+                format!("These records cannot distinguish {} from {}.", added.words, rival.words);
+            return make(why, added.experiment);
         }
         if let Some(variable) = self.unlisted {
             let on = variable.name().replace('_', " ");
@@ -61,19 +57,17 @@ impl OpenQuestion {
         match &self.last {
             Some(last) if self.records < 3 => make(
                 format!(
-                    "One run cannot show that {} is the same on another \
-                    day.",
-                    last.effect.words()
+                    "One run cannot show that {} is the same on another day.",
+                    last.effect.words
                 ),
-                last.effect.experiment(),
+                last.effect.experiment,
             ),
             Some(last) => make(
                 format!(
-                    "The value of {} could be estimated with less \
-                    variance.",
-                    last.effect.words()
+                    "The value of {} could be estimated with less variance.",
+                    last.effect.words
                 ),
-                last.effect.experiment(),
+                last.effect.experiment,
             ),
             None => make(
                 "This movement shows no missing effect; effects that it does not excite remain \
@@ -85,8 +79,8 @@ impl OpenQuestion {
                          the temperature recorded"
                     }
                     true => {
-                        "a larger range, slower and faster movement, and a step that is held \
-                        for long"
+                        "a larger range, slower and faster movement, and a step that is held for \
+                         long"
                     }
                 },
             ),

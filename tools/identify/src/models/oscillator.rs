@@ -29,7 +29,7 @@ use crate::output_error::fit::Record;
 /// The model kind `oscillator`.
 pub(super) struct Oscillator;
 
-/// Where an oscillator's effects are looked for: at the spring, at the mass, before it, and in its
+/// Sites at which effects of an oscillator are searched: the spring, the mass, the amplifier, the
 /// instruments.
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
 
@@ -71,19 +71,13 @@ impl Model for Oscillator {
         let axis = axis(&balances, Units::VOLTS, true, true);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
-            of the two is which";
-        check_scale(
-            &regression,
-            "output",
+                      of the two is which";
+        for scale in [
             (Column::Acceleration, "input and acceleration give a mass"),
-            advice,
-        )?;
-        check_scale(
-            &regression,
-            "output",
             (Column::Position, "input and output give a stiffness"),
-            advice,
-        )?;
+        ] {
+            check_scale(&regression, "output", scale, advice)?;
+        }
         let blocks = blocks(&regression, series, options.seed)?;
         let found = oscillator_search::search(&regression, &records, &blocks)
             .ok_or_else(|| singular(&regression, series))?;
@@ -122,7 +116,7 @@ fn prepare(
                 0.5 * natural / std::f64::consts::TAU
             ),
             advice: "record at ten times the natural frequency, or check mass, stiffness and the \
-                unit of time"
+                     unit of time"
                 .into(),
         });
     }

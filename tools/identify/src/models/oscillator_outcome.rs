@@ -4,32 +4,32 @@ use std::collections::BTreeMap;
 
 use report::Page;
 
-use super::equation_error_outcome::{named, roles};
+use super::equation_error_outcome::{
+    candidate_gain, channel_error, named, roles, unlisted, unsure,
+};
 use super::equation_error_parameters::{effect_parameters, parameters};
 use super::minor_effects::{shift_note, shows};
 use super::next_experiment::OpenQuestion;
-use super::oscillator_search::SearchResult;
+use super::oscillator_search::{SearchResult, SelectionStep, SimulatedCandidate};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{SitedEffect, of};
 use crate::equation_error::split::{Block, Role};
 use crate::equation_error::validation::Validation;
-use crate::outcome::{
-    CandidateGain, ChannelError, FoundEffect, Left, Outcome, StepError, UnlistedTable, Verdict,
-};
+use crate::outcome::{CandidateGain, FoundEffect, Left, Outcome, StepError, Verdict};
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::page;
 
 /// An oscillator's model, records and search result.
 pub(super) struct Study<'a> {
-    /// Declared model and records as they were screened.
+    /// Declared model and records for the equation-error method.
     pub(super) regression: &'a RegressionModel,
-    /// Records as they were simulated.
+    /// Records for the output-error method.
     pub(super) records: &'a [Record],
     /// Rows by role.
     pub(super) blocks: &'a [Block],
     /// What the search found.
     pub(super) found: SearchResult,
-    /// What a reader should know of the data.
+    /// Notes on the data.
     pub(super) notes: Vec<String>,
 }
 
@@ -53,25 +53,14 @@ impl Study<'_> {
             found.unlisted.is_some() || found.last_simulated.iter().any(|p| p.validation.accepted);
         let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
         let report = of(self.blocks, Role::Report);
-        let (before, output) = self.error(&found.base, &report);
-        let (after, _) = self.error(found.last(), &report);
-        let channel = ChannelError {
-            declared: None,
-            before,
-            after,
-            floor: None,
-            unit: self.regression.axis.units.position.to_owned(),
-            before_percent: 100.0 * before / output,
-            after_percent: 100.0 * after / output,
-        };
+        let [before, after] =
+            [&found.base, found.last()].map(|simulated| self.error(simulated, &report));
+        let channel = channel_error(before, after, self.regression.axis.units.position);
         let declared = parameters(self.regression, &found.structure(), &found.last().fitted);
         let open = OpenQuestion {
             contested: contested.and_then(|s| Some((s.added.sited, *s.rivals.first()?))),
             unlisted: found.unlisted.as_ref().map(|u| u.variable),
-            unsure: declared
-                .iter()
-                .find(|p| !p.identifiable && p.declared.is_some())
-                .map(|p| p.name.clone()),
+            unsure: unsure(&declared),
             last: found.steps.last().map(|s| s.added.sited),
             records: self.records.len(),
             spring: true,
@@ -81,12 +70,7 @@ impl Study<'_> {
             effects: self.effects(),
             ambiguous_with: rivals.iter().map(named).collect(),
             remains,
-            unlisted: found.unlisted.as_ref().map(|u| UnlistedTable {
-                site: self.regression.sites.first().copied().unwrap_or_default().into(),
-                depends_on: u.variable.name().into(),
-                table: u.table.clone(),
-                ..UnlistedTable::default()
-            }),
+            unlisted: unlisted(self.regression, found.unlisted.as_ref()),
             calibration: None,
             left: self.left(),
             error: BTreeMap::from([("output".to_owned(), channel)]),
@@ -101,7 +85,7 @@ impl Study<'_> {
     }
 
     fn notes(&self) -> Vec<String> {
-        let shift = |ranked: &super::oscillator_search::SimulatedCandidate| {
+        let shift = |ranked: &SimulatedCandidate| {
             let (structure, fitted) = (&ranked.structure, &ranked.simulated.fitted);
             let shift = self
                 .regression
@@ -120,7 +104,12 @@ impl Study<'_> {
     fn error(&self, simulated: &Simulated, blocks: &[Block]) -> (f64, f64) {
         let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
         for block in blocks {
-            e += self.simulation().residual(simulated, block).iter().map(|e| e * e).sum::<f64>();
+            e += self
+                .simulation()
+                .residual(&simulated.outputs, block)
+                .iter()
+                .map(|e| e * e)
+                .sum::<f64>();
             y += self.records[block.record].output[block.rows.clone()]
                 .iter()
                 .map(|y| y * y)
@@ -132,10 +121,10 @@ impl Study<'_> {
 
     fn effects(&self) -> Vec<FoundEffect> {
         let structure = self.found.structure();
-        let effect = |(at, step): (usize, &super::oscillator_search::SelectionStep)| {
+        let effect = |(at, step): (usize, &SelectionStep)| {
             let sited = step.added.sited;
             FoundEffect {
-                id: sited.effect.id().into(),
+                id: sited.effect.id.into(),
                 site: sited.site.into(),
                 parameters: effect_parameters(
                     self.regression,
@@ -158,8 +147,8 @@ impl Study<'_> {
             vec![self.step("declared".to_owned(), &declared, &found.base, &found.base.fitted, &[])];
         for step in &found.steps {
             let (structure, simulated) = (&step.added.structure, &step.added.simulated);
-            let id = step.added.sited.effect.id();
-            let terms = self.regression.terms_of(step.added.sited.inverse);
+            let id = step.added.sited.effect.id;
+            let terms = self.regression.terms_of(step.added.sited.effect.regressor);
             if terms.len() == 2 {
                 let all = self.regression.terms(structure).len();
                 let second = [all - 1];
@@ -212,30 +201,20 @@ impl Study<'_> {
     }
 
     fn candidates(&self) -> Vec<CandidateGain> {
-        let row =
-            |round: usize, generic: bool, (c, simulated): &(Validation, bool)| CandidateGain {
-                round,
-                id: if *simulated { c.id.to_owned() } else { format!("{} (screened)", c.id) },
-                generic,
-                gain_percent: c.gain_percent,
-                t: c.t,
-                blocks_better: c.better,
-                blocks_worse: c.worse,
-                accepted: c.accepted,
-            };
+        let row = |round: usize, generic: bool, c: &Validation, simulated: bool| {
+            let id = if simulated { c.id.to_owned() } else { format!("{} (screened)", c.id) };
+            CandidateGain { id, ..candidate_gain(round, generic, c) }
+        };
         let found = &self.found;
         let last = found.steps.len() + 1;
         let mut out = Vec::new();
         for (i, step) in found.steps.iter().enumerate() {
-            out.extend(step.ranking.iter().map(|c| row(i + 1, false, c)));
+            out.extend(step.ranking.iter().map(|(c, simulated)| row(i + 1, false, c, *simulated)));
         }
-        out.extend(found.last_ranking.iter().map(|c| row(last, false, c)));
-        out.extend(
-            found
-                .nonparametric
-                .iter()
-                .map(|(c, _, simulated)| row(last, true, &(c.clone(), *simulated))),
-        );
+        let last_ranking = found.last_ranking.iter();
+        out.extend(last_ranking.map(|(c, simulated)| row(last, false, c, *simulated)));
+        let nonparametric = found.nonparametric.iter();
+        out.extend(nonparametric.map(|(c, _, simulated)| row(last, true, c, *simulated)));
         out
     }
 
@@ -275,15 +254,9 @@ impl Study<'_> {
         let records = self.regression.balances.iter().zip(self.records).enumerate().map(
             |(i, (b, record))| {
                 let block = Block { record: i, rows: 0..b.rows(), role: Role::Fit };
-                page::RecordView {
-                    name: b.name.clone(),
-                    time: b.signals.rows(&b.signals.time),
-                    position: b.signals.rows(&b.signals.position),
-                    velocity: b.signals.rows(&b.signals.velocity),
-                    measured: record.output.clone(),
-                    before: self.simulation().residual(&self.found.base, &block),
-                    after: self.simulation().residual(self.found.last(), &block),
-                }
+                let [before, after] = [&self.found.base, self.found.last()]
+                    .map(|model| self.simulation().residual(&model.outputs, &block));
+                page::RecordView::new(b, &record.output, before, after)
             },
         );
         page::View {
@@ -291,7 +264,7 @@ impl Study<'_> {
             channel: page::Channel::Output,
             spring: true,
             records: records.collect(),
-            words: self.found.steps.iter().map(|s| s.added.sited.effect.words()).collect(),
+            words: self.found.steps.iter().map(|s| s.added.sited.effect.words).collect(),
             cut_off: self.regression.axis.cut_off,
         }
     }

@@ -1,9 +1,9 @@
-//! Stepwise selection of an oscillator's effects: screened by the equation error of the input,
-//! decided by the output error.
+//! Stepwise selection of the effects of an oscillator: screened by the equation error of the input,
+//! validated by the output error.
 
 use rayon::prelude::*;
 
-use crate::effects::InverseEffect;
+use crate::effects::Regressor;
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{
@@ -16,7 +16,7 @@ use crate::equation_error::validation::{LEAST_T, Validation, validate};
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::output_error::simulation::can_simulate;
 
-/// Screened candidates that are simulated.
+/// Number of screened candidates that are simulated.
 const SIMULATED: usize = 4;
 
 /// A candidate that was simulated.
@@ -24,14 +24,14 @@ const SIMULATED: usize = 4;
 pub(super) struct SimulatedCandidate {
     /// The effect.
     pub(super) sited: SitedEffect,
-    /// How its simulation did on the selecting rows.
+    /// Validation of its simulation on the selecting rows.
     pub(super) validation: Validation,
     /// The model with it.
     pub(super) structure: Structure<'static>,
     /// Its simulation.
     pub(super) simulated: Simulated,
     after: Vec<f64>,
-    /// Its fit to the balance of the input.
+    /// Its equation-error fit.
     screened: Fitted,
 }
 
@@ -43,17 +43,18 @@ impl SimulatedCandidate {
 
 /// One step: an effect that was added.
 pub(super) struct SelectionStep {
-    /// Candidates as they did: simulated ones first, then those that were screened only.
+    /// Validated candidates: simulated ones first, then those that were only screened; whether each
+    /// was simulated.
     pub(super) ranking: Vec<(Validation, bool)>,
-    /// What was added.
+    /// The effect that was added.
     pub(super) added: SimulatedCandidate,
-    /// What did as well.
+    /// Its rivals.
     pub(super) rivals: Vec<SitedEffect>,
 }
 
 /// What the search found.
 pub(super) struct SearchResult {
-    /// The declared model within its tolerances.
+    /// The declared model, fitted within its tolerances.
     pub(super) base: Simulated,
     /// Effects in the order in which they were added.
     pub(super) steps: Vec<SelectionStep>,
@@ -61,9 +62,9 @@ pub(super) struct SearchResult {
     pub(super) last_ranking: Vec<(Validation, bool)>,
     /// Those of them that were simulated.
     pub(super) last_simulated: Vec<SimulatedCandidate>,
-    /// Nonparametric functions: verdict, table, and whether it was simulated.
+    /// Nonparametric functions: validation, table, and whether it was simulated.
     pub(super) nonparametric: Vec<(Validation, Unlisted, bool)>,
-    /// The best of them, where it passes.
+    /// The best of them, if it passes.
     pub(super) unlisted: Option<Unlisted>,
 }
 
@@ -85,6 +86,17 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// A round of screening from a structure and its fit to the balance of the input.
+    fn round<'a>(
+        &'a self,
+        structure: &'a Structure<'static>,
+        now: &'a Fitted,
+        how: ShapeSearch,
+    ) -> SelectionRound<'a> {
+        let Self { simulation, fit, select } = self;
+        SelectionRound { regression: simulation.regression, structure, now, fit, select, how }
+    }
+
     /// Simulates the best screened candidates; best first.
     fn simulate_best(&self, tried: &[FittedCandidate], now: &Simulated) -> Vec<SimulatedCandidate> {
         let before = self.simulation.mean_squares(now, &self.select);
@@ -124,17 +136,10 @@ impl Search<'_> {
         if near.is_empty() {
             return near;
         }
-        let round = SelectionRound {
-            regression: self.simulation.regression,
-            structure: &winner.structure,
-            now: &winner.screened,
-            fit: &self.fit,
-            select: &self.select,
-            how: ShapeSearch::GridOnly,
-        };
+        let round = self.round(&winner.structure, &winner.screened, ShapeSearch::GridOnly);
         let beside = self.simulate_best(&round.try_all(&near), &winner.simulated);
         let adds = |c: &SitedEffect| {
-            beside.iter().any(|b| b.validation.id == c.effect.id() && b.validation.accepted)
+            beside.iter().any(|b| b.validation.id == c.effect.id && b.validation.accepted)
         };
         near.into_iter().filter(|c| !adds(c)).take(2).collect()
     }
@@ -175,7 +180,7 @@ impl Search<'_> {
         let before = &self.simulation.mean_squares(now, &self.select);
         let regression = self.simulation.regression;
         let spline = Spline::over(variable, regression.balances.iter().map(|b| &b.signals))?;
-        let nonparametric: &dyn InverseEffect = &spline;
+        let nonparametric: &dyn Regressor = &spline;
         nonparametric.law()?;
         let effects = round.structure.effects.iter().copied().chain([nonparametric]).collect();
         let wider = Structure { effects, model: round.structure.model.clone() };
@@ -230,18 +235,10 @@ pub(super) fn search(
         let added: Vec<SitedEffect> = steps.iter().map(|s| s.added.sited).collect();
         let list: Vec<SitedEffect> = candidates(regression, &added, &now.fitted)
             .into_iter()
-            .filter(|c| regression.frees(c.inverse) || can_simulate(c.inverse))
+            .filter(|c| regression.frees(c.effect.regressor) || can_simulate(c.effect.regressor))
             .collect();
         // The simulation refines what the screening leaves coarse.
-        let how = ShapeSearch::GridOnly;
-        let round = SelectionRound {
-            regression,
-            structure: &structure,
-            now: &screened,
-            fit: &search.fit,
-            select: &search.select,
-            how,
-        };
+        let round = search.round(&structure, &screened, ShapeSearch::GridOnly);
         let tried = round.try_all(&list);
         let ranked = search.simulate_best(&tried, &now);
         let ranking = ranking(&ranked, &tried);
@@ -258,15 +255,7 @@ pub(super) fn search(
         now = added.simulated.clone();
         steps.push(SelectionStep { ranking, added, rivals });
     };
-    let how = ShapeSearch::Fixed;
-    let round = SelectionRound {
-        regression,
-        structure: &structure,
-        now: &screened,
-        fit: &search.fit,
-        select: &search.select,
-        how,
-    };
+    let round = search.round(&structure, &screened, ShapeSearch::Fixed);
     let nonparametric = search.nonparametric(&round, &now);
     let unlisted = nonparametric.iter().find(|g| g.0.accepted).map(|g| g.1.clone());
     Some(SearchResult { base, steps, last_ranking, last_simulated, nonparametric, unlisted })

@@ -49,13 +49,12 @@ pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Opt
         return Err(IdentifyError::Roles {
             what: format!(
                 "expected three records of a transmission, or one that moves for {:.0} s or more; \
-                 found {found} with {moved} {} of \
-                 movement of {LENGTH_S} s",
+                 found {found} with {moved} {} of movement of {LENGTH_S} s",
                 FEWEST as f64 * LENGTH_S,
                 if moved == 1 { "segment" } else { "segments" }
             ),
             advice: "whole records fit, select and report: give more of them, with movements that \
-                differ, or a longer one",
+                     differ, or a longer one",
         });
     }
     // Roles alternate within each class of frequency content.
@@ -76,8 +75,7 @@ pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Opt
     }
     notes.push(format!(
         "{} cut into {} segments of movement of about {LENGTH_S} s, which fit, select and report \
-         in turn: they cannot show day-to-day \
-         variation",
+         in turn: they cannot show day-to-day variation",
         records.iter().map(|record| record.file.as_str()).collect::<Vec<_>>().join(" and "),
         segments.iter().filter(|segment| segment.role.is_some()).count()
     ));

@@ -2,7 +2,7 @@
 //! slave out.
 //!
 //! Identified by the prediction-error method ([`crate::prediction_error`]). Whole records fit,
-//! select and report; where there are too few of them, segments do ([`super::segmentation`]).
+//! select and report; if there are too few of them, segments do ([`super::segmentation`]).
 
 use report::Page;
 use rig::Model as Declared;
@@ -62,7 +62,7 @@ impl Model for Transmission {
                         model.records.len()
                     ),
                     advice: "whole records fit, select and report: give more of them, with \
-                        movements that differ",
+                             movements that differ",
                 });
             }
         }

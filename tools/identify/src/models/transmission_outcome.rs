@@ -16,7 +16,7 @@ use crate::outcome::{
     Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable, Verdict,
 };
 use crate::prediction_error::fit::Dataset;
-use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
+use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter, SearchRange};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::nonparametric::NODES;
 use crate::prediction_error::nonparametric_search::UnlistedFunction;
@@ -155,7 +155,7 @@ fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
         known
             .iter()
             .find(|(parameter, _)| match parameter {
-                FreeParameter::Effect { placed, name: own, .. } => *placed == at && *own == name,
+                FreeParameter::Effect { placed, range } => *placed == at && range.name == name,
                 _ => false,
             })
             .map(|(_, deviation)| *deviation)
@@ -243,6 +243,10 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
         .cloned()
         .collect();
     let seen = sensitivities(&Dataset::of(model, Role::Fit), last, &effects);
+    let name_of = |index: usize| match index.checked_sub(model.base.len()) {
+        None => Some(model.base[index].name.clone()),
+        Some(of_effect) => parameter_name(study, &effects[of_effect]),
+    };
     model
         .base
         .iter()
@@ -261,10 +265,7 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
                 _ if at_edge => (Identifiability::AtBound, None),
                 _ if identifiable => (Identifiability::Identified, None),
                 Sensitivity::Absent => (Identifiability::Absent, None),
-                Sensitivity::Collinear(like) => (
-                    Identifiability::TradeOff,
-                    like.as_ref().and_then(|like| parameter_name(study, like)),
-                ),
+                Sensitivity::Collinear(like) => (Identifiability::TradeOff, like.and_then(name_of)),
                 Sensitivity::Weak | Sensitivity::Distinct => (Identifiability::Weak, None),
             };
             FittedParameter {
@@ -282,20 +283,17 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
         .collect()
 }
 
-/// The name of a free parameter for readers.
+/// The name of an effect's free parameter for readers.
 fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
-    let of_effect = |placed: usize, name: &str| {
-        let step = study.found.steps.get(placed)?;
-        Some(format!("{name} of {}", step.added.id))
-    };
     match parameter {
-        FreeParameter::Base(index) => {
-            study.model.base.get(*index).map(|parameter| parameter.name.clone())
+        FreeParameter::Effect { placed, range: SearchRange { name, .. } }
+        | FreeParameter::Phasor { placed, name, .. } => {
+            let step = study.found.steps.get(*placed)?;
+            Some(format!("{name} of {}", step.added.id))
         }
-        FreeParameter::Effect { placed, name, .. } | FreeParameter::Phasor { placed, name, .. } => {
-            of_effect(*placed, name)
+        FreeParameter::Base(_) | FreeParameter::Node { .. } => {
+            Some("the nonparametric function".to_owned())
         }
-        FreeParameter::Node { .. } => Some("the nonparametric function".to_owned()),
     }
 }
 
@@ -342,8 +340,8 @@ fn notes(study: &Study) -> Vec<String> {
     let given_up =
         study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
             format!(
-                "{id} at the {site} was added and removed again: a later effect made it \
-            redundant, or the error stayed far above the repeatability"
+                "{id} at the {site} was added and removed again: a later effect made it redundant, \
+                 or the error stayed far above the repeatability"
             )
         });
     study.notes.iter().cloned().chain(given_up).collect()
@@ -364,8 +362,8 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
             });
             make(
                 format!("These records cannot distinguish {names}."),
-                "slow triangles and quick sines of several amplitudes, with a free handle and \
-                 with a hand that drives the slave",
+                "slow triangles and quick sines of several amplitudes, with a free handle and with \
+                 a hand that drives the slave",
             )
         }
         Verdict::Unlisted => make(
@@ -377,8 +375,8 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
             "Without a hand that drives the slave, the scale of all torques relies on the motor \
              constant."
                 .to_owned(),
-            "two records in which a hand drives the slave with about 2 N·m while the torque \
-             sensor records",
+            "two records in which a hand drives the slave with about 2 N·m while the torque sensor \
+             records",
         ),
         _ => make(
             "Effects that these movements do not excite remain undetected.".to_owned(),

@@ -10,7 +10,7 @@ use super::transmission_study::Study;
 use crate::equation_error::split::Role;
 use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{parameters, ranking, short};
+use crate::page::{candidates_and_parameters, short};
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{LEAST_T, least_beside};
@@ -68,10 +68,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
             });
             (
                 Tone::Warning,
-                format!(
-                    "The model lacks something that no listed effect \
-                explains{of}."
-                ),
+                format!("The model lacks something that no listed effect explains{of}."),
             )
         }
     };
@@ -129,9 +126,9 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
         .verdict(tone, &sentence, &detail)
         .table(
             errors(outcome),
-            "Root mean square of the innovation (one-step prediction error of the observer) on \
-             the reporting records, averaged over 4 ms. \
-             The floor is the rms difference of repeated records over √2.",
+            "Root mean square of the innovation (one-step prediction error of the observer) on the \
+             reporting records, averaged over 4 ms. The floor is the rms difference of repeated \
+             records over √2.",
         )
         .heading("Measured against model");
     for (at, index) in report.iter().take(3).enumerate() {
@@ -139,8 +136,8 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     }
     page = page.heading("What the residual depends on").paragraph(
         "Mean of the innovation in bins (line) and one standard deviation to either side (band), \
-         and its spectrum; reporting records. A \
-         mean away from zero is something that the model lacks.",
+         and its spectrum; reporting records. A mean away from zero is something that the model \
+         lacks.",
     );
     for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
         page = maps(page, study, &report, channel, (&before, &after), with);
@@ -176,47 +173,26 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
              standard deviation to either side (band).",
         );
     }
-    Some(candidates_and_parameters(page, outcome))
-}
-
-/// Candidates, parameters, the next experiment and notes.
-fn candidates_and_parameters(mut page: Page, outcome: &Outcome) -> Page {
-    page = page
-        .heading("Candidates")
-        .paragraph(&format!(
-            "Each candidate is fitted on the fitting records beside all declared parameters, and \
-             validated on the selecting ones. It is \
-             added when the errors of all channels, multiplied, fall by {:.0} % or more (beside \
-             one effect by {:.0} %, beside two by {:.0} %), when that is \
-             {LEAST_T:.1} of its standard errors above zero, when more records get better than \
-             worse, and when no channel gets worse by more than 3 % (for a first effect \
-             by a fifth of what all gain). \
-             Reporting records decide nothing; only the differences of repeated ones enter, as \
-             the floor.",
-            asked(0),
-            asked(1),
-            asked(2)
-        ))
-        .table(
-            ranking(outcome),
-            "All candidates that were fitted, round by round. Nonparametric \
-            ones are functions of one variable.",
-        )
-        .heading("Parameters")
-        .table(
-            parameters(outcome),
-            "Parameters of the model with its effects, from the fitting records; ± is one \
-             standard deviation, by blocks.",
-        )
-        .heading("Next experiment")
-        .paragraph(&format!(
-            "{} To settle it: {}.",
-            outcome.next_experiment.why, outcome.next_experiment.what
-        ));
-    for note in &outcome.notes {
-        page = page.paragraph(&format!("Note: {note}."));
-    }
-    page
+    let accepted = format!(
+        "Each candidate is fitted on the fitting records beside all declared parameters, and \
+         validated on the selecting ones. It is added when the errors of all channels, multiplied, \
+         fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that \
+         is {LEAST_T:.1} of its standard errors above zero, when more records get better than \
+         worse, and when no channel gets worse by more than 3 % (for a first effect by a fifth of \
+         what all gain). Reporting records decide nothing; only the differences of repeated ones \
+         enter, as the floor.",
+        asked(0),
+        asked(1),
+        asked(2)
+    );
+    let captions = (
+        accepted.as_str(),
+        "All candidates that were fitted, round by round. Nonparametric ones are functions of one \
+         variable.",
+        "Parameters of the model with its effects, from the fitting records; ± is one standard \
+         deviation, by blocks.",
+    );
+    Some(candidates_and_parameters(page, outcome, captions))
 }
 
 /// Least gain of an effect beside so many, in percent.
@@ -226,10 +202,10 @@ fn asked(beside: usize) -> f64 {
 
 /// Caption of the table of places.
 const PLACES: &str = "The frequency response of master and slave to a torque depends on where it \
-    acts. Share of the residual power above the \
-    repeatability that no torque at the place explains: the effect acts where little is left. \
-    Where every place leaves much, it acts \
-    between master and slave. Motor and master cannot be distinguished.";
+                      acts. Share of the residual power above the repeatability that no torque at \
+                      the place explains: the effect acts where little is left. Where every place \
+                      leaves much, it acts between master and slave. Motor and master cannot be \
+                      distinguished.";
 
 fn places(unlisted: &UnlistedTable) -> Table {
     unlisted

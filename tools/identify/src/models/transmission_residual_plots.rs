@@ -10,16 +10,17 @@ use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::residual_figures::{banded, drawn};
 use crate::spectral::periodogram;
 
-/// Slower motion counts as rest; a reversal is the next motion in the other direction (rad/s).
+/// Slower motion counts as rest; a reversal is the next faster motion in the other direction
+/// (rad/s).
 const STILL_RAD_S: f64 = 0.1;
-/// Longest time since a reversal that is drawn (s).
+/// Longest time since a reversal that is shown (s).
 const LONGEST_S: f64 = 1.0;
-/// Bins of frequency to a factor of ten.
+/// Frequency bins per decade.
 const BINS_A_DECADE: f64 = 20.0;
-/// Width and height of a map.
+/// Width and height of a plot.
 const SIZE: (u32, u32) = (460, 250);
 
-/// Rows of all reporting records, one beside the other.
+/// Rows of all reporting records, one record after another.
 #[derive(Default)]
 struct Rows {
     position: Vec<f64>,
@@ -33,7 +34,7 @@ struct Rows {
     with: bool,
 }
 
-/// Time since the speed last changed its sign, for every row; not a number before the first time.
+/// Time since the velocity last changed its sign, for every row; NaN before the first time.
 fn since_reversal(velocity: &[f64], pace_s: f64) -> Vec<f64> {
     let (mut way, mut since) = (0.0, f64::NAN);
     velocity
@@ -50,7 +51,7 @@ fn since_reversal(velocity: &[f64], pace_s: f64) -> Vec<f64> {
 }
 
 impl Rows {
-    /// Takes in a record: its channel's residual of the declared model and of the last one.
+    /// Adds the rows of a record, with the residuals of the declared model and of the final one.
     fn take(
         &mut self,
         study: &Study,
@@ -69,7 +70,7 @@ impl Rows {
             .clone()
             .map(|row| (position[row + 2] - position[row - 2]) / (4.0 * pace_s))
             .collect();
-        // The hand's torque where one is measured, the motor's everywhere else.
+        // The torque of the hand if it is measured, else that of the motor.
         let torque = match (channel, &record.torque) {
             (Channel::Slave, Some(torque)) if !record.idle => record.averaged(torque),
             _ => {
@@ -91,8 +92,8 @@ impl Rows {
         }
     }
 
-    /// A map over some values, of the rows in which there is one; `None` where there is none: a
-    /// machine that never turned has no reversal.
+    /// A plot over some values, of the rows in which they are finite; `None` if there are none, as
+    /// after a movement without reversal.
     fn over(&self, what: &str, unit: &str, of: &str, values: &[f64]) -> Option<Figure> {
         let rows: Vec<usize> =
             (0..self.before.len()).filter(|row| values[*row].is_finite()).collect();
@@ -107,8 +108,8 @@ impl Rows {
     }
 }
 
-/// Amplitude density of some stretches of equal pace, in bins that grow with frequency: frequencies
-/// (Hz) and unit/√Hz.
+/// Amplitude spectral density of some segments with equal sampling, in logarithmic bins:
+/// frequencies (Hz) and unit/√Hz.
 fn density(stretches: &[&[f64]], pace_s: f64) -> (Vec<f64>, Vec<f64>) {
     let longest = stretches.iter().map(|rows| rows.len()).max().unwrap_or(0) as f64 * pace_s;
     if longest <= 0.0 {
@@ -117,7 +118,7 @@ fn density(stretches: &[&[f64]], pace_s: f64) -> (Vec<f64>, Vec<f64>) {
     let lowest = 2.0 / longest;
     let mut bins: Vec<(f64, f64, f64)> = Vec::new();
     for rows in stretches {
-        // Two-sided power of all rows; half of it is left out, so that it counts twice.
+        // Two-sided power of all rows; negative frequencies are left out, so that it counts twice.
         let scale = 2.0 * pace_s / rows.len().max(1) as f64;
         for (frequency, power) in
             periodogram(rows, 1.0 / pace_s).into_iter().filter(|(f, _)| *f >= lowest)
@@ -134,7 +135,7 @@ fn density(stretches: &[&[f64]], pace_s: f64) -> (Vec<f64>, Vec<f64>) {
     filled.map(|(hz, power, count)| (hz / count, (power / count).sqrt())).unzip()
 }
 
-/// The maps of one channel, over the reporting records.
+/// The plots of one channel, over the reporting records.
 pub(super) fn maps(
     page: Page,
     study: &Study,

@@ -11,13 +11,12 @@ use crate::equation_error::split::Block;
 use crate::regression::{Bound, Fit, Gram, standard_deviations};
 use crate::spectral::Spectrum;
 
-/// A simulated output this many times beyond the measured one is no fit.
+/// A simulation whose output exceeds the largest measured output by this factor has diverged.
 const LARGEST: f64 = 20.0;
-/// Clusters of the sandwich last this many decay times of the machine.
+/// Length of the clusters of the sandwich covariance, in decay times of the machine.
 const CLUSTER_DECAYS: f64 = 4.0;
 
-/// One record: measured output, and the input as the simulation wants it, both from the first row
-/// on.
+/// One record: measured output and oversampled input, both from the first row on.
 pub struct Record {
     /// Output at the rows.
     pub output: Vec<f64>,
@@ -29,9 +28,9 @@ pub struct Record {
 }
 
 impl Record {
-    /// From one record's columns, of which `rows` from sample `first` on are used; position and
-    /// velocity at that sample. `natural` is the highest natural frequency to expect (rad/s).
-    /// `None` where the input has no transform.
+    /// From the columns of one record, of which `rows` samples from sample `first` on are used,
+    /// with position and velocity at that sample. `natural` is the highest natural frequency to be
+    /// expected (rad/s). `None` if the input has no transform.
     pub fn new(
         time: &[f64],
         (input, output): (&[f64], &[f64]),
@@ -50,7 +49,7 @@ impl Record {
         Some(Self { output, input, start, largest })
     }
 
-    /// The sample of the first row of a balance of band-limited signals.
+    /// The sample of the first row of a force balance of band-limited signals.
     pub fn first_sample(before_rows: usize) -> usize {
         before_rows / FINER
     }
@@ -65,31 +64,29 @@ pub struct Simulated {
     pub outputs: Vec<Vec<f64>>,
 }
 
-/// What the fits of all structures share.
+/// Declared model and records, shared by the fits of all structures.
 pub struct OutputErrorModel<'a> {
-    /// Declared model and records, for their parameters, bounds and scales.
+    /// The model of the equation-error method: parameters, bounds and scales.
     pub regression: &'a RegressionModel,
-    /// The records as they are simulated.
+    /// The records to be simulated.
     pub records: &'a [Record],
 }
 
 impl OutputErrorModel<'_> {
-    /// Output less simulation, over some rows.
-    pub fn residual(&self, simulated: &Simulated, block: &Block) -> Vec<f64> {
-        let (measured, model) =
-            (&self.records[block.record].output, &simulated.outputs[block.record]);
+    /// Output less simulated output, over some rows.
+    pub fn residual(&self, outputs: &[Vec<f64>], block: &Block) -> Vec<f64> {
+        let (measured, model) = (&self.records[block.record].output, &outputs[block.record]);
         block.rows.clone().map(|row| measured[row] - model[row]).collect()
     }
 
     /// Mean squared residual of each block.
     pub fn mean_squares(&self, simulated: &Simulated, blocks: &[Block]) -> Vec<f64> {
         let mean = |e: Vec<f64>| e.iter().map(|e| e * e).sum::<f64>() / e.len().max(1) as f64;
-        blocks.iter().map(|block| mean(self.residual(simulated, block))).collect()
+        blocks.iter().map(|block| mean(self.residual(&simulated.outputs, block))).collect()
     }
 
-    /// Fits amplitudes and shapes on `blocks`, from where `start` stands. Terms that `without`
-    /// names by their place among the structure's stay at 0. `None` where the model at the start
-    /// cannot be simulated.
+    /// Fits amplitudes and shapes on `blocks`, starting from `start`. The terms of the structure
+    /// with the indices `without` stay at 0. `None` if the model cannot be simulated at the start.
     pub fn fit(
         &self,
         structure: &Structure<'_>,
@@ -110,14 +107,14 @@ impl OutputErrorModel<'_> {
     }
 }
 
-/// One number that is fitted.
+/// One free parameter.
 enum Place<'s> {
     Amplitude(usize, f64, Bound),
     Shape(usize, &'s Shape),
 }
 
-/// Output error as a function of how far each number has moved from the start, in units of its own
-/// size.
+/// Output error as a function of the deviation of each free parameter from its start, in units of
+/// its own size.
 struct Problem<'a> {
     simulation: &'a OutputErrorModel<'a>,
     structure: &'a Structure<'a>,
@@ -125,12 +122,12 @@ struct Problem<'a> {
     start: Fitted,
     shapes: Vec<Shape>,
     bounds: Vec<Bound>,
-    /// Amplitudes that are fitted: place and size.
+    /// Free amplitudes: index and size.
     amplitudes: Vec<(usize, f64)>,
-    /// Shapes that are fitted.
+    /// Free shapes: indices.
     free_shapes: Vec<usize>,
     moved: DVector<f64>,
-    /// Residuals at `moved`, once they are known.
+    /// Residuals at `moved`; `None` if it cannot be simulated.
     here: Option<DVector<f64>>,
 }
 
@@ -158,7 +155,8 @@ impl<'a> Problem<'a> {
                 (i, if size > 0.0 && size.is_finite() { size } else { 1.0 })
             })
             .collect();
-        // The smoothing speed stays where the force balance found it: output hardly feels it.
+        // The smoothing speed stays as found by the equation-error method: the output is hardly
+        // sensitive to it.
         let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
         let mut problem = Self {
@@ -177,7 +175,7 @@ impl<'a> Problem<'a> {
         problem
     }
 
-    /// Amplitudes and shapes at a place.
+    /// Amplitudes and shapes at a deviation from the start.
     fn values(&self, moved: &DVector<f64>) -> (DVector<f64>, Vec<f64>) {
         let mut coefficients = self.start.fit.coefficients.clone();
         let mut shapes = self.start.shapes.clone();
@@ -187,14 +185,14 @@ impl<'a> Problem<'a> {
         }
         for (i, moved) in self.free_shapes.iter().zip(moved.iter().skip(self.amplitudes.len())) {
             let shape = &self.shapes[*i];
-            // A unit of movement is the way from one point of the grid to the next.
+            // One unit is the distance between two points of the grid.
             let share = shape.share(shapes[*i]) + moved / (shape.points - 1) as f64;
             shapes[*i] = shape.at(share);
         }
         (coefficients, shapes)
     }
 
-    /// The same place, or the nearest one that bounds and ranges allow.
+    /// The deviation, limited to the bounds and ranges.
     fn within(&self, moved: &DVector<f64>) -> DVector<f64> {
         let mut inside = moved.clone();
         for (k, (i, size)) in self.amplitudes.iter().enumerate() {
@@ -209,13 +207,16 @@ impl<'a> Problem<'a> {
         inside
     }
 
+    /// The declared parameter of a column; 0 where none is declared.
+    fn declared(&self, column: Column, coefficients: &DVector<f64>) -> f64 {
+        let at = self.simulation.regression.parameters.iter().position(|p| p.column == column);
+        at.map_or(0.0, |i| coefficients[i])
+    }
+
     fn simulate(&self, moved: &DVector<f64>) -> Option<Vec<Vec<f64>>> {
         let regression = self.simulation.regression;
         let (coefficients, shapes) = self.values(moved);
-        let of = |column| {
-            let at = regression.parameters.iter().position(|p| p.column == column);
-            at.map_or(0.0, |i| coefficients[i])
-        };
+        let of = |column| self.declared(column, &coefficients);
         let mut forces = Vec::new();
         let mut amplifiers = Vec::new();
         let mut at = regression.parameters.len();
@@ -251,16 +252,10 @@ impl<'a> Problem<'a> {
                 stiffness: of(Column::Position),
                 coulomb: of(Column::Sign),
                 offset: of(Column::One),
-                // Steeper, the step in the friction would be too much for an explicit step.
+                // With a narrower transition, friction would be too stiff for the explicit
+                // integration.
                 smoothing: uses_sign.then_some(shapes[0].max(dry * step / mass)),
-                forces: forces
-                    .iter()
-                    .map(|f| Force {
-                        law: f.law,
-                        amplitudes: f.amplitudes.clone(),
-                        shapes: f.shapes.clone(),
-                    })
-                    .collect(),
+                forces: forces.clone(),
             };
             oscillator.run(input.as_ref().unwrap_or(&record.input), record.start, record.largest)
         };
@@ -271,11 +266,7 @@ impl<'a> Problem<'a> {
     }
 
     fn errors(&self, outputs: &[Vec<f64>]) -> DVector<f64> {
-        let error = |block: &Block| {
-            let (measured, model) =
-                (&self.simulation.records[block.record].output, &outputs[block.record]);
-            block.rows.clone().map(|row| measured[row] - model[row]).collect::<Vec<f64>>()
-        };
+        let error = |block| self.simulation.residual(outputs, block);
         DVector::from_vec(self.blocks.iter().flat_map(error).collect())
     }
 
@@ -293,7 +284,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// How far to move one number for a difference: a thousandth of its size, away from a bound.
+    /// Perturbation of a free parameter for a finite difference: a thousandth of its size, away
+    /// from the bound.
     fn difference(&self, k: usize) -> f64 {
         let step = 1e-3;
         let (coefficients, shapes) = self.values(&self.moved);
@@ -323,7 +315,7 @@ impl<'a> Problem<'a> {
         gram.add(&columns, errors.as_slice(), 0..errors.len());
         let local = Fit {
             coefficients: DVector::zeros(n),
-            // What the output does not feel has no standard deviation either.
+            // Nor has a parameter without influence on the output a standard deviation.
             at_bound: (0..n).map(|k| edge(k) || columns[k].iter().all(|c| *c == 0.0)).collect(),
             squares: errors.norm_squared(),
         };
@@ -341,17 +333,14 @@ impl<'a> Problem<'a> {
         Some(Simulated { fitted: Fitted { fit, std: all, shapes, columns: Vec::new() }, outputs })
     }
 
-    /// `Jᵀe` by clusters that outlast the machine's memory.
+    /// `Jᵀe` by clusters longer than the memory of the machine.
     fn scores(
         &self,
         columns: &[Vec<f64>],
         errors: &DVector<f64>,
         coefficients: &DVector<f64>,
     ) -> Vec<DVector<f64>> {
-        let of = |column| {
-            let at = self.simulation.regression.parameters.iter().position(|p| p.column == column);
-            at.map_or(0.0, |i| coefficients[i])
-        };
+        let of = |column| self.declared(column, coefficients);
         let decay = 2.0 * of(Column::Acceleration) / of(Column::Velocity).max(f64::MIN_POSITIVE);
         let input = &self.simulation.records[0].input;
         let rows = CLUSTER_DECAYS * decay / (input.step * input.steps as f64);
@@ -380,7 +369,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
     fn residuals(&self) -> Option<DVector<f64>> {
         let rows = self.blocks.iter().map(|b| b.rows.len()).sum();
-        // Too far off to be simulated is a very bad fit, not the end of the search.
+        // A model that cannot be simulated is a very bad fit, but does not end the search.
         let far = self.simulation.records.iter().map(|r| r.largest).fold(0.0, f64::max);
         Some(self.here.clone().unwrap_or_else(|| DVector::from_element(rows, far)))
     }

@@ -1,7 +1,9 @@
-//! Output-error method: models simulated from their input alone and fitted to the measured output.
+//! Output-error method: the model is simulated from its input alone and fitted to the measured
+//! output.
 //!
-//! For machines with a spring, whose initial state decays. The equations are those of
-//! [`crate::equation_error`]; here they are integrated, so that output noise is not differentiated.
+//! It is used for machines with a spring, in which an error of the initial state decays. The
+//! equations are those of [`crate::equation_error`], but integrated, so that output noise is not
+//! differentiated.
 
 pub mod fit;
 pub mod simulation;

@@ -1,33 +1,34 @@
 //! `m ÿ + d ẏ + k y + offset + effects = input`, integrated by the classical Runge-Kutta method of
 //! fourth order.
 //!
-//! The input is band-limited and given at twice the integration's rate, so that each step has its
-//! own value at begin, middle and end. At `ω h = 0.3` a step turns the phase wrongly by 2e-5 rad
-//! (`(ω h)⁵/120`), which a lightly damped machine sees as a natural frequency wrong by 7e-5; the
-//! fitted mass takes up twice that.
+//! The input is band-limited and sampled at twice the rate of the integration, so that each step
+//! has a value at its start, middle and end. At `ω h = 0.3` the phase error of a step is 2e-5 rad
+//! (`(ω h)⁵/120`), equivalent to a relative error of 7e-5 in the natural frequency; the fitted mass
+//! compensates it by twice that.
 
-use crate::effects::{Instant, InverseEffect, Law};
+use crate::effects::{Instant, Law, Regressor};
 
-/// Own states that all effects together may have.
+/// Largest number of states of all effects together.
 const STATES: usize = 6;
 
-/// Natural angle of one step (rad).
+/// Largest phase of the natural frequency in one step (rad).
 const ANGLE_PER_STEP: f64 = 0.3;
 
-/// Most terms of one effect or generic function.
+/// Largest number of terms of one effect or nonparametric function.
 const TERMS: usize = 32;
 
-/// An effect as a force, with its numbers.
+/// An effect as a force, with its parameters.
+#[derive(Clone)]
 pub struct Force<'a> {
     /// The law.
     pub law: &'a dyn Law,
-    /// One amplitude a term.
+    /// One amplitude per term.
     pub amplitudes: Vec<f64>,
     /// Its shapes.
     pub shapes: Vec<f64>,
 }
 
-/// What is simulated.
+/// The oscillator that is simulated.
 pub struct Oscillator<'a> {
     /// Mass.
     pub mass: f64,
@@ -37,20 +38,20 @@ pub struct Oscillator<'a> {
     pub stiffness: f64,
     /// Coulomb friction, where it is declared.
     pub coulomb: f64,
-    /// The input at rest at 0.
+    /// The input for which it rests at 0.
     pub offset: f64,
-    /// Speed over which the sign of the velocity is smoothed; `None` where nothing depends on it.
+    /// Smoothing speed of the sign of the velocity; `None` if nothing depends on it.
     pub smoothing: Option<f64>,
     /// Effects.
     pub forces: Vec<Force<'a>>,
 }
 
-/// An input, finely sampled.
+/// An oversampled input.
 #[derive(Clone, Debug)]
 pub struct Input {
-    /// Values, twice a step.
+    /// Values, two per step.
     pub values: Vec<f64>,
-    /// Steps from one sample of the record to the next.
+    /// Steps per sampling period of the record.
     pub steps: usize,
     /// Length of a step (s).
     pub step: f64,
@@ -58,8 +59,8 @@ pub struct Input {
     pub start: f64,
 }
 
-/// Steps a sampling period for a machine of that natural frequency (rad/s), sampled every
-/// `sampling` seconds.
+/// Steps per sampling period for a machine with a natural frequency `natural` (rad/s), sampled
+/// every `sampling` seconds.
 pub fn steps(natural: f64, sampling: f64) -> usize {
     ((natural * sampling / ANGLE_PER_STEP).ceil() as usize).clamp(1, 64)
 }
@@ -67,12 +68,12 @@ pub fn steps(natural: f64, sampling: f64) -> usize {
 type State = [f64; STATES + 2];
 
 impl Oscillator<'_> {
-    /// Own states of all effects.
+    /// Number of states of all effects.
     fn states(&self) -> usize {
         self.forces.iter().map(|f| f.law.states()).sum()
     }
 
-    /// `terms` is scratch, so that it need not be cleared a million times.
+    /// `terms` is scratch memory, which is not cleared at each call.
     fn rate(&self, time: f64, input: f64, state: &State, terms: &mut [f64; TERMS]) -> State {
         let (position, velocity) = (state[0], state[1]);
         let now = Instant {
@@ -99,9 +100,8 @@ impl Oscillator<'_> {
         rate
     }
 
-    /// The output at the record's samples, from position and velocity at the first. `None` where it
-    /// goes beyond `largest` in magnitude, or where the effects have more states than there is room
-    /// for.
+    /// The output at the samples of the record, from position and velocity at the first. `None` if
+    /// its magnitude exceeds `largest`, or if the effects have too many states.
     pub fn run(
         &self,
         input: &Input,
@@ -151,8 +151,8 @@ impl Oscillator<'_> {
     }
 }
 
-/// Whether an effect can be simulated: as a force, or by what it does to the input.
-pub fn can_simulate(effect: &dyn InverseEffect) -> bool {
+/// Whether an effect can be simulated, as a force or as an effect on the input.
+pub fn can_simulate(effect: &dyn Regressor) -> bool {
     effect.law().is_some() || effect.deliver(&[], 1.0, &[1.0; 4], &[1.0; 4]).is_some()
 }
 

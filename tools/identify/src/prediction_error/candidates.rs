@@ -3,11 +3,13 @@
 //!
 //! Every effect is tried from several complete starting points, since a single sign or size misses
 //! effects without a local gradient: backlash has none at zero gap, and saturation acts only at
-//! peaks.
+//! peaks. An effect without an arm of its own is searched by its size alone, within the range that
+//! the plant declares for it.
 
 use std::f64::consts::FRAC_PI_2;
 
-use plant::effects::{LIST, Place, Site};
+use plant::ParameterInfo;
+use plant::effects::{Entry, LIST, Place, Site};
 
 use super::free_parameter::{FreeParameter, Scaling, SearchRange};
 use super::record::PACE_S;
@@ -19,6 +21,12 @@ const LEAST_WAVE_S: f64 = 1.05 * PACE_S;
 
 /// Shortest presliding travel, in counts of that side's encoder.
 const COUNTS_OF_TRAVEL: f64 = 2.0;
+
+/// Greatest size of an effect without an arm of its own, in default sizes.
+const MOST_SIZES: f64 = 20.0;
+
+/// Starting points of an effect without an arm of its own, in default sizes.
+const DEFAULT_STARTS: [f64; 3] = [0.3, 1.0, 3.0];
 
 /// A starting point of the search.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,13 +86,7 @@ const fn waves_in_angle(name: &'static str, low: f64, high: f64) -> SearchRange 
 
 /// The free parameters of the effect at index `placed`.
 pub fn free_parameters_of(candidate: &Candidate, placed: usize) -> Vec<FreeParameter> {
-    let free = candidate.free.iter().map(|free| FreeParameter::Effect {
-        placed,
-        name: free.name,
-        low: free.low,
-        high: free.high,
-        scaling: free.scaling,
-    });
+    let free = candidate.free.iter().map(|range| FreeParameter::Effect { placed, range: *range });
     let waves = candidate.phasor.iter().flat_map(|(name, most)| {
         [0, 1].map(|part| FreeParameter::Phasor { placed, name, most: *most, part })
     });
@@ -94,18 +96,17 @@ pub fn free_parameters_of(candidate: &Candidate, placed: usize) -> Vec<FreeParam
 /// Returns all listed effects at all their sites that records with these features can reveal.
 pub fn candidates(features: &RecordFeatures) -> Vec<Candidate> {
     LIST.iter()
-        .flat_map(|entry| {
-            entry.sites.iter().filter_map(|place| candidate(entry.id, place, features))
-        })
+        .flat_map(|entry| entry.sites.iter().filter_map(|place| candidate(entry, place, features)))
         .filter(|candidate| features.slave || candidate.site != Site::Slave)
         .collect()
 }
 
-fn candidate(id: &'static str, place: &Place, features: &RecordFeatures) -> Option<Candidate> {
+fn candidate(entry: &Entry, place: &Place, features: &RecordFeatures) -> Option<Candidate> {
+    let id = entry.id;
     let of = Search { id, site: place.site, size: place.size, features };
     let space = of.line().or_else(|| of.friction()).or_else(|| of.load());
-    let space =
-        space.or_else(|| of.drive()).or_else(|| of.disturbance()).or_else(|| of.sensor())?;
+    let space = space.or_else(|| of.drive()).or_else(|| of.disturbance()).or_else(|| of.sensor());
+    let space = space.unwrap_or_else(|| of.by_size(&entry.parameters[0]));
     let sizes = match id {
         // A saturation limit falls as the effect grows, and a fully rectified reading does not
         // scale with the rectified share.
@@ -197,10 +198,6 @@ impl Search<'_> {
 
     fn line(&self) -> Option<SearchSpace> {
         let (free, starts) = match self.id {
-            "line_compliance" => (
-                vec![free("compliance_ratio", 0.0, 20.0)],
-                self.sizes("compliance_ratio", &[0.3, 1.0, 3.0]),
-            ),
             "nonlinear_stiffness" => (
                 vec![free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
                 vec![
@@ -236,9 +233,6 @@ impl Search<'_> {
             }
             "transport_delay" => {
                 (vec![free("delay_s", 0.0, 0.05)], self.sizes("delay_s", &[0.2, 0.6, 2.0]))
-            }
-            "line_damping" => {
-                (vec![self.up_to("damping", 20.0)], self.sizes("damping", &[0.3, 1.0, 3.0]))
             }
             _ => return None,
         };
@@ -399,17 +393,17 @@ impl Search<'_> {
         }
     }
 
-    /// Effects of the torque sensor, of which records without its channel show nothing.
+    /// Effects on the torque channel; none can be searched in records without it.
     fn sensor(&self) -> Option<SearchSpace> {
         let (features, size) = (self.features, self.size);
-        if !features.torque {
-            return None;
-        }
+        // A gain error or a lost sign shows only while a hand acts.
+        let needs_hand = matches!(self.id, "sensor_gain" | "rectified_sensor");
+        let revealed = features.torque && (features.hand || !needs_hand);
         let (free, starts) = match self.id {
             "sensor_offset" => {
                 (vec![self.either("offset", 20.0)], vec![self.signed(&[("offset", size)])])
             }
-            "sensor_gain" if features.hand => {
+            "sensor_gain" => {
                 (vec![free("error", -0.8, 2.0)], vec![self.signed(&[("error", size)])])
             }
             "sensor_drift" => {
@@ -422,9 +416,10 @@ impl Search<'_> {
                 let of = |hz: &f64| self.wave(&[("amplitude", size), ("frequency_hz", *hz)]);
                 let free = vec![waves_in_time("frequency_hz", 15.0, 124.0)];
                 let phasor = ("amplitude", 20.0 * size);
-                return SearchSpace::with_phasor(free, phasor, features.hum_hz.iter().map(of));
+                let lines = features.hum_hz.iter().filter(|_| revealed);
+                return SearchSpace::with_phasor(free, phasor, lines.map(of));
             }
-            "rectified_sensor" if features.hand => {
+            "rectified_sensor" => {
                 let parts: &[f64] =
                     if features.rectified { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };
                 let starts = parts.iter().map(|part| self.start(&[("part", *part)])).collect();
@@ -432,42 +427,25 @@ impl Search<'_> {
             }
             _ => return None,
         };
-        SearchSpace::new(free, starts)
+        SearchSpace::new(free, if revealed { starts } else { Vec::new() })
+    }
+
+    /// Search by the size parameter alone: up to [`MOST_SIZES`] default sizes within the
+    /// parameter's range, from [`DEFAULT_STARTS`]; both signs where the range has both.
+    fn by_size(&self, size: &ParameterInfo) -> SearchSpace {
+        let most = MOST_SIZES * self.size.abs();
+        let range = free(size.name, size.minimum.max(-most), size.maximum.min(most));
+        let both = range.low < 0.0 && range.high > 0.0;
+        let start = |factor: f64| StartPoint {
+            signed: both,
+            ..self.start(&[(size.name, (factor * self.size).clamp(range.low, range.high))])
+        };
+        let signs: &[f64] = if both { &[1.0, -1.0] } else { &[1.0] };
+        let factors =
+            DEFAULT_STARTS.iter().flat_map(|factor| signs.iter().map(move |sign| sign * factor));
+        SearchSpace { free: vec![range], phasor: None, starts: factors.map(start).collect() }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_listed_effect_is_searched_at_each_of_its_sites() {
-        let features = RecordFeatures {
-            volts: 10.0,
-            lines_hz: [vec![7.0], vec![7.0]],
-            hum_hz: vec![50.0],
-            torque: true,
-            hand: true,
-            slave: true,
-            ..RecordFeatures::default()
-        };
-        let searched = candidates(&features);
-        let listed = LIST.iter().flat_map(|entry| entry.sites.iter().map(move |at| (entry, at)));
-        for (entry, place) in listed {
-            let own = searched.iter().find(|own| (own.id, own.site) == (entry.id, place.site));
-            let own = own.unwrap_or_else(|| {
-                panic!(
-                    "identify does not search {} at {}: give it free parameters and starting \
-                     points \
-                     in prediction_error/candidates.rs",
-                    entry.id, place.site
-                )
-            });
-            for start in &own.starts {
-                assert!(start.placed.effect().is_some(), "{start:?} is no valid effect");
-            }
-            let names = |name: &str| own.starts[0].placed.effect().unwrap().get(name).is_some();
-            assert!(own.free.iter().all(|free| names(free.name)), "{own:?}");
-        }
-    }
-}
+mod tests;

@@ -57,14 +57,8 @@ pub enum FreeParameter {
     Effect {
         /// Index of the effect.
         placed: usize,
-        /// Name of the parameter.
-        name: &'static str,
-        /// Least value.
-        low: f64,
-        /// Greatest value.
-        high: f64,
-        /// How it is searched.
-        scaling: Scaling,
+        /// Which parameter, and where it is searched.
+        range: SearchRange,
     },
     /// Cosine (0) or sine (1) part of an effect with amplitude and phase.
     Phasor {
@@ -98,7 +92,9 @@ impl FreeParameter {
                 let parameter = &model.base[*index];
                 (parameter.low, parameter.high, parameter.logarithmic)
             }
-            Self::Effect { low, high, scaling, .. } => (*low, *high, *scaling != Scaling::Linear),
+            Self::Effect { range: SearchRange { low, high, scaling, .. }, .. } => {
+                (*low, *high, *scaling != Scaling::Linear)
+            }
             Self::Phasor { most, .. } | Self::Node { most, .. } => (-most, *most, false),
         }
     }
@@ -107,8 +103,8 @@ impl FreeParameter {
     pub fn value(&self, setting: &Setting) -> f64 {
         match self {
             Self::Base(index) => setting.base[*index],
-            Self::Effect { placed, name, .. } => {
-                setting.placed[*placed].value(name).unwrap_or_default()
+            Self::Effect { placed, range } => {
+                setting.placed[*placed].value(range.name).unwrap_or_default()
             }
             Self::Phasor { placed, name, part, .. } => {
                 let placed = &setting.placed[*placed];
@@ -133,7 +129,7 @@ impl FreeParameter {
         };
         match self {
             Self::Base(index) => setting.base[*index] = value,
-            Self::Effect { placed, name, .. } => into(setting, *placed, name, value),
+            Self::Effect { placed, range } => into(setting, *placed, range.name, value),
             Self::Phasor { placed, name, most, part } => {
                 let other = Self::Phasor { placed: *placed, name, most: *most, part: 1 - part }
                     .value(setting);
@@ -211,22 +207,25 @@ impl FreeParameter {
         let step = match self {
             Self::Phasor { .. } => 4e-3,
             Self::Node { .. } => 0.5 / NODE_BOUND,
-            // The perturbed wave drifts by a small phase between the first record and the last.
-            Self::Effect { scaling: Scaling::Frequency, low, high, .. } => {
-                let turn_hz = 1.0 / model.records.iter().map(Record::end_s).fold(1.0, f64::max);
-                2.0 * (PHASE_SHIFT * turn_hz / self.value(setting).max(*low)) / (high / low).ln()
-            }
-            // The same phase over a movement of one radian.
-            Self::Effect { scaling: Scaling::SpatialFrequency, low, high, .. } => {
-                (2.0 * (PHASE_SHIFT * TAU / self.value(setting).max(*low)) / (high / low).ln())
-                    .min(PERTURBATION)
-            }
-            // An effect's range is much wider than its likely size.
-            Self::Effect { scaling: Scaling::Linear, low, high, .. } => {
-                (RELATIVE_PERTURBATION * self.value(setting).abs() / (0.5 * (high - low)))
-                    .clamp(1e-4, PERTURBATION)
-            }
-            _ => PERTURBATION,
+            Self::Base(_) => PERTURBATION,
+            Self::Effect { range: SearchRange { low, high, scaling, .. }, .. } => match scaling {
+                // The perturbed wave drifts by a small phase between the first record and the last.
+                Scaling::Frequency => {
+                    let turn_hz = 1.0 / model.records.iter().map(Record::end_s).fold(1.0, f64::max);
+                    2.0 * (PHASE_SHIFT * turn_hz / self.value(setting).max(*low))
+                        / (high / low).ln()
+                }
+                // The same phase over a movement of one radian.
+                Scaling::SpatialFrequency => {
+                    (2.0 * (PHASE_SHIFT * TAU / self.value(setting).max(*low)) / (high / low).ln())
+                        .min(PERTURBATION)
+                }
+                // An effect's range is much wider than its likely size.
+                Scaling::Linear => (RELATIVE_PERTURBATION * self.value(setting).abs()
+                    / (0.5 * (high - low)))
+                    .clamp(1e-4, PERTURBATION),
+                Scaling::Logarithmic => PERTURBATION,
+            },
         };
         let moved = if place > 0.0 { place - step } else { place + step };
         moved.asin()

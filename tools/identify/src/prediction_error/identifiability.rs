@@ -14,7 +14,7 @@ const INDEPENDENT: f64 = 0.3;
 const SIMILAR: f64 = 0.5;
 
 /// Sensitivity of the residual to a parameter at its fitted value.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sensitivity {
     /// It changes the residual like no other parameter.
     Distinct,
@@ -22,8 +22,9 @@ pub enum Sensitivity {
     Weak,
     /// It does not change the residual.
     Absent,
-    /// A combination of others changes the residual alike; the most similar one, if one stands out.
-    Collinear(Option<FreeParameter>),
+    /// A combination of others changes the residual alike; index of the most similar one among the
+    /// declared parameters and those of the effects after them, if one stands out.
+    Collinear(Option<usize>),
 }
 
 /// Returns the sensitivities of all declared parameters beside those of the effects.
@@ -37,36 +38,13 @@ pub fn sensitivities(
         (0..count).map(FreeParameter::Base).chain(effects.iter().cloned()).collect();
     let jacobian = dataset.jacobian(fitted, &all, &Dataset::weights(&fitted.residuals));
     let detectable = SENSITIVE * (jacobian.nrows() as f64).sqrt();
-    let classified = classify(&jacobian, detectable);
-    classified
-        .into_iter()
-        .take(count)
-        .map(|classified| classified.map(|at| all[at].clone()))
-        .collect()
-}
-
-/// Sensitivity by column index.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum ColumnSensitivity {
-    Distinct,
-    Weak,
-    Absent,
-    Collinear(Option<usize>),
-}
-
-impl ColumnSensitivity {
-    fn map(self, parameter: impl Fn(usize) -> FreeParameter) -> Sensitivity {
-        match self {
-            Self::Distinct => Sensitivity::Distinct,
-            Self::Weak => Sensitivity::Weak,
-            Self::Absent => Sensitivity::Absent,
-            Self::Collinear(like) => Sensitivity::Collinear(like.map(parameter)),
-        }
-    }
+    let mut sensitivities = classify(&jacobian, detectable);
+    sensitivities.truncate(count);
+    sensitivities
 }
 
 /// Classifies every column.
-fn classify(jacobian: &DMatrix<f64>, detectable: f64) -> Vec<ColumnSensitivity> {
+fn classify(jacobian: &DMatrix<f64>, detectable: f64) -> Vec<Sensitivity> {
     let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
     let live: Vec<usize> = (0..norms.len()).filter(|at| norms[*at] >= detectable).collect();
     let units = DMatrix::from_fn(jacobian.nrows(), live.len(), |row, at| {
@@ -83,14 +61,14 @@ fn classify(jacobian: &DMatrix<f64>, detectable: f64) -> Vec<ColumnSensitivity> 
         .iter()
         .enumerate()
         .map(|(column, norm)| match live.iter().position(|live| *live == column) {
-            None if *norm < NO_EFFECT * detectable => ColumnSensitivity::Absent,
-            None => ColumnSensitivity::Weak,
-            Some(at) if own(at) >= INDEPENDENT => ColumnSensitivity::Distinct,
+            None if *norm < NO_EFFECT * detectable => Sensitivity::Absent,
+            None => Sensitivity::Weak,
+            Some(at) if own(at) >= INDEPENDENT => Sensitivity::Distinct,
             Some(at) => {
                 let others = (0..live.len()).filter(|other| *other != at);
                 let most =
                     others.max_by(|a, b| alike[(at, *a)].abs().total_cmp(&alike[(at, *b)].abs()));
-                ColumnSensitivity::Collinear(
+                Sensitivity::Collinear(
                     most.filter(|most| alike[(at, *most)].abs() >= SIMILAR).map(|most| live[most]),
                 )
             }
@@ -122,14 +100,14 @@ mod tests {
         assert_eq!(
             classified[..5],
             [
-                ColumnSensitivity::Collinear(Some(1)),
-                ColumnSensitivity::Collinear(Some(0)),
-                ColumnSensitivity::Distinct,
-                ColumnSensitivity::Weak,
-                ColumnSensitivity::Absent
+                Sensitivity::Collinear(Some(1)),
+                Sensitivity::Collinear(Some(0)),
+                Sensitivity::Distinct,
+                Sensitivity::Weak,
+                Sensitivity::Absent
             ]
         );
-        assert_eq!(classified[5], ColumnSensitivity::Distinct);
+        assert_eq!(classified[5], Sensitivity::Distinct);
     }
 
     #[test]
@@ -144,6 +122,6 @@ mod tests {
             Some(order) => wave(*order, row),
             None => orders.iter().map(|order| wave(*order, row)).sum(),
         });
-        assert_eq!(classify(&jacobian, 1.0)[5], ColumnSensitivity::Collinear(None));
+        assert_eq!(classify(&jacobian, 1.0)[5], Sensitivity::Collinear(None));
     }
 }

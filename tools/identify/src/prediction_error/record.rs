@@ -202,7 +202,7 @@ fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Res
         if way < STILL_RAD {
             let found = format!("the position never moved (it stays within {way:.2e} rad)");
             let advice = "no inertia, friction or stiffness can be seen without movement; check \
-                the encoder, and move the machine";
+                          the encoder, and move the machine";
             return Err(channel(name, found, advice));
         }
         if peak(column) > FAR_RAD {

@@ -123,7 +123,8 @@ impl SelectionRound<'_> {
             // residual of the effect beside it.
             let own = free_parameters_of(of, fitted.setting.placed.len().saturating_sub(1));
             let gone = |parameter: &FreeParameter| {
-                matches!(parameter, FreeParameter::Effect { scaling: Scaling::Logarithmic, .. })
+                matches!(parameter, FreeParameter::Effect { range, .. }
+                    if range.scaling == Scaling::Logarithmic)
                     && parameter.normalised(self.fit.model, &fitted.setting) < -AT_BOUND
             };
             validation.accepted &= !own.iter().any(gone);
@@ -256,7 +257,8 @@ impl SelectionRound<'_> {
         let own =
             free_parameters_of(&self.candidates[from], setting.placed.len().saturating_sub(1));
         let for_ever = |parameter: &FreeParameter| {
-            matches!(parameter, FreeParameter::Effect { name: "time_constant_s", .. })
+            matches!(parameter, FreeParameter::Effect { range, .. }
+                if range.name == "time_constant_s")
                 && parameter.normalised(self.fit.model, &setting) > AT_BOUND
         };
         if id == "thermal_drift" && own.iter().any(for_ever) {

@@ -2,8 +2,8 @@
 
 use plant::ParameterSet;
 use plant::any;
-use plant::effects::{self, Effect, Site};
-use plant::transmission::{Correction, Input, Transmission as _};
+use plant::effects::{self, Effect, Moment, Site};
+use plant::transmission::{Correction, Input, Reading, Transmission as _};
 use rig::Model as Declared;
 
 use super::nonparametric::PiecewiseLinear;
@@ -47,6 +47,14 @@ pub struct BaseParameter {
     pub high: f64,
     /// Whether it is searched on a logarithmic scale.
     pub logarithmic: bool,
+}
+
+impl BaseParameter {
+    /// A parameter that is only estimated, from 0 on, within a range.
+    fn estimated(name: &str, unit: &'static str, (low, high): (f64, f64)) -> Self {
+        let name = name.to_owned();
+        Self { name, unit, declared: None, start: 0.0, low, high, logarithmic: false }
+    }
 }
 
 /// A channel of the residual.
@@ -127,15 +135,16 @@ impl Setting {
     pub fn parts(&self) -> Option<EffectGroups> {
         let mut parts = EffectGroups::default();
         for placed in &self.placed {
+            let effect = placed.effect()?;
             let of = if placed.delays_all_sensors() {
                 parts.late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
                 &mut parts.late
-            } else if placed.acts_on_torque_alone() {
+            } else if acts_on_torque_alone(effect.as_ref()) {
                 &mut parts.on_torque
             } else {
                 &mut parts.in_plant
             };
-            of.push(placed.effect()?);
+            of.push(effect);
         }
         Some(parts)
     }
@@ -193,50 +202,27 @@ impl TransmissionModel {
                 continue;
             }
             base.push(BaseParameter {
-                name: parameter.name.clone(),
-                unit: info.unit,
                 declared: Some(parameter.value),
                 start: parameter.value.clamp(low, high),
-                low,
-                high,
-                logarithmic: false,
+                ..BaseParameter::estimated(&parameter.name, info.unit, (low, high))
             });
         }
-        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING) {
-            let (low, high) = SMOOTHING_RANGE;
+        let info_of = |name: &str| constants.infos().iter().find(|info| info.name == name);
+        if let Some(info) = info_of(SMOOTHING) {
             base.push(BaseParameter {
-                name: SMOOTHING.to_owned(),
-                unit: info.unit,
-                declared: None,
                 start: SMOOTHING_STARTS[0],
-                low,
-                high,
                 logarithmic: true,
+                ..BaseParameter::estimated(SMOOTHING, info.unit, SMOOTHING_RANGE)
             });
         }
-        if let Some(info) = constants.infos().iter().find(|info| info.name == SMOOTHING_SHAPE) {
-            base.push(BaseParameter {
-                name: SMOOTHING_SHAPE.to_owned(),
-                unit: info.unit,
-                declared: None,
-                start: 0.0,
-                low: info.minimum,
-                high: info.maximum,
-                logarithmic: false,
-            });
+        if let Some(info) = info_of(SMOOTHING_SHAPE) {
+            let range = (info.minimum, info.maximum);
+            base.push(BaseParameter::estimated(SMOOTHING_SHAPE, info.unit, range));
         }
         if let Some(count) =
             slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some()))
         {
-            base.push(BaseParameter {
-                name: SLAVE_ZERO.to_owned(),
-                unit: "rad",
-                declared: None,
-                start: 0.0,
-                low: -count,
-                high: count,
-                logarithmic: false,
-            });
+            base.push(BaseParameter::estimated(SLAVE_ZERO, "rad", (-count, count)));
         }
         Ok(Self { declared: constants, base, records, steps: 1 })
     }
@@ -393,6 +379,24 @@ impl TransmissionModel {
     }
 }
 
+/// Whether an effect acts on the torque channel only: at the sensors, it leaves the positions of a
+/// moving machine as they are.
+pub fn acts_on_torque_alone(effect: &dyn Effect) -> bool {
+    let moving = Reading { motor_v: 1.0, master_rad: 0.7, slave_rad: 0.6, slave_torque_nm: 1.0 };
+    let moment = Moment {
+        time_s: 1.0,
+        step_s: 0.0,
+        master_position_rad: moving.master_rad,
+        master_velocity_rad_s: 1.0,
+        slave_position_rad: moving.slave_rad,
+        slave_velocity_rad_s: 1.0,
+    };
+    let mut reading = moving;
+    effect.boxed_clone().sense(&mut reading, &moment);
+    let positions = |of: Reading| (of.master_rad, of.slave_rad);
+    effect.site() == Site::Sensor && positions(reading) == positions(moving)
+}
+
 impl PlacedEffect {
     /// Instantiates the effect.
     pub fn effect(&self) -> Option<Box<dyn Effect>> {
@@ -402,19 +406,6 @@ impl PlacedEffect {
             effect.set(name, *value).ok()?;
         }
         Some(effect)
-    }
-
-    /// Whether it acts on the torque channel only.
-    pub fn acts_on_torque_alone(&self) -> bool {
-        const ON_TORQUE: [&str; 6] = [
-            "sensor_offset",
-            "sensor_gain",
-            "sensor_drift",
-            "sensor_crosstalk",
-            "mains_hum",
-            "rectified_sensor",
-        ];
-        ON_TORQUE.contains(&self.id)
     }
 
     /// Whether it is a dead time of positions and torque alike.

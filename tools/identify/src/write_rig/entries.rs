@@ -1,22 +1,22 @@
-//! The effects that were found, in the words of rig files, which are the plant's.
+//! Effects found, with the names of rig files, which are those of the plant.
 //!
-//! Transmissions are searched by simulating the plant: ids, names and units are its own. A drive,
-//! an oscillator and an element are fitted by columns of the force that the motion asks for, whose
-//! amplitudes and shapes have other names. What the plant's effect of the same id does alike is
-//! written in its words. The rest is left out and said:
+//! Transmissions are identified by simulation of the plant: ids, names and units are the plant's.
+//! Drives, oscillators and elements are fitted by columns of the force that the motion requires,
+//! whose amplitudes and shapes have other names. Where the plant's effect of the same id has the
+//! same law, its names are written. Other effects are left out, with a message:
 //!
 //! - `asymmetric_friction`: the plant's viscous difference comes with a dry one, which the fit
-//!   cannot tell from the offset;
-//! - `load_dependent_friction`: the fit's coefficient is of the force without this friction, the
-//!   plant's of all that passes;
+//!   cannot distinguish from the offset;
+//! - `load_dependent_friction`: the fit's coefficient refers to the force without this friction,
+//!   the plant's to all that is transmitted;
 //! - `position_dependent_friction`, `presliding_hysteresis`, `thermal_drift`: the plant's are
-//!   shares of whatever friction the side has;
-//! - `backlash`, `nonlinear_stiffness`: the plant's gap is about zero and takes all of the force,
-//!   its bent spring is told by a force of its own;
-//! - `transport_delay` outside of the drive: the plant's line carries waves;
-//! - `sensor_drift`, `mains_hum`: the plant's are in the channel of a transmission's torque cell;
-//! - whatever the plant has in another unit, as all forces of an oscillator, which are volts, or
-//!   does not stand for, as an excess below 0.
+//!   fractions of the friction of the side;
+//! - `backlash`, `nonlinear_stiffness`: the plant's gap is centred at zero and takes the whole
+//!   force, and its nonlinear spring is scaled by a reference force;
+//! - `transport_delay` at sites other than the drive: the plant's line carries waves;
+//! - `sensor_drift`, `mains_hum`: the plant's act on the torque cell of a transmission;
+//! - effects in another unit, as all forces of an oscillator, which are in volts, or beyond the
+//!   range of the plant, as an excess below 0.
 
 use std::f64::consts::TAU;
 
@@ -26,20 +26,19 @@ use rig::Model as Declared;
 use crate::effects::find;
 use crate::outcome::{EffectParameter, FittedParameter, FoundEffect, Outcome};
 
-/// What a rig file has of the effects.
+/// Effects as entries of a rig file.
 #[derive(Default)]
 pub(super) struct Entries<'o> {
-    /// Those that it has, in its words.
+    /// Effects that can be written, with the names of rig files.
     pub(super) effects: Vec<FoundEffect>,
-    /// Parameters that stay as declared, because what was fitted beyond them stands beside them as
-    /// an effect.
+    /// Parameters that stay as declared, because the excess is written as an effect.
     pub(super) beside: Vec<&'o str>,
-    /// Those that it has not, and why.
+    /// Effects that cannot be written, and why.
     pub(super) left_out: Vec<String>,
 }
 
-/// Effects of these ids have the same law in the plant, with as many parameters: the fit's name and
-/// the plant's.
+/// Effects with the same law and the same number of parameters in the plant: names of the fit and
+/// of the plant.
 const RENAMED: &[(&str, &[(&str, &str)])] = &[
     ("coulomb_friction", &[("coulomb", "level")]),
     ("stribeck_friction", &[("stribeck", "level"), ("stribeck_speed", "speed")]),
@@ -82,7 +81,7 @@ pub(super) fn entries<'o>(outcome: &'o Outcome, declared: &Declared) -> Entries<
     entries
 }
 
-/// What effects of one channel were fitted beside.
+/// The fit that the effects are part of.
 struct Fit<'o> {
     /// Parameters as fitted.
     parameters: &'o [FittedParameter],
@@ -91,22 +90,22 @@ struct Fit<'o> {
 }
 
 impl<'o> Fit<'o> {
-    /// The declared parameter that the effect exceeds: one column is fitted for both, and the
-    /// effect is what its amplitude has beyond the declared value.
+    /// The declared parameter whose tolerance the effect lifts: one column is fitted for both, and
+    /// the effect is the excess of its amplitude over the declared value.
     fn exceeded(&self, effect: &FoundEffect) -> Option<&'o FittedParameter> {
-        find(&effect.id)?.inverse()?.lifts()?;
+        find(&effect.id)?.regressor.lifts()?;
         self.declared_in(&effect.parameters.first()?.unit)
     }
 
-    /// The declared parameter in a unit: mass, damping and stiffness have one each, in units of
-    /// their own.
+    /// The declared parameter with a unit: mass, damping and stiffness have different units, with
+    /// one parameter each.
     fn declared_in(&self, unit: &str) -> Option<&'o FittedParameter> {
         self.parameters
             .iter()
             .find(|parameter| parameter.declared.is_some() && parameter.unit == unit)
     }
 
-    /// The effect by the plant's names, or why it cannot be so.
+    /// The effect with the plant's names, or why there is none.
     fn in_words_of_the_plant(&self, effect: &FoundEffect) -> Result<FoundEffect, String> {
         let parameters = self.parameters_of_the_plant(effect).ok_or_else(|| {
             let own: Vec<String> =
@@ -128,11 +127,11 @@ impl<'o> Fit<'o> {
         Ok(FoundEffect { parameters, ..effect.clone() })
     }
 
-    /// Its parameters by the plant's names; `None` where they mean something else there.
+    /// Its parameters with the plant's names; `None` if they mean something else there.
     fn parameters_of_the_plant(&self, effect: &FoundEffect) -> Option<Vec<EffectParameter>> {
         let own = |name: &str| effect.parameters.iter().find(|own| own.name == name);
-        // `sign` is -1 where the plant's wave drives: the fit's is what the motion asks for to
-        // overcome it.
+        // `sign` is -1 where the plant's wave drives the machine: the fit's wave is the force
+        // required to overcome it.
         let wave = |size: &str, sign: f64| {
             let (sine, cosine) = (own("sine")?, own("cosine")?);
             let (along, across) = (sign * sine.value, sign * cosine.value);
@@ -152,7 +151,7 @@ impl<'o> Fit<'o> {
             }
             "torque_ripple" => {
                 let order = own("order")?;
-                // The plant's waves are told by 2π of the position.
+                // The plant counts waves per 2π of the position.
                 let turn = if order.unit == "waves/m" { 1.0 } else { self.turn.unwrap_or(TAU) };
                 let mut parameters = wave("amplitude", -1.0)?;
                 parameters.push(named("order", TAU * order.value / turn, "1"));
@@ -169,7 +168,7 @@ impl<'o> Fit<'o> {
             }
             "viscoelastic_line" => {
                 let (branch, relaxation) = (own("branch_stiffness")?, own("relaxation")?);
-                // The plant's branch is told by the spring beside it as it is, more compliance
+                // The plant's branch is relative to the spring in parallel, added compliance
                 // included.
                 let stiffness = self.declared_in(&branch.unit)?.fitted;
                 let ratio = named("stiffness_ratio", branch.value / stiffness, "1");
@@ -191,8 +190,8 @@ fn named(name: &str, value: f64, unit: &str) -> EffectParameter {
     EffectParameter { name: name.to_owned(), value, std: None, unit: unit.to_owned() }
 }
 
-/// Whether a unit of the plant's, which writes that of a rotary machine first and that of a linear
-/// one behind it in brackets, is the fit's.
+/// Whether a unit of the plant, with that of a rotary machine first and that of a linear one in
+/// brackets, is the unit of the fit.
 fn is_same_unit(of_plant: &str, of_fit: &str) -> bool {
     const SPELLED: [(&str, &str); 4] =
         [("(m/s)⁻²", "s²/m²"), ("(rad/s)⁻²", "s²/rad²"), ("·", " "), ("²", "^2")];
@@ -231,17 +230,18 @@ mod tests {
     }
 
     /// A listed effect as a fit tells it, all values 1.
-    fn found(effect: &dyn Effect, site: &str, axis: &Axis) -> FoundEffect {
-        let inverse = effect.inverse().unwrap();
-        let terms = inverse
+    fn found(effect: &Effect, site: &str, axis: &Axis) -> FoundEffect {
+        let terms = effect
+            .regressor
             .terms(axis)
             .into_iter()
             .filter(|term| !term.is_given())
             .map(|term| (term.name, term.unit));
-        let shapes = inverse.shapes(axis).into_iter().map(|shape| (shape.name, shape.unit));
+        let shapes =
+            effect.regressor.shapes(axis).into_iter().map(|shape| (shape.name, shape.unit));
         let parameters = terms.chain(shapes).map(|(name, unit)| named(&name, 1.0, &unit)).collect();
         FoundEffect {
-            id: effect.id().into(),
+            id: effect.id.into(),
             site: site.into(),
             parameters,
             t: 9.0,
@@ -263,14 +263,12 @@ mod tests {
             trades_with: None,
         };
         let fit = Fit { parameters: &[stiffness], turn: axis.turn };
-        let can_be = ALL
-            .iter()
-            .filter(|effect| effect.inverse().is_some_and(|inverse| inverse.applies(axis)));
-        let is_written = |effect: &&&'static dyn Effect| {
-            let site = sites.iter().find(|site| effect.sites().contains(site)).unwrap();
-            fit.in_words_of_the_plant(&found(**effect, site, axis)).is_ok()
+        let can_be = ALL.iter().filter(|effect| effect.regressor.applies(axis));
+        let is_written = |effect: &&Effect| {
+            let site = sites.iter().find(|site| effect.sites.contains(site)).unwrap();
+            fit.in_words_of_the_plant(&found(effect, site, axis)).is_ok()
         };
-        can_be.filter(is_written).map(|effect| effect.id()).collect()
+        can_be.filter(is_written).map(|effect| effect.id).collect()
     }
 
     #[test]
