@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_makes_the_slave_slower() {
+    fn inertia_at_the_handle_slows_the_slave() {
         for parameters in kinds() {
             let travel = |inertia| {
                 let mut parameters = parameters.clone();
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_beyond_the_model_is_refused_and_changes_nothing() {
+    fn an_inertia_beyond_the_range_is_refused_and_changes_nothing() {
         for parameters in kinds() {
             let mut loaded = parameters.clone();
             let error = loaded.load_handle(1e3).unwrap_err();
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_away_from_zero_it_stays() {
+    fn a_plant_at_rest_away_from_zero_stays_there() {
         for parameters in kinds() {
             let mut plant = parameters.plant(Vec::new()).unwrap();
             plant.rest_at(0.8, None);
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn leakage_acts_in_oil_alone() {
+    fn leakage_acts_in_oil_lines_only() {
         let leaking = |kind: Kind| kind.traced().plant(vec![parse("leakage").unwrap()]);
         assert!(leaking(Kind::Hydrostatic).is_ok());
         let error = leaking(Kind::Cable).unwrap_err().to_string();

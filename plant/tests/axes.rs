@@ -101,7 +101,7 @@ fn a_coupling_that_vanishes_changes_nothing() {
 }
 
 #[test]
-fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_change_places() {
+fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_be_swapped() {
     let run = |sign: f64, swapped: bool| {
         let mut plant = coupled(vec![oil(&traced()), oil(&traced())], &[9e-4]);
         for index in 0..1500 {
@@ -146,7 +146,7 @@ fn stick_is_exact_on_every_axis() {
 }
 
 #[test]
-fn the_steps_error_falls_with_its_square() {
+fn second_order_convergence_of_coupled_axes() {
     let parameters = frictionless(traced());
     let own = parameters.slave_inertia_kg_m2();
     let path = |step: f64| {
@@ -203,7 +203,7 @@ fn sum_and_difference_of_two_equal_axes_move_as_single_axes_of_other_inertia() {
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn invalid_couplings_are_refused() {
     let own = traced().slave_inertia_kg_m2();
     let axes = || vec![oil(&traced()), oil(&traced())];
     let refusal = |axes: Vec<any::Plant>, pairs: &[f64]| {

@@ -112,7 +112,7 @@ fn presliding_effect_is_dahl_s_law() {
 
 /// Canudas de Wit et al. 1995, § III: the faster the force comes on, the sooner a mass breaks away.
 #[test]
-fn lugre_breaks_away_sooner_the_faster_the_force_comes_on() {
+fn lugre_breakaway_falls_with_the_rate_of_force() {
     let level = |rate: f64| {
         let mut mass = Mass::new(Box::new(LuGre::default()));
         // A light mass: the law's own dependence, not that of inertia.
@@ -137,7 +137,7 @@ fn lugre_breaks_away_sooner_the_faster_the_force_comes_on() {
 }
 
 #[test]
-fn a_law_that_is_not_told_its_travel_takes_it_as_expected() {
+fn a_law_without_settle_uses_the_predicted_travel() {
     let (mut told, mut untold) = (Dahl::new(1.0, 100.0), Dahl::new(1.0, 100.0));
     let at = OperatingPoint { velocity: 1.0, step: 1e-3, ..OperatingPoint::default() };
     for _ in 0..10 {

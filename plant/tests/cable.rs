@@ -120,7 +120,7 @@ fn held_slave_deflects_as_a_pair_of_springs_until_one_goes_slack() {
 
 /// Two tight cables with sag: `1/K_eff = 1/K + 3 w² ℓ³/(12 T³)` each.
 #[test]
-fn sag_softens_as_the_parabola_says() {
+fn sag_softens_as_of_a_parabola() {
     for tension in [1.0, 2.0, 4.0, 60.0] {
         let parameters = Parameters {
             pretension_n: tension,
@@ -298,7 +298,7 @@ fn cables_never_push() {
 /// A cable that was never loaded beyond its pretension gets longer by the first hard pull, and
 /// stays slacker.
 #[test]
-fn an_overload_takes_pretension_away() {
+fn an_overload_reduces_pretension() {
     let tension_after = |bedding_tension_n: f64| {
         let parameters = Parameters { bedding_tension_n, ..linear(Parameters::traced()) };
         let set = Parameters { set_ratio: 0.25, cable_damping_n_s_per_m: 60.0, ..parameters };

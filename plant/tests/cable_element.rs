@@ -95,7 +95,7 @@ fn work_is_stored_or_lost_along_any_path() {
 }
 
 #[test]
-fn never_pushes_and_hangs_by_its_weight() {
+fn a_cable_never_pushes_and_is_tensioned_by_its_weight() {
     let mut light = Parameters::printed().specimen(9.0);
     for elongation in [1e-3, -1e-3, 5e-4, 0.0, -1.0] {
         assert!(light.extend(elongation) >= 0.0);

@@ -20,7 +20,7 @@ fn stopped(parameters: Parameters, lower: f64, upper: f64) -> Plant {
 }
 
 #[test]
-fn a_hand_that_pushes_comes_to_the_stop_and_no_further() {
+fn a_pushing_hand_is_stopped_at_the_end_stop() {
     for parameters in kinds() {
         for side in [1.0, -1.0] {
             let mut plant = stopped(parameters.clone(), -0.3, 0.4);
@@ -66,7 +66,7 @@ proptest! {
     /// Thrown against the stops by any input: the balance closes, and once nobody drives, what is
     /// stored in machine and stop only falls.
     #[test]
-    fn a_stop_gives_no_energy(
+    fn an_end_stop_creates_no_energy(
         levels in prop::collection::vec((-6.0_f64..6.0, -4.0_f64..4.0), 5..20),
         lower in -0.4_f64..-0.05,
         upper in 0.05_f64..0.4,

@@ -42,7 +42,7 @@ fn any_law() -> impl Strategy<Value = (&'static LawEntry, Vec<f64>)> {
 }
 
 #[test]
-fn the_list_says_what_the_laws_are() {
+fn listed_properties_are_those_of_the_laws() {
     assert_eq!(LAWS.len(), 9);
     for entry in LAWS {
         let law = entry.build();
@@ -315,7 +315,7 @@ fn pushed(law: &dyn Fn() -> Box<dyn FrictionLaw>, position: f64, sign: f64) -> f
 }
 
 #[test]
-fn breakaway_is_the_declared() {
+fn breakaway_is_as_declared() {
     let asymmetric = || -> Box<dyn FrictionLaw> { Box::new(Asymmetric::default()) };
     close(pushed(&asymmetric, 0.0, 1.0), 0.9, 1e-5);
     close(pushed(&asymmetric, 0.0, -1.0), 1.0, 1e-5);

@@ -99,7 +99,7 @@ fn laminar_flow_decays_exponentially() {
 
 /// Turbulent: `v̇ = -c v²` with nearly constant `f`, against a fine integration of the same law.
 #[test]
-fn turbulent_flow_decays_as_darcy_says() {
+fn turbulent_flow_decays_as_of_darcy() {
     let parameters = frictionless(loose(Parameters::printed())).with_hose_diameter(0.006);
     let (pipe, mass) = (parameters.pipe(), parameters.fluid_mass_kg());
     let mut expected = 20.0;
@@ -117,7 +117,7 @@ fn turbulent_flow_decays_as_darcy_says() {
 }
 
 #[test]
-fn stick_holds_exactly_and_lets_go() {
+fn stick_holds_exactly_and_releases() {
     for (torque, sticks) in [(2.299, true), (-2.299, true), (2.301, false), (-2.301, false)] {
         let mut plant = Plant::new(Parameters::printed(), Vec::new()).unwrap();
         for _ in 0..20_000 {
@@ -265,7 +265,7 @@ fn stable_over_the_range_of_hoses() {
 
 /// A long step with held input is the same as many short ones.
 #[test]
-fn a_long_step_is_cut() {
+fn a_long_step_is_divided() {
     let mut long = plant(Parameters::printed(), &[]);
     let mut short = plant(Parameters::printed(), &[]);
     let input = Input { motor_v: 2.0, hand_torque_nm: 0.0 };
@@ -303,7 +303,7 @@ fn smoothed_friction_tends_to_the_exact_one() {
 /// A model that starts elsewhere and is pulled toward another, as an observer does, ends where that
 /// one is.
 #[test]
-fn correction_pulls_one_plant_to_another() {
+fn corrections_lead_one_plant_to_another() {
     let mut truth = plant(Parameters::traced(), &[]);
     let mut model = plant(Parameters::traced(), &[]);
     model.set_state(State {

@@ -9,7 +9,7 @@ use plant::sensors::{Encoder, TorqueCell, TorqueCellParameters};
 use plant::{ParameterError, ParameterSet, drive};
 
 #[test]
-fn printed_constants_and_what_follows() {
+fn printed_and_derived_constants() {
     let printed = Parameters::printed();
     close(printed.line_stiffness_n_per_m(), 32_736.0, 1e-6);
     close(printed.fluid_mass_kg(), 1.490_72, 1e-6);

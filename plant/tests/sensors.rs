@@ -19,7 +19,7 @@ proptest! {
     /// What an instrument makes of a quantity, its own inverse makes the quantity again, within
     /// what it must lose.
     #[test]
-    fn units_come_back(
+    fn encoder_positions_round_trip(
         counts_per_turn in 100.0_f64..1e5,
         backwards in any::<bool>(),
         position in -1e3_f64..1e3,
@@ -103,7 +103,7 @@ proptest! {
     }
 
     #[test]
-    fn wrap_is_undone(bits in 4_u32..=32, moves in prop::collection::vec(-1.0_f64..1.0, 1..60)) {
+    fn counter_wrap_is_undone(bits in 4_u32..=32, moves in prop::collection::vec(-1.0_f64..1.0, 1..60)) {
         let half = (1_i64 << (bits - 1)) - 1;
         let mask = (1_u64 << bits) - 1;
         let mut unwrap = Unwrap::new(bits);
@@ -117,7 +117,7 @@ proptest! {
 }
 
 #[test]
-fn decoder_counts_what_it_missed() {
+fn decoder_counts_missed_edges() {
     let mut decoder = QuadratureDecoder::new(0, Phases::at(0, 0));
     assert_eq!(decoder.update(Phases::at(2, 0)), 0);
     assert_eq!(decoder.missed(), 1);
@@ -125,7 +125,7 @@ fn decoder_counts_what_it_missed() {
 }
 
 #[test]
-fn counter_wraps_latches_and_refuses() {
+fn counter_wraps_latches_and_refuses_bad_parameters() {
     let parameters = EncoderCounterParameters {
         counts_per_turn: 100.0,
         bits: 8.0,
@@ -207,7 +207,7 @@ fn filtered_difference_has_the_documented_noise() {
 }
 
 #[test]
-fn edge_period_lags_as_it_says() {
+fn edge_period_lags_as_documented() {
     let encoder = Encoder::per_turn(4000.0);
     let pitch = TAU / 4000.0;
     // Constant speed, from far fewer to far more than an edge a reading, both ways: no error but
@@ -260,7 +260,7 @@ fn edge_period_lags_as_it_says() {
 }
 
 #[test]
-fn edge_period_sees_no_speed_in_a_trembling_edge() {
+fn edge_period_reads_no_speed_from_a_jittering_edge() {
     let mut estimate = EdgePeriod::new(Encoder::per_turn(4000.0), 1.0);
     for index in 0..2000 {
         let position = if index % 2 == 0 { 1e-6 } else { -1e-6 };
@@ -392,7 +392,7 @@ fn emg_amplitude_is_proportional_to_activation() {
 }
 
 #[test]
-fn emg_is_its_noise_floor_at_no_torque() {
+fn emg_without_torque_is_the_noise_floor() {
     let readings = emg(EmgParameters::default(), 0.0, 60_000, 7);
     for channel in 0..EMG_CHANNELS {
         close(rms(&readings, channel), 0.003, 0.02);

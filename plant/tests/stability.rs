@@ -122,7 +122,7 @@ fn raised_gains_are_gains_raised() {
 }
 
 #[test]
-fn a_free_handle_stands_and_what_is_no_number_passes_nothing() {
+fn a_free_handle_is_marginal_and_nan_never_passes() {
     let free = axis(hydrostatic::Parameters::traced(), 500.0, force(500.0));
     let still = growth(&[free], &Field::default(), &NONE, 1.0);
     assert!(still.abs() < 1e-3, "{still}");
@@ -142,7 +142,7 @@ fn a_free_handle_stands_and_what_is_no_number_passes_nothing() {
 }
 
 #[test]
-fn both_rates_agree_where_the_answer_comes_as_late() {
+fn equal_delays_give_equal_growth_at_both_rates() {
     for field in [
         Field::default(),
         Field::of_one(5.0, 0.0, 0.0),
@@ -167,7 +167,7 @@ fn both_rates_agree_where_the_answer_comes_as_late() {
 }
 
 #[test]
-fn the_printed_gains_hold_on_the_traced_line_and_ring_on_the_printed_one() {
+fn the_printed_gains_are_stable_on_the_traced_line_and_not_on_the_printed_one() {
     let verdict = |parameters| check(&[axis(parameters, 500.0, position(1.0))], &Field::default());
     assert_eq!(verdict(hydrostatic::Parameters::traced()), Ok(()));
     let unstable = verdict(hydrostatic::Parameters::printed()).unwrap_err();
@@ -175,7 +175,7 @@ fn the_printed_gains_hold_on_the_traced_line_and_ring_on_the_printed_one() {
 }
 
 #[test]
-fn two_axes_without_coupling_are_as_stable_as_one_and_a_curl_couples_them() {
+fn two_uncoupled_axes_are_as_stable_as_one_and_a_curl_field_couples_them() {
     let one = axis(hydrostatic::Parameters::traced(), 500.0, force(500.0));
     for hand in HANDS {
         let single = growth(&[one], &Field::of_one(2.0, 0.1, 0.001), &hand, 1.0);
@@ -198,7 +198,7 @@ fn two_axes_without_coupling_are_as_stable_as_one_and_a_curl_couples_them() {
 }
 
 #[test]
-fn a_divergent_field_is_one_with_a_direction_that_drives_away() {
+fn a_field_diverges_if_its_stiffness_has_a_negative_eigenvalue() {
     assert!(!Field::of_one(1.0, -1.0, 0.0).diverges() && Field::of_one(-0.1, 0.0, 0.0).diverges());
     let mut shear = Field::default();
     (shear.stiffness[0][1], shear.stiffness[1][0]) = (1.0, 1.0);

@@ -63,7 +63,7 @@ fn transport_delay_of_line() {
 }
 
 #[test]
-fn transport_delay_of_line_bears_strong_damping() {
+fn transport_delay_of_line_is_stable_with_strong_damping() {
     let mut strong =
         plant(Parameters::printed(), &["transport_delay@line=0.01", "line_damping=900"]);
     let mut farthest = 0.0_f64;
@@ -79,7 +79,7 @@ fn transport_delay_of_line_bears_strong_damping() {
 /// Whatever the dead time, the element gives back no more than it took: not even after thousands of
 /// reflections.
 #[test]
-fn transport_delay_of_line_makes_no_energy() {
+fn transport_delay_of_line_creates_no_energy() {
     for delay_ms in [0.3, 0.5, 1.0, 2.0, 5.0, 7.0, 20.0] {
         for parameters in [frictionless(Parameters::printed()), frictionless(Parameters::traced())]
         {

@@ -64,7 +64,7 @@ mod tests {
     use super::DelayLine;
 
     #[test]
-    fn gives_back_the_past() {
+    fn a_delay_line_returns_past_values() {
         for step in [1e-6, 0.25e-3, 0.5e-3] {
             let mut line = DelayLine::new(0.010);
             for index in 0..40_000 {

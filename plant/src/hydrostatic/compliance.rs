@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_thin_wall_is_kortewegs() {
+    fn a_thin_wall_follows_korteweg() {
         let thin = wall_bulk_modulus_pa(0.015, 1e-6, 1e9, 0.4);
         assert!((thin / (1e9 * 1e-6 / 0.015) - 1.0).abs() < 1e-3, "{thin}");
         // A bore in an infinite block: E/(2(1 + ν)), the shear modulus.
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn as_printed_nothing_gives_way_but_the_fluid() {
+    fn as_printed_only_the_fluid_is_compliant() {
         let printed = Parameters::printed();
         let double = 2.0 * printed.line_stiffness_n_per_m();
         for half in printed.half_line_stiffness_n_per_m() {
@@ -124,7 +124,7 @@ mod tests {
 
     /// The figures of `docs/errata.md`.
     #[test]
-    fn what_the_traced_line_amounts_to() {
+    fn single_causes_of_the_traced_softness() {
         let by = Parameters::printed().explain_softening(1.0 / 14.0);
         for (found, told) in [
             (by.wall_modulus_pa, 1.35e9),

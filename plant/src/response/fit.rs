@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn says_why_not() {
+    fn errors_give_the_reason() {
         let points = sampled(LinearSystem::ONE_METRE, 100.0);
         assert_eq!(LinearSystem::fit(&points[..4]), Err(FitError::TooFew(4)));
         let mut broken = points;

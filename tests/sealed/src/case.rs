@@ -1,4 +1,4 @@
-//! A case: one machine, eight to ten records of it, and the truth about it.
+//! A case: a machine, eight to ten records of it, and the truth about them.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -33,13 +33,13 @@ use crate::smoothing::Smoothing;
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Set {
-    /// One effect of the catalogue.
+    /// One listed effect.
     Listed,
-    /// Nothing is missing.
+    /// No effect.
     Clean,
-    /// One effect that is on no list.
+    /// One unlisted effect.
     Unlisted,
-    /// Two effects of the catalogue at different sites.
+    /// Two listed effects at different sites.
     Pairs,
 }
 
@@ -58,7 +58,7 @@ impl Set {
     }
 }
 
-/// All that is true about a case, beside its numbers of chance: `truth.json`.
+/// The truth about a case, except for its random numbers: `truth.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Set.
@@ -69,17 +69,17 @@ pub struct Truth {
     pub seed: u64,
     /// Effects; none in a clean case.
     pub effects: Vec<Effect>,
-    /// The machine's constants without the effects.
+    /// Constants of the machine without the effects.
     pub machine: BTreeMap<String, f64>,
     /// How dry friction passes through zero.
     pub smoothing: Smoothing,
     /// Noise.
     pub noise: Noise,
-    /// Steps of the integrator a row.
+    /// Steps of the integrator per row.
     pub steps_per_row: usize,
     /// Records.
     pub records: Vec<Plan>,
-    /// How far each effect shows, in the order of the effects.
+    /// Detectability of each effect.
     pub detectability: Vec<Detectability>,
 }
 
@@ -92,8 +92,8 @@ pub struct Case {
     pub records: Vec<Record>,
 }
 
-/// The case of a set, an index within it and a campaign's seed. `kinds` is of those on no list;
-/// `forced` names effects instead of the set's choice.
+/// The case of a set, an index within it and a campaign's seed. `kinds` selects among the unlisted
+/// effects; `forced` names effects in place of those of the set.
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
@@ -119,7 +119,7 @@ pub fn make(
     Ok(case)
 }
 
-/// The same case, without the question how far its effects show.
+/// As [`make`], without the detectability of the effects.
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
@@ -201,7 +201,8 @@ fn choose(
     })
 }
 
-/// Eight to ten records: a multisine twice, a hand twice and once more, and each other kind.
+/// Eight to ten records: a repeated multisine, a repeated one with a hand and another with a hand,
+/// and each other kind.
 fn plan(seed: u64) -> Vec<Plan> {
     let mut draw = Draw::new(subseed(seed, "plan"));
     let kinds = [
@@ -244,7 +245,7 @@ impl Case {
             .map_err(|source| CaseError::Write { path, source })
     }
 
-    /// Writes the records only, which say nothing about the truth; returns their files.
+    /// Writes the records only, without the truth; returns their files.
     ///
     /// # Errors
     /// [`CaseError::Write`].

@@ -1,12 +1,11 @@
-//! How far an effect shows: the same volts and the same hand, with the effect and without it.
+//! Detectability of an effect: the same voltage and the same hand, with the effect and without it.
 //!
-//! The machine with its true constants is pulled toward the record by a light observer and predicts
-//! it once with all effects and once without the one in question. What the former leaves is the
-//! floor. The declared constants of the latter, and its smoothing speed, are then fitted within
-//! their tolerances, to first order about the truth: what that cannot take away is what shows of
-//! the effect, `gain` is by how much it exceeds the floor, and an effect counts as detectable from
-//! [`DETECTABLE`] on. A stand-in for the gain of a refit of the true model: one linear step, four
-//! records, some seconds of each.
+//! The machine with its true constants follows the record by an observer of low bandwidth, once
+//! with all effects and once without the one in question. The residual of the former is the floor.
+//! The declared constants of the latter, and its smoothing speed, are then fitted within their
+//! tolerances, to first order about the truth. `gain` is the excess of the remaining residual over
+//! the floor, and an effect counts as detectable from [`DETECTABLE`] on. This approximates the gain
+//! of a refit of the true model by one linear step on some seconds of four records.
 
 use std::ops::Range;
 
@@ -21,20 +20,20 @@ use crate::plan::{Builder, CaseError, Plan, SMOOTHING, signals};
 use crate::record::{Record, SAMPLE_S};
 use crate::simulator::{Input, Simulator};
 
-/// The observer's natural frequency, rad/s. Well below, the machine sticks where its record slips,
-/// and the other way about: the true model then leaves fifty times as much.
+/// Natural frequency of the observer, rad/s. With a much lower one, the model sticks where the
+/// record slips and vice versa: the residual of the true model is then fifty times as large.
 const PULL_RAD_S: f64 = 120.0;
-/// Rows left out at the begin of a record, where the observer settles.
+/// Rows left out at the start of a record, where the observer settles.
 const SETTLING: usize = 500;
-/// Every so many rows one counts.
+/// Decimation of the rows.
 const STRIDE: usize = 10;
-/// Rows looked at of the first records: a free multisine, triangles, a hand, the fast end of a
-/// chirp.
+/// Rows that are used of the first four records: a free multisine, triangles, a hand, the fast end
+/// of a chirp.
 const ROWS: [Range<usize>; 4] = [0..5000, 0..5000, 0..5000, 15_500..20_000];
-/// Least gain of an effect that counts as detectable.
+/// Least gain of a detectable effect.
 pub const DETECTABLE: f64 = 0.1;
 
-/// Constants that are fitted: those that act differently from each other.
+/// Constants that are fitted: those with distinct effects.
 const FITTED: [&str; 15] = [
     "line_stiffness_factor",
     "fluid_viscosity_pa_s",
@@ -52,18 +51,18 @@ const FITTED: [&str; 15] = [
     "port_damping_n_s_per_m",
     SMOOTHING,
 ];
-/// How far it may go, as a fraction.
+/// Its largest relative change.
 const SMOOTHING_REACH: f64 = 0.5;
 
-/// How far an effect shows. Channels are master (rad), slave (rad), and torque with a free handle
-/// (N·m).
+/// Detectability of an effect. Channels are master (rad), slave (rad), and torque with a free
+/// handle (N·m).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Detectability {
-    /// Root mean square of what the true model leaves.
+    /// Rms residual of the true model.
     pub floor: [f64; 3],
-    /// Of what the model without the effect leaves.
+    /// Rms residual of the model without the effect.
     pub without: [f64; 3],
-    /// Of what it leaves with its constants fitted.
+    /// The same with its constants fitted.
     pub refitted: [f64; 3],
     /// `refitted / floor - 1` on the channel where it is largest.
     pub gain: f64,
@@ -72,14 +71,14 @@ pub struct Detectability {
 }
 
 impl Detectability {
-    /// Whether a good method should see it.
+    /// Whether a good method should find it.
     pub fn detectable(&self) -> bool {
         self.gain >= DETECTABLE
     }
 }
 
-/// What a pulled model leaves of a record: master, slave, torque (empty with a hand, whose torque
-/// nobody else knows).
+/// Residuals of a model that follows a record: master, slave, torque (empty with a hand, whose
+/// torque is unknown).
 type Left = [Vec<f64>; 3];
 
 /// Compares a machine with all its effects to one without the effect in question.
@@ -213,7 +212,7 @@ fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
             let reach = reach(name);
             let off =
                 DECLARED.iter().find(|row| row.0 == *name).map_or(1.0, |row| named[*name] / row.1);
-            // Relative to the machine's own value; at least a little to either side.
+            // Relative to the value of the machine; at least a little to either side.
             [((1.0 - reach) / off - 1.0).min(-1e-3), ((1.0 + reach) / off - 1.0).max(1e-3)]
         })
         .collect();
@@ -239,8 +238,8 @@ fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
     seen
 }
 
-/// The change within bounds that leaves least of `rest + jacobian change`: coordinate descent on
-/// the normal equations.
+/// The change within bounds that minimises `|rest + jacobian change|`: coordinate descent on the
+/// normal equations.
 fn bounded_least_squares(
     jacobian: &DMatrix<f64>,
     rest: &DVector<f64>,
@@ -262,7 +261,7 @@ fn bounded_least_squares(
     change
 }
 
-/// What a pulled model leaves of a record.
+/// Residuals of a model that follows a record by its observer.
 fn residual(
     model: &mut Simulator,
     torque_nm: &[f64],
@@ -321,7 +320,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_bind() {
+    fn least_squares_respects_bounds() {
         let jacobian = DMatrix::from_row_slice(3, 2, &[1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
         let rest = DVector::from_vec(vec![-1.0, -5.0, -6.0]);
         let free = bounded_least_squares(&jacobian, &rest, &[[-9.0, 9.0]; 2]);

@@ -1,24 +1,24 @@
-//! Where a deviation from the declared machine can act.
+//! Interface of deviations from the declared machine.
 //!
-//! Deviations act on the equations in continuous time: every hook is a function of the state and of
-//! the time, and may have states of its own whose rates it gives. What sits in the instruments is
-//! asked once a sample and may remember.
+//! Deviations act on the equations in continuous time: every hook is a function of state and time,
+//! and may have states of its own whose rates it returns. Hooks of the instruments are called once
+//! per sample and may keep a memory.
 
 use std::fmt;
 
 use crate::machine_parameters::MachineParameters;
 use crate::smoothing::Smoothing;
 
-/// The state, at a time.
+/// The state at a time.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
-    /// Time on the run, over all records, s.
+    /// Time since the start of the first record, s.
     pub time_s: f64,
     /// Time within the record, s.
     pub local_s: f64,
     /// Length of a sample, s.
     pub sample_s: f64,
-    /// Volts commanded, for every sample of the record so far.
+    /// Commanded voltage of every sample of the record so far, V.
     pub volts: &'a [f64],
     /// Angle of master and slave, rad.
     pub position: [f64; 2],
@@ -29,7 +29,7 @@ pub struct View<'a> {
 }
 
 impl View<'_> {
-    /// Everything at rest at the begin.
+    /// At rest at the start.
     pub fn at_rest() -> Self {
         Self {
             time_s: 0.0,
@@ -60,7 +60,7 @@ pub struct Link {
     pub deflection_m: f64,
     /// Its rate, m/s.
     pub rate_m_s: f64,
-    /// Where the fluid is, m.
+    /// Displacement of the fluid, m.
     pub fluid_position_m: f64,
     /// Force on the piston's coordinate, N.
     pub force_n: f64,
@@ -81,7 +81,7 @@ pub struct Side {
     pub smoothing: Smoothing,
     /// Torque of the lines, N·m.
     pub transmitted_nm: f64,
-    /// Sum of the torques but for motor, hand and friction, N·m.
+    /// Sum of the torques except for motor, hand and friction, N·m.
     pub torque_nm: f64,
     /// Magnitude of the dry friction against forward movement, N·m.
     pub dry_forward: f64,
@@ -115,12 +115,12 @@ impl Side {
     }
 }
 
-/// What the instruments see at a sample, before they are read.
+/// The quantities that the instruments measure at a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Instruments {
     /// Time on the run, s.
     pub time_s: f64,
-    /// Volts on the motor from this sample on, V.
+    /// Voltage of the motor from this sample on, V.
     pub motor_v: f64,
     /// Angle of master and slave, rad.
     pub position: [f64; 2],
@@ -132,9 +132,9 @@ pub struct Instruments {
     pub torque_nm: f64,
 }
 
-/// A deviation. Every hook does nothing unless said otherwise.
+/// A deviation. Hooks do nothing by default.
 pub trait Deviation: fmt::Debug + Send {
-    /// How many states it has of its own; they begin at zero.
+    /// Number of states of its own; they start at zero.
     fn states(&self) -> usize {
         0
     }
@@ -147,7 +147,7 @@ pub trait Deviation: fmt::Debug + Send {
         0.0
     }
 
-    /// The amplifier's volts from those before it.
+    /// Voltage after the amplifier from that before it.
     fn amplifier(&self, volts: f64, _view: &View<'_>, _own: &[f64], _rates: &mut [f64]) -> f64 {
         volts
     }
@@ -171,11 +171,11 @@ pub trait Deviation: fmt::Debug + Send {
     /// Changes what acts on a side.
     fn side(&self, _side: &mut Side, _view: &View<'_>, _own: &[f64], _rates: &mut [f64]) {}
 
-    /// Changes the angles that the encoders see; called once a sample, in order, before the control
-    /// law.
+    /// Changes the angles that the encoders measure; called once per sample, in order, before the
+    /// control law.
     fn sense_angles(&mut self, _seen: &mut Instruments) {}
 
-    /// Changes the torque that the cell sees; called once a sample, in order, when the volts of the
-    /// sample are known.
+    /// Changes the torque that the cell measures; called once per sample, in order, when the
+    /// voltage of the sample is known.
     fn sense_torque(&mut self, _seen: &mut Instruments) {}
 }

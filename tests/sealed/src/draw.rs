@@ -1,10 +1,11 @@
-//! Chance: every number that a case draws comes from a seed.
+//! Random numbers: all that a case draws follow from its seed.
 
-use rand::{RngExt, SeedableRng};
+use rand::{Rng as _, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
+use rand_xoshiro::SplitMix64;
 
-/// A stream of drawn numbers.
+/// A stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct Draw(Pcg64);
 
@@ -19,7 +20,7 @@ impl Draw {
         low + (high - low) * self.0.random::<f64>()
     }
 
-    /// Between two positive bounds, its logarithm uniform.
+    /// Log-uniform between two positive bounds.
     pub fn log_uniform(&mut self, low: f64, high: f64) -> f64 {
         self.uniform(low.ln(), high.ln()).exp()
     }
@@ -39,12 +40,12 @@ impl Draw {
         self.uniform(-std::f64::consts::PI, std::f64::consts::PI)
     }
 
-    /// One of a list; the default of its type where it is empty.
+    /// An element of a list; the default of its type if the list is empty.
     pub fn choose<T: Copy + Default>(&mut self, from: &[T]) -> T {
         from.get(self.below(from.len())).copied().unwrap_or_default()
     }
 
-    /// A whole number below `count`; 0 where that is 0.
+    /// An integer below `count`; 0 if that is 0.
     pub fn below(&mut self, count: usize) -> usize {
         if count == 0 { 0 } else { self.0.random_range(0..count) }
     }
@@ -57,8 +58,5 @@ pub fn subseed(seed: u64, part: &str) -> u64 {
 }
 
 fn mix(seed: u64) -> u64 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    SplitMix64::seed_from_u64(seed).next_u64()
 }

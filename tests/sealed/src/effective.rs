@@ -1,14 +1,14 @@
-//! The size of an effect as the records see it.
+//! The effective size of an effect.
 //!
-//! Some effects add to a declared constant: how a total is shared between the two is nobody's to
-//! tell. Their effective value is the total: stiffness of the line, damping of a port, inertia or
-//! friction of a side, scale of the torque cell. For a nonlinear spring it is the cubic coefficient
-//! in N/m³, for bristles their stiffness. For all others it is the first parameter.
+//! Some effects add to a declared constant; records reveal only the sum. Their effective value is
+//! that sum: stiffness of the line, damping of a port, inertia or friction of a side, scale of the
+//! torque cell. For a nonlinear spring it is the cubic coefficient in N/m³, for bristles their
+//! stiffness. For all others it is the first parameter.
 
 use crate::machine_parameters::MachineParameters;
 
-/// The effective value: of an effect `id` at `site` with its parameters, in a machine with these
-/// constants. `None` where a parameter is missing.
+/// The effective value of an effect `id` at `site` with its parameters, in a machine with these
+/// constants. `None` if a parameter is missing.
 pub fn value(
     id: &str,
     site: &str,
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_total_does_not_care_how_it_is_shared() {
+    fn the_effective_size_depends_on_the_total_only() {
         let mut soft = MachineParameters::declared();
         soft.line_stiffness_factor *= 0.8;
         let none = |_: &str| None;

@@ -1,7 +1,7 @@
-//! What a file is known by: a hash of its contents, the same on every machine and in every release.
+//! Fingerprint of a file: a hash of its contents, the same on every machine and in every release.
 //!
-//! FNV-1a of 128 bits (Fowler, Noll, Vo; RFC 9923). It tells builds apart; against somebody who
-//! wants two of them to look alike it does nothing.
+//! FNV-1a of 128 bits (Fowler, Noll, Vo; RFC 9923). It distinguishes builds; it is not
+//! cryptographic.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -37,7 +37,7 @@ mod tests {
 
     /// Test vectors of its authors.
     #[test]
-    fn as_published() {
+    fn the_hash_is_as_published() {
         for (text, hash) in [
             ("", 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d),
             ("a", 0xd228_cb69_6f1a_8caf_7891_2b70_4e4a_8964),
@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn of_all_parts_of_a_file() {
+    fn the_hash_covers_the_whole_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("program");
         let mut bytes = vec![7; 200_000];

@@ -1,12 +1,12 @@
-//! Sealed cases: simulated records of a machine with an effect that its rig file does not declare.
+//! Sealed cases: simulated records of a machine with an effect that is not in its rig file.
 //!
 //! They test whether `farreach identify` finds what a model lacks. The simulator shares no code
-//! with the model: the equations of chapter 3 are implemented again ([`simulator`]), with another
-//! integrator (classical Runge-Kutta, ten or more steps a row), another smoothing of dry friction
-//! ([`smoothing`]), parameters drawn within their tolerances ([`machine_parameters`]), quantised
-//! angles, noisy torque, and process noise ([`record`]). Effects are drawn from the catalogue or
-//! from a list of effects that are in no catalogue ([`effects`]); `truth.json` holds them and is
-//! read by the scoring only ([`score`], [`table`]).
+//! with the model: the equations of chapter 3 are implemented independently ([`simulator`]), with
+//! another integrator (classical Runge-Kutta, ten or more steps per row), another smoothing of dry
+//! friction ([`smoothing`]), parameters drawn within their tolerances ([`machine_parameters`]),
+//! quantised angles, noisy torque, and process noise ([`record`]). Effects are drawn from those
+//! that identify knows (listed) or from others (unlisted, [`effects`]); `truth.json` holds them and
+//! is read by the scoring only ([`score`], [`table`]).
 //!
 //! ```text
 //! $ cargo run --release -p sealed --bin generate -- --set listed --cases 31 --seed 1 --out cases

@@ -17,8 +17,8 @@ macro_rules! machine {
             /// As declared.
             pub fn declared() -> Self { Self { $($name: $value,)+ } }
 
-            /// Each constant off by a log-normal factor: two standard deviations are its tolerance
-            /// (0.25 at the most), where the factor is clipped.
+            /// Each constant times a log-normal factor: its tolerance (0.25 at most) is two
+            /// standard deviations, at which the factor is clipped.
             pub fn drawn(draw: &mut Draw) -> Self {
                 let mut machine = Self::declared();
                 $(machine.$name *= factor(draw, $tolerance);)+
@@ -82,7 +82,7 @@ machine! {
     slave_corner_speed_rad_s "rad/s" 6.0 0.0;
 }
 
-/// Loose constants are off by no more than this, whatever their tolerance.
+/// Largest relative deviation of a constant, whatever its tolerance.
 const LARGEST_DEVIATION: f64 = 0.25;
 
 fn factor(draw: &mut Draw, tolerance: f64) -> f64 {
@@ -91,8 +91,8 @@ fn factor(draw: &mut Draw, tolerance: f64) -> f64 {
 }
 
 impl MachineParameters {
-    /// Friction does not jump at the corner speed of a real slave: the falling slope leads to the
-    /// kinetic value where its tolerance lets it.
+    /// Friction of a real slave is continuous at the corner speed: the falling slope leads to the
+    /// kinetic value as far as its tolerance permits.
     fn join_friction(&mut self) {
         let slope = (self.slave_static_friction_nm - self.slave_kinetic_friction_nm)
             / self.slave_corner_speed_rad_s;
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stays_within_tolerance_and_moves() {
+    fn drawn_constants_differ_within_their_tolerances() {
         for seed in 0..200 {
             let machine = MachineParameters::drawn(&mut Draw::new(seed)).named();
             for (name, value, tolerance, _) in DECLARED {
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn hose_loss_has_no_jump() {
+    fn hose_loss_is_continuous() {
         let machine = MachineParameters::declared();
         let speed_of = |reynolds: f64| reynolds * machine.fluid_viscosity_pa_s / 847.0 / 0.009;
         for reynolds in [2000.0, 4000.0] {

@@ -1,4 +1,4 @@
-//! What a machine and its records are made from.
+//! Parts of a simulated machine, and plans of its records.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use crate::reference::{Kind, hand, reference};
 use crate::simulator::{Simulator, TooManyStates};
 use crate::smoothing::Smoothing;
 
-/// Name under which the friction's smoothing speed is changed, beside the machine's parameters.
+/// Name of the smoothing speed of friction, beside those of the machine's parameters.
 pub const SMOOTHING: &str = "smoothing";
 
 /// The plan of a record.
@@ -24,9 +24,9 @@ pub struct Plan {
     pub kind: Kind,
     /// Seed of the reference: the same for repeats.
     pub reference_seed: u64,
-    /// Seed of the hand's torque, where a hand drives the slave.
+    /// Seed of the torque of the hand, if a hand drives the slave.
     pub hand_seed: Option<u64>,
-    /// Time of the first row on the run, s.
+    /// Time of the first row, s.
     pub start_s: f64,
 }
 
@@ -84,10 +84,10 @@ pub enum CaseError {
          --list)"
     )]
     Unknown(String),
-    /// An effect whose numbers are not whole.
+    /// An effect with missing parameters.
     #[error("effect `{0}` cannot be built from its numbers")]
     Unbuildable(String),
-    /// Effects that do not fit into one model.
+    /// Effects with too many states for one model.
     #[error(transparent)]
     TooManyStates(#[from] TooManyStates),
     /// A file could not be written.
@@ -100,7 +100,7 @@ pub enum CaseError {
     },
 }
 
-/// Reference and torque of the hand of a planned record.
+/// Reference of a planned record, and torque of its hand.
 pub fn signals(plan: &Plan) -> (Vec<f64>, Vec<f64>) {
     let wanted = reference(plan.kind, &mut Draw::new(plan.reference_seed), SAMPLES, SAMPLE_S);
     let torque =

@@ -1,7 +1,7 @@
-//! One record: the machine under its position control, and what the instruments make of it.
+//! One record: the machine under position control, as measured by its instruments.
 //!
-//! Conventions of a row: the angles are those at `t_s`, the volts are on the motor from `t_s` to
-//! the next row, the torque is the cell's at `t_s`.
+//! Conventions of a row: angles and torque are measured at `t_s`, the voltage is applied from `t_s`
+//! to the next row.
 
 use std::io::{self, Write};
 
@@ -9,24 +9,24 @@ use crate::deviation::Instruments;
 use crate::draw::Draw;
 use crate::simulator::{Input, Simulator, State};
 
-/// Rows a second.
+/// Rows per second.
 pub const SAMPLE_HZ: f64 = 2000.0;
 /// Length of a row, s.
 pub const SAMPLE_S: f64 = 1.0 / SAMPLE_HZ;
-/// Rows a record.
+/// Rows per record.
 pub const SAMPLES: usize = 20_000;
-/// Counts of both encoders a turn.
+/// Counts per turn of both encoders.
 pub const COUNTS_PER_TURN: f64 = 4000.0;
 /// From the start of one record to the start of the next, s.
 pub const RECORD_TO_RECORD_S: f64 = 15.0;
 /// The header of a file.
 pub const HEADER: &str = "t_s,motor_v,master_rad,slave_rad,slave_torque_nm";
 
-/// Volts of one step of the converter: 16 bit over ±10 V.
+/// Voltage step of the DAC: 16 bit over ±10 V.
 const DAC_STEP_V: f64 = 20.0 / 65_536.0;
-/// Torque of one step of the card: 16 bit over ±10 V at 0.5 V/N·m.
+/// Torque step of the ADC: 16 bit over ±10 V at 0.5 V/N·m.
 const ADC_STEP_NM: f64 = 20.0 / 65_536.0 / 0.5;
-/// Samples a cycle of control: 500 Hz.
+/// Samples per control cycle: 500 Hz.
 const CONTROL_SAMPLES: usize = 4;
 /// Control of `hydrostatic.toml`: V/rad and V·s/rad.
 const GAINS: [f64; 2] = [
@@ -35,8 +35,8 @@ const GAINS: [f64; 2] = [
 ];
 const VELOCITY_FILTER_HZ: f64 = 40.0;
 const OUTPUT_LIMIT_V: f64 = 8.0;
-/// Feed-forward of friction from reversal on and at speed, V, and the speed at which it is up,
-/// rad/s.
+/// Feed-forward of friction at reversal and at speed, V; below, the speed over which its sign
+/// changes and the speed at which it is lowest, rad/s.
 const FRICTION_V: [f64; 2] = [1.5, 1.2];
 const REVERSAL_RAD_S: f64 = 0.17;
 const FRICTION_FLOOR_RAD_S: f64 = 3.0;
@@ -46,16 +46,16 @@ const INERTIA_V: f64 = 8.0e-3;
 /// Noise of instruments and surroundings.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Noise {
-    /// White, of the torque cell, standard deviation, N·m.
+    /// Standard deviation of the white noise of the torque cell, N·m.
     pub torque_nm: f64,
-    /// Disturbing torque on master and slave, standard deviation, N·m.
+    /// Standard deviation of the torque disturbance on master and slave, N·m.
     pub process_nm: [f64; 2],
-    /// Its corner, Hz.
+    /// Its corner frequency, Hz.
     pub process_hz: f64,
 }
 
 impl Noise {
-    /// Of a case.
+    /// Drawn for a case.
     pub fn drawn(draw: &mut Draw) -> Self {
         Self {
             torque_nm: draw.uniform(2e-3, 3e-3),
@@ -68,19 +68,19 @@ impl Noise {
 /// Columns of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
-    /// Time on the run at the first row, s.
+    /// Time of the first row, s.
     pub start_s: f64,
     /// Volts.
     pub motor_v: Vec<f64>,
-    /// Angle of the master as counted, rad.
+    /// Quantised angle of the master, rad.
     pub master_rad: Vec<f64>,
-    /// Angle of the slave as counted, rad.
+    /// Quantised angle of the slave, rad.
     pub slave_rad: Vec<f64>,
-    /// Torque as read, N·m.
+    /// Measured torque, N·m.
     pub slave_torque_nm: Vec<f64>,
 }
 
-/// The torque disturbance of a side: white noise behind a first-order low pass.
+/// The torque disturbance of a side: white noise through a first-order low-pass.
 #[derive(Debug)]
 struct Disturbance {
     value: f64,
@@ -101,7 +101,7 @@ impl Disturbance {
     }
 }
 
-/// The encoder's count as an angle, rad.
+/// An angle quantised by the encoder, rad.
 pub fn counted(angle: f64) -> f64 {
     let count = std::f64::consts::TAU / COUNTS_PER_TURN;
     (angle / count).round() * count
@@ -164,7 +164,7 @@ pub fn run(
     record
 }
 
-/// PD with feed-forward, as in the rig file.
+/// PD control with feed-forward, as in the rig file.
 #[derive(Debug, Default)]
 struct Control {
     volts: f64,

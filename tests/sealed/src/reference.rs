@@ -1,10 +1,10 @@
-//! What the master is asked to do, and what a hand does to the slave, sample by sample.
+//! Reference of the master and torque of a hand at the slave, sample by sample.
 
 use std::f64::consts::{PI, TAU};
 
 use crate::draw::Draw;
 
-/// Time in which a movement fades in, s.
+/// Fade-in of a movement, s.
 const FADE_S: f64 = 0.5;
 
 /// Kind of a record.
@@ -15,11 +15,11 @@ pub enum Kind {
     Multisine,
     /// Slow triangles.
     Triangles,
-    /// From slow to fast.
+    /// A chirp from low to high frequency.
     Chirp,
-    /// Levels held for about a second.
+    /// Steps between levels that are held for about a second.
     Steps,
-    /// One frequency after the other, in several amplitudes.
+    /// Sines of several frequencies and amplitudes, one after another.
     Sines,
 }
 
@@ -37,7 +37,7 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
         }
         Kind::Triangles => {
             let (amplitude, period) = (draw.uniform(0.6, 0.95), draw.uniform(3.0, 5.5));
-            // Corners are rounded over a fiftieth of the period.
+            // Corners are rounded over about a fiftieth of the period.
             (0..samples)
                 .map(|index| {
                     let phase = TAU * time(index) / period;
@@ -69,7 +69,7 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
                     let at = time(index) / hold;
                     let step = at.floor() as usize;
                     let part = ((at - at.floor()) * hold / rise).min(1.0);
-                    // Least jerk: 10 x³ - 15 x⁴ + 6 x⁵.
+                    // Minimum jerk: 10 x³ - 15 x⁴ + 6 x⁵.
                     let rising = part.powi(3) * (10.0 + part * (6.0 * part - 15.0));
                     levels[step] + (levels[step + 1] - levels[step]) * rising
                 })
@@ -89,7 +89,7 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
                     let part = ((time(index) / each) as usize).min(parts.len() - 1);
                     let (amplitude, frequency) = parts[part];
                     let within = time(index) - part as f64 * each;
-                    // Whole periods, with soft ends.
+                    // With faded ends.
                     let ends = smooth(within / 0.3) * smooth((each - within) / 0.3);
                     amplitude * (TAU * frequency * within).sin() * ends
                 })
@@ -102,8 +102,8 @@ pub fn reference(kind: Kind, draw: &mut Draw, samples: usize, sample_s: f64) -> 
     angles
 }
 
-/// The torque of a hand that pushes the handle to and fro, smooth and random, about 2 N·m at its
-/// largest; N·m.
+/// Torque of a hand that pushes the handle back and forth, smooth and random, with a peak of about
+/// 2 N·m; N·m.
 pub fn hand(draw: &mut Draw, samples: usize, sample_s: f64) -> Vec<f64> {
     let tones = tones(draw, 10, 0.2, 1.6);
     let torque = scaled(
@@ -117,14 +117,14 @@ pub fn hand(draw: &mut Draw, samples: usize, sample_s: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Tones of random phase with frequencies spread evenly over a logarithmic axis; amplitude, rate
+/// Tones of random phase with frequencies spread logarithmically: amplitude, angular frequency
 /// (rad/s), phase.
 fn tones(draw: &mut Draw, count: usize, from_hz: f64, to_hz: f64) -> Vec<(f64, f64, f64)> {
     (0..count)
         .map(|index| {
             let place = (index as f64 + draw.uniform(0.2, 0.8)) / count as f64;
             let frequency = from_hz * (to_hz / from_hz).powf(place);
-            // Falling with frequency, so that neither speed nor angle is all.
+            // Decreasing with frequency, so that neither speed nor angle dominates.
             ((1.0 + frequency / from_hz / 4.0).recip(), TAU * frequency, draw.phase())
         })
         .collect()

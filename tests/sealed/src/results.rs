@@ -1,8 +1,8 @@
-//! The results file of a campaign: one line (JSON) a scored case, with all that its answer may
-//! depend on beside seed and case.
+//! The results file of a campaign: one line (JSON) per scored case, with everything that its answer
+//! may depend on besides seed and case.
 //!
-//! Lines of different programs, or of one program asked differently, are different campaigns: they
-//! may share a file, and never a table. Older files lack some of the fields; their lines are
+//! Lines of different programs, or of one program with different options, are different campaigns:
+//! they may share a file, but never a table. Older files lack some of the fields; their lines are
 //! campaigns of their own.
 
 use std::collections::{BTreeMap, HashMap};
@@ -18,11 +18,11 @@ use crate::effects::Kinds;
 use crate::fingerprint;
 use crate::score::Score;
 
-/// What was asked, and how. All but the program's name may be missing in older files.
+/// Program and options. All but the name of the program may be missing in older files.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Configuration {
-    /// What the program says of itself.
+    /// Version, as the program reports it.
     pub program: String,
     /// Hash of the program's file.
     pub program_hash: Option<String>,
@@ -32,15 +32,15 @@ pub struct Configuration {
     pub limit_s: Option<u64>,
     /// Threads that identify was given.
     pub jobs: Option<usize>,
-    /// Which effects on no list there were.
+    /// Kinds of the unlisted effects.
     pub unlisted_kinds: Option<Kinds>,
 }
 
 impl Configuration {
-    /// Of a program and a rig file as they are now.
+    /// The configuration of a program and a rig file as they are now.
     ///
     /// # Errors
-    /// What reading the files says.
+    /// If a file cannot be read.
     pub fn of(
         (program, version): (&Path, &str),
         rig: &Path,
@@ -63,7 +63,7 @@ impl Configuration {
         })
     }
 
-    /// In what another one differs.
+    /// The parts in which another configuration differs.
     pub fn differs(&self, other: &Self) -> Vec<&'static str> {
         let parts = [
             ("version", self.program != other.program),
@@ -106,15 +106,15 @@ impl fmt::Display for Configuration {
 pub struct Line {
     /// Seed of the campaign.
     pub seed: u64,
-    /// What was asked, and how.
+    /// Program and options.
     #[serde(flatten)]
     pub configuration: Configuration,
-    /// What came of it.
+    /// The score.
     #[serde(flatten)]
     pub score: Score,
 }
 
-/// What goes wrong with a results file.
+/// Errors of a results file.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultsError {
     /// A file could not be read.
@@ -125,7 +125,7 @@ pub enum ResultsError {
         /// Why.
         source: io::Error,
     },
-    /// A case counted twice.
+    /// A case occurs twice.
     #[error(
         "{path}, line {line}: case {} of seed {seed} again, by the same program asked the same \
          way; it is on line {first} already. Remove one of the two: a case counts once",
@@ -147,7 +147,7 @@ pub enum ResultsError {
     },
 }
 
-/// Name of a case as in folders.
+/// Name of a case, as of its folder.
 pub fn name(set: Set, index: usize) -> String {
     format!("{}-{:03}", set.name(), index + 1)
 }
@@ -155,16 +155,16 @@ pub fn name(set: Set, index: usize) -> String {
 /// The scores of one seed.
 #[derive(Debug, Default)]
 pub struct Results {
-    /// By what was asked.
+    /// By configuration.
     pub campaigns: BTreeMap<Configuration, Vec<Score>>,
-    /// Lines that cannot be read, as the last one of a campaign that was cut off.
+    /// Unreadable lines, such as the last one of a campaign that was interrupted.
     pub left_out: Vec<String>,
 }
 
-/// Reads the lines of a seed; nothing where there is no file.
+/// Reads the lines of a seed; none if there is no file.
 ///
 /// # Errors
-/// [`ResultsError::Duplicate`] where a case stands twice for one configuration,
+/// [`ResultsError::Duplicate`] if a case occurs twice with one configuration,
 /// [`ResultsError::Read`].
 pub fn read(path: &Path, seed: u64) -> Result<Results, ResultsError> {
     let unread = |source| ResultsError::Read { path: path.to_owned(), source };

@@ -1,4 +1,4 @@
-//! What identify said about a case, held against the truth.
+//! Scores of the answers of identify against the truth.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use crate::effective;
 use crate::effects::{Effect, Variable};
 use crate::machine_parameters::MachineParameters;
 
-/// The part of `identify --json` that is scored. Everything may be missing.
+/// The part of `identify --json` that is scored. Any field may be missing.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Answer {
@@ -17,11 +17,11 @@ pub struct Answer {
     pub verdict: String,
     /// Effects in the order in which they were added.
     pub effects: Vec<Named>,
-    /// What the data cannot tell from them.
+    /// Effects that the data cannot distinguish from them.
     pub ambiguous_with: Vec<Named>,
-    /// Whether something is left.
+    /// Whether a residual remains.
     pub remains: bool,
-    /// What has no name.
+    /// The unlisted effect.
     pub unlisted: Option<Unlisted>,
     /// Errors by channel.
     pub error: BTreeMap<String, Errors>,
@@ -29,7 +29,7 @@ pub struct Answer {
     pub parameters: Vec<Fitted>,
 }
 
-/// An effect by name, with its parameters where it was added.
+/// An effect with its parameters, if it was added.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Named {
@@ -61,13 +61,13 @@ pub struct Fitted {
     pub fitted: Option<f64>,
 }
 
-/// Something without a name.
+/// An unlisted effect.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Unlisted {
-    /// At which balance.
+    /// Its site.
     pub site: String,
-    /// Of which variable.
+    /// Its variable.
     pub depends_on: String,
 }
 
@@ -81,7 +81,7 @@ pub struct Errors {
     pub before: Option<f64>,
     /// With the effects.
     pub after: Option<f64>,
-    /// What no model can explain.
+    /// The noise floor.
     pub floor: Option<f64>,
 }
 
@@ -91,9 +91,9 @@ pub struct Errors {
 pub enum End {
     /// With a verdict.
     Done,
-    /// With another exit code than 0, or without a result that can be read.
+    /// With a non-zero exit code, or without a readable result.
     Failed,
-    /// Not within the time limit.
+    /// Not finished within the time limit.
     TooLate,
 }
 
@@ -101,17 +101,18 @@ pub enum End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Naming {
-    /// Id, site and place within it are right, first.
+    /// Id, site and place within it of the first effect are right.
     Right,
-    /// `ambiguous`, and the truth is one of at most two besides the first, or the first.
+    /// `ambiguous`, and the truth is the first effect or one of at most two rivals.
     Ambiguous,
-    /// The id is right first, the site is not, or the place within it (which encoder).
+    /// The id of the first effect is right, but not its site or the place within it (which
+    /// encoder).
     WrongSite,
-    /// Another name first.
+    /// Another effect first.
     Wrong,
-    /// Said to have no name.
+    /// Reported as unlisted.
     Unlisted,
-    /// Nothing found.
+    /// Nothing was found.
     Missed,
     /// No answer.
     NoAnswer,
@@ -134,7 +135,7 @@ pub struct Score {
     pub end: End,
     /// Exit code.
     pub code: Option<i32>,
-    /// Last line of what it said on stderr, where it failed.
+    /// Last line on stderr, if it failed.
     pub message: String,
     /// Verdict.
     pub verdict: String,
@@ -142,33 +143,33 @@ pub struct Score {
     pub named: Vec<String>,
     /// `ambiguous_with`.
     pub ambiguous_with: Vec<String>,
-    /// How the first name compares; only where there is one effect.
+    /// How the first effect compares; only with one true effect.
     pub naming: Option<Naming>,
-    /// Whether any effect was named or said to have no name.
+    /// Whether any effect was reported, listed or not.
     pub alarm: bool,
-    /// Flagged as having no name: verdict `unlisted`, or something remains.
+    /// Reported as unlisted: verdict `unlisted`, or a residual remains.
     pub flagged: bool,
-    /// Site that was told for what has no name, `SITE` of `unlisted`.
+    /// Whether the site of `unlisted` is right.
     pub site_right: Option<bool>,
-    /// Whether the variable told is one that describes it.
+    /// Whether the reported variable is one that describes it.
     pub variable_right: Option<bool>,
-    /// Site and variable as told.
+    /// Site and variable as reported.
     pub told: Option<(String, String)>,
-    /// Both of two effects named.
+    /// Whether both of two effects were found.
     pub both: Option<bool>,
-    /// An effect named that is none of two.
+    /// Whether an effect was found that is neither of the two.
     pub false_third: Option<bool>,
-    /// Error after over repeat floor, of the worst channel that has a floor.
+    /// Error with the effects over the noise floor, of the worst channel that has a floor.
     pub over_floor: Option<f64>,
-    /// Error before over after: root mean square over the channels, each in its floor (or in what
-    /// is left, without one).
+    /// Ratio of the errors before and after: rms over the channels, each relative to its floor (or,
+    /// without one, to its error after).
     pub drop: Option<f64>,
-    /// The same of the error that the rig file leaves as it is, where identify says it.
+    /// The same with the error of the rig file as it is, if identify reports it.
     #[serde(default)]
     pub drop_from_file: Option<f64>,
-    /// Relative error of the effective size of each effect named rightly.
+    /// Relative error of the effective size of each effect that was found rightly.
     pub size_errors: Vec<f64>,
-    /// Relative error of the raw first parameter of each effect named rightly.
+    /// Relative error of the first parameter of each effect that was found rightly.
     pub raw_size_errors: Vec<f64>,
     /// Wall time of identify, s.
     pub seconds: f64,
@@ -256,11 +257,10 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
     }
 }
 
-/// The discrete parameter that says at which place within its site an effect acts.
+/// Discrete parameters that tell at which place within its site an effect acts.
 const PLACES: [(&str, &str); 1] = [("encoder_eccentricity", "on_master")];
 
-/// The place within the site, of an effect that has several: one of two. `None` where it is not
-/// told.
+/// The place within the site of an effect that has two; `None` if it is not reported.
 fn place(id: &str, parameter: impl Fn(&str) -> Option<f64>) -> Option<bool> {
     let (_, name) = PLACES.iter().find(|place| place.0 == id)?;
     parameter(name).map(|value| value > 0.5)
@@ -277,8 +277,8 @@ impl Named {
         self.id == truth.id && self.site == truth.site.name()
     }
 
-    /// Whether it is that effect: id, site, and place within it. A place that is not told is not
-    /// the right one.
+    /// Whether it is that effect: id, site, and place within it. A place that is not reported is
+    /// not right.
     fn is(&self, truth: &Effect) -> bool {
         self.named_as(truth) && self.place() == truth_place(truth)
     }
@@ -289,8 +289,8 @@ fn truth_place(truth: &Effect) -> Option<bool> {
 }
 
 impl Answer {
-    /// Whether the truth is among what is said to be the same to the records: at most two. A rival
-    /// that does not tell its place stands for all of them.
+    /// Whether the truth is among at most two rivals. A rival without a place stands for all
+    /// places.
     fn says_rival(&self, truth: &Effect) -> bool {
         let same = |rival: &Named| {
             rival.named_as(truth)
@@ -301,8 +301,8 @@ impl Answer {
             && self.ambiguous_with.iter().any(same)
     }
 
-    /// Whether a named effect is that one, or it at another place within its site where the records
-    /// are said not to tell which.
+    /// Whether a found effect is that one, or that one at another place within its site with the
+    /// right place as a rival.
     fn meant(&self, truth: &Effect, named: &Named) -> bool {
         named.is(truth) || (named.named_as(truth) && self.says_rival(truth))
     }
@@ -328,7 +328,8 @@ fn naming(truth: &Effect, answer: Option<&Answer>) -> Naming {
     }
 }
 
-/// The kind of variable that a text means, as `slave_velocity`, `master_rad`, `line force (N)`.
+/// The kind of variable that a text describes, such as `slave_velocity`, `master_rad`,
+/// `line force (N)`.
 pub fn variable(text: &str) -> Option<Variable> {
     let text = text.to_lowercase();
     let has = |words: &[&str]| words.iter().any(|word| text.contains(word));
@@ -368,7 +369,7 @@ fn drop(answer: &Answer, from: impl Fn(&Errors) -> Option<f64>) -> Option<f64> {
     (after > 0.0).then(|| (before / after).sqrt())
 }
 
-/// Relative error of the effective and of the raw size.
+/// Relative errors of the effective size and of the first parameter.
 fn size_error(
     truth: &Truth,
     effect: &Effect,

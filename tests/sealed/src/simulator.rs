@@ -2,22 +2,23 @@
 //! full state.
 //!
 //! State: angle and speed of master and slave, displacement and speed of the fluid in both lines,
-//! and whatever the deviations carry along. Dry friction is `F(|v|) g(v/v_e)`
-//! ([`crate::smoothing`]). Steps are 50 µs or shorter, a tenth of a sample or less, so that the
-//! friction's slope at rest, `F/(I v_e)`, stays well within the method's stability.
+//! and the states of the deviations. Dry friction is `F(|v|) g(v/v_e)` ([`crate::smoothing`]).
+//! Steps are 50 µs or shorter, a tenth of a sample or less, so that the friction's slope at rest,
+//! `F/(I v_e)`, stays well within the method's stability.
 
 use crate::deviation::{Deviation, Link, Side, View};
 use crate::machine_parameters::MachineParameters;
 use crate::smoothing::Smoothing;
 
-/// Most states that a model may have: those of the declared model, 32 of transmission dead time,
-/// and up to eight of an effect beside it.
+/// Largest number of states of a model: those of the declared model, 32 for a dead time of the
+/// line, and up to eight of another effect.
 pub const MOST: usize = 48;
 /// States of the declared model.
 const OWN: usize = 8;
-/// Rate times step of the stiffest friction; Runge-Kutta of fourth order is stable up to 2.78.
+/// Largest product of the rate of friction and the step; Runge-Kutta of fourth order is stable up
+/// to 2.78.
 const RATE_TIMES_STEP: f64 = 1.3;
-/// Fewest and most steps a sample.
+/// Least and largest number of steps per sample.
 const STEPS: (usize, usize) = (10, 40);
 
 /// The state vector.
@@ -30,20 +31,21 @@ impl Default for State {
     }
 }
 
-/// What acts from outside during a sample. Torques change along straight lines, volts are held.
+/// Inputs during a sample. Torques are interpolated linearly, voltages are held.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Input<'a> {
-    /// Volts at the amplifier for every sample of the record up to this one.
+    /// Voltage at the amplifier for every sample of the record up to this one, V.
     pub volts: &'a [f64],
-    /// Torque of the hand at the begin and the end of the sample, N·m.
+    /// Torque of the hand at the start and the end of the sample, N·m.
     pub hand_nm: [f64; 2],
-    /// Disturbing torque on master and slave, N·m.
+    /// Torque disturbance on master and slave, N·m.
     pub disturbance_nm: [f64; 2],
-    /// What an observer adds to the rates of master angle, speed, slave angle, speed.
+    /// Correction by an observer: additions to the rates of master angle and speed, slave angle and
+    /// speed.
     pub pull: [f64; 4],
 }
 
-/// Deviations with more states than a model has room for.
+/// Deviations with too many states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the model and its effects have {0} states, more than the {MOST} that a model has room for"
@@ -109,7 +111,7 @@ impl Simulator {
     }
 
     /// Slope of the friction at rest over the inertia, 1/s: the fastest decay in the model. Effects
-    /// are asked at the begin of a run, where what drifts is largest.
+    /// are evaluated at the start, where drifting friction is largest.
     fn stiffest_rate(&self) -> f64 {
         let view = View::at_rest();
         [0, 1]

@@ -1,14 +1,14 @@
 //! How dry friction passes through zero speed.
 //!
-//! A simulator with ordinary steps cannot have friction that jumps; it has `F g(v/v_e)` with `g`
-//! from -1 to 1. Nobody knows the shape of `g` in a real machine, so cases differ in it: half of
-//! the clean ones have a shape that the model under test does not offer (its own is the root).
+//! A simulator with fixed steps cannot have discontinuous friction; it has `F g(v/v_e)` with `g`
+//! from -1 to 1. The shape of `g` in a real machine is unknown, so it differs between cases: half
+//! of the clean ones have a shape that the model under test does not have (its own is the root).
 
 use serde::{Deserialize, Serialize};
 
 use crate::draw::Draw;
 
-/// Shape of the passage.
+/// Shape of the transition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shape {
@@ -19,12 +19,12 @@ pub enum Shape {
     Tanh,
     /// `x/(1 + x⁴)^¼`: a sharper corner.
     Quartic,
-    /// `x/(1 + |x|)`: a long approach.
+    /// `x/(1 + |x|)`: a slow approach.
     Hyperbola,
-    /// `(2/π) atan(π x/2)`: a longer one.
+    /// `(2/π) atan(π x/2)`: a slower one.
     Arctangent,
-    /// `x/√(1 + x²)`, and the static value is reached only at some speed: friction starts rounded
-    /// and without the full peak of the falling branch, `1 - 0.15 exp(-|x|/4)`.
+    /// `x/√(1 + x²)` times `1 - 0.15 exp(-|x|/4)`: the static value is reached only at some speed,
+    /// without the full peak of the falling branch.
     RoundedStart,
 }
 
@@ -38,17 +38,17 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
-    /// Of a case with an effect: the model's own shape or one near to it.
+    /// For a case with an effect: the shape of the model or a similar one.
     pub fn common(draw: &mut Draw) -> Self {
         Self { shape: draw.choose(&[Shape::Root, Shape::Root, Shape::Tanh]), ..Self::plain(draw) }
     }
 
-    /// Of a clean case of the plain half: the model's own shape.
+    /// For the plain half of the clean cases: the shape of the model.
     pub fn plain(draw: &mut Draw) -> Self {
         Self { shape: Shape::Root, speed_rad_s: draw.log_uniform(0.03, 0.12) }
     }
 
-    /// Of the other half of the clean cases: a shape that the model does not have.
+    /// For the other half of the clean cases: a shape that the model does not have.
     pub fn foreign(draw: &mut Draw) -> Self {
         let shape = draw.choose(&[
             Shape::Tanh,
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn odd_bounded_and_no_steeper_than_one() {
+    fn shapes_are_odd_bounded_and_of_slope_one_at_most() {
         let shapes = [
             Shape::Root,
             Shape::Tanh,

@@ -9,19 +9,19 @@ use serde::Serialize;
 use crate::case::Set;
 use crate::score::{End, Naming, Score};
 
-/// How many of how many.
+/// A count out of a total.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Share {
-    /// Counted.
+    /// The count.
     pub count: usize,
-    /// Of these.
+    /// The total.
     pub of: usize,
     /// Wilson's 95 % bounds.
     pub bounds: [f64; 2],
 }
 
 impl Share {
-    /// Of how many of the scores something holds.
+    /// The share of the scores for which something holds.
     pub fn of(scores: &[&Score], holds: impl Fn(&Score) -> bool) -> Self {
         Self::new(scores.iter().filter(|score| holds(score)).count(), scores.len())
     }
@@ -55,21 +55,21 @@ pub fn wilson(count: usize, of: usize) -> [f64; 2] {
     [-1.0, 1.0].map(|sign| ((centre + sign * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
-/// One row: what, its bar, what was found.
+/// One row: quantity, requirement, result.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// Set.
     pub set: &'static str,
-    /// What is counted.
+    /// The quantity.
     pub what: String,
-    /// What is asked for.
+    /// The requirement.
     pub bar: &'static str,
-    /// As text.
+    /// The result as text.
     pub found: String,
-    /// As numbers, for a share.
+    /// The result as a share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub share: Option<Share>,
-    /// As a number, otherwise.
+    /// The result as a number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
 }
@@ -90,13 +90,13 @@ impl Row {
 /// Results of the cases of one effect.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ByEffect {
-    /// Cases, and how many of them are detectable.
+    /// Number of cases.
     pub cases: usize,
-    /// Detectable ones.
+    /// Number of detectable cases.
     pub detectable: usize,
-    /// Detectable ones by what was said.
+    /// Detectable cases by answer.
     pub said: BTreeMap<String, usize>,
-    /// Names that were said first instead, with their counts.
+    /// Effects that were found first instead, with their counts.
     pub instead: BTreeMap<String, usize>,
     /// Median relative error of the effective size.
     pub size_error: Option<f64>,
@@ -129,7 +129,8 @@ pub fn table(scores: &[Score]) -> Table {
             shares.push(("detectable (all rows below are of these)", "", share));
         }
         let seen = seen(set);
-        // Errors are counted over the cases with an answer: silence is no merit.
+        // Errors are counted over the cases with an answer, so that missing answers do not improve
+        // them.
         let answered: Vec<&Score> =
             seen.iter().copied().filter(|score| score.end == End::Done).collect();
         shares.extend(match set {
@@ -149,7 +150,7 @@ pub fn table(scores: &[Score]) -> Table {
     Table { rows, by_effect: by_effect(scores) }
 }
 
-/// A row's text, its bar, and the share found.
+/// Quantity, requirement and share of a row.
 type ShareRow = (&'static str, &'static str, Share);
 
 fn listed_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
@@ -290,7 +291,7 @@ fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {
         if let (Some(Naming::Wrong | Naming::WrongSite | Naming::Ambiguous), Some(first)) =
             (score.naming, score.named.first())
         {
-            // The right name at the wrong place within its site.
+            // The right effect at the wrong place within its site.
             let elsewhere = score.naming == Some(Naming::WrongSite) && *first == score.truth[0];
             let shown = if elsewhere { format!("{first}, elsewhere") } else { first.clone() };
             *row.instead.entry(shown).or_default() += 1;
@@ -303,11 +304,11 @@ fn by_effect(scores: &[Score]) -> BTreeMap<String, ByEffect> {
     rows
 }
 
-/// A quantile over all cases as text, with how many there are and how many of them have no value.
+/// A quantile over all cases as text, with the number of cases and of those without a value.
 fn of_all(quantile: Option<f64>, values: &[Option<f64>], text: &dyn Fn(f64) -> String) -> String {
     let without = values.iter().filter(|value| value.is_none()).count();
     let missing = if without == 0 { String::new() } else { format!(", {without} of them without") };
-    // Where it falls on what has no value, nothing bounds it.
+    // If it falls on a missing value, it has no bound.
     let shown = match quantile {
         Some(value) => text(value),
         None if values.is_empty() => "none".to_owned(),
@@ -316,26 +317,25 @@ fn of_all(quantile: Option<f64>, values: &[Option<f64>], text: &dyn Fn(f64) -> S
     format!("{shown} (n = {}{missing})", values.len())
 }
 
-/// [`quantile`] over all cases, those without a value behind all others; `None` where it falls on
-/// or between those.
+/// [`quantile`] over all cases, with missing values ranked last; `None` if it falls on one of them.
 fn quantile_of_all(values: &[Option<f64>], share: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
     sorted.sort_by(f64::total_cmp);
     between(&sorted, share).filter(|value| value.is_finite())
 }
 
-/// The value below which a share of the values lies; between two of them along a straight line.
+/// The value below which a share of the values lies, linearly interpolated.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     between(&sorted, share)
 }
 
-/// Between two of sorted values along a straight line.
+/// A quantile of sorted values, linearly interpolated.
 fn between(sorted: &[f64], share: f64) -> Option<f64> {
     let place = share * sorted.len().checked_sub(1)? as f64;
     let (low, part) = (place.floor() as usize, place - place.floor());
-    // No step toward a neighbour that is infinitely far where none is taken.
+    // Without a step toward the neighbour, which may be infinite.
     if part == 0.0 {
         return Some(sorted[low]);
     }
@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_value_is_behind_all_others() {
+    fn missing_values_rank_behind_all_others() {
         let nine = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9].map(Some);
         assert_eq!(quantile_of_all(&nine, 0.5), Some(0.5));
         let all = [&nine[..], &[None, None]].concat();

@@ -73,7 +73,7 @@ fn table(folder: &Path) -> Value {
 }
 
 #[test]
-fn a_campaign_goes_on_after_what_is_there() {
+fn a_campaign_resumes_after_the_cases_done() {
     let folder = tempfile::tempdir().unwrap();
     program(folder.path(), ALARM);
     let (text, _) = clean(folder.path(), 1, &[]);
@@ -102,7 +102,7 @@ fn a_campaign_survives_a_program_that_fails() {
 /// Another build, limit, number of jobs, rig or choice of effects begins anew in the same file, and
 /// it is said what was another.
 #[test]
-fn a_changed_configuration_is_not_gone_on_after() {
+fn a_changed_configuration_is_not_resumed() {
     let folder = tempfile::tempdir().unwrap();
     program(folder.path(), ALARM);
     clean(folder.path(), 1, &[]);
@@ -134,7 +134,7 @@ fn a_changed_configuration_is_not_gone_on_after() {
 }
 
 #[test]
-fn one_table_a_program() {
+fn one_table_per_program() {
     let folder = tempfile::tempdir().unwrap();
     program(folder.path(), ALARM);
     clean(folder.path(), 2, &[]);
@@ -198,7 +198,7 @@ fn a_case_counts_once() {
 
 /// A program that is built anew while the campaign runs: whose answer it was, nobody knows.
 #[test]
-fn a_program_that_changes_meanwhile_is_not_counted() {
+fn a_program_that_changes_during_the_campaign_is_not_counted() {
     let folder = tempfile::tempdir().unwrap();
     program(folder.path(), &format!(r#"[ "$1" = identify ] && echo '# newer' >> "$0"; {ALARM}"#));
     fs::copy(

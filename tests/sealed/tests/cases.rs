@@ -85,7 +85,7 @@ fn every_pair_can_be_built() {
 
 /// Two seconds with a hand and noise from the same seed, with the effect and without it.
 #[test]
-fn every_effect_leaves_its_mark() {
+fn every_effect_changes_the_records() {
     let wanted = reference(Kind::Multisine, &mut Draw::new(1), 8000, SAMPLE_S);
     let torque = hand(&mut Draw::new(2), 8000, SAMPLE_S);
     let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };

@@ -59,7 +59,7 @@ const KNOWN: [Known; 4] = [
 ];
 
 #[test]
-fn old_cases_are_what_they_were() {
+fn old_cases_are_unchanged() {
     for (index, name, numbers, bulk_modulus_pa, rows) in KNOWN {
         let case = case(index, Kinds::Old);
         let effect = &case.truth.effects[0];
@@ -88,7 +88,7 @@ fn old_cases_are_what_they_were() {
 }
 
 #[test]
-fn all_begins_with_the_old_ones_and_new_has_none_of_them() {
+fn all_kinds_begin_with_the_old_ones_and_new_ones_are_disjoint() {
     let names =
         |kinds: Kinds| -> Vec<&str> { unlisted(kinds).iter().map(|entry| entry.id).collect() };
     let (old, new, all) = (names(Kinds::Old), names(Kinds::New), names(Kinds::All));
@@ -105,7 +105,7 @@ fn all_begins_with_the_old_ones_and_new_has_none_of_them() {
 
 /// A good instrument sees each of the hold-out, and the machine stays within its travel.
 #[test]
-fn new_ones_can_be_seen() {
+fn new_effects_are_detectable() {
     for index in 0..unlisted(Kinds::New).len() {
         let case = make(Set::Unlisted, index, 9, Kinds::New, &[]).unwrap();
         let (effect, seen) = (&case.truth.effects[0], &case.truth.detectability[0]);

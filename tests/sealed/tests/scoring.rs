@@ -143,7 +143,7 @@ fn the_wrong_encoder_of_a_pair_is_no_hit() {
 }
 
 #[test]
-fn sizes_are_compared_as_totals_where_they_share() {
+fn sizes_that_add_to_a_constant_are_compared_as_totals() {
     let truth = truth(Set::Listed, &["coulomb_friction@master"]);
     let added = truth.effects[0].parameters.get("level");
     let coulomb = truth.machine["motor_coulomb_nm"];
@@ -199,7 +199,7 @@ fn unlisted_ones_need_flag_site_and_variable() {
 }
 
 #[test]
-fn variables_are_known_by_their_usual_names() {
+fn variables_are_recognised_by_their_usual_names() {
     for (text, expected) in [
         ("master_position", Variable::Position),
         ("slave_rad", Variable::Position),
@@ -326,7 +326,7 @@ fn bars_are_over_all_detectable_cases() {
 
 /// The interface's table of sites has at least 20 ids, and eight effects are on no list.
 #[test]
-fn the_campaign_covers_what_it_must() {
+fn a_campaign_covers_all_effects_and_sites() {
     let ids: std::collections::BTreeSet<&str> = listed().iter().map(|entry| entry.id).collect();
     assert!(ids.len() >= 20 && unlisted(Kinds::New).len() >= 8);
 }

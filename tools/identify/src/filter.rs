@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn magnitude_is_butterworths_squared_and_phase_is_zero() {
+    fn magnitude_is_that_of_butterworth_squared_and_phase_is_zero() {
         let warp = |f: f64| (PI * f / 1000.0).tan();
         for frequency in [1.0, 10.0, 20.0, 30.0, 40.0, 50.0, 80.0] {
             let (magnitude, phase) = answer(frequency);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn constants_and_ramps_pass_unchanged_to_the_very_edge() {
+    fn constants_and_ramps_pass_unchanged_up_to_the_edges() {
         let filter = ZeroPhase::new(40.0, 1000.0).unwrap();
         for (offset, slope) in [(3.0, 0.0), (-1.0, 0.02)] {
             let ramp: Vec<f64> = (0..500).map(|i| offset + slope * f64::from(i)).collect();
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn running_time_backward_changes_nothing_inside() {
+    fn time_reversal_changes_nothing_between_the_edges() {
         let filter = ZeroPhase::new(40.0, 1000.0).unwrap();
         let signal: Vec<f64> = (0..3000).map(|i| f64::from(i * i % 101)).collect();
         let mut reversed: Vec<f64> = signal.iter().rev().copied().collect();

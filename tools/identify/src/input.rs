@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_stands_or_jumps_is_refused_with_its_row() {
+    fn time_that_stops_or_jumps_is_refused_with_its_row() {
         assert!(series((0..10).map(|i| f64::from(i) * 0.1).collect()).time().is_ok());
         let mut gap: Vec<f64> = (0..10).map(|i| f64::from(i) * 0.1).collect();
         gap[7..].iter_mut().for_each(|t| *t += 0.3);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn dead_and_railed_channels_are_seen() {
+    fn constant_and_clipped_channels_are_detected() {
         let mut s = series(vec![0.0; 20]);
         s.columns.push(("dead".into(), vec![4.0; 20]));
         s.columns.push(("coarse".into(), (0..20).map(|i| f64::from(i % 3)).collect()));

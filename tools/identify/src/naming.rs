@@ -42,13 +42,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn records_are_called_by_their_files_where_those_differ() {
+    fn records_are_named_by_their_files_if_those_are_distinct() {
         assert_eq!(labels(["../a/one.csv", "/b/two.csv"].into_iter()), ["one.csv", "two.csv"]);
         assert_eq!(labels(["a/one.csv", "b/one.csv"].into_iter()), ["a/one.csv", "b/one.csv"]);
     }
 
     #[test]
-    fn stretches_are_told_together_and_a_bracket_in_a_name_is_none() {
+    fn segments_are_listed_together_and_brackets_in_names_are_kept() {
         let cut =
             [segment("b[1].mcap", 1.5, 4.5), segment("b[1].mcap", 4.5, 7.4), "c[2].csv".to_owned()];
         assert_eq!(cut[0], "b[1].mcap[1.5..4.5 s]");

@@ -345,7 +345,7 @@ mod tests {
     use super::Verdict;
 
     #[test]
-    fn the_verdict_is_of_effects_first_then_of_what_is_left() {
+    fn the_verdict_follows_from_effects_then_from_what_remains() {
         assert_eq!(Verdict::of(0, 0, false), Verdict::None);
         assert_eq!(Verdict::of(0, 0, true), Verdict::Unlisted);
         for remains in [false, true] {

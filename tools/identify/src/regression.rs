@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn bounded_solution_is_the_best_of_a_fine_search() {
+    fn the_bounded_solution_is_not_worse_than_a_fine_search() {
         let a: Vec<f64> = (0..40).map(|i| f64::from(i * 7 % 11) - 5.0).collect();
         let b: Vec<f64> = a.iter().enumerate().map(|(i, a)| 0.8 * a + (i % 3) as f64).collect();
         let target: Vec<f64> = a

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_the_same_with_effects_is_drawn_once() {
+    fn equal_curves_are_drawn_once() {
         let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
         assert_eq!(
             drawn(&one, &other, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn no_bin_reaches_across_a_hole_and_every_row_is_in_one() {
+    fn no_bin_spans_a_gap_and_every_row_is_in_one() {
         let values: Vec<f64> =
             (0..400).map(|i| f64::from(i) * 0.01 + if i < 100 { 0.0 } else { 20.0 }).collect();
         let bins = bins(&values);

@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_whole_or_not_there_and_a_new_one_takes_no_old_ones_place() {
+    fn files_are_written_completely_and_new_ones_never_replace_others() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep").join("a.json");
         whole_file(&path, "one").unwrap().persist(&path).unwrap();

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_low_pass_takes_out_what_lies_above_and_nothing_below() {
+    fn the_low_pass_removes_what_lies_above_and_nothing_below() {
         let sampling = 600.0;
         let low_pass = LowPass { cut_off: 100.0, sampling };
         for (frequency, gain) in [(20.0, 1.0), (99.0, 1.0), (126.0, 0.0), (250.0, 0.0)] {

@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_reader_finds_odd_is_told_with_row_and_column() {
+    fn remarks_of_the_reader_have_row_and_column() {
         let rig =
             RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"))
                 .unwrap();
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn machines_are_simulated_of_transmissions_that_turn() {
+    fn only_rotary_transmissions_are_simulated_for_calibrate() {
         for kind in ["emps", "silverbox", "element"] {
             let path = format!("{}/../../launch/rigs/{kind}.toml", env!("CARGO_MANIFEST_DIR"));
             let rig = RigFile::load(path).unwrap();

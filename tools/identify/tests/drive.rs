@@ -159,7 +159,7 @@ fn nothing_is_found_where_nothing_is_missing() {
 }
 
 #[test]
-fn coulomb_friction_is_named_and_measured() {
+fn coulomb_friction_is_found_with_its_size() {
     let outcome =
         identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
     assert_eq!(outcome.verdict, Verdict::Effect, "{:?}", outcome.candidates);
@@ -175,7 +175,7 @@ fn coulomb_friction_is_named_and_measured() {
 }
 
 #[test]
-fn asymmetric_friction_is_named_after_coulomb_friction() {
+fn asymmetric_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 20.0, viscous_difference: -60.0, ..Truth::default() };
     let outcome = identify(&[record(truth, 4)], &rig(0.25)).unwrap();
     assert_eq!(
@@ -189,7 +189,7 @@ fn asymmetric_friction_is_named_after_coulomb_friction() {
 }
 
 #[test]
-fn stribeck_friction_is_named_after_coulomb_friction() {
+fn stribeck_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 15.0, stribeck: 20.0, stribeck_speed: 0.02, ..Truth::default() };
     let outcome = identify(&[record(truth, 5)], &rig(0.25)).unwrap();
     assert_eq!(
@@ -205,7 +205,7 @@ fn stribeck_friction_is_named_after_coulomb_friction() {
 }
 
 #[test]
-fn what_has_no_name_is_said_to_have_none() {
+fn an_unlisted_effect_is_reported_as_unlisted() {
     let outcome =
         identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?}", outcome.candidates);
@@ -214,7 +214,7 @@ fn what_has_no_name_is_said_to_have_none() {
 }
 
 #[test]
-fn a_heavier_mass_is_missing_physics_outside_of_its_tolerance_and_calibration_inside() {
+fn a_heavier_mass_is_an_effect_outside_its_tolerance_and_calibration_inside() {
     let heavy = record(Truth { mass_factor: 1.5, ..Truth::default() }, 7);
     let outcome = identify(std::slice::from_ref(&heavy), &rig(0.1)).unwrap();
     assert_eq!(ids(&outcome), ["extra_inertia"], "{:?}", outcome.candidates);
@@ -225,7 +225,7 @@ fn a_heavier_mass_is_missing_physics_outside_of_its_tolerance_and_calibration_in
 }
 
 #[test]
-fn whole_records_play_whole_parts() {
+fn whole_records_have_whole_roles() {
     let records: Vec<Series> =
         (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
     let outcome = identify(&records, &rig(0.25)).unwrap();

@@ -147,7 +147,7 @@ fn dry_friction_is_measured() {
 }
 
 #[test]
-fn bristles_are_told_from_dry_friction() {
+fn presliding_is_distinguished_from_dry_friction() {
     let mut bristle = 0.0;
     let outcome = identify(24, &mut |n| {
         bristle += (n.step - n.step.abs() * bristle) / 1.5e-4;
@@ -159,7 +159,7 @@ fn bristles_are_told_from_dry_friction() {
 }
 
 #[test]
-fn lost_motion_is_measured() {
+fn backlash_is_measured() {
     let outcome = identify(25, &mut |n| -STIFFNESS * (n.position - 2e-4).clamp(-1.5e-4, 1.5e-4));
     only(&outcome, "backlash");
     close(&outcome, "gap", 3e-4, 0.05);
@@ -175,7 +175,7 @@ fn drag_is_measured() {
 }
 
 #[test]
-fn hum_and_vibration_are_told_apart_by_their_frequency() {
+fn hum_and_vibration_are_distinguished_by_frequency() {
     let tone = |f: f64| move |n: &Now| 0.4 * (std::f64::consts::TAU * f * n.time + 0.7).sin();
     let outcome = identify(27, &mut tone(50.02));
     only(&outcome, "mains_hum");
@@ -186,14 +186,14 @@ fn hum_and_vibration_are_told_apart_by_their_frequency() {
 }
 
 #[test]
-fn a_wandering_zero_is_measured() {
+fn drift_of_the_zero_is_measured() {
     let outcome = identify(29, &mut |n| 0.05 * n.time);
     only(&outcome, "sensor_drift");
     close(&outcome, "rate", 0.05, 0.03);
 }
 
 #[test]
-fn parameters_outside_of_their_tolerance_are_effects_and_inside_are_not() {
+fn parameters_outside_their_tolerance_are_effects_and_inside_are_not() {
     let softer = record(30, 1.2e4, DAMPING, &mut |_| 0.0);
     let outcome = run(&declared(0.25, 0.5), std::slice::from_ref(&softer)).unwrap();
     only(&outcome, "line_compliance");
@@ -211,7 +211,7 @@ fn parameters_outside_of_their_tolerance_are_effects_and_inside_are_not() {
 }
 
 #[test]
-fn what_has_no_name_is_said_to_have_none() {
+fn an_unlisted_effect_is_reported_as_unlisted() {
     // A wave along the position, and one along the velocity.
     let outcome = identify(33, &mut |n| 0.5 * (std::f64::consts::TAU * n.position / 9e-4).sin());
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?} {:#?}", ids(&outcome), outcome.candidates);

@@ -94,7 +94,7 @@ fn a_torque_is_found_where_it_acts() {
 }
 
 #[test]
-fn without_records_of_both_kinds_cell_and_slave_are_not_told_apart() {
+fn without_records_of_both_kinds_cell_and_slave_are_not_distinguished() {
     let localisation = told(Some(Site::Slave), 0.2, &[]).unwrap();
     assert_eq!(localisation.site(), Site::Slave, "{:?}", localisation.left);
     assert!(localisation.left.iter().all(|(place, _)| *place != Location::Cell));

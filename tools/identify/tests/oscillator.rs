@@ -123,7 +123,7 @@ fn drag_is_measured() {
 }
 
 #[test]
-fn a_stage_that_clips_is_measured() {
+fn saturation_is_measured() {
     let series = record(13, &|u| u.clamp(-0.07, 0.07), &|_, _, _| 0.0);
     let outcome = run(&declared(), &[series]).unwrap();
     assert_eq!(ids(&outcome), ["amplifier_saturation"], "{:#?}", outcome.candidates);
@@ -139,7 +139,7 @@ fn a_vibration_is_measured() {
 }
 
 #[test]
-fn what_has_no_name_is_said_to_have_none() {
+fn an_unlisted_effect_is_reported_as_unlisted() {
     let outcome = identify(15, &|_, _, v| 0.004 * (v / 6.0).cos());
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?} {:#?}", ids(&outcome), outcome.candidates);
     assert_eq!(outcome.unlisted.unwrap().depends_on, "velocity");

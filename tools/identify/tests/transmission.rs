@@ -43,7 +43,7 @@ fn slave_error(model: &TransmissionModel, found: &SearchResult) -> [f64; 2] {
 }
 
 #[test]
-fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
+fn backlash_at_the_slave_is_found_with_its_size() {
     let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
     let names: Vec<_> =
         found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
@@ -56,7 +56,7 @@ fn lost_motion_at_the_slave_gets_its_name_and_its_size() {
 }
 
 #[test]
-fn where_nothing_is_missing_nothing_gets_a_name() {
+fn no_effect_is_found_where_none_is_missing() {
     let (model, found) = found(None, 0.0);
     assert!(
         found.steps.is_empty() && found.unlisted_function.is_none(),
@@ -77,7 +77,7 @@ fn where_nothing_is_missing_nothing_gets_a_name() {
 }
 
 #[test]
-fn friction_beside_declared_friction_gets_its_name() {
+fn friction_beyond_the_declared_is_found() {
     let (_, found) = found(Some("coulomb_friction@slave=1.2"), 0.0);
     let names: Vec<_> =
         found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
@@ -85,7 +85,7 @@ fn friction_beside_declared_friction_gets_its_name() {
 }
 
 #[test]
-fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
+fn presliding_holds_with_finer_steps_only_if_it_is_real() {
     for (effect, is_there) in [(Some("presliding_hysteresis@slave=0.8"), true), (None, false)] {
         let mut records: Vec<Record> =
             (0..5).map(|turn| record(turn, effect, turn == 4, 0.0)).collect();
@@ -122,7 +122,7 @@ fn a_travel_before_sliding_holds_with_finer_steps_where_there_is_one() {
 const DRIVE: ServoGains = ServoGains { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };
 
 #[test]
-fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ_by() {
+fn a_replicate_moves_alike_and_its_innovations_match_the_repeatability() {
     let (model, found) = found(Some("backlash@slave=0.06"), 0.05);
     let (simulated_null, setting) = simulated_null(&model, &found, DRIVE, 1).unwrap();
     assert!(setting.placed.is_empty(), "{:?}", setting.placed);
@@ -146,7 +146,7 @@ fn a_machine_without_the_effect_moves_alike_and_is_pulled_by_what_repeats_differ
 }
 
 #[test]
-fn machines_that_lack_nothing_give_nothing() {
+fn replicates_without_a_missing_effect_raise_no_alarm() {
     let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
     let chance = parametric_bootstrap(&model, &found, DRIVE, 2, 1).unwrap();
     let gain = found.steps[0].added.gain;
@@ -155,7 +155,7 @@ fn machines_that_lack_nothing_give_nothing() {
 }
 
 #[test]
-fn an_effect_that_is_taken_back_leaves_the_declared_model() {
+fn a_withdrawn_effect_leaves_the_declared_model() {
     let (model, mut found) = found(Some("backlash@slave=0.06"), 0.0);
     found.without_last(&model).unwrap();
     assert!(
@@ -170,7 +170,7 @@ fn an_effect_that_is_taken_back_leaves_the_declared_model() {
 }
 
 #[test]
-fn records_that_report_do_not_tell_whether_the_floor_is_reached() {
+fn reporting_records_do_not_decide_whether_the_floor_is_reached() {
     let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
     share_out(&mut records, false);
     let mut model =
@@ -184,7 +184,7 @@ fn records_that_report_do_not_tell_whether_the_floor_is_reached() {
 }
 
 #[test]
-fn roles_are_shared_out_among_records_with_a_hand_and_without() {
+fn roles_are_assigned_among_records_with_a_hand_and_without() {
     let mut records: Vec<Record> = (0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect();
     share_out(&mut records, false);
     assert!(records[..4].iter().all(|record| record.idle) && !records[4].idle);

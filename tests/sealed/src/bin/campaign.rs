@@ -1,4 +1,4 @@
-//! Generates sealed cases, lets `farreach identify` judge them, and prints how it did.
+//! Generates sealed cases, runs `farreach identify` on them, and prints the scores.
 //!
 //! ```text
 //! $ campaign --farreach target/release/farreach --seed 1 --results campaign.jsonl \
@@ -6,10 +6,10 @@
 //! $ campaign --results campaign.jsonl --only-print
 //! ```
 //!
-//! Every case is a line in the results file as soon as it is scored. Started again with the same
-//! file, seed, program, rig and options that an answer may depend on, the campaign goes on after
-//! what is there; with another program or other options it begins anew, and says so. Interrupted,
-//! it prints what it has. A table is of one program, asked in one way.
+//! Every case becomes a line in the results file as soon as it is scored. If it is started again
+//! with the same file, seed, program, rig and options, the campaign resumes; with another program
+//! or other options it starts anew, with a message. If it is interrupted, it prints the cases done.
+//! A table holds the cases of one program with one set of options.
 
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
@@ -113,8 +113,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is in the results file, one campaign a program and way of asking, of those that were asked
-/// for.
+/// The requested campaigns of the results file, one per program and set of options.
 fn chosen(args: &Args, results: Results) -> anyhow::Result<Vec<(Configuration, Vec<Score>)>> {
     let headings: Vec<String> = results.campaigns.keys().map(ToString::to_string).collect();
     let wanted = |heading: &str| args.program.as_deref().is_none_or(|text| heading.contains(text));
@@ -139,7 +138,7 @@ fn chosen(args: &Args, results: Results) -> anyhow::Result<Vec<(Configuration, V
     Ok(chosen)
 }
 
-/// Goes on after the lines of the same program, asked in the same way.
+/// Resumes after the lines of the same program with the same options.
 fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<Score>)> {
     for path in [&args.farreach, &args.rig] {
         if !path.exists() {
@@ -169,13 +168,13 @@ fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<
     Ok((configuration, scores))
 }
 
-/// What is asked, and of which program, as it is now.
+/// The configuration as it is now.
 fn configuration(args: &Args) -> anyhow::Result<Configuration> {
     let program = (args.farreach.as_path(), &*version(&args.farreach)?);
     Ok(Configuration::of(program, &args.rig, args.limit_s, args.jobs, args.unlisted_kinds)?)
 }
 
-/// Cases in an order in which an interrupted campaign has some of each set.
+/// The cases in an order such that an interrupted campaign has some of each set.
 fn plan(args: &Args) -> Vec<(Set, usize)> {
     let counts = [
         (Set::Listed, args.listed),
@@ -210,7 +209,7 @@ fn run_all(
         .append(true)
         .open(&args.results)
         .with_context(|| args.results.display().to_string())?;
-    // After a line that was cut off.
+    // After an incomplete line.
     let before = fs::read(&args.results)?;
     if !before.is_empty() && !before.ends_with(b"\n") {
         writeln!(results)?;
@@ -221,8 +220,8 @@ fn run_all(
             break;
         }
         let Some(score) = one(args, set, index, stop)? else { break };
-        // A build beside the campaign puts another program in its place: whose answer this is,
-        // nobody knows.
+        // A build during the campaign may have replaced the program; the answer cannot be
+        // attributed then.
         let now = self::configuration(args)?;
         if now != *configuration {
             let changed = configuration.differs(&now).join(", ");
@@ -249,10 +248,10 @@ fn run_all(
     Ok(())
 }
 
-/// Generates, runs and scores one case; nothing if it was interrupted.
+/// Generates, runs and scores one case; `None` if it was interrupted.
 fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result<Option<Score>> {
     let case = make(set, index, args.seed, args.unlisted_kinds, &[])?;
-    // Identify sees a folder whose name says nothing, with the records and nothing else.
+    // Identify gets a folder with a neutral name that holds the records only.
     let sealed = tempfile::tempdir()?;
     let records = case.write_records(&sealed.path().join("records"))?;
     let json = sealed.path().join("identify.json");
@@ -333,7 +332,7 @@ fn identify(
     }))
 }
 
-/// What a program says of itself.
+/// The version that a program reports.
 fn version(program: &Path) -> anyhow::Result<String> {
     let said = Command::new(program)
         .arg("--version")

@@ -68,7 +68,7 @@ impl Deviation for Ripple {
     }
 }
 
-/// Volts end at a limit.
+/// The voltage is limited.
 #[derive(Debug)]
 struct Saturation {
     limit: f64,
@@ -80,7 +80,7 @@ impl Deviation for Saturation {
     }
 }
 
-/// Small volts do nothing, larger ones lack as much.
+/// Small voltages have no effect, larger ones are reduced by as much.
 #[derive(Debug)]
 struct Deadzone {
     half_width: f64,
@@ -109,7 +109,7 @@ impl Deviation for Lag {
     }
 }
 
-/// The volts of `T` before; none before the record.
+/// The voltage `T` earlier; 0 before the record.
 #[derive(Debug)]
 struct Delay {
     delay_s: f64,

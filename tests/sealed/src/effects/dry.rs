@@ -37,7 +37,7 @@ pub(super) const ENTRIES: &[Entry] = both_sides! {
     "thermal_drift" Time Warming::draw, Warming::build;
 };
 
-/// `c` more in either direction. More than the tolerances of the declared friction allow.
+/// `c` in either direction, more than the tolerances of the declared friction.
 #[derive(Debug)]
 struct Coulomb {
     side: usize,
@@ -64,7 +64,7 @@ impl Deviation for Coulomb {
     }
 }
 
-/// `b q̇` more. At the slave more than the tolerances of both slopes allow.
+/// `b q̇`; at the slave more than the tolerances of both slopes.
 #[derive(Debug)]
 struct Viscous {
     side: usize,
@@ -116,7 +116,7 @@ impl Deviation for Drag {
     }
 }
 
-/// `s exp(-(q̇/v_s)²)` more.
+/// Additional friction `s exp(-(q̇/v_s)²)`.
 #[derive(Debug)]
 struct Breakaway {
     side: usize,
@@ -174,7 +174,7 @@ impl Deviation for Asymmetric {
             return;
         }
         let speed = side.velocity_rad_s.abs();
-        // Friction never drives: what is taken away is at most what is there.
+        // Friction never drives the machine: its total stays non-negative.
         let more = self.difference * (1.0 + self.viscous_time * speed);
         side.dry_forward = (side.dry_forward + more).max(0.0);
         side.dry_backward = (side.dry_backward - more).max(0.0);
@@ -216,7 +216,7 @@ impl Deviation for Uneven {
     }
 }
 
-/// `μ |τ_line|` more.
+/// Additional friction `μ |τ_line|`.
 #[derive(Debug)]
 struct Loaded {
     side: usize,

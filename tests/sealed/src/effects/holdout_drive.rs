@@ -1,4 +1,4 @@
-//! At amplifier and motor, on no list: the hold-out.
+//! Hold-out effects at amplifier and motor.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, View};
@@ -9,8 +9,8 @@ pub(super) const ENTRIES: &[Entry] = &[
         site: Site::Drive,
         depends_on: &[Variable::Volts, Variable::Load],
         draw: |draw, _| {
-            // Ordinary movement heats like a steady 0.9 to 1.1 V: it trips while that is fast or
-            // under load, and not all of the time, which would be no more than a limit.
+            // Ordinary movement heats like a constant 0.9 to 1.1 V: it trips during fast movement
+            // or under load, but not permanently, which would be a mere saturation.
             Values::of([
                 ("limit", draw.uniform(1.15, 1.4), "V"),
                 ("trip", draw.uniform(1.05, 1.2), "V"),
@@ -53,14 +53,14 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// What a cold amplifier gives at most, V.
+/// Output limit of a cold amplifier, V.
 const COLD_V: f64 = 10.0;
-/// Part of the trip's heat over which the limit comes down.
+/// Relative width of the transition of the limit.
 const TRIP_WIDTH: f64 = 0.05;
 
-/// An amplifier that protects its motor: the square of what it gives heats a model of the winding,
-/// and beyond the heat of a steady `trip` the most that it gives comes down to `limit`, until the
-/// winding is colder. The state is the heat, V².
+/// An amplifier that protects its motor: the square of its output heats a model of the winding, and
+/// beyond the heat of a constant `trip` the output is limited to `limit`, until the winding has
+/// cooled. The state is the heat, V².
 #[derive(Debug)]
 struct Foldback {
     limit: f64,
@@ -83,7 +83,7 @@ impl Deviation for Foldback {
     }
 }
 
-/// A converter whose lower bits are dead: volts come in whole steps, rounded.
+/// A converter with dead lower bits: voltages are rounded to whole steps.
 #[derive(Debug)]
 struct Coarse {
     step: f64,
@@ -95,8 +95,7 @@ impl Deviation for Coarse {
     }
 }
 
-/// A stage that starts again by itself: every `period` the motor is without current for a while,
-/// time over the whole run.
+/// A stage that restarts by itself: every `period` the motor is without current for `length`.
 #[derive(Debug)]
 struct Dropout {
     length: f64,
@@ -115,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hot_it_gives_less_and_cools_again() {
+    fn a_hot_amplifier_is_limited_and_recovers() {
         let foldback = Foldback { limit: 1.5, trip: 1.2, time_constant: 0.5 };
         let mut heat = [0.0];
         let mut run = |volts: f64, seconds: f64| {
@@ -135,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_whole_and_true_on_the_mean() {
+    fn coarse_commands_are_whole_steps_and_unbiased() {
         let coarse = Coarse { step: 0.5 };
         let given: Vec<f64> = (-200..=200)
             .map(|index| coarse.amplifier(f64::from(index) * 0.01, &View::at_rest(), &[], &mut []))
@@ -151,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn off_for_its_share_of_the_time() {
+    fn dropouts_last_for_their_share_of_time() {
         let dropout = Dropout { length: 0.08, period: 1.0, start: 0.3 };
         let off = (0..10_000).filter(|index| {
             let view = View { time_s: f64::from(*index) * 1e-3, ..View::at_rest() };

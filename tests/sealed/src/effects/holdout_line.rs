@@ -1,4 +1,4 @@
-//! At the line, on no list: the hold-out.
+//! Hold-out effects at the line.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Link, View};
@@ -57,8 +57,8 @@ pub(super) const ENTRIES: &[Entry] = &[
 /// Angle over which a hose folds, rad.
 const FOLD_RAD: f64 = 0.1;
 
-/// Hoses that kink where the handle takes them along beyond an angle: both lose more there, `c v`
-/// when they are folded.
+/// Hoses that the handle kinks beyond an angle: both then have an additional loss, `c v` when fully
+/// folded.
 #[derive(Debug)]
 struct Kink {
     loss: f64,
@@ -73,14 +73,14 @@ impl Deviation for Kink {
     }
 }
 
-/// Time in which a convolution turns over, s.
+/// Time constant of the inversion, s.
 const TURN_S: f64 = 2e-3;
-/// Largest slope-free height of `z - z³`.
+/// Local maximum of `z - z³`.
 const CREST: f64 = 0.384_900_179_459_750_5;
 
-/// Rolling diaphragms whose convolution turns inside out when the pressure reverses far enough, and
-/// takes some displacement with it: `T ż = z - z³ + c f/f₀`, which has two places of rest below
-/// `f₀`. States: how each of the four lies, -1 to 1.
+/// Rolling diaphragms whose convolution inverts when the pressure reverses far enough, with some
+/// displacement: `T ż = z - z³ + c f/f₀`, which has two equilibria below `f₀`. States: position of
+/// each of the four, -1 to 1.
 #[derive(Debug)]
 struct Inversion {
     displacement: f64,
@@ -103,12 +103,12 @@ impl Deviation for Inversion {
     }
 }
 
-/// Stroke over which the free wall comes out, m.
+/// Stroke over which the wall becomes free, m.
 const WALL_M: f64 = 0.02;
 
-/// A diaphragm of the first line whose wall bulges where it hangs free: its line is softer on one
-/// half of the stroke than on the other, `K(x) = K/(1 + r u)` with `u` from 0 to 1 along the
-/// fluid's way.
+/// A diaphragm of the first line whose wall bulges where it is free: the line is softer on one half
+/// of the stroke than on the other, `K(x) = K/(1 + r u)` with `u` from 0 to 1 along the
+/// displacement of the fluid.
 #[derive(Debug)]
 struct Bulge {
     ratio: f64,
@@ -131,8 +131,8 @@ impl Deviation for Bulge {
             let [share, slope] = self.share(link.fluid_position_m);
             let less = (share - 1.0) * link.stiffness_n_per_m * link.deflection_m;
             link.force_n += less;
-            // The wall pushes the fluid toward where it is softer: what a spring stores depends on
-            // the fluid's place, too.
+            // The wall pushes the fluid toward the softer side, since the stored energy also
+            // depends on the displacement of the fluid.
             link.fluid_force_n +=
                 less + 0.5 * slope * link.stiffness_n_per_m * link.deflection_m.powi(2);
         }
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_kink_loses_beyond_its_angle_only() {
+    fn a_kink_adds_loss_beyond_its_angle_only() {
         for angle in [0.2, -0.2] {
             let kink = Kink { loss: 100.0, angle };
             let at = |slave: f64| {
@@ -178,7 +178,7 @@ mod tests {
     /// Turns at plus and minus its force, late in both directions, and takes energy on the way
     /// round.
     #[test]
-    fn a_diaphragm_turns_late_and_takes_energy() {
+    fn a_diaphragm_inverts_with_hysteresis_and_dissipates() {
         let inversion = Inversion { displacement: 1e-3, force: 8.0 };
         let mut own = [0.0; 4];
         let (mut work, mut turned) = (0.0, Vec::new());
@@ -205,7 +205,7 @@ mod tests {
 
     /// With the energy of its softened springs, the machine only loses.
     #[test]
-    fn a_bulging_wall_stores_what_it_is_given() {
+    fn a_bulging_wall_is_passive() {
         let make = || Bulge { ratio: 4.0, middle: 0.005, direction: -1.0 };
         let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
         let model = Simulator::new(

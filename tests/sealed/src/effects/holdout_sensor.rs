@@ -1,4 +1,4 @@
-//! In the instruments, on no list: the hold-out.
+//! Hold-out effects in the instruments.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Instruments};
@@ -56,8 +56,8 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// A counter of the slave's that is too slow: of what it moves faster than a speed, a share is not
-/// counted, until the disc's index passes and sets the count right.
+/// A counter of the slave that is too slow: above a speed, a share of the counts is lost, until the
+/// index of the disc corrects the count.
 #[derive(Debug)]
 struct LostCounts {
     share: f64,
@@ -85,7 +85,7 @@ impl Deviation for LostCounts {
     }
 }
 
-/// A cell whose body creeps under what it carries: its reading adds `s z`, `T ż = τ - z`.
+/// A cell that creeps under load: its reading adds `s z`, `T ż = τ - z`.
 #[derive(Debug)]
 struct CellCreep {
     share: f64,
@@ -105,8 +105,8 @@ impl Deviation for CellCreep {
     }
 }
 
-/// A cable across the cell that is taut beyond an angle of the handle: the cell reads its pull
-/// back, `-k (q - a)`.
+/// A cable across the cell that is taut beyond an angle of the handle: the cell reads its pull,
+/// `-k (q - a)`.
 #[derive(Debug)]
 struct CablePull {
     stiffness: f64,
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_creeps_to_a_share_more_and_back() {
+    fn a_cell_creeps_under_load_and_recovers() {
         let mut cell = CellCreep { share: 0.3, time_constant: 0.5, crept_nm: 0.0, last_s: None };
         let mut read = |torque_nm: f64, from_s: f64, to_s: f64| {
             let mut last = 0.0;

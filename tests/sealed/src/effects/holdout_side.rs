@@ -1,4 +1,4 @@
-//! At master and slave, on no list: the hold-out.
+//! Hold-out effects at master and slave.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Link, Side, View};
@@ -65,14 +65,14 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// Speed with which a belt climbs a tooth, rad/s per N·m that nothing holds.
+/// Speed with which a belt climbs a tooth, rad/s per N·m of unbalanced torque.
 const CLIMB_RAD_S_PER_NM: f64 = 20.0;
-/// How soft the hold of a tooth is about its middle: the square of the part of a pitch, in radians,
-/// over which it comes up.
+/// Softness of the holding torque about the middle of a tooth: the square of the part of a pitch,
+/// in radians, over which it builds up.
 const TOOTH_SOFTNESS: f64 = 0.04;
 
-/// A slack toothed belt: each of the two holds half of a torque and jumps to another tooth beyond
-/// it, where it stays. States: how far each has moved on its pulley, rad.
+/// A slack toothed belt: each of the two holds half of a torque; beyond it, it skips to another
+/// tooth and stays there. States: displacement of each on its pulley, rad.
 #[derive(Debug)]
 struct ToothJump {
     torque: f64,
@@ -80,8 +80,8 @@ struct ToothJump {
 }
 
 impl ToothJump {
-    /// What a tooth holds, N·m, against a belt that has moved so far (rad): zero in the middle of a
-    /// tooth and on its crest.
+    /// Holding torque of a tooth, N·m, over the displacement of the belt (rad): zero in the middle
+    /// of a tooth and on its crest.
     fn hold(&self, moved: f64) -> f64 {
         let sine = (std::f64::consts::TAU * moved / self.pitch).sin();
         0.5 * self.torque * sine * ((1.0 + TOOTH_SOFTNESS) / (sine * sine + TOOTH_SOFTNESS)).sqrt()
@@ -111,8 +111,8 @@ impl Deviation for ToothJump {
     }
 }
 
-/// A seal whose lip lies over by the direction of travel: after a reversal it has to turn, which
-/// takes a torque more, until it lies the other way. The state is how it lies, -1 to 1.
+/// A seal whose lip leans with the direction of travel: after a reversal it has to flip, with an
+/// additional torque until it leans the other way. The state is its position, -1 to 1.
 #[derive(Debug)]
 struct Lip {
     level: f64,
@@ -134,8 +134,8 @@ impl Deviation for Lip {
     }
 }
 
-/// Grease that sets: drag `c (1 - b) q̇`, where `b` is the part of its structure that movement has
-/// broken and rest builds up again.
+/// Thixotropic grease: drag `c (1 - b) q̇`, where `b` is the part of its structure that movement
+/// has broken and that recovers at rest.
 #[derive(Debug)]
 struct Grease {
     coefficient: f64,
@@ -157,14 +157,14 @@ impl Deviation for Grease {
     }
 }
 
-/// Rate of the rod that carries the weight, rad/s: stiff beside all that a hand does.
+/// Natural frequency of the rod that carries the weight, rad/s: far above the movements of a hand.
 const ROD_RAD_S: f64 = 180.0;
 /// Damping ratio of the rod.
 const ROD_DAMPING: f64 = 0.3;
 
-/// A counterweight that the handle moves by a crank: `y = l cos(q - q₀)`, an inertia `J sin²(q -
-/// q₀)` that varies along the stroke. States: place and speed of the weight over the crank's
-/// length, from where it is at zero.
+/// A counterweight that the handle moves by a crank: `y = l cos(q - q₀)`, an inertia
+/// `J sin²(q - q₀)` that varies along the stroke. States: displacement and speed of the weight over
+/// the length of the crank, relative to angle zero.
 #[derive(Debug)]
 struct Crank {
     inertia: f64,
@@ -172,7 +172,7 @@ struct Crank {
 }
 
 impl Crank {
-    /// Stretch of the rod and its rate, over the crank's length; and what the crank's length is at
+    /// Stretch of the rod and its rate, over the length of the crank; and the effective length at
     /// this angle.
     fn rod(&self, position: f64, velocity: f64, own: &[f64]) -> [f64; 3] {
         let lever = (position - self.angle).sin();
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn lips_and_grease_take_energy() {
+    fn lips_and_grease_dissipate() {
         only_falls(&energies(Box::new(Lip { level: 0.8, travel: 0.15 }), |_| 0.0));
         only_falls(&energies(
             Box::new(Grease { coefficient: 0.5, travel: 0.5, rebuild_s: 0.5 }),
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crank_gives_back_what_it_stored_and_no_more() {
+    fn a_crank_stores_energy_and_is_passive() {
         let (inertia, angle) = (7e-3, 0.3);
         let stored = |state: &State| {
             let stretch = Crank { inertia, angle }.rod(state.0[2], state.0[3], &state.0[8..10])[0];
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn a_belt_holds_and_then_jumps_whole_teeth() {
+    fn a_belt_holds_and_then_skips_whole_teeth() {
         let belt = ToothJump { torque: 2.0, pitch: 0.1 };
         let mut moved = 0.0;
         let mut pull = |torque: f64, seconds: f64| {

@@ -7,7 +7,7 @@ use crate::machine_parameters::MachineParameters;
 
 /// Force at which `nonlinear_stiffness` has its reference deflection, N.
 const REFERENCE_N: f64 = 20.0;
-/// Cells of the ladder that stands for a lossless stretch of line.
+/// Cells of the ladder network that represents a lossless line.
 const CELLS: usize = 8;
 
 pub(super) const ENTRIES: &[Entry] = &[
@@ -15,8 +15,8 @@ pub(super) const ENTRIES: &[Entry] = &[
         id: "line_compliance",
         site: Site::Line,
         depends_on: &[Variable::Load],
-        // Beyond what stiffness factor, modulus, area and length can give within their tolerances:
-        // 0.67 of the declared.
+        // Beyond the tolerances of stiffness factor, modulus, area and length together: 0.67 of the
+        // declared stiffness.
         draw: |draw, _| Values::of([("compliance_ratio", draw.uniform(0.9, 1.6), "1")]),
         build: |values, _| Box::new(Compliance { ratio: values.get("compliance_ratio") }),
     },
@@ -170,7 +170,7 @@ impl Deviation for Nonlinear {
     }
 }
 
-/// A Maxwell branch beside each spring; its states are what its dashpot has yielded.
+/// A Maxwell branch in parallel with each spring; its states are the displacements of the dashpots.
 #[derive(Debug)]
 struct Maxwell {
     ratio: f64,
@@ -192,7 +192,7 @@ impl Deviation for Maxwell {
     }
 }
 
-/// `Q = G Δp` past each piston: a deflection under force creeps away with `2 G F / A²`.
+/// `Q = G Δp` past each piston: a deflection under force creeps with `2 G F / A²`.
 #[derive(Debug)]
 struct Leakage {
     conductance: f64,
@@ -250,9 +250,9 @@ struct Cell {
     stiffness_n_per_m: f64,
 }
 
-/// A lossless stretch of line of travel time `T` and wave impedance `Z = √(K m_l)` before the
-/// slave's spring: a ladder of masses `Z T/n` and springs `n Z/T`. States: place and speed of each
-/// mass, per line.
+/// A lossless line of travel time `T` and wave impedance `Z = √(K m_l)` before the spring of the
+/// slave: a ladder of masses `Z T/n` and springs `n Z/T`. States: position and speed of each mass,
+/// per line.
 #[derive(Debug)]
 struct Stretch {
     delay_s: f64,

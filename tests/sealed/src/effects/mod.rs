@@ -1,8 +1,8 @@
-//! What may be wrong with a machine: the listed effects, and others that are on no list.
+//! Deviations of a machine from the declared model: listed effects and unlisted ones.
 //!
-//! Equations of the listed effects and names of their parameters are those of the catalogue, so
-//! that sizes can be compared; the code is not. One entry is one effect at one site; its size is
-//! drawn such that a good instrument sees it.
+//! Listed effects have the equations and parameter names of the plant, so that sizes can be
+//! compared, but separate code. One entry is one effect at one site; its size is drawn such that a
+//! good method finds it.
 
 mod drive;
 mod dry;
@@ -57,7 +57,7 @@ impl Site {
     }
 }
 
-/// A kind of variable on which an effect depends.
+/// Kinds of variables on which effects depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Variable {
@@ -104,13 +104,13 @@ impl Values {
         )
     }
 
-    /// The parameter of that name; not a number where there is none.
+    /// The parameter of that name; NaN if there is none.
     pub fn get(&self, name: &str) -> f64 {
         self.0.iter().find(|value| value.name == name).map_or(f64::NAN, |value| value.value)
     }
 }
 
-/// An effect with its numbers: what `truth.json` holds.
+/// An effect with its parameters, as in `truth.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Effect {
     /// Id.
@@ -125,7 +125,7 @@ pub struct Effect {
     pub listed: bool,
 }
 
-/// One effect at one site, before its numbers are drawn.
+/// One effect at one site, before its parameters are drawn.
 pub struct Entry {
     /// Id.
     pub id: &'static str,
@@ -143,7 +143,7 @@ impl Entry {
         LISTED.iter().any(|rows| rows.iter().any(|entry| entry.id == self.id))
     }
 
-    /// Draws its numbers.
+    /// Draws its parameters.
     pub fn draw(&self, draw: &mut Draw) -> Effect {
         Effect {
             id: self.id.to_owned(),
@@ -166,8 +166,8 @@ const UNLISTED: [&[Entry]; 4] = [
 const HOLDOUT: [&[Entry]; 4] =
     [holdout_drive::ENTRIES, holdout_side::ENTRIES, holdout_line::ENTRIES, holdout_sensor::ENTRIES];
 
-/// Which of the effects that are on no list a campaign draws from. Numbers drawn for a case do not
-/// depend on it, so that a case of the first kinds is the same whether there are others or not.
+/// The unlisted effects from which a campaign draws. The numbers drawn for a case do not depend on
+/// it, so that a case of the old kinds is the same whether there are new ones or not.
 #[derive(
     Clone,
     Copy,
@@ -184,9 +184,9 @@ const HOLDOUT: [&[Entry]; 4] =
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Kinds {
-    /// Those that earlier campaigns have had.
+    /// Those of earlier campaigns.
     Old,
-    /// The hold-out: those that they have not had.
+    /// The hold-out: those that were not in earlier campaigns.
     New,
     /// First the old ones, then the new ones.
     #[default]
@@ -204,7 +204,7 @@ impl Kinds {
     }
 }
 
-/// All entries of the catalogue: first every id at its first site, then the further sites.
+/// All listed entries: first every id at its first site, then the further sites.
 pub fn listed() -> Vec<&'static Entry> {
     let all = || LISTED.into_iter().flatten();
     let first = |entry: &&Entry| {
@@ -213,12 +213,12 @@ pub fn listed() -> Vec<&'static Entry> {
     all().filter(first).chain(all().filter(|entry| !first(entry))).collect()
 }
 
-/// Entries of the catalogue that may stand beside one of them: another effect at another site.
+/// Listed entries that may be combined with one of them: another effect at another site.
 pub fn beside(first: &Entry) -> Vec<&'static Entry> {
     listed().into_iter().filter(|other| other.site != first.site && other.id != first.id).collect()
 }
 
-/// All entries of these kinds that are on no list, sites mixed.
+/// All unlisted entries of these kinds, sites mixed.
 pub fn unlisted(kinds: Kinds) -> Vec<&'static Entry> {
     match kinds {
         Kinds::Old => mixed(UNLISTED),
@@ -234,7 +234,7 @@ fn mixed(rows: [&'static [Entry]; 4]) -> Vec<&'static Entry> {
         .collect()
 }
 
-/// The entry of a name `ID@SITE`, or the first of `ID`.
+/// The entry of a name `ID@SITE`, or the first one of `ID`.
 pub fn find(name: &str) -> Option<&'static Entry> {
     let (id, site) = name.split_once('@').map_or((name, None), |(id, site)| (id, Some(site)));
     let of_name =
@@ -243,7 +243,7 @@ pub fn find(name: &str) -> Option<&'static Entry> {
 }
 
 impl Effect {
-    /// What it does to the equations; nothing where the effect is not known or a number is missing.
+    /// Its deviation; `None` if the effect is unknown or a parameter is missing.
     pub fn build(&self) -> Option<Box<dyn Deviation>> {
         let entry = LISTED
             .into_iter()
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn unlisted_ones_are_on_no_list_and_at_every_site() {
+    fn unlisted_effects_are_not_listed_and_cover_every_site() {
         for kinds in [Kinds::Old, Kinds::New] {
             let entries = unlisted(kinds);
             assert!(entries.len() >= 8);
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn all_can_be_drawn_and_built() {
+    fn every_effect_can_be_drawn_and_built() {
         for entry in listed().into_iter().chain(unlisted(Kinds::All)) {
             for seed in 0..20 {
                 let effect = entry.draw(&mut Draw::new(seed));

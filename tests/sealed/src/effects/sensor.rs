@@ -172,8 +172,8 @@ impl Deviation for Rectified {
     }
 }
 
-/// All channels are those of `T` before, between samples along a straight line; the first sample
-/// before the record.
+/// All channels lag by `T`, interpolated linearly between samples; before the record, the first
+/// sample.
 #[derive(Debug)]
 struct Delay {
     delay_s: f64,
@@ -199,7 +199,7 @@ fn past<const N: usize>(
 ) -> [f64; N] {
     known.push_back((time_s, now));
     let wanted = time_s - delay_s;
-    // The second oldest stays after what is wanted.
+    // Keeps the last sample before the wanted time as the oldest.
     while known.len() > 2 && known[1].0 <= wanted {
         known.pop_front();
     }
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_past_between_samples() {
+    fn a_delay_interpolates_between_samples() {
         let mut known = VecDeque::new();
         for index in 0..1000 {
             let time = f64::from(index) * 0.5e-3;

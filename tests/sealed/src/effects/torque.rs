@@ -78,7 +78,7 @@ const fn inertia(site: Site) -> Entry {
     }
 }
 
-/// Several times what the tolerances of the side's inertia and of the fluid's mass allow.
+/// Several times the tolerances of the inertia of the side and of the mass of the fluid.
 fn draw_inertia(draw: &mut Draw, site: Site) -> Values {
     let inertia =
         if site == Site::Master { draw.uniform(3e-3, 8e-3) } else { draw.uniform(1.5e-3, 4e-3) };
@@ -98,7 +98,7 @@ impl Deviation for Inertia {
     }
 }
 
-/// `τ = -k q - k t_b q̇`, inertia `k t_J²`: a limb on the slave that the cell does not see.
+/// `τ = -k q - k t_b q̇`, inertia `k t_J²`: a limb at the slave that the cell does not measure.
 #[derive(Debug)]
 struct Hand {
     stiffness: f64,
@@ -125,7 +125,7 @@ const fn periodic(site: Site) -> Entry {
         site,
         depends_on: &[Variable::Time],
         draw: |draw, site| {
-            // Fast ones hardly move what friction holds.
+            // Fast vibrations hardly move a machine that is held by friction.
             let size =
                 if site == Site::Slave { draw.uniform(0.3, 0.7) } else { draw.uniform(0.2, 0.5) };
             let frequency = draw.log_uniform(4.0, 14.0);
@@ -146,7 +146,7 @@ const fn periodic(site: Site) -> Entry {
     }
 }
 
-/// `τ = a sin(2π f t + φ)`, time over the whole run.
+/// `τ = a sin(2π f t + φ)`, time since the start of the first record.
 #[derive(Debug)]
 struct Vibration {
     side: usize,

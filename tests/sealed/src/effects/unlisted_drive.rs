@@ -1,4 +1,4 @@
-//! At amplifier and motor, on no list.
+//! Unlisted effects at amplifier and motor.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, View};
@@ -56,7 +56,7 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// A magnet that is weaker on one side: torque per volt times `1 + a sin(n q_m + φ)`.
+/// A magnet that is weaker on one side: motor constant times `1 + a sin(n q_m + φ)`.
 #[derive(Debug)]
 struct WeakPole {
     amplitude: f64,
@@ -70,8 +70,8 @@ impl Deviation for WeakPole {
     }
 }
 
-/// An amplifier that runs out of voltage: what it gives while driving falls with speed, `1/(1 +
-/// (q̇/v₀)⁴)`; while braking the motor's voltage helps it.
+/// An amplifier with too low a supply voltage: while driving, its torque falls with speed,
+/// `1/(1 + (q̇/v₀)⁴)`; while braking, the back-EMF of the motor helps.
 #[derive(Debug)]
 struct BackVoltage {
     speed: f64,
@@ -87,8 +87,8 @@ impl Deviation for BackVoltage {
     }
 }
 
-/// Hysteresis of the iron: torque follows the volts with a play (Prandtl's operator), so that it
-/// lags by direction of change, not by time. The state is what has been followed.
+/// Hysteresis of the iron: torque follows the voltage with play (Prandtl's operator), so that it
+/// lags by the direction of change, not by time. The state is the output of the play.
 #[derive(Debug)]
 struct Play {
     half_width: f64,
@@ -100,7 +100,7 @@ impl Deviation for Play {
     }
 
     fn amplifier(&self, volts: f64, _view: &View<'_>, own: &[f64], rates: &mut [f64]) -> f64 {
-        // Follows within half a millisecond: volts are held for two.
+        // With a time constant of half a millisecond; voltages are held for two.
         let lag = volts - own[0];
         let beyond = (lag.abs() - self.half_width).max(0.0).copysign(lag);
         rates[0] = beyond / 0.5e-3;
@@ -108,7 +108,7 @@ impl Deviation for Play {
     }
 }
 
-/// A supply that sags: the gain falls with the mean of the volts' magnitude over the last moments.
+/// A supply that sags: the gain falls with the low-passed magnitude of the voltage.
 #[derive(Debug)]
 struct Droop {
     drop: f64,

@@ -1,4 +1,4 @@
-//! At the line, on no list.
+//! Unlisted effects at the line.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Link, View};
@@ -34,8 +34,8 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// A chip at one port of the first line that lies as a flap: `F = c v²` while the fluid flows
-/// forward, nothing backward.
+/// A chip at one port of the first line that acts as a flap: `F = c v²` while the fluid flows
+/// forward, no loss backward.
 #[derive(Debug)]
 struct Orifice {
     coefficient: f64,
@@ -47,8 +47,8 @@ impl Deviation for Orifice {
     }
 }
 
-/// A valve between the chambers that opens beyond a pressure: a deflection under more force creeps
-/// away, under less it stays.
+/// A relief valve between the chambers: a deflection under a force beyond its opening force creeps,
+/// under a smaller one it stays.
 #[derive(Debug)]
 struct Relief {
     opening_n: f64,
@@ -73,17 +73,17 @@ impl Deviation for Relief {
 /// Time in which a pocket opens or closes, s.
 const POCKET_S: f64 = 2e-3;
 
-/// A line that carries no more than some tension: a pocket of vapour opens there, and must be
-/// filled before the line carries pressure again. Lines push in opposite directions, so that one of
-/// them is always the tense one. States: size of the pocket at each end, m.
+/// A line with limited tension: beyond it a pocket of vapour opens, and must be filled before the
+/// line carries pressure again. The lines push in opposite directions, so that one of them is
+/// always under tension. States: size of the pocket at each end, m.
 #[derive(Debug)]
 struct Separation {
     tension_n: f64,
 }
 
 impl Separation {
-    /// Sign of a link's force that is tension: the first line is pressed while the slave is driven
-    /// forward, the second the other way about.
+    /// Sign of the force of a link under tension: the first line is compressed while the slave is
+    /// driven forward, the second while it is driven backward.
     fn tension(link: &Link) -> f64 {
         let pressed = if link.side == 1 { 1.0 } else { -1.0 };
         if link.line == 0 { -pressed } else { pressed }

@@ -1,4 +1,4 @@
-//! In the instruments, on no list.
+//! Unlisted effects in the instruments.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Instruments};
@@ -46,7 +46,7 @@ pub(super) const ENTRIES: &[Entry] = &[
     },
 ];
 
-/// A cell that creeps along with what it carries: its reading adds `h z`, `dz = dτ/w - |dτ| z/w`.
+/// A cell with hysteresis: its reading adds `h z`, `dz = dτ/w - |dτ| z/w`.
 #[derive(Debug)]
 struct CellHysteresis {
     torque: f64,
@@ -66,8 +66,7 @@ impl Deviation for CellHysteresis {
     }
 }
 
-/// A cell with the grip's mass on its far side: it reads `-J q̈` too. The reading is damped, as a
-/// cell's is.
+/// A cell with the mass of the grip on its far side: it also reads `-J q̈`, low-passed.
 #[derive(Debug)]
 struct CellInertia {
     inertia: f64,
@@ -82,7 +81,7 @@ impl Deviation for CellInertia {
     }
 }
 
-/// A reading that flattens: `τ_c tanh(τ/τ_c)`.
+/// A compressive reading: `τ_c tanh(τ/τ_c)`.
 #[derive(Debug)]
 struct CellCompression {
     torque: f64,
@@ -94,7 +93,7 @@ impl Deviation for CellCompression {
     }
 }
 
-/// A cell whose cable pulls with speed: `c q̇²`, the same way in both directions.
+/// An error that depends on speed: `c q̇²`, the same way in both directions.
 #[derive(Debug)]
 struct CellSpeedError {
     coefficient: f64,

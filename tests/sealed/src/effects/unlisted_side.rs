@@ -1,4 +1,4 @@
-//! At master and slave, on no list.
+//! Unlisted effects at master and slave.
 
 use super::{Entry, Site, Values, Variable};
 use crate::deviation::{Deviation, Link, Side, View};
@@ -125,8 +125,7 @@ impl Deviation for Detent {
     }
 }
 
-/// An eddy-current brake: drag that rises to a peak at one speed and falls beyond, `2 τ_p x/(1 +
-/// x²)`.
+/// An eddy-current brake: drag that has its maximum at one speed, `2 τ_p x/(1 + x²)`.
 #[derive(Debug)]
 struct EddyBrake {
     torque: f64,
@@ -142,11 +141,11 @@ impl Deviation for EddyBrake {
     }
 }
 
-/// Slip, rad/s per N·m beyond the clutch's torque.
+/// Slip speed, rad/s per N·m beyond the torque of the clutch.
 const SLIP_RAD_S_PER_NM: f64 = 20.0;
 
-/// A belt that slips on its pulley beyond a torque, each of the two at half of it. States: how far
-/// each has slipped, rad.
+/// A belt that slips on its pulley beyond a torque, each of the two at half of it. States: slip of
+/// each, rad.
 #[derive(Debug)]
 struct Clutch {
     torque: f64,
@@ -172,7 +171,7 @@ impl Deviation for Clutch {
     }
 }
 
-/// Mass on a soft grip: a second oscillator on the slave. States: its angle and speed.
+/// A mass on a soft grip: a second oscillator at the slave. States: its angle and speed.
 #[derive(Debug)]
 struct Grip {
     inertia: f64,
@@ -196,8 +195,8 @@ impl Deviation for Grip {
     }
 }
 
-/// Contacts that grow together while they rest: extra friction that builds up with the time at rest
-/// and is gone after a short way. The state is how far they have grown, 0 to 1.
+/// Ageing of contacts at rest: extra friction that builds up with the time at rest and vanishes
+/// after a short travel. The state is the age, 0 to 1.
 #[derive(Debug)]
 struct Dwell {
     level: f64,
@@ -211,14 +210,14 @@ impl Deviation for Dwell {
 
     fn side(&self, side: &mut Side, _view: &View<'_>, own: &[f64], rates: &mut [f64]) {
         if side.side == 0 {
-            // A fiftieth of a radian tears them.
+            // Broken within a fiftieth of a radian.
             rates[0] = (1.0 - own[0]) / self.dwell_s - own[0] * side.velocity_rad_s.abs() / 0.02;
             side.add_dry(self.level * own[0].clamp(0.0, 1.0));
         }
     }
 }
 
-/// A soft bumper beyond one angle: `τ = -k x²/(x + 0.05 rad)`, into the bumper only.
+/// A soft bumper beyond one angle: `τ = -k x²/(x + 0.05 rad)`, in compression only.
 #[derive(Debug)]
 struct Bumper {
     stiffness: f64,
@@ -237,11 +236,11 @@ impl Deviation for Bumper {
     }
 }
 
-/// Time in which the film of oil follows, s.
+/// Time constant of the oil film, s.
 const FILM_S: f64 = 8e-3;
 
-/// A squeezed film: dry friction larger while speeding up than while slowing down (or the reverse),
-/// `1 + a tanh(v̇ sgn v/s)`. The state is the speed as the film knows it.
+/// A squeezed film: dry friction that is larger during acceleration than during deceleration (or
+/// vice versa), `1 + a tanh(v̇ sgn v/s)`. The state is the low-passed speed.
 #[derive(Debug)]
 struct Squeeze {
     share: f64,

@@ -78,7 +78,7 @@ fn frictionless_modes_as_in_closed_form() {
 
 /// With friction and no input, energy only falls.
 #[test]
-fn friction_takes_energy() {
+fn friction_dissipates() {
     let model = Simulator::new(
         MachineParameters::declared(),
         Smoothing { shape: Shape::Tanh, speed_rad_s: 0.05 },
@@ -147,7 +147,7 @@ impl Deviation for Many {
 }
 
 #[test]
-fn what_has_no_room_is_refused() {
+fn too_many_states_are_refused() {
     let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
     let build = |states: usize| {
         Simulator::new(

@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_gain_is_accepted_and_a_loss_is_not() {
+    fn a_uniform_gain_is_accepted_and_a_loss_is_not() {
         let before: Vec<f64> = (0..10).map(|i| 1.0 + 0.1 * f64::from(i % 3)).collect();
         let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
         assert!(validate("x", &before, &after).accepted);
@@ -419,7 +419,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "a defect of an effect")]
-    fn a_panic_of_a_candidate_does_not_vanish() {
+    fn a_panic_of_a_candidate_is_propagated() {
         let axis = Axis {
             units: Units::LINEAR,
             rotary: false,

@@ -1,5 +1,8 @@
 //! Roles of the rows: fit, select, report.
 
+use rand::{Rng as _, SeedableRng as _};
+use rand_xoshiro::SplitMix64;
+
 /// What rows are used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
@@ -22,20 +25,6 @@ pub struct Block {
     pub role: Role,
 }
 
-/// A small generator (Steele, Lea, Flood 2014, SplitMix64): splits must repeat for a seed, no more
-/// is asked of it.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-}
-
 /// Splits one record into contiguous blocks of `length` rows with `guard` rows left out in between,
 /// so that the low-pass carries nothing from one block into the next. Of every four successive
 /// blocks two fit, one selects and one reports, in random order: the roles are spread over the
@@ -47,7 +36,7 @@ pub fn one_record(
     guard: usize,
     seed: u64,
 ) -> Vec<Block> {
-    let mut random = SplitMix(seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut blocks = Vec::new();
     let mut start = 0;
     let mut roles = Vec::new();
@@ -55,7 +44,7 @@ pub fn one_record(
         if roles.is_empty() {
             roles = vec![Role::Fit, Role::Fit, Role::Select, Role::Report];
             for i in (1..roles.len()).rev() {
-                roles.swap(i, (random.next() % (i as u64 + 1)) as usize);
+                roles.swap(i, (random.next_u64() % (i as u64 + 1)) as usize);
             }
         }
         if let Some(role) = roles.pop() {

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_effect_goes_where_machines_gave_as_much_and_not_for_want_of_machines() {
+    fn an_effect_is_withdrawn_if_replicates_reach_its_gain_not_if_they_are_few() {
         let of = |gains: Vec<f64>| BootstrapResult { alarms: 0, gains };
         // 1 of 39 and the one at hand are 0.05.
         assert!(!too_often(&of([vec![0.0; 38], vec![0.5]].concat()), 0.4));

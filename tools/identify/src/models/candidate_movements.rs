@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn references_are_derivatives_of_one_another_and_the_model_follows() {
+    fn references_are_consistent_derivatives_and_the_model_follows() {
         let rig = rig();
         let capability = RigCapability::of(&rig).unwrap();
         for movement in
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_no_plant_simulates_plays_nothing() {
+    fn a_rig_without_a_plant_has_no_candidate_movements() {
         let emps =
             RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"))
                 .unwrap();

@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lag_is_told_from_dead_time_by_a_movement_in_which_the_two_models_differ() {
+    fn the_proposed_movement_distinguishes_a_lag_from_dead_time() {
         let delay = PlacedEffect {
             id: "transport_delay",
             site: Site::Drive,
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_the_records_do_not_show_are_moved() {
+    fn the_proposed_movement_identifies_further_parameters() {
         let (rig, capability, study) = study(None, None);
         let unseen = |name: &str| FittedParameter {
             name: name.into(),

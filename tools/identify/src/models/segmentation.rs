@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_recording_becomes_stretches_that_share_all_movements_among_all_roles() {
+    fn segments_of_a_long_recording_share_all_movements_among_all_roles() {
         let mut notes = Vec::new();
         let segments = segment(&[recording()], &mut notes).unwrap().unwrap();
         assert_eq!(notes.len(), 1);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_long_recording_some_stretches_are_taken_evenly() {
+    fn of_many_segments_some_are_taken_evenly() {
         // Ten times the same, one after another.
         let once = recording();
         let mut long = once.clone();
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_enough_or_has_roles_stays_and_what_is_too_short_is_refused() {
+    fn sufficient_records_are_not_segmented_and_short_ones_are_refused() {
         let three = vec![recording(), recording(), recording()];
         assert!(segment(&three, &mut Vec::new()).unwrap().is_none());
         let fixed = Series { role: Some(Role::Fit), ..recording() };

@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hand_in_one_stretch_of_a_recording_is_there_in_all_of_them() {
+    fn a_hand_in_one_segment_is_assumed_in_the_whole_recording() {
         let names = [
             "a.mcap[0.0..3.0 s]",
             "a.mcap[3.0..6.0 s]",
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_take_no_part_are_told_once() {
+    fn unused_columns_are_reported_once() {
         let series = |names: &[&str]| Series {
             columns: names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect(),
             ..Series::default()

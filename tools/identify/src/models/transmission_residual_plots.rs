@@ -199,7 +199,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_side_that_rests_has_not_turned() {
+    fn a_side_at_rest_has_not_reversed() {
         let since = since_reversal(&[0.0, 1.0, 0.0, 1.0, -0.05, -1.0, -1.0, 0.02, -1.0, 1.0], 0.1);
         assert!(since[..5].iter().all(|since| since.is_nan()));
         let expected = [0.0, 0.1, 0.2, 0.3, 0.0];
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_over_what_never_happened_is_left_out() {
+    fn a_plot_without_finite_values_is_left_out() {
         let row = vec![0.0, 1.0, 2.0];
         let rows = Rows { before: row.clone(), after: row.clone(), ..Rows::default() };
         assert!(rows.over("time since the last reversal", "s", "rad", &[f64::NAN; 3]).is_none());
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tone_of_a_known_size_and_noise_of_a_known_density() {
+    fn density_of_a_known_tone_and_of_known_noise() {
         // White: the mean square over the band of half the sampling frequency.
         let mut seed = 1u64;
         let noise: Vec<f64> = (0..4000)

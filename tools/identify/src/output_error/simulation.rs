@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn an_oscillation_that_grows_beyond_bounds_is_given_up() {
+    fn a_diverging_oscillation_is_abandoned() {
         let input = Input { values: vec![0.0; 20_001], steps: 1, step: 0.01, start: 0.0 };
         assert!(plain(-1.0).run(&input, (0.02, 0.0), 10.0).is_none());
         assert!(plain(1.0).run(&input, (0.02, 0.0), 10.0).is_some());

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn collinearity_with_several_names_none() {
+    fn collinearity_with_several_columns_names_none() {
         let rows = 400;
         let wave = |order: f64, row: usize| {
             (std::f64::consts::TAU * order * row as f64 / rows as f64).sin()

@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn functions_are_asked_where_it_acts() {
+    fn functions_are_allowed_at_the_localised_place() {
         let master = shares(0.03, 0.9, 0.4, Some(0.95));
         assert!(
             master.allows((Site::Drive, Variable::Voltage))
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_those_of_the_cause() {
+    fn responses_are_those_to_the_cause() {
         let cause: Vec<f64> = random_signs(4000).iter().copied().collect();
         // The slave answers half as much, and two rows later.
         let later: Vec<f64> =
@@ -451,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_a_known_proportion_is_explained_and_no_more() {
+    fn residuals_in_the_proportion_of_a_place_are_explained_by_it() {
         let course = |seed: usize| -> Vec<f64> { random_signs(20_000)[seed..seed + 8000].to_vec() };
         let scaled =
             |course: &[f64], size: f64| course.iter().map(|row| size * row).collect::<Vec<f64>>();

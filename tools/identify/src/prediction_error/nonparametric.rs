@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_is_straight_between_nodes_and_level_beyond() {
+    fn a_table_is_linear_between_nodes_and_constant_beyond() {
         let mut table = PiecewiseLinear::new((Site::Slave, Variable::Position), -1.0, 1.0);
         table.values[0] = 2.0;
         table.values[1] = 1.0;
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_the_volts_with_a_play_turns_with_them() {
+    fn a_function_of_voltage_with_play_follows_reversals() {
         let mut table = level((Site::Drive, Variable::VoltageTurning), 0.3);
         let mut after = |volts: &[f64]| {
             for volts in volts {
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_of_the_volts_forgets() {
+    fn the_mean_voltage_decays() {
         let mut table = level((Site::Drive, Variable::VoltageMean), 0.0);
         for (node, value) in table.values.iter_mut().enumerate() {
             *value = -0.5 * node as f64 / (NODES - 1) as f64;
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_gives_way_where_it_is_pressed_and_at_the_ends_that_are_meant() {
+    fn a_line_creeps_in_compression_at_the_ends_of_its_site() {
         for (site, master_gives) in [(Site::Line, true), (Site::Slave, false)] {
             // Creeps in compression by 0.01 m/s, and not in tension.
             let mut table = PiecewiseLinear::new((site, Variable::Force), -10.0, 10.0);

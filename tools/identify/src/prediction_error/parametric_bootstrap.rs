@@ -340,7 +340,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_probability_counts_the_machine_at_hand() {
+    fn the_p_value_counts_the_records_themselves() {
         let chance = BootstrapResult { alarms: 2, gains: [vec![0.0; 17], vec![0.3, 0.5]].concat() };
         assert!((chance.probability(0.6) - 0.05).abs() < 1e-12);
         assert!((chance.probability(0.4) - 0.1).abs() < 1e-12);
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn two_equations_are_solved_where_nothing_would_be_negative() {
+    fn two_equations_are_solved_with_non_negative_unknowns() {
         let matrix = Matrix2::new(2.0, 1.0, 1.0, 3.0);
         let solution = solve_non_negative(matrix, Vector2::new(5.0, 10.0));
         assert!((solution - Vector2::new(1.0, 3.0)).norm() < 1e-9);

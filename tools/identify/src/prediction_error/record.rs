@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_at_the_handle_is_seen_through_offset_drift_crosstalk_and_hum() {
+    fn an_idle_handle_is_detected_despite_offset_drift_crosstalk_and_hum() {
         let idle = |torque: &dyn Fn(f64) -> f64| {
             Record::new(&series(torque), 1.0, &mut Vec::new()).unwrap().idle
         };
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_its_column() {
+    fn implausible_columns_are_refused() {
         let refused = |edit: &dyn Fn(&mut Series)| {
             let mut series = series(|_| 0.0);
             edit(&mut series);

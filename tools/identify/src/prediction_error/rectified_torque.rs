@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_of_one_sign_are_told_from_those_of_both() {
+    fn readings_of_one_sign_are_distinguished_from_those_of_both() {
         let swing: Vec<f64> = (0..1000).map(|row| (0.02 * f64::from(row)).sin()).collect();
         assert!(!is_one_sided(&record(swing.clone())));
         assert!(is_one_sided(&record(swing.iter().map(|torque| torque.abs()).collect())));
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_between_two_zeros_is_turned_as_a_whole() {
+    fn a_segment_between_two_zeros_is_flipped_as_a_whole() {
         let torque: Vec<f64> = (0..400)
             .map(|row| (std::f64::consts::TAU * f64::from(row) / 200.0).sin().abs())
             .collect();

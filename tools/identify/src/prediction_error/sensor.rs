@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_column_is_read_earlier_and_level_at_its_end() {
+    fn a_late_column_is_advanced_and_constant_at_its_end() {
         let column = [0.0, 1.0, 3.0, 7.0];
         close(&advanced(&column, 1.0), &[1.0, 3.0, 7.0, 7.0]);
         close(&advanced(&column, 0.25), &[0.25, 1.5, 4.0, 7.0]);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_of_the_cell_is_taken_back() {
+    fn an_effect_of_the_torque_cell_is_inverted() {
         let truth = [1.0, -0.5, 0.0, 2.0];
         for (id, value) in [("sensor_gain", 0.2), ("sensor_offset", 0.3), ("rectified_sensor", 0.4)]
         {
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_pulls_at_an_idle_handle_whatever_the_cell_shows() {
+    fn the_torque_at_an_idle_handle_is_zero_whatever_the_cell_shows() {
         let idle = record(Some(vec![0.3; 4]), true);
         let (hand, left) = hand_torque(&idle, &mut [], &[]);
         assert_eq!((hand, left), (vec![0.0; 4], Some(vec![0.3; 4])));
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_function_of_the_cell_is_what_it_shows_too_much() {
+    fn a_function_of_the_cell_is_subtracted_from_its_reading() {
         let mut table = PiecewiseLinear::new((Site::Sensor, Variable::Torque), -1.0, 1.0);
         for node in 0..NODES {
             table.values[node] = 0.1 * table.at(node);

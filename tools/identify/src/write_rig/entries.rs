@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_plant_does_alike_is_written_in_its_words() {
+    fn effects_with_the_same_law_are_written_with_the_plants_names() {
         let of_friction = [
             "coulomb_friction",
             "stribeck_friction",
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_the_same_however_they_are_spelled() {
+    fn units_are_compared_despite_different_spelling() {
         for (of_plant, of_fit) in [
             ("N m (N)", "N"),
             ("N m (N)", "N·m"),

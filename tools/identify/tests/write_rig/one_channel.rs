@@ -12,7 +12,7 @@ fn pushed(parameters: drive::Parameters, effects: Vec<Box<dyn Effect>>) -> f64 {
 }
 
 #[test]
-fn the_drive_made_from_the_file_has_what_was_fitted_once() {
+fn a_drive_from_the_file_has_each_fitted_value_once() {
     let parameters = vec![
         in_unit("mass_kg", "kg", (100.0, 140.0)),
         in_unit("viscous_friction_n_s_per_m", "N·s/m", (200.0, 620.0)),
@@ -58,7 +58,7 @@ fn the_drive_made_from_the_file_has_what_was_fitted_once() {
 }
 
 #[test]
-fn an_excess_that_is_no_effect_of_the_plant_stays_in_the_parameter() {
+fn an_excess_that_the_plant_cannot_express_stays_in_the_parameter() {
     let lighter =
         found_by_columns("extra_inertia", "master", &[("mass_beyond_declared", -38.0, "kg")]);
     let (written, rig) =
@@ -89,7 +89,7 @@ fn an_excess_that_is_no_effect_of_the_plant_stays_in_the_parameter() {
 }
 
 #[test]
-fn of_an_element_line_and_branch_are_told_by_its_stiffness() {
+fn compliance_and_branch_of_an_element_are_relative_to_its_stiffness() {
     let parameters = vec![
         in_unit("stiffness_n_per_m", "N/m", (2e4, 1.25e4)),
         in_unit("viscous_damping_n_s_per_m", "N·s/m", (50.0, 80.0)),
@@ -122,7 +122,7 @@ fn of_an_element_line_and_branch_are_told_by_its_stiffness() {
 }
 
 #[test]
-fn what_the_plant_has_otherwise_is_left_out_and_said() {
+fn effects_with_another_law_are_left_out_with_a_message() {
     let effects = vec![
         found_by_columns("coulomb_friction", "master", &[("coulomb", 20.4, "N")]),
         found_by_columns(
@@ -172,7 +172,7 @@ fn put_on_the_mass(effect: &mut dyn Effect, position_rad: f64, time_s: f64) -> f
 }
 
 #[test]
-fn waves_are_those_that_the_motion_had_to_overcome() {
+fn waves_have_the_sign_that_the_motion_had_to_overcome() {
     let (sine, cosine) = (0.3, -0.7);
     let asked = |angle: f64| sine * angle.sin() + cosine * angle.cos();
     let pair = |unit: &'static str| vec![("sine", sine, unit), ("cosine", cosine, unit)];

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn the_plant_made_from_the_file_is_the_fitted_one() {
+fn a_plant_from_the_file_is_the_fitted_one() {
     let effects = vec![
         effect("backlash", "slave", &[("gap", 0.061_234)]),
         effect("torque_ripple", "drive", &[("amplitude", 0.13), ("order", 12.0), ("phase", -0.4)]),
@@ -55,7 +55,7 @@ fn the_plant_made_from_the_file_is_the_fitted_one() {
 }
 
 #[test]
-fn comments_stay_and_tolerances_are_what_the_records_say() {
+fn comments_are_kept_and_tolerances_follow_the_records() {
     let written = write(RIG, &found(Vec::new())).unwrap();
     let kept = |text: &str| -> Vec<String> {
         text.lines().filter_map(|line| line.find('#').map(|at| line[at..].to_owned())).collect()
@@ -106,7 +106,7 @@ fn comments_stay_and_tolerances_are_what_the_records_say() {
 }
 
 #[test]
-fn a_second_time_replaces_the_first() {
+fn a_second_run_replaces_the_first() {
     let first = write(RIG, &found(vec![effect("backlash", "slave", &[("gap", 0.06)])])).unwrap();
     let second =
         write(text(&first), &found(vec![effect("leakage", "line", &[("conductance", 5e-13)])]))
@@ -121,7 +121,7 @@ fn a_second_time_replaces_the_first() {
 }
 
 #[test]
-fn what_is_not_known_is_not_written_and_said() {
+fn unknown_values_are_not_written_with_a_message() {
     let mut ambiguous = found(vec![effect("transport_delay", "drive", &[("delay_s", 5e-3)])]);
     ambiguous.verdict = Verdict::Ambiguous;
     ambiguous.ambiguous_with = vec![Named { id: "amplifier_lag".into(), site: "drive".into() }];
@@ -177,7 +177,7 @@ fn an_axis_that_has_a_parameter_of_its_own_keeps_it() {
 }
 
 #[test]
-fn of_a_drive_absolute_tolerances_stay_absolute() {
+fn absolute_tolerances_of_a_drive_stay_absolute() {
     let parameters = vec![
         parameter("mass_kg", Some(100.0), 95.1, Some(0.1)),
         parameter("force_offset_n", Some(0.0), -3.2, Some(0.9)),
@@ -190,7 +190,7 @@ fn of_a_drive_absolute_tolerances_stay_absolute() {
 }
 
 #[test]
-fn gains_that_the_fitted_machine_does_not_bear_are_refused_not_written() {
+fn gains_unstable_with_the_fitted_machine_are_refused() {
     let mut weak = found(Vec::new());
     // A motor four times as strong: the loop has four times the gain.
     weak.parameters[0].fitted = 14.0;
@@ -202,7 +202,7 @@ fn gains_that_the_fitted_machine_does_not_bear_are_refused_not_written() {
 }
 
 #[test]
-fn the_file_says_where_its_values_come_from() {
+fn the_file_gives_the_source_of_its_values() {
     let mut outcome = found(Vec::new());
     outcome.records.fit = vec!["a.mcap".into(), "b.mcap[1.0..4.0 s]".into()];
     outcome.records.report = vec!["c\nd.mcap".into()];

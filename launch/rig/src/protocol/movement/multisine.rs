@@ -2,6 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng as _, SeedableRng as _};
+
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::Point;
@@ -115,8 +118,10 @@ fn read_lines(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Vec<Line> {
     } else {
         vec![keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M) / count as f64; count]
     };
-    let mut random =
+    let seed =
         section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number; it draws the phases");
+    // A published algorithm: the phases of a protocol do not depend on the release of a library.
+    let mut random = SplitMix64::seed_from_u64(seed);
     let lines = frequencies.into_iter().zip(amplitudes);
     lines
         .map(|(frequency_hz, amplitude)| Line {
@@ -127,13 +132,7 @@ fn read_lines(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Vec<Line> {
         .collect()
 }
 
-/// The next number in [0, 1) of the generator SplitMix64 (Steele, Lea, Flood, OOPSLA 2014). A
-/// protocol's phases must not depend on the release of a library.
-fn unit_random(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^= z >> 31;
-    (z >> 11) as f64 / (1u64 << 53) as f64
+/// The next number in [0, 1).
+fn unit_random(random: &mut SplitMix64) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
