@@ -103,7 +103,7 @@ proptest! {
     }
 
     #[test]
-    fn counter_wrap_is_undone(bits in 4_u32..=32, moves in prop::collection::vec(-1.0_f64..1.0, 1..60)) {
+    fn wrap_is_undone(bits in 4_u32..=32, moves in prop::collection::vec(-1.0_f64..1.0, 1..60)) {
         let half = (1_i64 << (bits - 1)) - 1;
         let mask = (1_u64 << bits) - 1;
         let mut unwrap = Unwrap::new(bits);
