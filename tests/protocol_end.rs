@@ -89,7 +89,7 @@ impl Bench {
         Observed { moved_rad: most - least, volts }
     }
 
-    /// Powers a rig whose protocol has ended, and asserts that neither voltage nor movement follows.
+    /// Powers a rig whose protocol has ended; asserts that neither voltage nor movement follows.
     fn assert_power_moves_nothing(&self, after: &str) {
         self.power_cycle();
         for _ in 0..4 {

@@ -1,7 +1,7 @@
 //! Axes: encoders, torque channel, limits and control gains.
 
 use crate::axis_control::AxisControl;
-use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::axis_unit::AxisUnit;
 use crate::encoder::Encoder;
 use crate::limits::Limits;
 use crate::parameter::Parameter;
@@ -46,24 +46,24 @@ impl Axis {
         section.document("[[axes]]", KEYS);
         let name = section.text("name");
         let words = &[("rad", AxisUnit::Radian), ("m", AxisUnit::Metre)];
-        let keys = AxisKeys::new(section.word("unit", words).unwrap_or(AxisUnit::Radian));
+        let unit = section.word("unit", words).unwrap_or(AxisUnit::Radian);
         if !section.has("master") {
             let advice = "control needs the master's position";
             section.problem("master", "the encoder at the motor", "nothing", advice);
         }
-        let master = Encoder::read(section.section("master"), &keys, true);
+        let master = Encoder::read(section.section("master"), unit, true);
         let slave = section.section("slave");
-        let slave = slave.exists().then(|| Encoder::read(slave, &keys, false));
+        let slave = slave.exists().then(|| Encoder::read(slave, unit, false));
         let torque = section.section("torque");
-        let torque = torque.exists().then(|| TorqueChannel::read(torque, &keys));
+        let torque = torque.exists().then(|| TorqueChannel::read(torque, unit));
         if !section.has("limits") {
             let advice = "no axis runs without limits";
             section.problem("limits", "the limits that the watchdog enforces", "nothing", advice);
         }
-        let limits = Limits::read(section.section("limits"), &keys, torque.is_some());
+        let limits = Limits::read(section.section("limits"), unit, torque.is_some());
         let control = AxisControl::read(
             section.section("control"),
-            &keys,
+            unit,
             (&master, slave.as_ref()),
             torque.as_ref(),
             &limits,
@@ -71,6 +71,6 @@ impl Axis {
         );
         let model = Parameter::read_all(&section.section("model"));
         section.finish();
-        Self { name, unit: keys.unit, master, slave, torque, limits, control, model }
+        Self { name, unit, master, slave, torque, limits, control, model }
     }
 }

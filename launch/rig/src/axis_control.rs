@@ -1,6 +1,6 @@
 //! Gains and limits of an axis's control law.
 
-use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::axis_unit::{AxisUnit, KeyNames};
 use crate::compensation::ControlOptions;
 use crate::encoder::Encoder;
 use crate::force::ForceControl;
@@ -46,10 +46,7 @@ pub struct Feedforward {
 const KEYS: Keys = &[
     ("p_v_per_count", "Position gain P of § 4.1; required on an axis in m."),
     ("d_v_s_per_count", "Velocity gain D of § 4.1; required on an axis in m."),
-    (
-        "velocity_filter_hz",
-        "Cut-off of the low pass of the velocity estimate; at most half the control rate.",
-    ),
+    ("velocity_filter_hz", "Cut-off of the low pass of the velocity estimate."),
     ("output_limit_v", "The output stays within ± this; `limits.volts_max`, if left out."),
     ("feedforward", "Printed feed-forward (fig. 4.3A)."),
     ("ramp_s", "Time in which the reference moves from the measured position to the setpoint."),
@@ -63,7 +60,7 @@ const KEYS: Keys = &[
 impl AxisControl {
     pub(crate) fn read(
         section: Section<'_>,
-        keys: &AxisKeys,
+        unit: AxisUnit,
         (master, slave): (&Encoder, Option<&Encoder>),
         torque: Option<&TorqueChannel>,
         limits: &Limits,
@@ -73,42 +70,33 @@ impl AxisControl {
         let travel = limits.position_max - limits.position_min;
         let gain = |key, printed| {
             let bounds = bounds(0.0, 1.0, "volts per count: § 4.1 has P = 4.5e-3 and D = 7e-4");
-            match keys.unit {
-                AxisUnit::Radian => {
-                    section.number_or(key, printed, bounds) * master.counts_per_unit
-                }
-                // The thesis's gains are per count of its rotary encoder: no default in metres.
-                AxisUnit::Metre => section.number(key, bounds) * master.counts_per_unit,
-            }
+            // The thesis's gains are per count of its rotary encoder: no default in metres.
+            let per_count = match unit {
+                AxisUnit::Radian => section.number_or(key, printed, bounds),
+                AxisUnit::Metre => section.number(key, bounds),
+            };
+            per_count * master.counts_per_unit
         };
         let nyquist = f64::from(rates.control_hz) / 2.0;
         let filter =
             bounds(1.0, nyquist, "at most half the control rate; above it nothing is filtered");
+        let usual = f64::min(40.0, nyquist);
         let control = Self {
             position_gain: gain("p_v_per_count", 4.5e-3),
             velocity_gain: gain("d_v_s_per_count", 7e-4),
-            velocity_filter_hz: section.number_or(
-                "velocity_filter_hz",
-                40.0_f64.min(nyquist),
-                filter,
-            ),
+            velocity_filter_hz: section.number_or("velocity_filter_hz", usual, filter),
             output_limit_v: section.number_or("output_limit_v", limits.volts_max, VOLTS),
-            feedforward: Feedforward::read(section.section("feedforward"), keys),
+            feedforward: Feedforward::read(section.section("feedforward"), unit),
             ramp_s: section.number_or("ramp_s", 1.0, bounds(0.1, 10.0, "in seconds")),
             accept_unstable: section.flag_or("accept_unstable", false),
             force: torque.map(|torque| {
                 let force = section.section("force");
-                let control = ForceControl::read(
-                    &force,
-                    master,
-                    torque,
-                    travel,
-                    keys.unit.si_per_file_unit(),
-                );
+                let scale = unit.si_per_file_unit();
+                let control = ForceControl::read(&force, master, torque, travel, scale);
                 force.finish();
                 control
             }),
-            options: ControlOptions::read(&section, keys.unit, slave, travel),
+            options: ControlOptions::read(&section, unit, slave, travel),
         };
         if torque.is_none() {
             let advice = "add the axis's torque channel, or take the section out";
@@ -126,28 +114,17 @@ const FEEDFORWARD_KEYS: Keys = &[
 ];
 
 impl Feedforward {
-    fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+    fn read(section: Section<'_>, unit: AxisUnit) -> Self {
         section.document("[axes.control.feedforward]", FEEDFORWARD_KEYS);
-        let inertia = keys.key(&section, |names| names.inertia);
-        let (peak, floor) = match keys.unit {
-            AxisUnit::Radian => (1.5, 1.2),
-            AxisUnit::Metre => (0.0, 0.0),
-        };
-        let peak = section.number_or(
-            "friction_peak_v",
-            peak,
-            bounds(0.0, 5.0, "ch. 4 measured 1.5 ± 0.3 V"),
-        );
-        let floor = section.number_or(
-            "friction_floor_v",
-            f64::min(floor, peak),
-            bounds(0.0, peak, "at most friction_peak_v, as friction falls with speed (§ 4.1)"),
-        );
-        let inertia_v = section.number_or(
-            inertia,
-            0.0,
-            bounds(0.0, 10.0, "inertia divided by torque per volt"),
-        );
+        let inertia = unit.key(&section, KeyNames("inertia_v_per_rad_s2", "inertia_v_per_m_s2"));
+        let (peak, floor) = unit.choose((1.5, 1.2), (0.0, 0.0));
+        let peaks = bounds(0.0, 5.0, "ch. 4 measured 1.5 ± 0.3 V");
+        let peak = section.number_or("friction_peak_v", peak, peaks);
+        let floors =
+            bounds(0.0, peak, "at most friction_peak_v, as friction falls with speed (§ 4.1)");
+        let floor = section.number_or("friction_floor_v", f64::min(floor, peak), floors);
+        let inertias = bounds(0.0, 10.0, "inertia divided by torque per volt");
+        let inertia_v = section.number_or(inertia, 0.0, inertias);
         section.finish();
         Self { friction_peak_v: peak, friction_floor_v: floor, inertia_v }
     }

@@ -52,21 +52,14 @@ const KEYS: Keys = &[
 impl Channel {
     pub(crate) fn read(section: Section<'_>) -> Self {
         section.document("[[channels]]", KEYS);
+        let inputs = "the card has 16 inputs, counted from 0";
+        let range = bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V");
         let channel = Self {
-            index: section.whole(
-                "index",
-                0,
-                ANALOG as u64 - 1,
-                "the card has 16 inputs, counted from 0",
-            ) as usize,
+            index: section.whole("index", 0, ANALOG as u64 - 1, inputs) as usize,
             name: section.text("name"),
             kind: section.word("kind", ChannelKind::WORDS).unwrap_or(ChannelKind::Other),
             unit: section.text_or_none("unit").unwrap_or_else(|| "V".to_owned()),
-            range_v: section.number_or(
-                "range_v",
-                10.0,
-                bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V"),
-            ),
+            range_v: section.number_or("range_v", 10.0, range),
         };
         section.finish();
         channel
@@ -82,22 +75,14 @@ impl Channel {
                         other.index
                     );
                     let advice = "each input appears once";
-                    source.problem(
-                        &format!("channels.{at}.index"),
-                        expected,
-                        channel.index,
-                        advice,
-                    );
+                    let found = channel.index;
+                    source.problem(&format!("channels.{at}.index"), expected, found, advice);
                 }
                 if other.name == channel.name {
                     let expected = format!("a name of its own (channels.{before} has it already)");
                     let found = format!("the text \"{}\"", channel.name);
-                    source.problem(
-                        &format!("channels.{at}.name"),
-                        expected,
-                        found,
-                        "names tell channels apart in exports",
-                    );
+                    let advice = "names tell channels apart in exports";
+                    source.problem(&format!("channels.{at}.name"), expected, found, advice);
                 }
             }
         }

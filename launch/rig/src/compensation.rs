@@ -86,10 +86,7 @@ const SHARE: Bounds = bounds(0.0, 1.0, "a share from 0 (none) to 1 (all)");
 const COMPENSATION_KEYS: Keys = &[
     ("kind", "The feed-forward; `identified` needs a transmission as the declared model."),
     ("share", "Share of the model's friction that is compensated."),
-    (
-        "reversal_{deg,m}_s",
-        "Speed within which the compensation of the motor's friction changes sign.",
-    ),
+    ("reversal_{deg,m}_s", "Speed below which the compensation of motor friction changes sign."),
 ];
 
 impl Compensation {
@@ -100,15 +97,9 @@ impl Compensation {
             ("identified", CompensationKind::Identified),
             ("none", CompensationKind::None),
         ];
-        let (key, speed) = match unit {
-            AxisUnit::Radian => ("reversal_deg_s", 10.0),
-            AxisUnit::Metre => ("reversal_m_s", 0.01),
-        };
-        let speeds = bounds(
-            1e-4,
-            1e3,
-            "far below the movement's peak speed, above what the encoder resolves",
-        );
+        let (key, speed) = unit.choose(("reversal_deg_s", 10.0), ("reversal_m_s", 0.01));
+        let advice = "far below the movement's peak speed, above what the encoder resolves";
+        let speeds = bounds(1e-4, 1e3, advice);
         Self {
             kind: section.word_or("kind", words, CompensationKind::default()),
             share: section.number_or("share", 1.0, SHARE),
@@ -128,14 +119,11 @@ impl Observer {
         section.document("[axes.control.observer]", OBSERVER_KEYS);
         let own = Self::default();
         let cutoff = bounds(0.1, 20.0, "below the line's resonance, in Hz");
+        let limit = bounds(0.0, 10.0, "about the friction of the axis, in V");
         Self {
             cutoff_hz: section.number_or("cutoff_hz", own.cutoff_hz, cutoff),
             share: section.number_or("share", own.share, SHARE),
-            limit_v: section.number_or(
-                "limit_v",
-                own.limit_v,
-                bounds(0.0, 10.0, "about the friction of the axis, in V"),
-            ),
+            limit_v: section.number_or("limit_v", own.limit_v, limit),
         }
     }
 }
@@ -153,34 +141,22 @@ impl SlaveLoop {
     /// `travel` is the width of the axis's position range (rad or m).
     pub(crate) fn read(section: &Section<'_>, unit: AxisUnit, travel: f64) -> Self {
         section.document("[axes.control.slave]", SLAVE_KEYS);
-        let (key, limit) = match unit {
-            AxisUnit::Radian => ("limit_deg", 20.0),
-            AxisUnit::Metre => ("limit_m", 0.02),
-        };
+        let (key, limit) = unit.choose(("limit_deg", 20.0), ("limit_m", 0.02));
         let scale = unit.si_per_file_unit();
         let half_travel = (0.5 * travel / scale * 1e6).round() * 1e-6;
         let most = bounds(0.0, half_travel, "at most half the axis's range");
-        let number =
-            |key, own, most, advice| section.number_or(key, own, bounds(0.0, most, advice));
         let own = Self::default();
+        let gain = bounds(0.0, 2.0, "reference offset per error, without unit");
+        let rate = bounds(0.0, 20.0, "reference offset per error and time, in 1/s");
         let filter = bounds(0.1, 20.0, "below the line's resonance, in Hz");
+        let lead = bounds(0.0, 0.1, "the lag of line and loop, in s");
         Self {
             limit: section.number_or(key, f64::min(limit, 0.5 * half_travel), most) * scale,
             windup_share: section.number_or("windup_share", own.windup_share, SHARE),
-            proportional_gain: number(
-                "proportional_gain",
-                own.proportional_gain,
-                2.0,
-                "reference offset per error, without unit",
-            ),
-            integral_gain: number(
-                "integral_gain_per_s",
-                own.integral_gain,
-                20.0,
-                "reference offset per error and time, in 1/s",
-            ),
+            proportional_gain: section.number_or("proportional_gain", own.proportional_gain, gain),
+            integral_gain: section.number_or("integral_gain_per_s", own.integral_gain, rate),
             filter_hz: section.number_or("filter_hz", own.filter_hz, filter),
-            lead_s: number("lead_s", own.lead_s, 0.1, "the lag of line and loop, in s"),
+            lead_s: section.number_or("lead_s", own.lead_s, lead),
         }
     }
 }

@@ -38,10 +38,7 @@ pub enum ModelEffectError {
 const KEYS: Keys = &[
     ("id", "Name of the effect."),
     ("site", "Where it acts."),
-    (
-        "parameters",
-        "Values by name, in the effect's own units; those left out keep their defaults.",
-    ),
+    ("parameters", "Values by name, in the effect's units; the others keep their defaults."),
 ];
 
 impl ModelEffect {

@@ -1,6 +1,6 @@
 //! Incremental encoders.
 
-use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::axis_unit::{AxisUnit, KeyNames};
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// An incremental encoder.
@@ -39,28 +39,22 @@ const KEYS: Keys = &[
     ("counts_per_turn", "Counts per turn of the encoder, all four edges of each line."),
     ("counts_per_metre", "Counts per metre, on an axis in m."),
     ("inverted", "Whether the count falls when the axis moves in its positive direction."),
-    (
-        "turns_per_handle_turn",
-        "Turns of the motor per turn of the handle; master of a rotary axis only.",
-    ),
+    ("turns_per_handle_turn", "Turns of the motor per turn of the handle; rotary master only."),
 ];
 
 impl Encoder {
     /// Reads `master` or `slave`; only a `geared` encoder accepts `turns_per_handle_turn`.
-    pub(crate) fn read(section: Section<'_>, keys: &AxisKeys, geared: bool) -> Self {
+    pub(crate) fn read(section: Section<'_>, unit: AxisUnit, geared: bool) -> Self {
         section.document("[axes.master] and [axes.slave]", KEYS);
-        let key = keys.key(&section, |names| names.counts);
-        let counts = section.number(key, keys.choose(COUNTS_PER_TURN, COUNTS_PER_METRE));
+        let key = unit.key(&section, KeyNames("counts_per_turn", "counts_per_metre"));
+        let counts = section.number(key, unit.choose(COUNTS_PER_TURN, COUNTS_PER_METRE));
         let inverted = section.flag_or("inverted", false);
-        let turns = match keys.unit {
+        let turns = match unit {
             AxisUnit::Radian if geared => section.number_or("turns_per_handle_turn", 1.0, GEAR),
             _ => 1.0,
         };
         section.finish();
-        let turn = match keys.unit {
-            AxisUnit::Radian => std::f64::consts::TAU,
-            AxisUnit::Metre => 1.0,
-        };
+        let turn = unit.choose(std::f64::consts::TAU, 1.0);
         Self { counts_per_unit: turns * counts / turn, turns_per_handle_turn: turns, inverted }
     }
 }

@@ -75,37 +75,25 @@ impl ForceControl {
         let slow = volts("offset_slow_v", 1.5, "eq. 4.2.3 has 1.5 V below the threshold speed");
         let fast = volts("offset_fast_v", 1.2, "eq. 4.2.3 has 1.2 V from the threshold speed on");
         let counts = master.counts_per_unit;
+        let gain = bounds(0.0, 20.0, "P1 of eq. 4.2.2, in V/V");
+        let factor = bounds(0.01, 1.0, "beta of eq. 4.2.1, at 500 Hz");
+        let noise = bounds(1e-3, 5.0, "several times the noise of the torque channel, in V");
+        let stiffness = bounds(0.0, 1e5, "N·m/rad, or N/m on an axis in m");
         let threshold = bounds(0.0, 1e9, "C of eq. 4.2.3, in counts/s");
         let slope = bounds(0.0, 1.0, "P2 of eq. 4.2.3, in V·s/count");
         // 10 degrees (0.1 m on an axis in m) before each end, at most a twentieth of the range.
         let stop = if per_file_unit < 1.0 { 10.0 * per_file_unit } else { 0.1 };
         Self {
             volts_per_torque: torque.volts_per_unit.abs(),
-            torque_gain: section.number_or(
-                "p1",
-                0.333,
-                bounds(0.0, 20.0, "P1 of eq. 4.2.2, in V/V"),
-            ),
-            forgetting: section.number_or(
-                "forgetting",
-                0.4,
-                bounds(0.01, 1.0, "beta of eq. 4.2.1, at 500 Hz"),
-            ),
+            torque_gain: section.number_or("p1", 0.333, gain),
+            forgetting: section.number_or("forgetting", 0.4, factor),
             offset_slow_v: slow,
             offset_fast_v: fast,
             threshold_speed: section.number_or("threshold_counts_per_s", 1000.0, threshold)
                 / counts,
             offset_slope: section.number_or("p2_v_s_per_count", 1.11e-4, slope) * counts,
-            torque_threshold_v: section.number_or(
-                "torque_threshold_v",
-                0.02,
-                bounds(1e-3, 5.0, "several times the noise of the torque channel, in V"),
-            ),
-            end_stop_stiffness: section.number_or(
-                "end_stop_stiffness",
-                10.0,
-                bounds(0.0, 1e5, "N·m/rad, or N/m on an axis in m"),
-            ),
+            torque_threshold_v: section.number_or("torque_threshold_v", 0.02, noise),
+            end_stop_stiffness: section.number_or("end_stop_stiffness", 10.0, stiffness),
             end_stop_way: stop.min(0.05 * travel),
         }
     }

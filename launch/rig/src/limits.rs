@@ -1,6 +1,6 @@
 //! Limits that the watchdog and the gate enforce.
 
-use crate::axis_unit::AxisKeys;
+use crate::axis_unit::{AxisUnit, KeyNames};
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// Limits of an axis, enforced by the watchdog and the gate.
@@ -35,6 +35,10 @@ const TORQUE: Bounds =
     bounds(0.1, 20.0, "the value is in N·m; a hand at the handle stays below 20 N·m");
 const FORCE: Bounds = bounds(0.1, 5000.0, "the value is in N");
 
+pub(crate) const POSITION_MIN: KeyNames = KeyNames("position_min_deg", "position_min_m");
+pub(crate) const POSITION_MAX: KeyNames = KeyNames("position_max_deg", "position_max_m");
+pub(crate) const TORQUE_MAX: KeyNames = KeyNames("torque_max_nm", "force_max_n");
+
 const KEYS: Keys = &[
     ("position_min_{deg,m}", "Lowest position of master and slave."),
     ("position_max_{deg,m}", "Highest position of master and slave."),
@@ -46,35 +50,31 @@ const KEYS: Keys = &[
 ];
 
 impl Limits {
-    pub(crate) fn read(section: Section<'_>, keys: &AxisKeys, torque: bool) -> Self {
+    pub(crate) fn read(section: Section<'_>, unit: AxisUnit, torque: bool) -> Self {
         section.document("[axes.limits]", KEYS);
-        let (position, speed) =
-            (keys.choose(POSITION_DEG, POSITION_M), keys.choose(SPEED_DEG, SPEED_M));
-        let scale = keys.unit.si_per_file_unit();
-        let (min, max) =
-            (keys.key(&section, |k| k.position_min), keys.key(&section, |k| k.position_max));
-        let torque_key = keys.key(&section, |k| k.torque);
-        let torque_bounds = keys.choose(TORQUE, FORCE);
+        let (position, speed, torque_bounds) =
+            unit.choose((POSITION_DEG, SPEED_DEG, TORQUE), (POSITION_M, SPEED_M, FORCE));
+        let scale = unit.si_per_file_unit();
+        let (min, max) = (unit.key(&section, POSITION_MIN), unit.key(&section, POSITION_MAX));
+        let torque_key = unit.key(&section, TORQUE_MAX);
+        let speed_key = unit.key(&section, KeyNames("speed_max_deg_s", "speed_max_m_s"));
         if !torque && section.has(torque_key) {
             let advice = "add the axis's torque channel, or take the limit out";
             section.problem(torque_key, "no limit where nothing is measured", "a limit", advice);
         }
+        let jumps = "several times what the speed limit allows in one scan";
         let limits = Self {
             position_min: section.number(min, position) * scale,
             position_max: section.number(max, position) * scale,
-            speed_max: section.number(keys.key(&section, |k| k.speed), speed) * scale,
+            speed_max: section.number(speed_key, speed) * scale,
             volts_max: section.number("volts_max", VOLTS),
             torque_max: if torque {
                 Some(section.number(torque_key, torque_bounds))
             } else {
                 section.number_or_none(torque_key, torque_bounds)
             },
-            encoder_jump_counts: section.whole(
-                "encoder_jump_counts",
-                2,
-                1_000_000_000,
-                "several times what the speed limit allows in one scan",
-            ) as i64,
+            encoder_jump_counts: section.whole("encoder_jump_counts", 2, 1_000_000_000, jumps)
+                as i64,
         };
         section.finish();
         limits

@@ -45,10 +45,7 @@ const TOLERANCE: f64 = 0.25;
 const KEYS: Keys = &[
     ("value", "Nominal value, in the parameter's unit (SI)."),
     ("tolerance", "Tolerance as a fraction of the value."),
-    (
-        "tolerance_absolute",
-        "Tolerance in the parameter's unit; instead of `tolerance`, for values near 0.",
-    ),
+    ("tolerance_absolute", "Tolerance in the parameter's unit; replaces `tolerance` near 0."),
     ("source", "Where the value comes from."),
 ];
 
@@ -78,16 +75,13 @@ impl Parameter {
                 let fraction =
                     bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
                 let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
+                let assumed = ParameterSource::Assumed;
                 let parameter = Self {
                     name,
                     value: section.number("value", value),
                     tolerance: section.number_or("tolerance", TOLERANCE, fraction),
                     tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
-                    source: section.word_or(
-                        "source",
-                        ParameterSource::WORDS,
-                        ParameterSource::Assumed,
-                    ),
+                    source: section.word_or("source", ParameterSource::WORDS, assumed),
                 };
                 if section.has("tolerance") && section.has("tolerance_absolute") {
                     let advice = "keep the fraction, or the absolute one for a value near 0";

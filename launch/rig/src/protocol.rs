@@ -160,12 +160,8 @@ impl Protocol {
         }
         if duration > LONGEST_S {
             let found = format!("{duration} s");
-            root.problem(
-                "segments",
-                format!("at most {LONGEST_S} s in all"),
-                found,
-                "split the protocol",
-            );
+            let advice = "split the protocol";
+            root.problem("segments", format!("at most {LONGEST_S} s in all"), found, advice);
         }
         root.finish();
         protocol

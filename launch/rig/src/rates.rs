@@ -58,35 +58,15 @@ impl Rates {
             let default = process.real_time().map_or(0, |own| own.rate_hz);
             section.whole_or(key, default.into(), least, most, advice) as u32
         };
+        let at_2000 = "§ 2.2 acquires at 2000 Hz";
+        let printed = "§ 2.2 controls at 500 Hz and wants 1000 Hz";
+        let in_time = "at 1000 Hz the enable line toggles in time";
+        let enough = "the rate of control is enough";
         let rates = Self {
-            acquisition_hz: rate(
-                "acquisition_hz",
-                Process::Acquisition,
-                100,
-                10_000,
-                "§ 2.2 acquires at 2000 Hz",
-            ),
-            control_hz: rate(
-                "control_hz",
-                Process::Control,
-                50,
-                2_000,
-                "§ 2.2 controls at 500 Hz and wants 1000 Hz",
-            ),
-            watchdog_hz: rate(
-                "watchdog_hz",
-                Process::Watchdog,
-                100,
-                5_000,
-                "at 1000 Hz the enable line toggles in time",
-            ),
-            experiment_hz: rate(
-                "experiment_hz",
-                Process::Experiment,
-                50,
-                2_000,
-                "the rate of control is enough",
-            ),
+            acquisition_hz: rate("acquisition_hz", Process::Acquisition, 100, 10_000, at_2000),
+            control_hz: rate("control_hz", Process::Control, 50, 2_000, printed),
+            watchdog_hz: rate("watchdog_hz", Process::Watchdog, 100, 5_000, in_time),
+            experiment_hz: rate("experiment_hz", Process::Experiment, 50, 2_000, enough),
         };
         section.finish();
         rates
@@ -135,12 +115,8 @@ impl Rates {
         self.check_division(source);
         if self.control_hz > self.acquisition_hz {
             let expected = format!("at most rates.acquisition_hz ({} Hz)", self.acquisition_hz);
-            source.problem(
-                "rates.control_hz",
-                expected,
-                self.control_hz,
-                "a command answers a sample",
-            );
+            let advice = "a command answers a sample";
+            source.problem("rates.control_hz", expected, self.control_hz, advice);
         }
         if self.watchdog_hz < self.control_hz {
             let expected = format!("at least rates.control_hz ({} Hz)", self.control_hz);
@@ -215,12 +191,8 @@ impl Phases {
         for (key, phase, period) in loops {
             if phase >= period {
                 let expected = format!("less than the loop's period ({} µs)", period / 1000);
-                source.problem(
-                    key,
-                    expected,
-                    format!("{} µs", phase / 1000),
-                    "shift the loop forward",
-                );
+                let advice = "shift the loop forward";
+                source.problem(key, expected, format!("{} µs", phase / 1000), advice);
             }
         }
         for pair in loops[..3].windows(2) {

@@ -290,12 +290,8 @@ impl<'s> Section<'s> {
         let line = value.map_or(self.line, |value| self.source.line(value.span().start));
         let table = value.and_then(|value| value.get_ref().as_table());
         if let (Some(value), None) = (value, table) {
-            self.problem(
-                key,
-                "a table of keys",
-                describe(value.get_ref()),
-                "write it as [section] or { key = value }",
-            );
+            let advice = "write it as [section] or { key = value }";
+            self.problem(key, "a table of keys", describe(value.get_ref()), advice);
         }
         self.source.lines.borrow_mut().entry(path.clone()).or_insert(line);
         Section {
@@ -313,12 +309,8 @@ impl<'s> Section<'s> {
         self.note(key, "list of sections", "");
         let Some(value) = self.value(key) else { return Vec::new() };
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(
-                key,
-                "a list of tables",
-                describe(value.get_ref()),
-                format!("write each as [[{key}]]"),
-            );
+            let advice = format!("write each as [[{key}]]");
+            self.problem(key, "a list of tables", describe(value.get_ref()), advice);
             return Vec::new();
         };
         list.iter()

@@ -224,10 +224,10 @@ impl Replay {
         section.document("[replay]", REPLAY_KEYS);
         let column =
             |key, default: &str| section.text_or_none(key).unwrap_or_else(|| default.to_owned());
-        let (position, slave, torque) = match unit {
-            AxisUnit::Radian => ("master_rad", "slave_rad", "slave_torque_nm"),
-            AxisUnit::Metre => ("position_m", "slave_m", "slave_force_n"),
-        };
+        let (position, slave, torque) = unit.choose(
+            ("master_rad", "slave_rad", "slave_torque_nm"),
+            ("position_m", "slave_m", "slave_force_n"),
+        );
         let replay = Self {
             time: column("time", "t_s"),
             position: column("position", position),

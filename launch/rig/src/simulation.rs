@@ -86,29 +86,16 @@ impl Simulation {
         section.document("[simulation]", KEYS);
         let noise =
             |key, default, advice| section.number_or(key, default, bounds(0.0, 1.0, advice));
+        let bandwidth = bounds(0.1, 1e5, "in Hz; an optical cell is far faster than a hand");
+        let drift = bounds(-1.0, 1.0, "in V/s; 1 mV a minute is 1.7e-5");
+        let walk = bounds(0.0, 1.0, "in V/√s; 1e-3 is a standard deviation of 60 mV after an hour");
         let simulation = Self {
             seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
-            encoder_noise_counts: noise(
-                "encoder_noise_counts",
-                0.3,
-                "an encoder's noise is a fraction of a count",
-            ),
+            encoder_noise_counts: noise("encoder_noise_counts", 0.3, "a fraction of a count"),
             torque_noise_v: noise("torque_noise_v", 0.002, "in V, standard deviation"),
-            torque_bandwidth_hz: section.number_or(
-                "torque_bandwidth_hz",
-                200.0,
-                bounds(0.1, 1e5, "in Hz; an optical cell is far faster than a hand"),
-            ),
-            torque_drift_v_per_s: section.number_or(
-                "torque_drift_v_per_s",
-                0.0,
-                bounds(-1.0, 1.0, "in V/s; 1 mV a minute is 1.7e-5"),
-            ),
-            torque_walk_v_per_sqrt_s: section.number_or(
-                "torque_walk_v_per_sqrt_s",
-                0.0,
-                bounds(0.0, 1.0, "in V/√s; 1e-3 is a standard deviation of 60 mV after an hour"),
-            ),
+            torque_bandwidth_hz: section.number_or("torque_bandwidth_hz", 200.0, bandwidth),
+            torque_drift_v_per_s: section.number_or("torque_drift_v_per_s", 0.0, drift),
+            torque_walk_v_per_sqrt_s: section.number_or("torque_walk_v_per_sqrt_s", 0.0, walk),
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
             scanner: read_scanner(&section),
@@ -126,12 +113,8 @@ impl Simulation {
         let scan_s = rates.acquisition_period_ns() as f64 * 1e-9;
         if scanner.pulse_s >= scanner.repetition_s {
             let expected = format!("less than trigger_repetition_s ({} s)", scanner.repetition_s);
-            source.problem(
-                &key("trigger_pulse_s"),
-                expected,
-                scanner.pulse_s,
-                "a pulse ends before the next begins",
-            );
+            let advice = "a pulse ends before the next begins";
+            source.problem(&key("trigger_pulse_s"), expected, scanner.pulse_s, advice);
         } else if scanner.pulse_s < scan_s || scanner.repetition_s - scanner.pulse_s < scan_s {
             let expected =
                 format!("at least one scan ({scan_s} s), and as much between two pulses");
@@ -155,12 +138,8 @@ impl Simulation {
                         "within the ±{} V of the channel \"{}\"",
                         channel.range_v, channel.name
                     );
-                    source.problem(
-                        &key(name),
-                        expected,
-                        volts,
-                        "widen the channel's range_v, or lower the level",
-                    );
+                    let advice = "widen the channel's range_v, or lower the level";
+                    source.problem(&key(name), expected, volts, advice);
                 }
             }
         }
@@ -174,36 +153,27 @@ impl Simulation {
 
 /// Reads the hard stops, both or none.
 fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
-    let (low, high, most) = match unit {
-        AxisUnit::Radian => ("end_stop_min_deg", "end_stop_max_deg", 360.0),
-        AxisUnit::Metre => ("end_stop_min_m", "end_stop_max_m", 5.0),
-    };
-    let lower = section
-        .number_or_none(low, bounds(-most, 0.0, "the simulation starts at 0, between the stops"));
-    let upper = section
-        .number_or_none(high, bounds(0.0, most, "the simulation starts at 0, between the stops"));
+    let (low, high, most) = unit.choose(
+        ("end_stop_min_deg", "end_stop_max_deg", 360.0),
+        ("end_stop_min_m", "end_stop_max_m", 5.0),
+    );
+    let advice = "the simulation starts at 0, between the stops";
+    let lower = section.number_or_none(low, bounds(-most, 0.0, advice));
+    let upper = section.number_or_none(high, bounds(0.0, most, advice));
     match (lower, upper) {
         (Some(lower), Some(upper)) if lower < upper => {
             Some((lower * unit.si_per_file_unit(), upper * unit.si_per_file_unit()))
         }
         (None, None) => None,
         (Some(_), Some(_)) => {
-            section.problem(
-                high,
-                format!("more than {low}"),
-                "stops at the same place",
-                "leave some distance between them",
-            );
+            let advice = "leave some distance between them";
+            section.problem(high, format!("more than {low}"), "stops at the same place", advice);
             None
         }
         (lower, _) => {
             let (given, missing) = if lower.is_some() { (low, high) } else { (high, low) };
-            section.problem(
-                given,
-                "both stops",
-                "one",
-                format!("add {missing}, or take this one out"),
-            );
+            let advice = format!("add {missing}, or take this one out");
+            section.problem(given, "both stops", "one", advice);
             None
         }
     }
@@ -221,23 +191,13 @@ fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
         repetition_s,
         pulse_s: number("trigger_pulse_s", usual.pulse_s, 1e-6, 60.0, "length of a pulse, in s"),
         idle_v: number("trigger_idle_v", usual.idle_v, -10.0, 10.0, "level between pulses, in V"),
-        pulse_v: number(
-            "trigger_pulse_v",
-            usual.pulse_v,
-            -10.0,
-            10.0,
-            "level during a pulse, in V",
-        ),
+        pulse_v: number("trigger_pulse_v", usual.pulse_v, -10.0, 10.0, "level of a pulse, in V"),
         ..usual
     };
     if repetition_s > 0.0 && repetition_s < SHORTEST_REPETITION_S {
         let expected = format!("0 or at least {SHORTEST_REPETITION_S} s");
-        section.problem(
-            "trigger_repetition_s",
-            expected,
-            repetition_s,
-            "TR in s; 0 where no scanner runs",
-        );
+        let advice = "TR in s; 0 where no scanner runs";
+        section.problem("trigger_repetition_s", expected, repetition_s, advice);
     }
     (repetition_s > 0.0).then_some(scanner)
 }
@@ -290,26 +250,18 @@ impl Hand {
         ];
         let positive =
             |key, default, most, advice| section.number_or(key, default, bounds(0.0, most, advice));
-        let amplitude = match unit {
-            AxisUnit::Radian => {
-                positive("amplitude_deg", 60.0, 120.0, "either way, in degrees; of a moving hand")
-            }
-            AxisUnit::Metre => {
-                positive("amplitude_m", 0.05, 5.0, "either way, in m; of a moving hand")
-            }
-        };
+        let (key, default, most, advice) = unit.choose(
+            ("amplitude_deg", 60.0, 120.0, "either way, in degrees; of a moving hand"),
+            ("amplitude_m", 0.05, 5.0, "either way, in m; of a moving hand"),
+        );
+        let amplitude = positive(key, default, most, advice);
         let hand = Self {
             kind: section.word_or("kind", words, HandKind::Passive),
             inertia: positive("inertia", 0.0, 5.0, "kg·m², or kg on an axis in m"),
             damping: positive("damping", 0.05, 100.0, "N·m·s/rad, or N·s/m on an axis in m"),
             stiffness: positive("stiffness", 0.3, 1e4, "N·m/rad, or N/m on an axis in m"),
             amplitude: unit.si_per_file_unit() * amplitude,
-            frequency_hz: positive(
-                "frequency_hz",
-                1.0,
-                10.0,
-                "in Hz; § 4.2 has 3; for kind = \"moving\"",
-            ),
+            frequency_hz: positive("frequency_hz", 1.0, 10.0, "in Hz, of a moving hand"),
         };
         section.finish();
         hand

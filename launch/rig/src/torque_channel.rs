@@ -2,7 +2,7 @@
 
 use ipc_types::ANALOG;
 
-use crate::axis_unit::AxisKeys;
+use crate::axis_unit::{AxisUnit, KeyNames};
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// The sensor of the torque (or force) that the hand applies at the slave; positive torque drives
@@ -39,25 +39,18 @@ const KEYS: Keys = &[
 ];
 
 impl TorqueChannel {
-    pub(crate) fn read(section: Section<'_>, keys: &AxisKeys) -> Self {
+    pub(crate) fn read(section: Section<'_>, unit: AxisUnit) -> Self {
         section.document("[axes.torque]", KEYS);
         let channel =
             section.whole("channel", 0, ANALOG as u64 - 1, "an index of [[channels]]") as usize;
-        let key = keys.key(&section, |names| names.sensitivity);
+        let key = unit.key(&section, KeyNames("volts_per_nm", "volts_per_n"));
         let volts_per_unit = section.number(key, SENSITIVITY);
         if volts_per_unit.abs() < 1e-6 {
-            section.problem(
-                key,
-                "a sensitivity",
-                volts_per_unit,
-                "a sensor without sensitivity measures nothing",
-            );
+            let advice = "a sensor without sensitivity measures nothing";
+            section.problem(key, "a sensitivity", volts_per_unit, advice);
         }
-        let offset_v = section.number_or(
-            "offset_v",
-            0.0,
-            bounds(-10.0, 10.0, "the reading without torque, in V"),
-        );
+        let offset = bounds(-10.0, 10.0, "the reading without torque, in V");
+        let offset_v = section.number_or("offset_v", 0.0, offset);
         section.finish();
         Self { channel, volts_per_unit, offset_v }
     }

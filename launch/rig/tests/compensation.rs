@@ -129,7 +129,7 @@ fn settings_out_of_range_are_refused_with_their_keys() {
                     limit_deg = 500.0\nfilter = 3.0\n";
     insta::assert_snapshot!(error(
         &with(sections)
-            .replace("share = 1.0                     # of the model's", "share = 1.2 #")
+            .replace("share = 1.0                     # share of the model's", "share = 1.2 #")
     ));
 }
 

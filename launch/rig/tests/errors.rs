@@ -279,8 +279,8 @@ fn gear_that_no_handle_has_or_that_stands_at_the_handle() {
 #[test]
 fn force_control_without_a_torque_cell() {
     let (head, rest) = RIG.split_once("[axes.torque]").unwrap();
-    let (_, tail) = rest.split_once("# Beyond these").unwrap();
-    let edited = format!("{head}# Beyond these{tail}").replace("torque_max_nm = 12.0\n", "");
+    let (_, tail) = rest.split_once("# Limits beyond which").unwrap();
+    let edited = format!("{head}# Limits beyond which{tail}").replace("torque_max_nm = 12.0\n", "");
     assert!(edited.len() + 100 < RIG.len());
     insta::assert_snapshot!(RigFile::parse(&edited, "rig.toml").unwrap_err());
 }

@@ -83,7 +83,7 @@ enum Source {
     Setpoint { incarnation: u64, protocol: u64, owner: u8, mode: u8 },
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Axis {
     velocity: VelocityEstimate,
     reference: Motion,
@@ -146,22 +146,10 @@ impl Law {
             config,
             axis: config.axis.map(|axis| Axis {
                 velocity: VelocityEstimate::new(axis.control.velocity_filter_hz),
-                reference: Motion::default(),
-                target: Motion::default(),
-                target_ns: 0,
-                blend: None,
-                friction: Slew::default(),
-                inertia: Slew::default(),
-                options: OptionState::default(),
                 handle: VelocityEstimate::new(axis.control.velocity_filter_hz),
                 acceleration: VelocityEstimate::new(ACCELERATION_HZ),
-                force_v: 0.0,
-                force_controlled: false,
-                output_v: 0.0,
-                carried_v: 0.0,
-                limit_v: 0.0,
-                held_back: false,
                 lead: f64::INFINITY,
+                ..Axis::default()
             }),
             source: None,
             authority: 0.0,

@@ -91,17 +91,6 @@ impl Notice {
     }
 }
 
-/// The setpoint that control follows, as far as later ones are compared with it.
-#[derive(Clone, Copy, Debug)]
-struct Followed {
-    incarnation: u64,
-    sequence: u64,
-    at_ns: u64,
-    lease_until_ns: u64,
-    owner: u8,
-    mode: u8,
-}
-
 /// Whether a refusal needs no report: the idle experiment keeps sending passive setpoints while
 /// another owner has control.
 fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
@@ -114,7 +103,8 @@ pub struct SetpointValidation {
     session: u64,
     axes: usize,
     limits: [Limits; AXES],
-    followed: Option<Followed>,
+    /// The setpoint that control follows.
+    followed: Option<Setpoint>,
     /// The sender that the current one, of the same owner, has replaced.
     replaced: Option<u64>,
     refused: [u64; Refusal::ALL.len()],
@@ -163,14 +153,7 @@ impl SetpointValidation {
                 {
                     self.replaced = Some(before.incarnation);
                 }
-                self.followed = Some(Followed {
-                    incarnation: setpoint.incarnation,
-                    sequence: setpoint.sequence,
-                    at_ns: setpoint.at_ns,
-                    lease_until_ns: setpoint.lease_until_ns,
-                    owner: setpoint.owner,
-                    mode: setpoint.mode,
-                });
+                self.followed = Some(*setpoint);
             }
             Err(refusal) => {
                 self.refused[refusal as usize] += 1;

@@ -1,8 +1,9 @@
 //! An axis against the channels, the rates and its own sections.
 
 use crate::axis::Axis;
-use crate::axis_unit::{AxisKeys, AxisUnit};
+use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
+use crate::limits::{POSITION_MAX, POSITION_MIN, TORQUE_MAX};
 use crate::rates::Rates;
 use crate::read::Source;
 
@@ -43,12 +44,12 @@ pub(super) fn check(
 
 /// The position limits: in order, and plausible in degrees.
 fn check_range(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>) {
-    let (limits, names) = (&axis.limits, AxisKeys::new(axis.unit).names);
+    let limits = &axis.limits;
     let file = |si: f64| si / axis.unit.si_per_file_unit();
-    let key = path(&format!("limits.{}", names.position_max));
+    let key = path(&format!("limits.{}", POSITION_MAX.of(axis.unit)));
     let (least, most) = (file(limits.position_min), file(limits.position_max));
     if least >= most {
-        let expected = format!("more than {} ({})", names.position_min, least.round());
+        let expected = format!("more than {} ({})", POSITION_MIN.of(axis.unit), least.round());
         let found = format!("limits the wrong way round: {}", most.round());
         source.problem(&key, expected, found, "swap the two");
     } else if axis.unit == AxisUnit::Radian && most - least < NARROWEST_DEG {
@@ -87,7 +88,7 @@ fn check_torque(
     if let Some(most) = axis.limits.torque_max.filter(|most| *most > full_scale) {
         let expected =
             format!("at most {full_scale:.2}, where the channel's ±{} V end", channel.range_v);
-        let key = path(&format!("limits.{}", AxisKeys::new(axis.unit).names.torque));
+        let key = path(&format!("limits.{}", TORQUE_MAX.of(axis.unit)));
         source.problem(&key, expected, most, "the sensor saturates before the limit acts");
     }
 }

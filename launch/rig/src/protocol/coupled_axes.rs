@@ -39,12 +39,8 @@ pub(super) fn read(section: &Section<'_>, movement: Movement) -> (usize, Movemen
     let whole = listed.iter().all(|axis| axis.fract() == 0.0);
     let apart = axes.iter().enumerate().all(|(at, axis)| !axes[..at].contains(axis));
     if !whole || !apart {
-        section.problem(
-            "axes",
-            "whole indices, each once",
-            format!("{listed:?}"),
-            "write it as [0, 1]",
-        );
+        let advice = "write it as [0, 1]";
+        section.problem("axes", "whole indices, each once", format!("{listed:?}"), advice);
     }
     for (key, values) in [("phases_deg", &phases), ("scales", &scales)] {
         if !values.is_empty() && values.len() != axes.len() {

@@ -64,21 +64,14 @@ impl Field {
             [Some(least), Some(most)] if least < most => Some((least, most)),
             [None, None] => None,
             [Some(_), Some(_)] => {
-                section.problem(
-                    "wall_max_deg",
-                    "more than wall_min_deg",
-                    "walls the wrong way round",
-                    "swap the two",
-                );
+                let found = "walls the wrong way round";
+                let advice = "swap the two";
+                section.problem("wall_max_deg", "more than wall_min_deg", found, advice);
                 None
             }
             _ => {
-                section.problem(
-                    "wall_min_deg",
-                    "both walls",
-                    "one",
-                    "give wall_min and wall_max; one may lie at the limit",
-                );
+                let advice = "give wall_min and wall_max; one may lie at the limit";
+                section.problem("wall_min_deg", "both walls", "one", advice);
                 None
             }
         };
@@ -86,12 +79,8 @@ impl Field {
             Some(_) => section.number_or("wall_stiffness", 10.0, WALL),
             None => {
                 if section.has("wall_stiffness") {
-                    section.problem(
-                        "wall_stiffness",
-                        "walls",
-                        "their stiffness alone",
-                        "add wall_min_deg and wall_max_deg",
-                    );
+                    let advice = "add wall_min_deg and wall_max_deg";
+                    section.problem("wall_stiffness", "walls", "their stiffness alone", advice);
                     section.number_or_none("wall_stiffness", WALL);
                 }
                 0.0
@@ -102,12 +91,8 @@ impl Field {
             for key in
                 ["spring", "centre_deg", "centre_m"].into_iter().filter(|key| section.has(key))
             {
-                section.problem(
-                    key,
-                    "one of spring and matrix",
-                    "both",
-                    "put the spring into the matrix, its centre into centres_deg",
-                );
+                let advice = "put the spring into the matrix, its centre into centres_deg";
+                section.problem(key, "one of spring and matrix", "both", advice);
             }
         }
         Self {
@@ -166,8 +151,5 @@ impl Field {
 
 /// The unit symbol of a torque on an axis of that unit.
 pub(super) const fn torque_symbol(unit: AxisUnit) -> &'static str {
-    match unit {
-        AxisUnit::Radian => "N·m",
-        AxisUnit::Metre => "N",
-    }
+    unit.choose("N·m", "N")
 }

@@ -1,9 +1,12 @@
 //! Stability of a force field with a rig's force control and declared transmission.
 
+use std::slice::from_mut;
+
 use plant::stability::{self, Loop, MARGIN, RELAXED, Unstable};
 
 use super::field::Field;
-use super::matrix::Matrix;
+use super::matrix::{MATRIX_AXES, Matrix};
+use super::torque_table::TorqueTable;
 use crate::control_loop::{describe, force_loop, largest_share};
 use crate::read::Source;
 use crate::rig_file::RigFile;
@@ -20,25 +23,17 @@ pub(super) fn check_stability(
     let Err(unstable) = field_passes(field, index, rig) else { return true };
     let parts: Vec<_> =
         PARTS.iter().filter(|part| part.keys.iter().any(|name| source.has(&key(name)))).collect();
-    let without = |part: &Part, share: f64| {
-        let mut scaled = field.clone();
-        (part.scale)(&mut scaled, share);
-        scaled
-    };
-    let one = parts.iter().find(|part| field_passes(&without(part, 0.0), index, rig).is_ok());
+    let one = parts.iter().find(|part| field_passes(&part.scaled(field, 0.0), index, rig).is_ok());
     let scaled = |share: f64| match one {
-        Some(part) => without(part, share),
-        None => parts.iter().fold(field.clone(), |mut field, part| {
-            (part.scale)(&mut field, share);
-            field
-        }),
+        Some(part) => part.scaled(field, share),
+        None => parts.iter().fold(field.clone(), |field, part| part.scaled(&field, share)),
     };
     let share = largest_share(|share| field_passes(&scaled(share), index, rig).is_ok());
     let part = one.or(parts.first());
     let name = part
         .and_then(|part| part.keys.iter().find(|name| source.has(&key(name))))
         .unwrap_or(&"kind");
-    let value = part.and_then(|part| (part.value)(field)).filter(|_| one.is_some());
+    let value = one.and_then(|part| part.value(field));
     let (most, found) = match (value, part) {
         (Some(value), Some(part)) => {
             (format!("{} {}", digits(share * value), part.unit), format!("{value} {}", part.unit))
@@ -125,93 +120,62 @@ fn held_at_the_ends(
     Ok(())
 }
 
-/// One component of a field, under one of several keys.
+/// One component of a field.
 struct Part {
+    /// Its keys in the file.
     keys: &'static [&'static str],
+    /// Its unit, if it is a single number.
     unit: &'static str,
-    /// Its value, where it is a single number.
-    value: fn(&Field) -> Option<f64>,
-    scale: fn(&mut Field, f64),
+    /// Its numbers.
+    numbers: fn(&mut Field) -> &mut [f64],
 }
 
+impl Part {
+    /// Its value, if it is a single number.
+    fn value(&self, field: &Field) -> Option<f64> {
+        (self.numbers)(&mut field.clone()).first().copied().filter(|_| !self.unit.is_empty())
+    }
+
+    /// The field with a share of this component.
+    fn scaled(&self, field: &Field, share: f64) -> Field {
+        let mut field = field.clone();
+        (self.numbers)(&mut field).iter_mut().for_each(|number| *number *= share);
+        field
+    }
+}
+
+const fn part(
+    keys: &'static [&'static str],
+    unit: &'static str,
+    numbers: fn(&mut Field) -> &mut [f64],
+) -> Part {
+    Part { keys, unit, numbers }
+}
+
+const WALLS: &[&str] = &["wall_stiffness", "wall_min_deg", "wall_min_m"];
 const PARTS: &[Part] = &[
-    Part {
-        keys: &["damper"],
-        unit: "N·m·s/rad",
-        value: |field| Some(field.damping),
-        scale: |field, share| field.damping *= share,
-    },
-    Part {
-        keys: &["inertia"],
-        unit: "kg·m²",
-        value: |field| Some(field.inertia),
-        scale: |field, share| field.inertia *= share,
-    },
-    Part {
-        keys: &["spring"],
-        unit: "N·m/rad",
-        value: |field| Some(field.stiffness),
-        scale: |field, share| field.stiffness *= share,
-    },
-    Part {
-        keys: &["wall_stiffness", "wall_min_deg", "wall_min_m"],
-        unit: "N·m/rad",
-        value: |field| Some(field.wall_stiffness),
-        scale: |field, share| field.wall_stiffness *= share,
-    },
-    Part {
-        keys: &["velocity_table_deg_s", "velocity_table_m_s"],
-        unit: "",
-        value: |_| None,
-        scale: |field, share| {
-            if let Some(table) = &mut field.velocity_table {
-                table.torques.iter_mut().for_each(|torque| *torque *= share);
-            }
-        },
-    },
-    Part {
-        keys: &["position_table_deg", "position_table_m"],
-        unit: "",
-        value: |_| None,
-        scale: |field, share| {
-            if let Some(table) = &mut field.position_table {
-                table.torques.iter_mut().for_each(|torque| *torque *= share);
-            }
-        },
-    },
-    Part {
-        keys: &["curl", "matrix_damping"],
-        unit: "",
-        value: |_| None,
-        scale: |field, share| {
-            if let Some(matrix) = &mut field.matrix {
-                matrix.damping.iter_mut().flatten().for_each(|entry| *entry *= share);
-            }
-        },
-    },
-    Part {
-        keys: &["matrix_stiffness"],
-        unit: "",
-        value: |_| None,
-        scale: |field, share| {
-            if let Some(matrix) = &mut field.matrix {
-                matrix.stiffness.iter_mut().flatten().for_each(|entry| *entry *= share);
-            }
-        },
-    },
-    Part {
-        keys: &["matrix_inertia"],
-        unit: "",
-        value: |_| None,
-        scale: |field, share| {
-            if let Some(matrix) = &mut field.matrix {
-                matrix.inertia.iter_mut().flatten().for_each(|entry| *entry *= share);
-            }
-        },
-    },
+    part(&["damper"], "N·m·s/rad", |field| from_mut(&mut field.damping)),
+    part(&["inertia"], "kg·m²", |field| from_mut(&mut field.inertia)),
+    part(&["spring"], "N·m/rad", |field| from_mut(&mut field.stiffness)),
+    part(WALLS, "N·m/rad", |field| from_mut(&mut field.wall_stiffness)),
+    part(&["velocity_table_deg_s", "velocity_table_m_s"], "", |f| torques(&mut f.velocity_table)),
+    part(&["position_table_deg", "position_table_m"], "", |f| torques(&mut f.position_table)),
+    part(&["curl", "matrix_damping"], "", |field| entries(field, |matrix| &mut matrix.damping)),
+    part(&["matrix_stiffness"], "", |field| entries(field, |matrix| &mut matrix.stiffness)),
+    part(&["matrix_inertia"], "", |field| entries(field, |matrix| &mut matrix.inertia)),
 ];
 
-/// The largest share (0 to 1) that passes, where all below it do.
+fn torques(table: &mut Option<Box<TorqueTable>>) -> &mut [f64] {
+    table.as_deref_mut().map_or(&mut [], |table| &mut table.torques)
+}
+
+fn entries(
+    field: &mut Field,
+    of: fn(&mut Matrix) -> &mut [[f64; MATRIX_AXES]; MATRIX_AXES],
+) -> &mut [f64] {
+    field.matrix.as_deref_mut().map_or(&mut [], |matrix| of(matrix).as_flattened_mut())
+}
+
 /// Two significant digits, rounded towards zero, so that the value shown passes.
 fn digits(value: f64) -> String {
     let places = (1.0 - value.abs().log10().floor()).clamp(0.0, 9.0);

@@ -124,12 +124,8 @@ fn read_centres(
                 Some(wide) => format!("{wide} centres, one for each row of the matrix"),
                 None => "a matrix that they belong to".to_owned(),
             };
-            section.problem(
-                key,
-                expected,
-                values.len(),
-                "or leave it out: the centre is then 0 on every axis",
-            );
+            let advice = "or leave it out: the centre is then 0 on every axis";
+            section.problem(key, expected, values.len(), advice);
             return false;
         }
         for (centre, value) in centres.iter_mut().zip(&values) {

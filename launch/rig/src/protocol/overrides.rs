@@ -21,10 +21,10 @@ pub fn with_overrides<S: AsRef<str>>(
     if overrides.is_empty() {
         return Ok(text.to_owned());
     }
-    // the plain reader's message names the line
+    // The plain reader reports invalid TOML with its line.
     crate::read::Source::new(text, file_name).parse()?;
     let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
-        problem(0, "", "valid TOML", error.message(), "mend the protocol")
+        problem(0, "", "valid TOML", error.message(), "correct the protocol")
     })?;
     for (index, assignment) in overrides.iter().enumerate() {
         set(&mut document, index + 1, assignment.as_ref())?;
@@ -58,26 +58,16 @@ fn set(document: &mut DocumentMut, line: usize, assignment: &str) -> Result<(), 
     let mut item = document.as_item_mut();
     for step in section.split('.').filter(|step| !step.is_empty()) {
         item = descend(item, step).map_err(|expected| {
-            problem(
-                line,
-                path,
-                &expected,
-                &format!("\"{step}\""),
-                "name a section that the protocol has",
-            )
+            let found = format!("\"{step}\"");
+            problem(line, path, &expected, &found, "name a section that the protocol has")
         })?;
     }
     let Some(table) = item.as_table_like_mut() else {
         return Err(problem(line, path, "a section that holds keys", "a single value", advice));
     };
     let mut value = parse_value(value).ok_or_else(|| {
-        problem(
-            line,
-            path,
-            "a number, true, false, a list or a text",
-            &format!("\"{value}\""),
-            "put a text in quotes",
-        )
+        let (expected, found) = ("a number, true, false, a list or a text", format!("\"{value}\""));
+        problem(line, path, expected, &found, "put a text in quotes")
     })?;
     match table.get_mut(key) {
         Some(Item::Value(old)) => {
@@ -115,7 +105,7 @@ fn descend<'i>(item: &'i mut Item, step: &str) -> Result<&'i mut Item, String> {
     .ok_or(among)
 }
 
-/// A TOML value; a bare word is a text, for shells eat quotes.
+/// A TOML value; a bare word is a text, because shells remove quotes.
 fn parse_value(text: &str) -> Option<Value> {
     if let Ok(value) = text.parse::<Value>() {
         return Some(value);

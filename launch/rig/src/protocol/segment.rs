@@ -1,6 +1,7 @@
 //! A segment of a protocol, and its check against a rig.
 
 use super::coupled_axes::{self, Companion};
+use super::field_check::check_field;
 use super::movement::Movement;
 use super::segment_kind::Placement;
 use crate::axis_unit::AxisUnit;
@@ -108,7 +109,8 @@ impl Segment {
             source.problem(&key, expected, found, advice);
             return false;
         }
-        if !movement.check(placed) {
+        let field_fits = || movement.field().is_none_or(|field| check_field(field, placed));
+        if !movement.check(placed) || !field_fits() {
             return false;
         }
         let speed = placed.worst_start(|start| movement.peak_speed_from(start));

@@ -17,20 +17,26 @@ pub trait SegmentKind {
     /// Whole duration (s).
     fn duration_s(&self) -> f64;
 
+    /// Position at which the movement ends wherever it begins (rad or m); `None` where there is no
+    /// such position.
+    fn target(&self) -> Option<f64> {
+        None
+    }
+
     /// Bounds of the positions: the axis stays in the hull of them and its start (rad or m).
     /// `None` where the movement has no bounds of its own.
     fn range(&self) -> Option<(f64, f64)> {
-        None
+        self.target().map(|target| (target, target))
     }
 
     /// End position of a movement that begins at `start` (rad or m); `None` where it is unknown.
     fn end(&self, _start: Option<f64>) -> Option<f64> {
-        None
+        self.target()
     }
 
     /// Whether the hand or the machine's stops determine where the axes are at the end.
     fn end_is_unknown(&self) -> bool {
-        false
+        self.field().is_some()
     }
 
     /// An upper bound of the speed when the movement begins at rest at `start` (rad/s or m/s).
@@ -53,7 +59,7 @@ pub trait SegmentKind {
     /// `start`; `peak_speed` is [`SegmentKind::feedforward_speed`]. Must not allocate.
     fn at(&self, start: f64, time_s: f64, peak_speed: f64) -> Point;
 
-    /// The force field, where the hand moves in one.
+    /// The force field, where the hand moves in one; it is checked against the rig.
     fn field(&self) -> Option<&Field> {
         None
     }

@@ -60,6 +60,11 @@ impl Envelope {
         Self { centre: 0.0, duration_s, fade_in_s, fade_out_s }
     }
 
+    /// The same about another centre (rad or m; 0 for `None`).
+    pub(super) fn about(self, centre: Option<f64>) -> Self {
+        Self { centre: centre.unwrap_or(0.0), ..self }
+    }
+
     /// Fades a movement in from rest at `start` and out to rest at the centre, `t` after the
     /// segment's start (s).
     pub(super) fn apply(&self, full: Point, start: f64, t: f64, peak_speed: f64) -> Point {

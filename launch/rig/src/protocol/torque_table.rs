@@ -69,12 +69,8 @@ impl TorqueTable {
                 let advice = format!(
                     "move it to a multiple of {step} from {least}, or make the curve smoother"
                 );
-                section.problem(
-                    key,
-                    expected,
-                    format!("[{place}, {torque}], which would become {kept:.3}"),
-                    advice,
-                );
+                let found = format!("[{place}, {torque}], which would become {kept:.3}");
+                section.problem(key, expected, found, advice);
                 return None;
             }
         }
@@ -147,12 +143,8 @@ fn read<'k>(
         })
         .collect();
     let Some(pairs) = pairs else {
-        section.problem(
-            key,
-            expected,
-            "a row of another length",
-            "write it as [[-40, 0.0], [0, 0.5], [40, 0.0]]",
-        );
+        let advice = "write it as [[-40, 0.0], [0, 0.5], [40, 0.0]]";
+        section.problem(key, expected, "a row of another length", advice);
         return None;
     };
     if pairs.len() < 2 || pairs.len() > PAIRS {
@@ -161,12 +153,8 @@ fn read<'k>(
     }
     if let Some(wrong) = pairs.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
         let found = format!("{} after {}", wrong[1].0, wrong[0].0);
-        section.problem(
-            key,
-            "places that rise from pair to pair",
-            found,
-            "sort the pairs; no place twice",
-        );
+        let advice = "sort the pairs; no place twice";
+        section.problem(key, "places that rise from pair to pair", found, advice);
         return None;
     }
     Some((key, unit.si_per_file_unit(), pairs))

@@ -43,12 +43,8 @@ impl UnitKeys<'_, '_> {
         if self.section.has(&key) {
             if self.unit.is_some_and(|before| before != unit) {
                 let advice = "keep to degrees or to metres within a segment";
-                self.section.problem(
-                    &key,
-                    "the unit of the segment's other values",
-                    "another unit",
-                    advice,
-                );
+                let found = "another unit";
+                self.section.problem(&key, "the unit of the segment's other values", found, advice);
             }
             self.unit = Some(unit);
         }
@@ -58,35 +54,38 @@ impl UnitKeys<'_, '_> {
     /// Reads a value that must be there (rad or m).
     pub(super) fn required(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key(stem);
-        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
+        self.section.number(&key, unit.choose(degrees, metres)) * unit.si_per_file_unit()
     }
 
     /// Reads a speed, `stem_deg_s` or `stem_m_s`, that must be there (rad/s or m/s).
     pub(super) fn speed(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> f64 {
         let (key, unit) = self.key_per(stem, "_s");
-        self.section.number(&key, choose(unit, degrees, metres)) * unit.si_per_file_unit()
+        self.section.number(&key, unit.choose(degrees, metres)) * unit.si_per_file_unit()
     }
 
     /// Reads an optional value (rad or m).
     pub(super) fn optional(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Option<f64> {
         let (key, unit) = self.key(stem);
         self.section
-            .number_or_none(&key, choose(unit, degrees, metres))
+            .number_or_none(&key, unit.choose(degrees, metres))
             .map(|value| value * unit.si_per_file_unit())
+    }
+
+    /// Reads an optional position (rad or m).
+    pub(super) fn position(&mut self, stem: &str) -> Option<f64> {
+        self.optional(stem, POSITION_DEG, POSITION_M)
+    }
+
+    /// Reads an amplitude that must be there (rad or m).
+    pub(super) fn amplitude(&mut self, stem: &str) -> f64 {
+        self.required(stem, AMPLITUDE_DEG, AMPLITUDE_M)
     }
 
     /// Reads a list of values (rad or m).
     pub(super) fn list(&mut self, stem: &str, degrees: Bounds, metres: Bounds) -> Vec<f64> {
         let (key, unit) = self.key(stem);
-        let mut values = self.section.numbers(&key, choose(unit, degrees, metres));
+        let mut values = self.section.numbers(&key, unit.choose(degrees, metres));
         values.iter_mut().for_each(|value| *value *= unit.si_per_file_unit());
         values
-    }
-}
-
-fn choose(unit: AxisUnit, degrees: Bounds, metres: Bounds) -> Bounds {
-    match unit {
-        AxisUnit::Radian => degrees,
-        AxisUnit::Metre => metres,
     }
 }

@@ -64,12 +64,9 @@ impl<'s> Section<'s> {
                 .map(|item| self.as_number(key, item.get_ref(), bounds).unwrap_or(bounds.least))
                 .collect(),
             _ => {
-                self.problem(
-                    key,
-                    "a list of numbers, at least one",
-                    describe(value.get_ref()),
-                    "write it as [1.0, 2.0]",
-                );
+                let found = describe(value.get_ref());
+                let advice = "write it as [1.0, 2.0]";
+                self.problem(key, "a list of numbers, at least one", found, advice);
                 Vec::new()
             }
         };
@@ -90,12 +87,8 @@ impl<'s> Section<'s> {
         let Some(rows) =
             lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty())
         else {
-            self.problem(
-                key,
-                expected,
-                describe(value.get_ref()),
-                "write it as [[1.0, 2.0], [3.0, 4.0]]",
-            );
+            let advice = "write it as [[1.0, 2.0], [3.0, 4.0]]";
+            self.problem(key, expected, describe(value.get_ref()), advice);
             return None;
         };
         let numbers = |row: &&DeArray<'_>| -> Option<Vec<f64>> {
@@ -123,21 +116,13 @@ impl<'s> Section<'s> {
             _ => None,
         };
         let Some(number) = number else {
-            self.problem(
-                key,
-                "a number",
-                describe(value),
-                "write it without quotes, in the unit that the key's name ends in",
-            );
+            let advice = "write it without quotes, in the unit that the key's name ends in";
+            self.problem(key, "a number", describe(value), advice);
             return None;
         };
         if !number.is_finite() {
-            self.problem(
-                key,
-                "a finite number",
-                describe(value),
-                "not-a-number and infinity have no meaning here",
-            );
+            let advice = "not-a-number and infinity have no meaning here";
+            self.problem(key, "a finite number", describe(value), advice);
             return None;
         }
         if number < bounds.least || number > bounds.most {
@@ -257,12 +242,8 @@ impl<'s> Section<'s> {
         self.note(key, "true or false", default);
         let Some(value) = self.value(key) else { return default };
         value.get_ref().as_bool().unwrap_or_else(|| {
-            self.problem(
-                key,
-                "true or false",
-                describe(value.get_ref()),
-                "write it without quotes",
-            );
+            let advice = "write it without quotes";
+            self.problem(key, "true or false", describe(value.get_ref()), advice);
             default
         })
     }

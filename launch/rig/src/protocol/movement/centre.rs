@@ -2,9 +2,10 @@
 
 use ipc_types::Mode;
 
+use super::hold::read_times;
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
-use crate::protocol::unit_keys::{DURATION, FADE, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::protocol::unit_keys::UnitKeys;
 use crate::read::{Keys, Section};
 
 /// Moves to the centre of the experiment and rests there under power.
@@ -26,13 +27,8 @@ impl Centre {
     ];
 
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let duration_s = section.number("duration_s", DURATION);
-        let rise_s = section.number_or("rise_s", f64::min(3.0, duration_s / 2.0), FADE);
-        if rise_s > duration_s {
-            let expected = format!("at most duration_s ({duration_s} s)");
-            section.problem("rise_s", expected, rise_s, "the rise is part of the duration");
-        }
-        let position = keys.optional("position", POSITION_DEG, POSITION_M).unwrap_or(0.0);
+        let (duration_s, rise_s) = read_times(section, 3.0);
+        let position = keys.position("position").unwrap_or(0.0);
         Self { position, rise_s, duration_s }
     }
 }
@@ -42,11 +38,7 @@ impl SegmentKind for Centre {
         self.duration_s
     }
 
-    fn range(&self) -> Option<(f64, f64)> {
-        Some((self.position, self.position))
-    }
-
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.position)
     }
 

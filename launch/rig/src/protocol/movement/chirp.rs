@@ -5,9 +5,7 @@ use std::f64::consts::TAU;
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::Envelope;
 use crate::protocol::trajectory::Point;
-use crate::protocol::unit_keys::{
-    AMPLITUDE_DEG, AMPLITUDE_M, LINE_HZ, POSITION_DEG, POSITION_M, UnitKeys,
-};
+use crate::protocol::unit_keys::{LINE_HZ, UnitKeys};
 use crate::read::{Keys, Section};
 
 /// A sine about a centre whose frequency changes from one value to another.
@@ -39,13 +37,10 @@ impl Chirp {
         let envelope = Envelope::read(section);
         let sweeps = &[("linear", false), ("exponential", true)];
         Self {
-            amplitude: keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M),
+            amplitude: keys.amplitude("amplitude"),
             frequencies_hz: [section.number("from_hz", LINE_HZ), section.number("to_hz", LINE_HZ)],
             exponential: section.word_or("sweep", sweeps, true),
-            envelope: Envelope {
-                centre: keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
-                ..envelope
-            },
+            envelope: envelope.about(keys.position("centre")),
         }
     }
 
@@ -73,7 +68,7 @@ impl SegmentKind for Chirp {
         self.envelope.range(self.amplitude)
     }
 
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.envelope.centre)
     }
 

@@ -58,12 +58,8 @@ impl CsvTrajectory {
         let positions = keys.list("positions", POSITION_DEG, POSITION_M);
         if let Some(row) = times.windows(2).position(|pair| pair[1] <= pair[0]) {
             let expected = format!("increasing times; entry {} is after {} s", row + 2, times[row]);
-            section.problem(
-                "times_s",
-                expected,
-                format!("{} s", times[row + 1]),
-                "put the points in order of time",
-            );
+            let advice = "put the points in order of time";
+            section.problem("times_s", expected, format!("{} s", times[row + 1]), advice);
         } else if times.len() < 2 || times.len() != positions.len() {
             let expected = "at least two times, and as many positions";
             let found = format!("{} and {}", times.len(), positions.len());

@@ -3,10 +3,9 @@
 use ipc_types::Mode;
 
 use crate::protocol::field::{FIELD_KEYS, Field};
-use crate::protocol::field_check::check_field;
-use crate::protocol::segment_kind::{Placement, SegmentKind};
+use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
-use crate::protocol::unit_keys::{DURATION, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::protocol::unit_keys::{DURATION, UnitKeys};
 use crate::read::{Keys, Section};
 
 /// The hand moves as it likes in a force field; the machine follows under force control (§ 4.2).
@@ -22,9 +21,8 @@ impl Free {
     pub(super) const KEYS: Keys = FIELD_KEYS;
 
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let mut position = |stem| keys.optional(stem, POSITION_DEG, POSITION_M);
-        let centre = position("centre").unwrap_or(0.0);
-        let walls = ["wall_min", "wall_max"].map(&mut position);
+        let centre = keys.position("centre").unwrap_or(0.0);
+        let walls = ["wall_min", "wall_max"].map(|stem| keys.position(stem));
         Self {
             duration_s: section.number("duration_s", DURATION),
             field: Field::read(section, centre, walls),
@@ -35,10 +33,6 @@ impl Free {
 impl SegmentKind for Free {
     fn duration_s(&self) -> f64 {
         self.duration_s
-    }
-
-    fn end_is_unknown(&self) -> bool {
-        true
     }
 
     fn mode(&self, _time_s: f64) -> Mode {
@@ -52,9 +46,5 @@ impl SegmentKind for Free {
 
     fn field(&self) -> Option<&Field> {
         Some(&self.field)
-    }
-
-    fn check(&self, placed: &Placement<'_>) -> bool {
-        check_field(&self.field, placed)
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::Point;
-use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::protocol::unit_keys::UnitKeys;
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// A sine about a centre.
@@ -31,11 +31,10 @@ impl GuidedSine {
 
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
         let envelope = Envelope::read(section);
-        let amplitude = keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
+        let amplitude = keys.amplitude("amplitude");
         let frequency_hz = section.number("frequency_hz", GUIDED_HZ);
-        let centre = keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0);
         let line = Line { amplitude, frequency_hz, phase: 0.0 };
-        Self { line, envelope: Envelope { centre, ..envelope } }
+        Self { line, envelope: envelope.about(keys.position("centre")) }
     }
 }
 
@@ -48,7 +47,7 @@ impl SegmentKind for GuidedSine {
         self.envelope.range(self.line.amplitude)
     }
 
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.envelope.centre)
     }
 

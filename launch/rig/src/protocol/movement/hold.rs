@@ -4,7 +4,7 @@ use ipc_types::Mode;
 
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
-use crate::protocol::unit_keys::{DURATION, FADE, POSITION_DEG, POSITION_M, UnitKeys};
+use crate::protocol::unit_keys::{DURATION, FADE, UnitKeys};
 use crate::read::{Keys, Section};
 
 /// Moves to a position and rests there under power.
@@ -26,15 +26,21 @@ impl Hold {
     ];
 
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let duration_s = section.number("duration_s", DURATION);
-        let position = keys.optional("position", POSITION_DEG, POSITION_M);
-        let rise_s = section.number_or("rise_s", f64::min(1.0, duration_s / 2.0), FADE);
-        if rise_s > duration_s {
-            let expected = format!("at most duration_s ({duration_s} s)");
-            section.problem("rise_s", expected, rise_s, "the rise is part of the duration");
-        }
-        Self { position, rise_s, duration_s }
+        let (duration_s, rise_s) = read_times(section, 1.0);
+        Self { position: keys.position("position"), rise_s, duration_s }
     }
+}
+
+/// Reads `duration_s`, and `rise_s`, which is part of it and by default `rise_s`, but at most half
+/// of it (s).
+pub(super) fn read_times(section: &Section<'_>, rise_s: f64) -> (f64, f64) {
+    let duration_s = section.number("duration_s", DURATION);
+    let rise_s = section.number_or("rise_s", f64::min(rise_s, duration_s / 2.0), FADE);
+    if rise_s > duration_s {
+        let expected = format!("at most duration_s ({duration_s} s)");
+        section.problem("rise_s", expected, rise_s, "the rise is part of the duration");
+    }
+    (duration_s, rise_s)
 }
 
 impl SegmentKind for Hold {
@@ -42,8 +48,8 @@ impl SegmentKind for Hold {
         self.duration_s
     }
 
-    fn range(&self) -> Option<(f64, f64)> {
-        self.position.map(|position| (position, position))
+    fn target(&self) -> Option<f64> {
+        self.position
     }
 
     fn end(&self, start: Option<f64>) -> Option<f64> {

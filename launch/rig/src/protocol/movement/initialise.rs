@@ -55,10 +55,7 @@ impl Initialise {
         ("ends", "Whether both ends are sought, or the first only."),
         ("lead_{deg,m}", "Least lead of the reference over the handle at an end."),
         ("still_s", "Time for which the handle must stand still at an end."),
-        (
-            "tolerance_{deg,m}",
-            "A range that ends further inside the rig's limits causes a warning.",
-        ),
+        ("tolerance_{deg,m}", "A range that ends further inside the limits causes a warning."),
         ("duration_s", "Time limit."),
     ];
 

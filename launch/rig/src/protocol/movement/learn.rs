@@ -8,9 +8,7 @@ use ipc_types::Mode;
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::{MIN_JERK_PEAK_SPEED, Point};
-use crate::protocol::unit_keys::{
-    AMPLITUDE_DEG, AMPLITUDE_M, FADE, POSITION_DEG, POSITION_M, UnitKeys,
-};
+use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, FADE, UnitKeys};
 use crate::read::{Bounds, Keys, Section, bounds};
 
 /// A sine that the *slave* is to follow; the reference of the master is learnt (iterative learning
@@ -138,31 +136,21 @@ impl Learn {
     ];
 
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let amplitude = keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
+        let amplitude = keys.amplitude("amplitude");
         let identify = keys.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
         let whole = |key, default, least, most, advice| {
             section.whole_or(key, default, least, most, advice) as u32
         };
+        let blocks_of_three = "fig. 4.6 has blocks of three cycles";
+        let first_cycle = "the reference changes in the first cycle of a block";
         let learn = Self {
             amplitude,
             frequency_hz: section.number("frequency_hz", LEARN_HZ),
-            centre: keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
+            centre: keys.position("centre").unwrap_or(0.0),
             fade_in_s: section.number_or("fade_in_s", 2.0, FADE),
             fade_out_s: section.number_or("fade_out_s", 1.0, FADE),
-            cycles_per_block: whole(
-                "cycles_per_block",
-                3,
-                2,
-                100,
-                "fig. 4.6 has blocks of three cycles",
-            ),
-            settling_cycles: whole(
-                "settling_cycles",
-                1,
-                1,
-                99,
-                "the reference changes in the first cycle of a block",
-            ),
+            cycles_per_block: whole("cycles_per_block", 3, 2, 100, blocks_of_three),
+            settling_cycles: whole("settling_cycles", 1, 1, 99, first_cycle),
             blocks: section.whole("blocks", 1, 10_000, "number of blocks that are played at most")
                 as u32,
             law: read_law(section, amplitude, identify),
@@ -186,34 +174,22 @@ impl Learn {
     fn check_law(&self, section: &Section<'_>) {
         match self.law {
             LearnLaw::Keep if self.load.is_none() => {
-                section.problem(
-                    "law",
-                    "`load` beside law = \"none\"",
-                    "no `load`",
-                    "name the saved reference to play",
-                );
+                let advice = "name the saved reference to play";
+                section.problem("law", "`load` beside law = \"none\"", "no `load`", advice);
             }
             LearnLaw::Published { gamma_p, gamma_d, delay_s, .. } => {
                 let sum = gamma_p + gamma_d;
                 if !(sum > 0.0 && sum <= MOST_GAMMA) {
                     let key = if section.has("gamma_p") { "gamma_p" } else { "gamma_d" };
                     let expected = format!("gamma_p + gamma_d above 0 and up to {MOST_GAMMA}");
-                    section.problem(
-                        key,
-                        expected,
-                        sum,
-                        "with more, learning does not converge (eq. 4.3.12)",
-                    );
+                    let advice = "with more, learning does not converge (eq. 4.3.12)";
+                    section.problem(key, expected, sum, advice);
                 }
                 if delay_s * self.frequency_hz >= 0.5 {
                     let expected =
                         format!("less than half a cycle ({} s)", 0.5 / self.frequency_hz);
-                    section.problem(
-                        "delay_s",
-                        expected,
-                        delay_s,
-                        "the delay of the transmission, § 4.3: 0.03 s",
-                    );
+                    let advice = "the delay of the transmission, § 4.3: 0.03 s";
+                    section.problem("delay_s", expected, delay_s, advice);
                 }
             }
             LearnLaw::ModelBased { harmonics, .. }
@@ -221,12 +197,8 @@ impl Learn {
             {
                 let expected = format!("harmonics up to {HIGHEST_HZ} Hz");
                 let found = format!("{} Hz", f64::from(harmonics) * self.frequency_hz);
-                section.problem(
-                    "harmonics",
-                    expected,
-                    found,
-                    "learn fewer; the transmission hardly passes those",
-                );
+                let advice = "learn fewer; the transmission hardly passes those";
+                section.problem("harmonics", expected, found, advice);
             }
             _ => {}
         }
@@ -244,6 +216,11 @@ impl Learn {
     pub fn steps_per_cycle(&self, control_hz: u32) -> Option<usize> {
         let steps = f64::from(control_hz) / self.frequency_hz;
         ((steps - steps.round()).abs() < 1e-6 && steps >= 8.0).then_some(steps.round() as usize)
+    }
+
+    fn envelope(&self) -> Envelope {
+        let Self { centre, fade_in_s, fade_out_s, .. } = *self;
+        Envelope { centre, duration_s: self.duration_s(), fade_in_s, fade_out_s }
     }
 
     /// Largest distance from the centre before anything is learnt (rad or m).
@@ -267,7 +244,7 @@ impl SegmentKind for Learn {
         Some((self.centre - self.reach(), self.centre + self.reach()))
     }
 
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.centre)
     }
 
@@ -294,10 +271,8 @@ impl SegmentKind for Learn {
             }
             _ => self.amplitude * omega,
         };
-        let fading_in =
-            MIN_JERK_PEAK_SPEED * ((self.centre - start).abs() + self.amplitude) / self.fade_in_s;
-        let fading_out = MIN_JERK_PEAK_SPEED * self.amplitude / self.fade_out_s;
-        sines.max(self.amplitude * omega + fading_in.max(fading_out))
+        let fading = self.envelope().peak_speed_from(start, self.amplitude, self.amplitude * omega);
+        sines.max(fading)
     }
 
     fn feedforward_speed(&self) -> f64 {
@@ -313,13 +288,7 @@ impl SegmentKind for Learn {
         let (amplitude, frequency_hz) = (self.amplitude, self.frequency_hz);
         let line = Line { amplitude, frequency_hz, phase: 0.0 };
         let sine = sum(&[line], self.centre, time_s - self.fade_in_s);
-        let envelope = Envelope {
-            centre: self.centre,
-            duration_s: self.duration_s(),
-            fade_in_s: self.fade_in_s,
-            fade_out_s: self.fade_out_s,
-        };
-        envelope.apply(sine, start, time_s, peak_speed)
+        self.envelope().apply(sine, start, time_s, peak_speed)
     }
 
     /// The axis needs a slave encoder, and the control rate a whole number of periods in a cycle.
@@ -373,23 +342,15 @@ fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f6
         None => &[],
     };
     for key in others {
-        section.misplaced(
-            key,
-            "keys of the law that was chosen",
-            "take it out, or choose the other law",
-        );
+        let advice = "take it out, or choose the other law";
+        section.misplaced(key, "keys of the law that was chosen", advice);
     }
     match law {
         Some(Law::ModelBased) => LearnLaw::ModelBased {
             gain: section.number_or("gain", 0.6, GAIN),
             regularisation: section.number_or("regularisation", 0.3, REGULARISATION),
-            harmonics: section.whole_or(
-                "harmonics",
-                9,
-                1,
-                100,
-                "fig. 4.6's movement has nine up to 9 Hz",
-            ) as u32,
+            harmonics: section.whole_or("harmonics", 9, 1, 100, "fig. 4.6 has nine, up to 9 Hz")
+                as u32,
             identify_amplitude: identify_amplitude.unwrap_or(2.0 * amplitude),
         },
         Some(Law::Keep) => LearnLaw::Keep,

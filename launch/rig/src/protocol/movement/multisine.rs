@@ -8,9 +8,7 @@ use rand_xoshiro::rand_core::{Rng as _, SeedableRng as _};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::Point;
-use crate::protocol::unit_keys::{
-    AMPLITUDE_DEG, AMPLITUDE_M, LINE_HZ, POSITION_DEG, POSITION_M, UnitKeys,
-};
+use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, LINE_HZ, UnitKeys};
 use crate::read::{Keys, Section};
 
 /// A sum of sines about a centre.
@@ -37,8 +35,7 @@ impl Multisine {
     pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
         let envelope = Envelope::read(section);
         let lines = read_lines(section, keys);
-        let centre = keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0);
-        Self { lines, envelope: Envelope { centre, ..envelope } }
+        Self { lines, envelope: envelope.about(keys.position("centre")) }
     }
 
     /// Sum of the amplitudes (rad or m).
@@ -56,7 +53,7 @@ impl SegmentKind for Multisine {
         self.envelope.range(self.amplitude())
     }
 
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.envelope.centre)
     }
 
@@ -116,7 +113,7 @@ fn read_lines(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Vec<Line> {
         }
         amplitudes
     } else {
-        vec![keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M) / count as f64; count]
+        vec![keys.amplitude("amplitude") / count as f64; count]
     };
     let seed =
         section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number; it draws the phases");

@@ -71,11 +71,7 @@ impl SegmentKind for Ramp {
         self.duration_s
     }
 
-    fn range(&self) -> Option<(f64, f64)> {
-        Some((self.position, self.position))
-    }
-
-    fn end(&self, _start: Option<f64>) -> Option<f64> {
+    fn target(&self) -> Option<f64> {
         Some(self.position)
     }
 

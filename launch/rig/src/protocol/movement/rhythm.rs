@@ -3,12 +3,9 @@
 use ipc_types::Mode;
 
 use crate::protocol::field::{Field, SPRING_ADVICE};
-use crate::protocol::field_check::check_field;
-use crate::protocol::segment_kind::{Placement, SegmentKind};
+use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
-use crate::protocol::unit_keys::{
-    AMPLITUDE_DEG, AMPLITUDE_M, DURATION, POSITION_DEG, POSITION_M, UnitKeys,
-};
+use crate::protocol::unit_keys::{DURATION, UnitKeys};
 use crate::read::{Keys, Section, bounds};
 
 /// The hand keeps a rhythm in a spring field: each half period it should be at the other extreme.
@@ -45,10 +42,10 @@ impl Rhythm {
         let stiffness = section.number_or("spring", 0.0, bounds(0.0, 10.0, SPRING_ADVICE));
         Self {
             frequency_hz,
-            amplitude: keys.required("amplitude", AMPLITUDE_DEG, AMPLITUDE_M),
+            amplitude: keys.amplitude("amplitude"),
             field: Field {
                 stiffness,
-                centre: keys.optional("centre", POSITION_DEG, POSITION_M).unwrap_or(0.0),
+                centre: keys.position("centre").unwrap_or(0.0),
                 ..Field::default()
             },
             duration_s,
@@ -79,10 +76,6 @@ impl SegmentKind for Rhythm {
         Some((self.field.centre - self.amplitude, self.field.centre + self.amplitude))
     }
 
-    fn end_is_unknown(&self) -> bool {
-        true
-    }
-
     fn mode(&self, _time_s: f64) -> Mode {
         Mode::Rhythm
     }
@@ -94,10 +87,6 @@ impl SegmentKind for Rhythm {
 
     fn field(&self) -> Option<&Field> {
         Some(&self.field)
-    }
-
-    fn check(&self, placed: &Placement<'_>) -> bool {
-        check_field(&self.field, placed)
     }
 
     fn single_axis(&self) -> bool {
