@@ -1,5 +1,5 @@
-//! The keeper process: founds the rig's shared-memory domain, holds every service open, cleans up
-//! after the dead.
+//! The keeper process: founds the rig's shared-memory domain, chooses its timing profile, holds
+//! every service open, cleans up after processes that died.
 //!
 //! It has no ports and no part in the data. When it dies, everything goes on; nothing new starts
 //! until it is back.
@@ -11,8 +11,9 @@ use std::time::Duration;
 use runtime::{DomainError, Keeper, RigName};
 use thiserror::Error;
 
-/// How often it looks for the dead.
-const CLEAN_EVERY: Duration = Duration::from_millis(30);
+/// Longest wait for a death: so often, at least, the stop flag is read and the service manager's
+/// watchdog is fed.
+const WAIT: Duration = Duration::from_millis(250);
 
 /// Why the keeper ended.
 #[derive(Debug, Error)]
@@ -33,18 +34,17 @@ pub fn run(rig_name: &str) -> Result<(), KeeperError> {
     }
     let name: RigName = rig_name.parse()?;
     let mut keeper = Keeper::start(&name)?;
-    tell(&[sd_notify::NotifyState::Ready, sd_notify::NotifyState::Status(keeper.profile().text())]);
+    notify(&[sd_notify::NotifyState::Ready, sd_notify::NotifyState::Status(keeper.profile().text())]);
     while !stop.load(Ordering::Relaxed) {
-        keeper.clean();
-        tell(&[sd_notify::NotifyState::Watchdog]);
-        std::thread::sleep(CLEAN_EVERY);
+        keeper.clean(WAIT);
+        notify(&[sd_notify::NotifyState::Watchdog]);
     }
-    tell(&[sd_notify::NotifyState::Stopping]);
+    notify(&[sd_notify::NotifyState::Stopping]);
     keeper.end()?;
     Ok(())
 }
 
-fn tell(states: &[sd_notify::NotifyState<'_>]) {
-    // Nobody listening is the normal case outside a service manager.
-    let _told = sd_notify::notify(states);
+fn notify(states: &[sd_notify::NotifyState<'_>]) {
+    // Without a service manager nobody listens.
+    let _sent = sd_notify::notify(states);
 }

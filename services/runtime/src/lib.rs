@@ -38,6 +38,7 @@ mod grid;
 mod identity;
 mod locks;
 mod ports;
+mod process_watch;
 pub mod realtime;
 mod request;
 mod service;

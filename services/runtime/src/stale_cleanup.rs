@@ -6,7 +6,10 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use crate::clock::{SECOND_NS, now_ns};
+use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
+
+use crate::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
 use crate::shared_memory::SHARED_MEMORY;
 
 fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
@@ -67,19 +70,55 @@ fn pid_of(identifier: u128) -> u32 {
 }
 
 fn is_dead(pid: u32) -> bool {
-    // SAFETY: signal 0 only asks whether the process exists.
-    let found = unsafe { libc::kill(pid as libc::pid_t, 0) } == 0;
-    !found && io::Error::last_os_error().raw_os_error() == Some(libc::ESRCH)
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| test_kill_process(pid) == Err(Errno::SRCH))
 }
 
 /// Process ids in a file name: every run of digits, of the length of an identifier, after the
 /// prefix.
-fn pids_in(name: &str) -> Vec<u32> {
+pub(crate) fn pids_in(name: &str) -> Vec<u32> {
     name.split(|c: char| !c.is_ascii_digit())
         .filter(|digits| digits.len() >= 20)
         .filter_map(|digits| digits.parse::<u128>().ok())
         .map(pid_of)
         .collect()
+}
+
+/// When the clean-up runs: at once after a change, then every 30 ms for 300 ms, since what a process
+/// leaves half made or half removed is removed at a later attempt only; otherwise every second, for
+/// what nothing gave notice of.
+#[derive(Debug)]
+pub(crate) struct CleanupSchedule {
+    frequent_until_ns: u64,
+    last_ns: u64,
+}
+
+impl CleanupSchedule {
+    const FREQUENT_NS: u64 = 30 * MILLISECOND_NS;
+    const FREQUENT_FOR_NS: u64 = 300 * MILLISECOND_NS;
+    const IDLE_NS: u64 = SECOND_NS;
+
+    /// Begins as after a change: processes may have died before.
+    pub(crate) fn new(now_ns: u64) -> Self {
+        Self { frequent_until_ns: now_ns + Self::FREQUENT_FOR_NS, last_ns: 0 }
+    }
+
+    /// A process died, or a node appeared or went.
+    pub(crate) fn changed(&mut self, now_ns: u64) {
+        self.frequent_until_ns = now_ns + Self::FREQUENT_FOR_NS;
+    }
+
+    /// Time to the next clean-up (ns); 0 where it is due.
+    pub(crate) fn due_in_ns(&self, now_ns: u64) -> u64 {
+        let period =
+            if now_ns < self.frequent_until_ns { Self::FREQUENT_NS } else { Self::IDLE_NS };
+        (self.last_ns + period).saturating_sub(now_ns)
+    }
+
+    /// A clean-up begins.
+    pub(crate) fn begin(&mut self, now_ns: u64) {
+        self.last_ns = now_ns;
+    }
 }
 
 /// Watches for remains that the library itself does not clean up: files of a node that died while
@@ -89,7 +128,7 @@ fn pids_in(name: &str) -> Vec<u32> {
 pub(crate) struct Orphans {
     nodes: PathBuf,
     prefix: String,
-    swept_at_ns: u64,
+    scanned_ns: u64,
     seen_dead_ns: HashMap<u32, u64>,
 }
 
@@ -101,7 +140,7 @@ impl Orphans {
         Self {
             nodes: library_root.join("nodes"),
             prefix: prefix.to_owned(),
-            swept_at_ns: 0,
+            scanned_ns: 0,
             seen_dead_ns: HashMap::new(),
         }
     }
@@ -109,10 +148,10 @@ impl Orphans {
     /// Looks once a second. What cannot be removed now is tried again the next time.
     pub(crate) fn clean(&mut self) {
         let now = now_ns();
-        if now < self.swept_at_ns + SECOND_NS {
+        if now < self.scanned_ns + SECOND_NS {
             return;
         }
-        self.swept_at_ns = now;
+        self.scanned_ns = now;
         let mut remains: Vec<(PathBuf, Vec<u32>)> = Vec::new();
         if let Ok(entries) = fs::read_dir(&self.nodes) {
             for entry in entries.flatten() {
@@ -171,6 +210,39 @@ mod tests {
         assert!(!is_dead(std::process::id()));
     }
 
+    /// Clean-ups in ten seconds that begin at `start_ns`, for a keeper that is woken by nothing else.
+    fn cleanups(schedule: &mut CleanupSchedule, start_ns: u64) -> usize {
+        let (mut now, mut count) = (start_ns, 0);
+        while now < start_ns + 10 * SECOND_NS {
+            match schedule.due_in_ns(now) {
+                0 => {
+                    schedule.begin(now);
+                    count += 1;
+                }
+                wait => now += wait,
+            }
+        }
+        count
+    }
+
+    #[test]
+    fn the_cleanup_follows_a_change_at_once_and_is_rare_without_one() {
+        let mut schedule = CleanupSchedule::new(0);
+        let now = 1000 * SECOND_NS;
+        assert_eq!(cleanups(&mut schedule, now), 10);
+        let now = now + 10 * SECOND_NS - MILLISECOND_NS;
+        assert!(schedule.due_in_ns(now) > 0);
+        schedule.changed(now);
+        assert_eq!(schedule.due_in_ns(now), 0);
+        // Ten within 300 ms, and one each second.
+        assert_eq!(cleanups(&mut schedule, now), 19);
+        // Changes without end do not make it more frequent.
+        let now = now + 10 * SECOND_NS;
+        schedule.begin(now);
+        schedule.changed(now);
+        assert_eq!(schedule.due_in_ns(now), CleanupSchedule::FREQUENT_NS);
+    }
+
     #[test]
     fn remains_of_the_dead_go_and_those_of_the_living_stay() {
         let root = tempfile::tempdir().unwrap();
@@ -185,7 +257,7 @@ mod tests {
         let mut orphans = Orphans::new(root.path(), "p_");
         orphans.clean();
         assert!(nodes.join(dead.to_string()).exists(), "the library gets its time first");
-        orphans.swept_at_ns = 0;
+        orphans.scanned_ns = 0;
         orphans.seen_dead_ns.values_mut().for_each(|since| *since -= Orphans::PATIENCE_NS);
         orphans.clean();
         assert!(!nodes.join(dead.to_string()).exists());

@@ -121,7 +121,7 @@ fn a_rig_from_cold_start_to_clean_end() {
     requests_are_answered(&service, &text);
 
     drop(service);
-    keeper.clean();
+    keeper.clean(Duration::ZERO);
     // An observer (a probe that was left open) does not hold the session of a rig that goes down.
     let observer = Domain::observe(&name).unwrap();
     assert!(observer.is_current());

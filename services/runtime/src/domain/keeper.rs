@@ -14,8 +14,10 @@ use super::{
     ALIVE_LOCK, DomainError, KEEPER_LOCK, LIBRARY_ROOT, RigName, SESSION, SessionFile,
     join_configuration, make_node, parse_session, read_session, write_configuration,
 };
+use crate::clock::now_ns;
 use crate::identity::random_u64;
 use crate::locks::LockFile;
+use crate::process_watch::ProcessWatch;
 use crate::shared_memory::SHARED_MEMORY;
 use crate::stall::{HostStall, MEASURED_FOR};
 use crate::{ports, realtime, request, stale_cleanup};
@@ -26,6 +28,8 @@ pub struct Keeper {
     // Field order is drop order: services before node, node before locks.
     services: Vec<Box<dyn std::any::Any>>,
     node: Node<ipc::Service>,
+    processes: ProcessWatch,
+    schedule: stale_cleanup::CleanupSchedule,
     orphans: stale_cleanup::Orphans,
     name: RigName,
     session: u64,
@@ -100,10 +104,13 @@ impl Keeper {
         // business with it.
         stale_cleanup::close_to_others(&name.segment_prefix())
             .map_err(at("closing to other users", Path::new(SHARED_MEMORY)))?;
+        let library_root = directory.join(LIBRARY_ROOT);
         let kept = Self {
             services,
             node,
-            orphans: stale_cleanup::Orphans::new(&directory.join(LIBRARY_ROOT), &file.prefix),
+            processes: ProcessWatch::new(&library_root, &file.prefix),
+            schedule: stale_cleanup::CleanupSchedule::new(now_ns()),
+            orphans: stale_cleanup::Orphans::new(&library_root, &file.prefix),
             name: name.clone(),
             session: parse_session(directory, &file)?,
             profile: file.profile,
@@ -156,15 +163,26 @@ impl Keeper {
         self.services.len()
     }
 
-    /// Cleans up after processes that died: call every 20 to 50 ms.
-    pub fn clean(&mut self) {
-        self.node.try_cleanup_dead_nodes();
-        self.orphans.clean();
+    /// Waits until a process of the rig dies, a signal arrives or `limit` has passed, and cleans up
+    /// after the dead. Call again and again: what cannot be removed at once is tried again.
+    pub fn clean(&mut self, limit: Duration) {
+        let due = Duration::from_nanos(self.schedule.due_in_ns(now_ns()));
+        let changed = self.processes.wait(due.min(limit));
+        let now = now_ns();
+        if changed {
+            self.schedule.changed(now);
+        }
+        if self.schedule.due_in_ns(now) == 0 {
+            self.schedule.begin(now);
+            self.node.try_cleanup_dead_nodes();
+            self.orphans.clean();
+            self.processes.refresh();
+        }
     }
 
     /// Ends in good order: wipes the domain if nothing else of it is alive. Returns whether it did.
     pub fn end(self) -> Result<bool, DomainError> {
-        let Self { services, node, orphans: _, name, alive, _keeper, .. } = self;
+        let Self { services, node, name, alive, _keeper, .. } = self;
         drop(services);
         drop(node);
         let directory = name.directory();
