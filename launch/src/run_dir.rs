@@ -1,7 +1,7 @@
 //! The rig's run directory: its files, and the lock that the launcher holds.
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{self, Write};
+use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
@@ -191,11 +191,7 @@ impl RunDir {
     }
 
     pub(crate) fn write(&self, path: &Path, text: &[u8]) -> Result<(), Error> {
-        let temporary = path.with_extension("new");
-        File::create(&temporary)
-            .and_then(|mut file| file.write_all(text))
-            .map_err(|source| Error::io("write", &temporary, source))?;
-        fs::rename(&temporary, path).map_err(|source| Error::io("replace", path, source))
+        files::replace(path, text).map_err(|source| Error::io("write", path, source))
     }
 
     /// Reads a JSON file; `None` if it does not exist.

@@ -54,7 +54,7 @@ pub use effect::{ModelEffect, ModelEffectError};
 pub use encoder::Encoder;
 pub use error::{FileError, Problem, ProtocolError, RigError};
 pub use force::{ACCELERATION_HZ, ForceControl};
-pub use identity::{identity, identity_of_bytes};
+pub use identity::identity;
 pub use limits::Limits;
 pub use model::{Model, ModelKind};
 pub use parameter::{Parameter, ParameterSource};

@@ -3,7 +3,6 @@
 mod ilc_worker;
 mod link;
 mod request_handler;
-mod whole_file;
 
 use std::fs;
 use std::io;
@@ -21,7 +20,7 @@ use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{MILLISECOND_NS, now_ns};
 use runtime::{
-    Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake,
+    Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake, Worker,
 };
 use thiserror::Error;
 
@@ -30,7 +29,7 @@ use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
 use link::{LoopEnd, Note, Order};
-use request_handler::{Current, RequestHandler, RequestThread};
+use request_handler::{Current, RequestHandler};
 
 /// Period of the heartbeat (ns).
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
@@ -99,7 +98,7 @@ pub struct Runner {
     taken: u32,
     playing: u32,
     newest: Option<Sample>,
-    requests: RequestThread,
+    requests: Worker,
     ilc_worker: IlcWorker,
 }
 
@@ -173,7 +172,7 @@ impl Runner {
             setpoints: service.publisher(SETPOINT)?,
             timings: service.publisher(timing)?,
             heartbeats: service.publisher(heartbeat)?,
-            requests: RequestThread::open(service.domain().name(), handler)?,
+            requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
             player,
             settings,

@@ -1,15 +1,9 @@
 //! The state that the experiment process keeps on disk for a restart.
-//!
-//! Format: a mark of 4 bytes, a version of 2, a checksum of 8 (FNV-1a over the rest), then the
-//! state in bincode. bincode is unmaintained; the version allows another encoding to replace it.
 
+use files::{Format, FormatError};
 use serde::{Deserialize, Serialize};
 
-const MARK: [u8; 4] = *b"FRPS";
-const VERSION: u16 = 2;
-const HEADER: usize = MARK.len() + 2 + 8;
-/// Largest size of the encoded state (bytes).
-const LONGEST: usize = 16 << 20;
+const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 2 };
 
 /// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,90 +45,31 @@ impl From<Version1> for PlayerState {
     }
 }
 
-/// Why bytes are not a valid state.
+/// Why bytes are not a valid state, or why a state cannot be encoded.
 #[derive(Debug, thiserror::Error)]
-pub enum StateError {
-    /// Truncated, or not a state at all.
-    #[error(
-        "no state of the experiment: expected {HEADER} bytes that begin with \"FRPS\", found \
-            {found}; delete the file"
-    )]
-    NotAState {
-        /// What was found.
-        found: String,
-    },
-    /// Written by another version.
-    #[error(
-        "state of version {found}, this build reads version {VERSION}; delete the file and restart \
-            the protocol anew"
-    )]
-    Version {
-        /// Version in the file.
-        found: u16,
-    },
-    /// Damaged.
-    #[error(
-        "state is damaged: expected checksum {expected:016x}, found {found:016x}; delete the file \
-            and start the protocol anew"
-    )]
-    Checksum {
-        /// Checksum in the file.
-        expected: u64,
-        /// Checksum of the bytes.
-        found: u64,
-    },
-    /// An intact file that does not decode, or a state that does not encode.
-    #[error("state cannot be coded: {0}; delete the file and start the protocol anew")]
-    Coding(String),
-}
+#[error("{0}; delete the file and start the protocol anew")]
+pub struct StateError(pub FormatError);
 
 impl PlayerState {
     /// Encodes the state.
     ///
     /// # Errors
-    /// [`StateError::Coding`] if the encoder fails.
+    /// [`FormatError::Coding`] if the encoder fails.
     pub fn encode(&self) -> Result<Vec<u8>, StateError> {
-        let body = bincode::serde::encode_to_vec(self, bincode::config::standard())
-            .map_err(|error| StateError::Coding(error.to_string()))?;
-        let mut bytes = Vec::with_capacity(HEADER + body.len());
-        bytes.extend_from_slice(&MARK);
-        bytes.extend_from_slice(&VERSION.to_le_bytes());
-        bytes.extend_from_slice(&rig::identity_of_bytes(&body).to_le_bytes());
-        bytes.extend_from_slice(&body);
-        Ok(bytes)
+        FORMAT.encode(self).map_err(StateError)
     }
 
     /// Decodes a state.
     ///
     /// # Errors
-    /// Each [`StateError`]; a damaged file never yields a state.
+    /// Each [`FormatError`]; a damaged file never yields a state.
     pub fn decode(bytes: &[u8]) -> Result<Self, StateError> {
-        let not_a_state = || StateError::NotAState { found: format!("{} bytes", bytes.len()) };
-        let (header, body) = bytes.split_at_checked(HEADER).ok_or_else(not_a_state)?;
-        let (mark, header) = header.split_first_chunk::<4>().ok_or_else(not_a_state)?;
-        let (version, checksum) = header.split_first_chunk::<2>().ok_or_else(not_a_state)?;
-        let checksum = checksum.first_chunk::<8>().ok_or_else(not_a_state)?;
-        if *mark != MARK {
-            return Err(StateError::NotAState { found: format!("\"{}\"", mark.escape_ascii()) });
+        match FORMAT.decode(bytes) {
+            Err(FormatError::Version { found: 1, .. }) => {
+                Format { version: 1, ..FORMAT }.decode::<Version1>(bytes).map(Self::from)
+            }
+            decoded => decoded,
         }
-        let version = u16::from_le_bytes(*version);
-        if !matches!(version, 1 | VERSION) {
-            return Err(StateError::Version { found: version });
-        }
-        let (expected, found) = (u64::from_le_bytes(*checksum), rig::identity_of_bytes(body));
-        if expected != found {
-            return Err(StateError::Checksum { expected, found });
-        }
-        let config = bincode::config::standard().with_limit::<LONGEST>();
-        let decoded = match version {
-            1 => bincode::serde::decode_from_slice::<Version1, _>(body, config)
-                .map(|(old, read)| (old.into(), read)),
-            _ => bincode::serde::decode_from_slice(body, config),
-        };
-        let (state, read) = decoded.map_err(|error| StateError::Coding(error.to_string()))?;
-        if read != body.len() {
-            return Err(StateError::Coding(format!("{} bytes too many", body.len() - read)));
-        }
-        Ok(state)
+        .map_err(StateError)
     }
 }

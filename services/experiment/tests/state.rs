@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use experiment::state::{PlayerState, StateError};
+use files::FormatError;
 use proptest::prelude::*;
 
 fn state(segment: u32, text: &str) -> PlayerState {
@@ -50,15 +51,16 @@ fn says_what_is_wrong() {
     assert_eq!(
         error,
         "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found 5 bytes; \
-         delete the file"
+         delete the file and start the protocol anew"
     );
     let mut bytes = state(0, "").encode().unwrap();
     bytes[4] = 9;
-    assert!(matches!(PlayerState::decode(&bytes), Err(StateError::Version { found: 9 })));
+    let error = PlayerState::decode(&bytes).unwrap_err();
+    assert!(matches!(error, StateError(FormatError::Version { found: 9, .. })), "{error}");
     bytes[4] = 2;
     *bytes.last_mut().unwrap() ^= 1;
     let error = PlayerState::decode(&bytes).unwrap_err().to_string();
-    assert!(error.starts_with("state is damaged: expected checksum "), "{error}");
+    assert!(error.starts_with("state of the experiment is damaged: expected checksum "), "{error}");
 }
 
 /// Version 1: header, then session, name, text, protocol, segment and running in bincode.
@@ -66,7 +68,7 @@ fn says_what_is_wrong() {
 fn a_state_of_version_1_is_read_and_not_resumed() {
     let body = b"\x07\x04demo\x02ab\x09\x03\x01";
     let mut bytes = b"FRPS\x01\x00".to_vec();
-    bytes.extend_from_slice(&rig::identity_of_bytes(body).to_le_bytes());
+    bytes.extend_from_slice(&files::fnv1a(body).to_le_bytes());
     bytes.extend_from_slice(body);
     let state = PlayerState::decode(&bytes).unwrap();
     assert_eq!((state.session, state.name.as_str(), state.text.as_str()), (7, "demo", "ab"));

@@ -1,22 +1,15 @@
 //! A learnt reference on disk.
 //!
-//! Format: mark (4 bytes), version (2), checksum (8, FNV-1a over the rest), then the reference in
-//! bincode, little-endian. bincode is unmaintained (RUSTSEC-2025-0141); the version allows another
-//! encoding.
-//!
 //! The file names the rig on which the reference was learnt, and is refused on any other.
 
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use files::{Format, FormatError, LARGEST};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-const MARK: [u8; 4] = *b"FRLR";
-const VERSION: u16 = 2;
-const HEADER: usize = MARK.len() + 2 + 8;
-/// Largest size of a file (bytes).
-const LONGEST: usize = 16 << 20;
+const FORMAT: Format = Format { what: "learnt reference", mark: *b"FRLR", version: 2 };
 
 /// A learnt reference, with the rig and movement it applies to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,35 +39,9 @@ pub struct LearntReference {
 /// Why a reference cannot be saved or loaded.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// Truncated, or not a learnt reference.
-    #[error(
-        "no learnt reference: expected {HEADER} bytes that begin with \"FRLR\", found {found}; \
-            choose another file, or learn anew"
-    )]
-    NotAReference {
-        /// What was found.
-        found: String,
-    },
-    /// Written by another version.
-    #[error("learnt reference of version {found}, this build reads version {VERSION}; learn anew")]
-    Version {
-        /// Version in the file.
-        found: u16,
-    },
-    /// Damaged or truncated.
-    #[error(
-        "learnt reference is damaged: expected checksum {expected:016x}, found {found:016x}; \
-            learn anew"
-    )]
-    Checksum {
-        /// Checksum in the file.
-        expected: u64,
-        /// Checksum of the bytes.
-        found: u64,
-    },
-    /// The reference cannot be encoded or decoded.
-    #[error("learnt reference cannot be coded: {0}; learn anew")]
-    Coding(String),
+    /// Not a learnt reference of this version, damaged, or impossible to encode.
+    #[error("{0}; learn anew, or choose another file")]
+    Format(FormatError),
     /// Its positions are too few, not finite, or do not match its period.
     #[error(
         "learnt reference: expected finite positions over one period, found {found}; learn anew"
@@ -209,66 +176,33 @@ impl LearntReference {
     /// Encodes the reference.
     ///
     /// # Errors
-    /// [`StoreError::Positions`], [`StoreError::Coding`].
+    /// [`StoreError::Positions`], [`StoreError::Format`].
     pub fn encode(&self) -> Result<Vec<u8>, StoreError> {
         self.check()?;
-        let body = bincode::serde::encode_to_vec(self, bincode::config::standard())
-            .map_err(|error| StoreError::Coding(error.to_string()))?;
-        let checksum = rig::identity_of_bytes(&body);
-        Ok([&MARK[..], &VERSION.to_le_bytes(), &checksum.to_le_bytes(), &body].concat())
+        FORMAT.encode(self).map_err(StoreError::Format)
     }
 
     /// Decodes a reference of any rig.
     ///
     /// # Errors
-    /// Each [`StoreError`] up to [`StoreError::Positions`]; a damaged file never yields a
-    /// reference.
+    /// [`StoreError::Format`], [`StoreError::Positions`]; a damaged file never yields a reference.
     pub fn decode(bytes: &[u8]) -> Result<Self, StoreError> {
-        let short = || StoreError::NotAReference { found: format!("{} bytes", bytes.len()) };
-        let (mark, rest) = bytes.split_first_chunk::<4>().ok_or_else(short)?;
-        if *mark != MARK {
-            return Err(StoreError::NotAReference {
-                found: format!("\"{}\"", mark.escape_ascii()),
-            });
-        }
-        let (version, rest) = rest.split_first_chunk::<2>().ok_or_else(short)?;
-        let version = u16::from_le_bytes(*version);
-        if version != VERSION {
-            return Err(StoreError::Version { found: version });
-        }
-        let (checksum, body) = rest.split_first_chunk::<8>().ok_or_else(short)?;
-        let (expected, found) = (u64::from_le_bytes(*checksum), rig::identity_of_bytes(body));
-        if expected != found {
-            return Err(StoreError::Checksum { expected, found });
-        }
-        let config = bincode::config::standard().with_limit::<LONGEST>();
-        let (reference, read) = bincode::serde::decode_from_slice::<Self, _>(body, config)
-            .map_err(|error| StoreError::Coding(error.to_string()))?;
-        if read != body.len() {
-            return Err(StoreError::Coding(format!("{} bytes too many", body.len() - read)));
-        }
+        let reference: Self = FORMAT.decode(bytes).map_err(StoreError::Format)?;
         reference.check()?;
         Ok(reference)
     }
 
-    /// Writes the file atomically: a temporary file first, then a rename.
+    /// Writes the file whole or not at all.
     ///
     /// # Errors
     /// Those of [`LearntReference::encode`], [`StoreError::Io`]; an older file is then as it was.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), StoreError> {
         let path = path.as_ref();
-        let bytes = self.encode()?;
-        let failed = |doing| move |source| StoreError::Io { doing, path: path.to_owned(), source };
-        let folder =
-            path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::Builder::new()
-            .prefix(".learnt-")
-            .tempfile_in(folder)
-            .map_err(failed("write beside"))?;
-        file.write_all(&bytes).map_err(failed("write"))?;
-        file.as_file().sync_all().map_err(failed("bring to the disk"))?;
-        file.persist(path).map_err(|error| failed("replace")(error.error))?;
-        Ok(())
+        files::replace(path, self.encode()?).map_err(|source| StoreError::Io {
+            doing: "write",
+            path: path.to_owned(),
+            source,
+        })
     }
 
     /// Reads a file that was learnt on this rig, for this axis, at this rate and for this movement.
@@ -281,9 +215,10 @@ impl LearntReference {
         let file = std::fs::File::open(path).map_err(failed)?;
         let mut bytes = Vec::new();
         // One byte more than may be: a longer file is refused, not read.
-        file.take(LONGEST as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
-        if bytes.len() > LONGEST {
-            return Err(StoreError::NotAReference { found: format!("more than {LONGEST} bytes") });
+        file.take(LARGEST as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
+        if bytes.len() > LARGEST {
+            let found = format!("more than {LARGEST} bytes");
+            return Err(StoreError::Format(FormatError::Mark { format: FORMAT, found }));
         }
         let reference = Self::decode(&bytes)?;
         reference.fits(scope)?;

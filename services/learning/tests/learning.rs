@@ -4,6 +4,7 @@
 
 use std::f64::consts::TAU;
 
+use files::FormatError;
 use learning::store::{LearntReference, ReferenceScope, StoreError};
 use learning::{
     BlockOutcome, Complex, Frozen, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased,
@@ -312,7 +313,10 @@ proptest! {
 fn files_of_others_are_refused_with_a_reason() {
     let error = LearntReference::decode(b"FRPS and more that is long enough").unwrap_err();
     assert!(
-        matches!(&error, StoreError::NotAReference { found } if found == "\"FRPS\""),
+        matches!(
+            &error,
+            StoreError::Format(FormatError::Mark { found, .. }) if found == "\"FRPS\""
+        ),
         "{error}"
     );
     let mut bytes = LearntReference::new(&scope(1, 0, 500, 500), 0.0, vec![0.0; 500])
@@ -322,7 +326,7 @@ fn files_of_others_are_refused_with_a_reason() {
     bytes[4] = 9;
     assert!(matches!(
         LearntReference::decode(&bytes).unwrap_err(),
-        StoreError::Version { found: 9 }
+        StoreError::Format(FormatError::Version { found: 9, .. })
     ));
     let missing = LearntReference::load("/nowhere/at/all", &scope(1, 0, 500, 500)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");

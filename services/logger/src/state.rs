@@ -2,8 +2,8 @@
 //! restart with the next part.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -62,20 +62,16 @@ pub enum StateError {
     },
 }
 
-/// Saves the state in `directory`, atomically.
+/// Saves the state in `directory`, whole or not at all.
 ///
 /// # Errors
 /// [`StateError::Io`].
 pub fn save(directory: &Path, state: &State) -> Result<(), StateError> {
     let path = directory.join(FILE);
-    let fresh = directory.join("recording.json.new");
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&fresh)?;
-        file.write_all(&serde_json::to_vec_pretty(state)?)?;
-        file.sync_all()?;
-        fs::rename(&fresh, &path)
-    };
-    write().map_err(|source| StateError::Io { path: path.clone(), source })
+    serde_json::to_vec_pretty(state)
+        .map_err(io::Error::from)
+        .and_then(|text| files::replace(&path, text))
+        .map_err(|source| StateError::Io { path, source })
 }
 
 /// Removes the state: the recording was ended.

@@ -1,9 +1,8 @@
 //! The command plane: request and answer between processes, off the real-time path.
 //!
 //! Payloads are serde types in bincode 2.0.1, the last release that compiles. bincode is
-//! unmaintained (RUSTSEC-2025-0141); this module, the experiment's state file and the learnt-state
-//! files are its only users, and each goes through one `encode` and one `decode`: postcard would
-//! replace it there.
+//! unmaintained (RUSTSEC-2025-0141); this module and `files::Format` are its only users, each with
+//! one `encode` and one `decode`: postcard would replace it there.
 
 use std::time::{Duration, Instant};
 

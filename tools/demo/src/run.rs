@@ -1,6 +1,5 @@
 //! Runs the demo: from the command line to the recording, the page and the summary.
 
-use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -189,12 +188,7 @@ fn full_name(effect: &dyn Effect) -> String {
 
 /// Writes a file whole or not at all.
 fn write(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
-    let unfinished = path.with_extension("tmp");
-    fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, path)).with_context(|| {
-        // It may not exist, and then there is nothing to remove.
-        let _ = fs::remove_file(&unfinished);
-        format!("{}: cannot be written", path.display())
-    })
+    files::replace(path, text).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// The embedded protocol, its guided movement as long as asked.

@@ -58,9 +58,9 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     // (`| head`).
     let json_file = args.json.as_deref().filter(|path| *path != Path::new(STDOUT));
     if let Some(path) = json_file {
-        let file = whole_file(path, &json)
+        make_folder(path)
+            .and_then(|()| files::replace(path, &json))
             .with_context(|| format!("{}: cannot be written", path.display()))?;
-        file.persist(path).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     // Files are independent: if one cannot be written the others are.
     let (mut failed, mut told) = (None, Vec::new());
@@ -179,21 +179,13 @@ fn revision() -> String {
 
 /// Writes a new file completely or not at all; an existing one is an error.
 fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
-    whole_file(path, text)?.persist_noclobber(path).map(drop).map_err(|error| error.error)
+    make_folder(path)?;
+    files::create_new(path, text)
 }
 
-/// A complete temporary file in the folder of `path`, to be renamed.
-fn whole_file(path: &Path, text: &str) -> std::io::Result<tempfile::NamedTempFile> {
-    let folder =
-        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let mut file = tempfile::Builder::new();
-    #[cfg(unix)]
-    file.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = file.tempfile_in(folder)?;
-    file.write_all(text.as_bytes())?;
-    file.as_file().sync_all()?;
-    Ok(file)
+/// Makes the folder of the file at `path`, and those above it.
+fn make_folder(path: &Path) -> std::io::Result<()> {
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)
 }
 
 /// All records with the roles fixed on the command line.
@@ -336,15 +328,11 @@ mod tests {
     }
 
     #[test]
-    fn files_are_written_completely_and_new_ones_never_replace_others() {
+    fn a_new_file_never_replaces_another() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("deep").join("a.json");
-        whole_file(&path, "one").unwrap().persist(&path).unwrap();
-        whole_file(&path, "two").unwrap().persist(&path).unwrap();
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
-        assert!(write_new(&path, "three").is_err());
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
-        let left: Vec<_> = std::fs::read_dir(folder.path().join("deep")).unwrap().collect();
-        assert_eq!(left.len(), 1, "{left:?}");
+        let path = folder.path().join("deep").join("a.toml");
+        write_new(&path, "one").unwrap();
+        assert!(write_new(&path, "two").is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "one");
     }
 }

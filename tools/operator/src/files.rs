@@ -17,14 +17,10 @@ use crate::Error;
 pub(crate) fn keep_copy(run_dir: &Path, asked: &Path, rig: &RigFile) -> Result<PathBuf, Error> {
     let stem = asked.file_stem().and_then(|stem| stem.to_str()).unwrap_or("rig");
     let path = run_dir.join(format!("{stem}.{:016x}.toml", rig.identity()));
-    let temporary = path.with_extension("new");
-    let io = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| Error::Io { doing: "write", path, source }
-    };
-    fs::write(&temporary, rig.text()).map_err(io(&temporary))?;
-    fs::rename(&temporary, &path).map_err(io(&path))?;
-    Ok(path)
+    match ::files::replace(&path, rig.text()) {
+        Ok(()) => Ok(path),
+        Err(source) => Err(Error::Io { doing: "write", path, source }),
+    }
 }
 
 /// What a rig that is up was started with.

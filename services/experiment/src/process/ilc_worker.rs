@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use files::Format;
 use ipc_types::{Event, EventKind, Process, Severity};
 use learning::store::LearntReference;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -19,7 +20,6 @@ use crate::player::{IlcJob, Program};
 use crate::trial_record::TrialRecord;
 
 use super::link::{Dropped, EVENTS};
-use super::whole_file;
 
 /// Polling period: short against the settling cycle of a block.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
@@ -179,7 +179,7 @@ impl WorkerState {
     /// The state that an earlier process, or this one before a pause, saved.
     fn restore(&mut self, protocol: u64, segment: u32) -> Option<IlcState> {
         let found = match fs::read(&self.file) {
-            Ok(bytes) => decode(&bytes),
+            Ok(bytes) => FORMAT.decode::<IlcState>(&bytes).map_err(|error| error.to_string()),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err("no block was done when it was interrupted".to_owned())
             }
@@ -350,30 +350,10 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
     Ok(())
 }
 
-/// Mark and version of the file that holds the state of a learning run. bincode is unmaintained;
-/// the version lets another encoding take its place.
-const MARK: [u8; 6] = *b"FRLS\x01\x00";
-/// Largest size of the file (bytes).
-const LONGEST: usize = 16 << 20;
+/// The file that holds the state of a learning run.
+const FORMAT: Format = Format { what: "state of learning", mark: *b"FRLS", version: 1 };
 
-/// Writes the state atomically.
 fn write(path: &Path, state: &IlcState) -> Result<(), String> {
-    let body = bincode::serde::encode_to_vec(state, bincode::config::standard())
-        .map_err(|error| error.to_string())?;
-    let bytes = [&MARK[..], &rig::identity_of_bytes(&body).to_le_bytes(), &body].concat();
-    whole_file::replace(path, &path.with_extension("lesson.new"), &bytes)
-        .map_err(|error| error.to_string())
-}
-
-fn decode(bytes: &[u8]) -> Result<IlcState, String> {
-    let damaged = || "the saved state is damaged".to_owned();
-    let body = bytes.strip_prefix(&MARK[..]).ok_or_else(damaged)?;
-    let (checksum, body) = body.split_first_chunk::<8>().ok_or_else(damaged)?;
-    if u64::from_le_bytes(*checksum) != rig::identity_of_bytes(body) {
-        return Err(damaged());
-    }
-    let config = bincode::config::standard().with_limit::<LONGEST>();
-    let (kept, _read) =
-        bincode::serde::decode_from_slice(body, config).map_err(|error| error.to_string())?;
-    Ok(kept)
+    let bytes = FORMAT.encode(state).map_err(|error| error.to_string())?;
+    files::replace(path, bytes).map_err(|error| error.to_string())
 }

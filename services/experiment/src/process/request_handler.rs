@@ -1,11 +1,8 @@
 //! The thread that answers requests, reads protocols and keeps the state: everything that allocates
 //! or waits. It has a node of its own, since ports stay in the thread that made them.
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
@@ -14,17 +11,14 @@ use ipc_types::{
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
-use runtime::{Domain, RigName, Server, ServiceError, Worker};
+use runtime::{RigName, ServiceError, Worker};
 
 use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
 
 use super::ilc_worker::find_references;
 use super::link::{HandlerEnd, Note, Order, Progress};
-use super::whole_file;
 
-/// How often it looks for requests and changes.
-const POLL_PERIOD: Duration = Duration::from_millis(5);
 /// Longest time for the loop to take an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);
 /// How long a fresh `enable` may take to show in the watchdog's tokens.
@@ -64,57 +58,13 @@ pub(super) struct RequestHandler {
     pub(super) last_order: u32,
 }
 
-/// Handle of the thread. Dropping it saves the last change and ends the thread.
-#[derive(Debug)]
-pub(super) struct RequestThread {
-    worker: Worker,
-}
-
-impl RequestThread {
-    /// Starts the thread; returns when it serves.
-    pub(super) fn open(rig: &RigName, mut handler: RequestHandler) -> Result<Self, ServiceError> {
-        let (ready, wait) = mpsc::channel();
-        let name = rig.clone();
-        let worker = Worker::spawn("experiment-requests", move |ending| {
-            let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
-                runtime::realtime::request_helper(domain.fifo());
-                let server =
-                    Server::new(&domain.node("experiment-requests")?, &EXPERIMENT_COMMANDS)?;
-                Ok((domain, server))
-            });
-            let (_domain, server) = match opened {
-                Ok(opened) => opened,
-                Err(error) => {
-                    let _ = ready.send(Err(error));
-                    return;
-                }
-            };
-            let _ = ready.send(Ok(()));
-            while !ending.load(Ordering::Relaxed) {
-                handler.save_changes();
-                let broken = |error| eprintln!("farreach experiment: request dropped: {error}");
-                if let Err(error) = server.poll(|request| handler.answer(request), broken) {
-                    eprintln!("farreach experiment: requests are no longer answered: {error}");
-                    return;
-                }
-                std::thread::sleep(POLL_PERIOD);
-            }
-            handler.save_changes();
-        })?;
-        // The channel is closed only by a thread that panicked.
-        wait.recv().unwrap_or_else(|_| {
-            Err(io::Error::other("the thread that answers requests ended").into())
-        })?;
-        Ok(Self { worker })
-    }
-
-    /// Whether the thread is gone, which it should not be.
-    pub(super) fn is_closed(&self) -> bool {
-        self.worker.is_closed()
-    }
-}
-
 impl RequestHandler {
+    /// Starts the thread; returns when it serves. Dropping the result saves the last change and
+    /// ends the thread.
+    pub(super) fn serve(self, rig: &RigName) -> Result<Worker, ServiceError> {
+        Worker::serve(rig, EXPERIMENT_COMMANDS, self, Self::save_changes, Self::answer)
+    }
+
     fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
         let result = match request {
             ExperimentRequest::Run { protocol, name, client } => {
@@ -308,6 +258,5 @@ impl RequestHandler {
 /// Writes the state whole or not at all.
 fn save(path: &Path, state: &PlayerState) -> Result<(), String> {
     let bytes = state.encode().map_err(|error| error.to_string())?;
-    whole_file::replace(path, &path.with_extension("new"), &bytes)
-        .map_err(|error| error.to_string())
+    files::replace(path, bytes).map_err(|error| error.to_string())
 }

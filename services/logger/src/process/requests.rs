@@ -1,15 +1,11 @@
-//! The thread that receives requests. iceoryx2 ports stay in the thread that made them, so it has a
-//! node of its own and passes each request to the loop.
+//! The thread that receives requests and passes each to the loop.
 
-use std::sync::atomic::Ordering;
-use std::sync::mpsc::{self, Receiver, SyncSender};
+use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
 use std::time::Duration;
 
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest};
-use runtime::{Domain, RigName, Server, ServiceError, Worker};
+use runtime::{RigName, ServiceError, Worker};
 
-/// Time between two polls for requests.
-const POLL: Duration = Duration::from_millis(5);
 /// How long a request waits for the loop and, through it, for the disk.
 const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
@@ -31,35 +27,7 @@ impl RequestReceiver {
     /// Starts the thread; returns when it takes requests.
     pub(super) fn open(rig: &RigName) -> Result<Self, ServiceError> {
         let (ask, requests) = mpsc::channel();
-        let (ready, wait) = mpsc::channel();
-        let name = rig.clone();
-        let worker = Worker::spawn("logger-requests", move |ending| {
-            // The server needs the domain for as long as it lives.
-            let opened = Domain::open(&name).map_err(ServiceError::from).and_then(|domain| {
-                let server = Server::new(&domain.node("logger-requests")?, &LOGGER_COMMANDS)?;
-                Ok((domain, server))
-            });
-            let (_domain, server) = match opened {
-                Ok(opened) => opened,
-                Err(error) => {
-                    let _ = ready.send(Err(error));
-                    return;
-                }
-            };
-            let _ = ready.send(Ok(()));
-            while !ending.load(Ordering::Relaxed) {
-                let broken = |error| eprintln!("farreach logger: request dropped: {error}");
-                if let Err(error) = server.poll(|request| forward(request, &ask), broken) {
-                    eprintln!("farreach logger: requests are no longer answered: {error}");
-                    return;
-                }
-                std::thread::sleep(POLL);
-            }
-        })?;
-        // The channel is closed only by a thread that panicked.
-        wait.recv().unwrap_or_else(|_| {
-            Err(std::io::Error::other("the thread that answers requests ended").into())
-        })?;
+        let worker = Worker::serve(rig, LOGGER_COMMANDS, ask, |_| (), forward)?;
         Ok(Self { requests, worker })
     }
 
@@ -81,7 +49,7 @@ impl Drop for RequestReceiver {
     }
 }
 
-fn forward(request: LoggerRequest, loop_inbox: &mpsc::Sender<PendingRequest>) -> LoggerAnswer {
+fn forward(loop_inbox: &mut Sender<PendingRequest>, request: LoggerRequest) -> LoggerAnswer {
     let (reply, answer) = mpsc::sync_channel(1);
     let failed = |error: &str| LoggerAnswer {
         recording: None,

@@ -124,10 +124,8 @@ impl Keeper {
             // is ready.
             let text = toml::to_string(&file)
                 .map_err(|e| library("writing the session")(e.to_string()))?;
-            let temporary = directory.join("session.new");
             let path = directory.join(SESSION);
-            fs::write(&temporary, text).map_err(at("writing", &temporary))?;
-            fs::rename(&temporary, &path).map_err(at("writing", &path))?;
+            files::replace(&path, text).map_err(at("writing", &path))?;
             kept.alive.try_shared().map_err(at("locking", &path))?;
         }
         Ok(kept)
@@ -200,11 +198,11 @@ impl Keeper {
 /// Draws a session and chooses its profile: the one that a person chose, or else the one that the
 /// host can keep; realtime in no case where `SCHED_FIFO` is not granted.
 fn new_session(prefix: String) -> SessionFile {
-    // Tried on a thread of its own, so that the keeper's own scheduling stays as it is.
-    let fifo = std::thread::spawn(|| realtime::request_fifo(1) == Profile::Realtime)
-        .join()
-        .unwrap_or(false);
     let chosen = realtime::chosen_profile();
+    // Tried on a thread of its own, so that the keeper's own scheduling stays as it is.
+    let granted = || realtime::request_fifo(1) == Profile::Realtime;
+    let fifo = chosen != Some(Profile::BestEffort)
+        && std::thread::spawn(granted).join().unwrap_or(false);
     let stall = chosen.is_none().then(|| HostStall::measure(MEASURED_FOR));
     let kept = chosen.or_else(|| stall.map(|stall| stall.profile()));
     SessionFile {
