@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor, Sender, off_bound, tick_of};
-use common::{TestRig, kill, pulse_of, wait_for};
+use common::{Signal, TestRig, kill, pulse_of, wait_for};
 use ipc_types::{TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 use runtime::clock::now_ns;
@@ -74,7 +74,7 @@ fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
     let before = process(rig, unit).unwrap();
     let known = pulse(monitor, unit);
     let stopped_ns = now_ns();
-    kill(before.pid, libc::SIGSTOP);
+    kill(before.pid, Signal::STOP);
     monitor.pass_ticks(ticks);
     let last_word_ns = sender_of(monitor, unit, known.incarnation).last_ns;
     assert_off(monitor, unit, struck_ns.max(stopped_ns), last_word_ns);
@@ -82,7 +82,7 @@ fn freeze_shortly(rig: &TestRig, monitor: &Monitor, unit: &str, ticks: u64) {
         assert_eq!(monitor.seen().state(), Some(WatchdogState::Tripped), "{unit}");
     }
     let silent = sender_of(monitor, unit, known.incarnation);
-    kill(before.pid, libc::SIGCONT);
+    kill(before.pid, Signal::CONT);
     monitor.until("the continued process publishes again", |seen| {
         seen.streams[pulse_of(unit).unwrap()].senders.iter().any(|sender| {
             sender.sequence > silent.sequence && { sender.incarnation == known.incarnation }
@@ -108,7 +108,7 @@ fn freeze_until_replaced(rig: &TestRig, monitor: &Monitor, unit: &str) {
     let before = process(rig, unit).unwrap();
     let known = pulse(monitor, unit);
     let stopped_ns = now_ns();
-    kill(before.pid, libc::SIGSTOP);
+    kill(before.pid, Signal::STOP);
     let replaced = wait_for(LIMIT, || process(rig, unit).is_some_and(|now| now != before));
     assert!(replaced, "{unit} was not replaced: {:?}", rig.launcher_status().unit(unit));
     assert!(!before.is_alive(), "the frozen {unit} is alive beside its replacement");
@@ -147,7 +147,7 @@ impl Second {
 
 impl Drop for Second {
     fn drop(&mut self) {
-        kill(self.0.id() as i32, libc::SIGTERM);
+        kill(self.0.id() as i32, Signal::TERM);
         let _ended = self.0.wait();
     }
 }
@@ -158,7 +158,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     ready(rig, monitor);
     let first = process(rig, unit).unwrap();
     let old = pulse(monitor, unit);
-    kill(first.pid, libc::SIGSTOP);
+    kill(first.pid, Signal::STOP);
     let second = Second::of(rig, unit, first);
     monitor.until("the second publishes", |seen| {
         seen.streams[pulse_of(unit).unwrap()].newest().incarnation != old.incarnation
@@ -171,7 +171,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
     // Powered through the second process; now the first continues.
     let struck_ns = monitor.mark();
     let before = sender_of(monitor, unit, old.incarnation);
-    kill(first.pid, libc::SIGCONT);
+    kill(first.pid, Signal::CONT);
     let spoke = wait_for(LIMIT, || {
         sender_of(monitor, unit, old.incarnation).sequence > before.sequence
             || process(rig, unit) != Some(first)

@@ -10,7 +10,7 @@ use std::process::Output;
 use std::time::{Duration, Instant};
 
 use common::monitor::{LIMIT, Monitor, SLACK, Sender, TICK_NS, off_bound, tick_of};
-use common::{Footprint, TestRig, pulse_of, told, wait_for, workers};
+use common::{Footprint, Signal, TestRig, pulse_of, told, wait_for, workers};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 
@@ -88,7 +88,7 @@ impl Campaign {
             .collect();
         let epoch = self.monitor().seen().newest_token.unwrap().epoch;
         let struck_ns = self.monitor().mark();
-        common::kill(before[victim].pid, libc::SIGKILL);
+        common::kill(before[victim].pid, Signal::KILL);
         self.monitor().pass_ticks(WATCHED);
         self.monitor().open_all();
 

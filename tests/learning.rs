@@ -11,7 +11,7 @@ use std::time::Duration;
 use ipc_types::{Event, EventKind, Mode, Process, SETPOINT, Setpoint, Severity, event_topic};
 use recording::mcap_read::Recording;
 
-use common::{TestRig, kill, told, wait_for};
+use common::{Signal, TestRig, kill, told, wait_for};
 
 /// Blocks of two cycles, and gains that reduce the error by a third from block to block.
 const LEARN: &str = r#"[protocol]
@@ -106,7 +106,7 @@ fn kill_in_the_middle(rig: &TestRig) {
         .launcher_status()
         .unit("experiment")
         .and_then(|unit| unit.process.as_ref().map(|process| process.pid));
-    kill(pid.unwrap(), libc::SIGKILL);
+    kill(pid.unwrap(), Signal::KILL);
 }
 
 /// A reference with a flipped bit, or a truncated one, is not played.

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use common::{TestRig, assert_refused, assert_told, kill, told, wait_for};
+use common::{Signal, TestRig, assert_refused, assert_told, kill, told, wait_for};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
@@ -141,7 +141,7 @@ fn a_frozen_probe_does_not_keep_the_previous_session_alive() {
     rig.ok(["up", "--simulate", "--record", first.to_str().unwrap()]);
     let mut probe = open_probe(&rig);
     let pid = i32::try_from(probe.id()).unwrap();
-    kill(pid, libc::SIGSTOP);
+    kill(pid, Signal::STOP);
     let down = rig.run(["down"]);
     assert!(down.status.success(), "{}", told(&down));
     assert!(!String::from_utf8_lossy(&down.stderr).contains("in use"), "{}", told(&down));
@@ -149,7 +149,7 @@ fn a_frozen_probe_does_not_keep_the_previous_session_alive() {
     rig.ok(["up", "--simulate", "--record", second.to_str().unwrap()]);
     assert_eq!(session()["recording"]["file"], second.to_str().unwrap());
     // The probe continues beside a rig of another session, and ends.
-    kill(pid, libc::SIGCONT);
+    kill(pid, Signal::CONT);
     assert!(wait_for(Duration::from_secs(20), || probe.try_wait().unwrap().is_some()));
     rig.ok(["down"]);
     let mut found = recordings(&rig);

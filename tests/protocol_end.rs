@@ -10,7 +10,7 @@ use std::time::Duration;
 use ipc_types::{EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest};
 use serde_json::Value;
 
-use common::{TestRig, kill, told, wait_for};
+use common::{Signal, TestRig, kill, told, wait_for};
 
 const LIMIT: Duration = Duration::from_secs(60);
 /// The guided movement sweeps more than 1 rad within half a second; from here on it counts as one
@@ -114,10 +114,10 @@ fn sr_26_a_protocol_ends_with_a_trip_with_its_client_and_with_stop() {
 
     // The client is stopped (Ctrl-Z), then emergency stop, then power again.
     let mut stopped = bench.client();
-    kill(pid(&stopped), libc::SIGSTOP);
+    kill(pid(&stopped), Signal::STOP);
     bench.rig.ok(["estop"]);
     bench.assert_power_moves_nothing("after an emergency stop");
-    kill(pid(&stopped), libc::SIGCONT);
+    kill(pid(&stopped), Signal::CONT);
     assert!(!stopped.wait().unwrap().success());
     bench.assert_power_moves_nothing("after the client was continued");
 
@@ -130,10 +130,10 @@ fn sr_26_a_protocol_ends_with_a_trip_with_its_client_and_with_stop() {
 
     // The experiment process is killed while the client is stopped, with a trip in between.
     let mut stopped = bench.client();
-    kill(pid(&stopped), libc::SIGSTOP);
+    kill(pid(&stopped), Signal::STOP);
     let status = bench.rig.launcher_status();
     let victim = status.unit("experiment").unwrap().process.unwrap();
-    kill(victim.pid, libc::SIGKILL);
+    kill(victim.pid, Signal::KILL);
     bench.rig.ok(["estop"]);
     let back = wait_for(LIMIT, || bench.status().is_some_and(|status| !status.running));
     assert!(back, "{:?}", bench.status());

@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor};
-use common::{TestRig, kill, told, wait_for};
+use common::{Signal, TestRig, kill, told, wait_for};
 use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, WatchdogState};
 use launch::UnitState;
 use runtime::{Grid, Service};
@@ -97,7 +97,7 @@ impl StandIn {
 
 impl Drop for StandIn {
     fn drop(&mut self) {
-        kill(self.child.id() as i32, libc::SIGTERM);
+        kill(self.child.id() as i32, Signal::TERM);
         let _ended = self.child.wait();
     }
 }
@@ -113,7 +113,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
     // farreach's own control ends regularly, and the launcher does not restart it.
     monitor.mark();
     let process = rig.launcher_status().unit("control").unwrap().process.unwrap();
-    kill(process.pid, libc::SIGTERM);
+    kill(process.pid, Signal::TERM);
     let ended = wait_for(LIMIT, || {
         rig.launcher_status().unit("control").unwrap().state == UnitState::Inactive
     });

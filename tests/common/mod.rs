@@ -14,6 +14,8 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use ipc_types::{CardKind, PROCESSES, ProcessEntry, Profile, processes_with, pulse_topic};
+pub use rustix::process::Signal;
+use rustix::process::{Pid, kill_process};
 use runtime::RigName;
 
 /// The units of a simulated rig.
@@ -160,7 +162,7 @@ impl Drop for TestRig {
     fn drop(&mut self) {
         let _down = self.run(["down"]);
         for pid in self.processes() {
-            kill(pid, libc::SIGKILL);
+            kill(pid, Signal::KILL);
         }
         std::thread::sleep(Duration::from_millis(50));
         for path in self.remains() {
@@ -311,11 +313,9 @@ pub fn processes_of(name: &RigName) -> Vec<i32> {
 }
 
 /// Sends a signal.
-pub fn kill(pid: i32, signal: i32) {
-    // SAFETY: sends a signal to a process that the test started.
-    unsafe {
-        libc::kill(pid, signal);
-    }
+pub fn kill(pid: i32, signal: Signal) {
+    // It may have ended by itself.
+    let _sent = Pid::from_raw(pid).map(|pid| kill_process(pid, signal));
 }
 
 /// Waits until a condition holds; `false` if it never did. The limit only ends a test that has

@@ -1,5 +1,6 @@
 //! The one clock: `CLOCK_MONOTONIC`, in nanoseconds.
 
+use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// Nanoseconds in a second.
@@ -59,19 +60,9 @@ impl ClockPair {
 
 /// Sleeps until an absolute time of `CLOCK_MONOTONIC`. Returns early when a signal arrives.
 pub fn sleep_until(time_ns: u64) {
-    let until = libc::timespec {
-        tv_sec: (time_ns / SECOND_NS) as libc::time_t,
-        tv_nsec: (time_ns % SECOND_NS) as libc::c_long,
-    };
-    // SAFETY: `until` lives through the call; no remainder is asked for with TIMER_ABSTIME.
-    unsafe {
-        libc::clock_nanosleep(
-            libc::CLOCK_MONOTONIC,
-            libc::TIMER_ABSTIME,
-            &raw const until,
-            std::ptr::null_mut(),
-        );
-    }
+    let (tv_sec, tv_nsec) = ((time_ns / SECOND_NS) as i64, (time_ns % SECOND_NS) as i64);
+    // The only error that a valid time can have is the signal's.
+    let _woken = clock_nanosleep_absolute(ClockId::Monotonic, &Timespec { tv_sec, tv_nsec });
 }
 
 #[cfg(test)]

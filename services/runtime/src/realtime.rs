@@ -1,9 +1,14 @@
 //! What timing the machine grants, and asking for it.
 
+use std::ffi::CString;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
+use std::num::NonZeroU64;
 
 use ipc_types::{Process, Profile};
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, capabilities, set_current_timer_slack, set_name};
 
 use crate::clock::MILLISECOND_NS;
 
@@ -74,11 +79,6 @@ pub fn chosen_profile() -> Option<Profile> {
     Profile::ALL.iter().copied().find(|profile| value == profile.text())
 }
 
-/// Whether a person chose best-effort timing.
-pub fn best_effort_wanted() -> bool {
-    chosen_profile() == Some(Profile::BestEffort)
-}
-
 fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: 0 means the calling thread; the parameters live through the call.
@@ -89,7 +89,7 @@ fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
 
 /// Asks for `SCHED_FIFO` at `priority` (1..=99) for the calling thread.
 pub fn request_fifo(priority: i32) -> Profile {
-    if !best_effort_wanted() && set_scheduler(libc::SCHED_FIFO, priority) {
+    if set_scheduler(libc::SCHED_FIFO, priority) {
         Profile::Realtime
     } else {
         // A launcher may have set FIFO before: a loop that calls itself best-effort must not
@@ -158,53 +158,31 @@ pub fn stay_awake() -> Option<Awake> {
 
 /// Asks the kernel not to round this thread's timers (the default rounds by 50 µs).
 pub fn tighten_timer_slack() {
-    // SAFETY: PR_SET_TIMERSLACK takes one integer.
-    unsafe {
-        libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong, 0, 0, 0);
-    }
+    // Refused, the timers stay as they are.
+    let _set = set_current_timer_slack(Some(NonZeroU64::MIN));
 }
 
 /// Names the calling thread (the main thread's name is what `ps` and `top` show; 15 characters).
 pub fn name_thread(name: &str) {
-    let mut bytes = [0u8; 16];
-    for (to, from) in bytes.iter_mut().take(15).zip(name.bytes()) {
-        *to = from;
-    }
-    // SAFETY: the buffer is zero-terminated and lives through the call.
-    unsafe {
-        libc::prctl(libc::PR_SET_NAME, bytes.as_ptr(), 0, 0, 0);
-    }
+    // Without a name it has its parent's.
+    let _named = CString::new(name).map(|name| set_name(&name));
 }
 
 /// Locks the process's memory if that is allowed without limit: with a limited `RLIMIT_MEMLOCK`
 /// later maps of shared memory would fail. Returns whether it is locked.
 pub fn lock_memory() -> bool {
-    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
-    // SAFETY: `limit` lives through the call.
-    let unlimited = unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } == 0
-        && limit.rlim_cur == libc::RLIM_INFINITY;
-    if !unlimited && !has_ipc_lock() {
+    let unlimited = getrlimit(Resource::Memlock).current.is_none();
+    let privileged =
+        || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    if !unlimited && !privileged() {
         return false;
     }
     // What is mapped now is brought in and stays. What is mapped later (the segments of a peer that
     // joins) is locked page by page as it is touched: to bring in ten megabytes at once would hold
     // the loop up for milliseconds.
-    // SAFETY: takes flags only.
-    unsafe {
-        libc::mlockall(libc::MCL_CURRENT) == 0
-            && libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) == 0
-    }
-}
-
-/// Whether `CAP_IPC_LOCK` is in the effective set.
-fn has_ipc_lock() -> bool {
-    const CAP_IPC_LOCK: u64 = 14;
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return false };
-    status
-        .lines()
-        .find_map(|line| line.strip_prefix("CapEff:"))
-        .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
-        .is_some_and(|mask| mask >> CAP_IPC_LOCK & 1 == 1)
+    mlockall(MlockAllFlags::CURRENT)
+        .and_then(|()| mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT))
+        .is_ok()
 }
 
 /// Touches the stack ahead of the loop so that it does not fault in it.

@@ -6,6 +6,8 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use rustix::process::geteuid;
+
 use super::capacity::check_capacity;
 use super::error::at;
 use super::{ALIVE_LOCK, DomainError, KEEPER_LOCK, RUN};
@@ -41,8 +43,7 @@ impl RigName {
 
     /// The rig's directory on tmpfs.
     pub fn directory(&self) -> PathBuf {
-        // SAFETY: takes nothing, cannot fail.
-        let user = unsafe { libc::geteuid() };
+        let user = geteuid().as_raw();
         Path::new(SHARED_MEMORY).join(format!("farreach-{user}-{}", self.0))
     }
 
@@ -54,8 +55,7 @@ impl RigName {
     /// What the names of all of the rig's segments begin with. A '.' ends it: no rig name holds
     /// one.
     pub(crate) fn segment_prefix(&self) -> String {
-        // SAFETY: takes nothing, cannot fail.
-        let user = unsafe { libc::geteuid() };
+        let user = geteuid().as_raw();
         format!("farreach-{user}-{}.", self.0)
     }
 
@@ -71,9 +71,8 @@ impl RigName {
             Err(error) => return Err(at("making", &path)(error)),
         }
         let found = fs::symlink_metadata(&path).map_err(at("looking at", &path))?;
-        // SAFETY: takes nothing, cannot fail.
-        let user = unsafe { libc::geteuid() };
-        if !found.is_dir() || found.uid() != user || found.permissions().mode() & 0o077 != 0 {
+        let own = found.uid() == geteuid().as_raw();
+        if !found.is_dir() || !own || found.permissions().mode() & 0o077 != 0 {
             let found = format!("mode {:o}, owner {}", found.permissions().mode(), found.uid());
             return Err(DomainError::NotOurs { path, found });
         }
