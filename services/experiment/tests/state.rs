@@ -50,7 +50,7 @@ fn says_what_is_wrong() {
     let error = PlayerState::decode(b"hello").unwrap_err().to_string();
     assert_eq!(
         error,
-        "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found 5 bytes; \
+        "no state of the experiment: expected 14 bytes that begin with \"FRPS\", found \"hell\"; \
          delete the file and start the protocol anew"
     );
     let mut bytes = state(0, "").encode().unwrap();
