@@ -14,9 +14,9 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use ipc_types::{CardKind, PROCESSES, ProcessEntry, Profile, processes_with, pulse_topic};
+use runtime::RigName;
 pub use rustix::process::Signal;
 use rustix::process::{Pid, kill_process};
-use runtime::RigName;
 
 /// The units of a simulated rig.
 pub fn workers() -> Vec<&'static str> {

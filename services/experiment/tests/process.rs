@@ -319,7 +319,7 @@ fn ends_by_stop_trip_and_lost_client(rig: &mut Fixture, client: Background) -> B
     assert!(rig.run(&long).running);
     drop(client);
     let events = rig.wait_for(EventKind::ProtocolStopped);
-    assert!(events.last().unwrap().text().contains("client has gone"), "{events:?}");
+    assert!(events.last().unwrap().text().contains("client is gone"), "{events:?}");
     Background::client(&rig.text)
 }
 

@@ -34,7 +34,10 @@ pub fn run(rig_name: &str) -> Result<(), KeeperError> {
     }
     let name: RigName = rig_name.parse()?;
     let mut keeper = Keeper::start(&name)?;
-    notify(&[sd_notify::NotifyState::Ready, sd_notify::NotifyState::Status(keeper.profile().text())]);
+    notify(&[
+        sd_notify::NotifyState::Ready,
+        sd_notify::NotifyState::Status(keeper.profile().text()),
+    ]);
     while !stop.load(Ordering::Relaxed) {
         keeper.clean(WAIT);
         notify(&[sd_notify::NotifyState::Watchdog]);

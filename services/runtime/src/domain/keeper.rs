@@ -201,8 +201,8 @@ fn new_session(prefix: String) -> SessionFile {
     let chosen = realtime::chosen_profile();
     // Tried on a thread of its own, so that the keeper's own scheduling stays as it is.
     let granted = || realtime::request_fifo(1) == Profile::Realtime;
-    let fifo = chosen != Some(Profile::BestEffort)
-        && std::thread::spawn(granted).join().unwrap_or(false);
+    let fifo =
+        chosen != Some(Profile::BestEffort) && std::thread::spawn(granted).join().unwrap_or(false);
     let stall = chosen.is_none().then(|| HostStall::measure(MEASURED_FOR));
     let kept = chosen.or_else(|| stall.map(|stall| stall.profile()));
     SessionFile {
