@@ -84,9 +84,9 @@ pub(crate) fn pids_in(name: &str) -> Vec<u32> {
         .collect()
 }
 
-/// When the clean-up runs: at once after a change, then every 30 ms for 300 ms, since what a process
-/// leaves half made or half removed is removed at a later attempt only; otherwise every second, for
-/// what nothing gave notice of.
+/// When the clean-up runs: at once after a change, then every 30 ms for 300 ms, since what a
+/// process leaves half made or half removed goes at a later attempt only; otherwise every second,
+/// for what nothing gave notice of.
 #[derive(Debug)]
 pub(crate) struct CleanupSchedule {
     frequent_until_ns: u64,
@@ -210,7 +210,7 @@ mod tests {
         assert!(!is_dead(std::process::id()));
     }
 
-    /// Clean-ups in ten seconds that begin at `start_ns`, for a keeper that is woken by nothing else.
+    /// Clean-ups in the ten seconds from `start_ns` on, if nothing else wakes the keeper.
     fn cleanups(schedule: &mut CleanupSchedule, start_ns: u64) -> usize {
         let (mut now, mut count) = (start_ns, 0);
         while now < start_ns + 10 * SECOND_NS {
