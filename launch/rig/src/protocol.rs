@@ -34,12 +34,7 @@ use std::path::Path;
 pub use coupled_axes::Companion;
 pub use field::Field;
 pub use matrix::{MATRIX_AXES, Matrix};
-#[cfg(test)]
-pub(crate) use movement::WORDS;
-pub use movement::{
-    Centre, Chirp, CsvTrajectory, Free, GuidedSine, Hold, IDENTIFYING_CYCLES, Initialise, Learn,
-    LearnLaw, Movement, Multisine, Ramp, Rest, Rhythm, Steps,
-};
+pub use movement::*;
 pub use overrides::with_overrides;
 pub use segment::Segment;
 pub use segment_kind::{Placement, SegmentKind};
