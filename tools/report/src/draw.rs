@@ -5,6 +5,7 @@
 //! plotters' mesh has no inward ticks, no minor ticks between decades and no legend outside the
 //! data area.
 
+use maud::html;
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
@@ -16,7 +17,6 @@ use plotters::style::{
 
 use crate::axes::{Axes, round};
 use crate::decimate;
-use crate::escape::escape;
 use crate::figure::{Figure, Mark, Series};
 use crate::scale::{Kind, Scale, Tick};
 use crate::{Error, Result};
@@ -88,17 +88,12 @@ fn svg(figure: &Figure) -> Result<String> {
     draw(figure, x, y, &mut buffer, (width, height))
         .map_err(|reason| Error::Draw { figure: figure.title.clone(), reason })?;
     // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
+    let (fine_width, fine_height) = (width * FINE, height * FINE);
+    let view_box = format!("viewBox=\"0 0 {fine_width} {fine_height}\"");
+    let opening = format!("<svg width=\"{fine_width}\" height=\"{fine_height}\" {view_box}");
+    let title = html! { (figure.title) }.into_string();
     let shown = format!(
-        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" role=\"img\" \
-            aria-label=\"{}\"",
-        width * FINE,
-        height * FINE,
-        escape(&figure.title)
-    );
-    let opening = format!(
-        "<svg width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\"",
-        width * FINE,
-        height * FINE
+        "<svg width=\"{width}\" height=\"{height}\" {view_box} role=\"img\" aria-label=\"{title}\""
     );
     Ok(buffer.replacen(&opening, &shown, 1))
 }

@@ -24,7 +24,6 @@
 mod axes;
 mod decimate;
 mod draw;
-mod escape;
 mod figure;
 mod page;
 mod palette;

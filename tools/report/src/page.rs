@@ -1,9 +1,9 @@
 //! One HTML file: no network, no script, no second file.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::escape::escape;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
 use crate::{Error, Figure, Panels, Result};
 
 /// Colour of a verdict.
@@ -49,33 +49,35 @@ impl Table {
         self
     }
 
-    fn html(&self, caption: &str) -> Result<String> {
+    fn html(&self, caption: &str) -> Result<Markup> {
         if let Some(row) = self.rows.iter().find(|r| r.len() != self.header.len()) {
             let first = row.first().cloned().unwrap_or_default();
             return Err(Error::Row { row: first, expected: self.header.len(), found: row.len() });
         }
-        let numeric: Vec<bool> =
+        let number: Vec<bool> =
             (0..self.header.len()).map(|c| self.rows.iter().all(|r| is_number(&r[c]))).collect();
-        let class = |c: usize| if numeric[c] { " class=\"number\"" } else { "" };
         // The caption keeps the text's width, however wide the table is.
-        let mut out = String::from("<figure class=\"table\">");
-        if !caption.is_empty() {
-            let _ = write!(out, "<figcaption>{}</figcaption>", escape(caption));
-        }
-        out.push_str("<div class=\"wide\"><table><thead><tr>");
-        for (c, cell) in self.header.iter().enumerate() {
-            let _ = write!(out, "<th scope=\"col\"{}>{}</th>", class(c), escape(cell));
-        }
-        out.push_str("</tr></thead><tbody>");
-        for row in &self.rows {
-            out.push_str("<tr>");
-            for (c, cell) in row.iter().enumerate() {
-                let _ = write!(out, "<td{}>{}</td>", class(c), escape(cell));
+        Ok(html! {
+            figure.table {
+                @if !caption.is_empty() { figcaption { (caption) } }
+                div.wide { table {
+                    thead { tr {
+                        @for (cell, number) in self.header.iter().zip(&number) {
+                            th.number[*number] scope="col" { (cell) }
+                        }
+                    } }
+                    tbody {
+                        @for row in &self.rows {
+                            tr {
+                                @for (cell, number) in row.iter().zip(&number) {
+                                    td.number[*number] { (cell) }
+                                }
+                            }
+                        }
+                    }
+                } }
             }
-            out.push_str("</tr>\n");
-        }
-        out.push_str("</tbody></table></div></figure>\n");
-        Ok(out)
+        })
     }
 }
 
@@ -103,86 +105,73 @@ impl Page {
         Self { title: title.into(), body: String::new(), footer: String::new(), error: None }
     }
 
-    /// A quiet line, such as what was measured, when, with what.
-    pub fn subtitle(mut self, text: &str) -> Self {
-        let _ = writeln!(self.body, "<p class=\"subtitle\">{}</p>", escape(text));
+    /// Adds a part, on a line of its own.
+    fn add(mut self, part: Markup) -> Self {
+        self.body.push_str(&part.into_string());
+        self.body.push('\n');
         self
+    }
+
+    /// Adds a part; keeps the first error instead.
+    fn try_add(mut self, part: Result<Markup>) -> Self {
+        match part {
+            Ok(part) => self.add(part),
+            Err(error) => {
+                self.error.get_or_insert(error);
+                self
+            }
+        }
+    }
+
+    /// A quiet line, such as what was measured, when, with what.
+    pub fn subtitle(self, text: &str) -> Self {
+        self.add(html! { p.subtitle { (text) } })
     }
 
     /// A banner with one sentence that says it all, and a second that says how far it holds.
-    pub fn verdict(mut self, tone: Tone, sentence: &str, detail: &str) -> Self {
-        let class = tone.class();
-        let _ = write!(
-            self.body,
-            "<div class=\"verdict {class}\"><strong>{}</strong>",
-            escape(sentence)
-        );
-        let _ = writeln!(self.body, "{}</div>", escape(detail));
-        self
+    pub fn verdict(self, tone: Tone, sentence: &str, detail: &str) -> Self {
+        self.add(html! { div.verdict.(tone.class()) { strong { (sentence) } (detail) } })
     }
 
     /// A section's heading.
-    pub fn heading(mut self, text: &str) -> Self {
-        let _ = writeln!(self.body, "<h2>{}</h2>", escape(text));
-        self
+    pub fn heading(self, text: &str) -> Self {
+        self.add(html! { h2 { (text) } })
     }
 
     /// Plain text.
-    pub fn paragraph(mut self, text: &str) -> Self {
-        let _ = writeln!(self.body, "<p>{}</p>", escape(text));
-        self
+    pub fn paragraph(self, text: &str) -> Self {
+        self.add(html! { p { (text) } })
     }
 
     /// A figure with its caption.
-    pub fn figure(mut self, figure: &Figure, caption: &str) -> Self {
-        match figure.render_svg() {
-            Ok(svg) => {
-                let _ = writeln!(
-                    self.body,
-                    "<figure>{svg}<figcaption>{}</figcaption></figure>",
-                    escape(caption)
-                );
-            }
-            Err(error) => self.error = self.error.or(Some(error)),
-        }
-        self
+    pub fn figure(self, figure: &Figure, caption: &str) -> Self {
+        self.drawing(figure.render_svg(), caption)
     }
 
     /// A figure of several panels with its caption, no larger than it was drawn.
-    pub fn panels(mut self, panels: &Panels, caption: &str) -> Self {
-        match panels.render_svg() {
-            Ok(svg) => {
-                let _ = writeln!(
-                    self.body,
-                    "<figure>{svg}<figcaption>{}</figcaption></figure>",
-                    escape(caption)
-                );
-            }
-            Err(error) => self.error = self.error.or(Some(error)),
-        }
-        self
+    pub fn panels(self, panels: &Panels, caption: &str) -> Self {
+        self.drawing(panels.render_svg(), caption)
+    }
+
+    fn drawing(self, svg: Result<String>, caption: &str) -> Self {
+        let figure =
+            |svg| html! { figure { (PreEscaped::<String>(svg)) figcaption { (caption) } } };
+        self.try_add(svg.map(figure))
     }
 
     /// A table with its caption.
-    pub fn table(mut self, table: Table, caption: &str) -> Self {
-        match table.html(caption) {
-            Ok(html) => self.body.push_str(&html),
-            Err(error) => self.error = self.error.or(Some(error)),
-        }
-        self
+    pub fn table(self, table: Table, caption: &str) -> Self {
+        self.try_add(table.html(caption))
     }
 
     /// Text that the reader may open, set in a fixed width (a JSON document, a log).
-    pub fn details(mut self, summary: &str, text: &str) -> Self {
-        let (summary, text) = (escape(summary), escape(text));
-        let _ =
-            writeln!(self.body, "<details><summary>{summary}</summary><pre>{text}</pre></details>");
-        self
+    pub fn details(self, summary: &str, text: &str) -> Self {
+        self.add(html! { details { summary { (summary) } pre { (text) } } })
     }
 
     /// Where the page comes from: program, version, revision.
     pub fn footer(mut self, text: &str) -> Self {
-        self.footer = format!("<footer>{}</footer>\n", escape(text));
+        self.footer = text.to_owned();
         self
     }
 
@@ -194,16 +183,23 @@ impl Page {
         if let Some(error) = self.error {
             return Err(error);
         }
-        Ok(format!(
-            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{css}</style></head>\n<body><main>\n\
-             <h1>{title}</h1>\n{body}{footer}</main></body></html>\n",
-            title = escape(&self.title),
-            css = include_str!("style.css"),
-            body = self.body,
-            footer = self.footer,
-        ))
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    title { (self.title) }
+                    style { (PreEscaped(include_str!("style.css"))) }
+                }
+                body { main {
+                    h1 { (self.title) }
+                    (PreEscaped(self.body))
+                    @if !self.footer.is_empty() { footer { (self.footer) } }
+                } }
+            }
+        };
+        Ok(page.into_string() + "\n")
     }
 
     /// Writes the page, and its folder where that is missing.

@@ -1,8 +1,7 @@
 //! Several axes as one picture.
 
-use std::fmt::Write as _;
+use maud::{PreEscaped, html};
 
-use crate::escape::escape;
 use crate::{Figure, Result};
 
 /// Panels of one figure, laid out in rows and drawn as one SVG document.
@@ -56,23 +55,24 @@ impl Panels {
     pub fn render_svg(&self) -> Result<String> {
         let (width, height) = self.size();
         let cell = self.panels.iter().map(|panel| panel.size.0).max().unwrap_or(0);
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" style=\"max-width:{width}px\" role=\"img\" \
-             aria-label=\"{}\">\n\
-             <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n",
-            escape(&self.title)
-        );
+        let mut panels = String::new();
         let mut top = 0;
         for row in self.panels.chunks(self.columns) {
             for (column, panel) in row.iter().enumerate() {
                 let place = format!("<svg x=\"{}\" y=\"{top}\" ", column as u32 * cell);
-                let _ = writeln!(svg, "{}", panel.render_svg()?.replacen("<svg ", &place, 1));
+                panels += &panel.render_svg()?.replacen("<svg ", &place, 1);
             }
             top += row_height(row);
         }
-        svg.push_str("</svg>\n");
-        Ok(svg)
+        let svg = html! {
+            svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(height)
+                viewBox={ "0 0 " (width) " " (height) } style={ "max-width:" (width) "px" }
+                role="img" aria-label=(self.title) {
+                rect width=(width) height=(height) fill="#ffffff" {}
+                (PreEscaped(panels))
+            }
+        };
+        Ok(svg.into_string())
     }
 }
 
