@@ -38,8 +38,8 @@ pub enum EditError {
     },
     /// Recordings that do not belong together.
     #[error(
-        "{} is of {what} {first}, {} of {what} {second}: expected parts of one recording; \
-         --force merges them all the same",
+        "{} is of {what} {first}, {} of {what} {second}: expected parts of one recording; --force \
+            merges them all the same",
         first_path.display(),
         second_path.display()
     )]

@@ -192,7 +192,10 @@ fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
     );
     assert!(error.unwrap_err().to_string().contains("column `slave_rad` is missing"));
     let axis = SampleColumns { axis: 1, ..columns };
-    assert!(matches!(from_mcap(&path, &axis, &Options::default()), Err(RecordError::Axis { .. })));
+    assert!(matches!(
+        from_mcap(&path, &axis, &Options::default()),
+        Err(RecordError::Unusable { problem: Problem::Axis { .. }, .. })
+    ));
 }
 
 #[test]

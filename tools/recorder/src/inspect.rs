@@ -7,7 +7,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use anyhow::bail;
 use ipc_types::{ANALOG, AXES};
-use recording::mcap_read::{Check, Recording};
+use recording::mcap_read::{Check, Recording, TopicCheck};
 use recording::mcap_write::key;
 use serde_json::{Value, json};
 
@@ -209,7 +209,7 @@ fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io:
         writeln!(
             out,
             "  the recording did not end cleanly: it was cut off and recovered, or its logger \
-             failed"
+                failed"
         )?;
     }
     for damage in &check.damage {
@@ -219,28 +219,12 @@ fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io:
 }
 
 fn as_json(recording: &Recording, check: &Check) -> Value {
-    let topics: Vec<Value> = check
-        .topics
-        .iter()
-        .map(|t| {
-            json!({
-                "topic": t.topic, "type": t.schema_name, "count": t.count,
-                "first_ns": t.first_ns, "last_ns": t.last_ns, "rate_hz": t.rate_hz(),
-                "gaps": t.gaps, "gap_places": t.gap_places,
-                "gaps_before": t.gaps_before, "duplicates": t.duplicates,
-                "incarnations": t.incarnations, "dropped": t.dropped,
-                "undecodable": t.undecodable, "problem": t.problem,
-            })
-        })
-        .collect();
-    let damage: Vec<Value> =
-        check.damage.iter().map(|d| json!({"offset": d.offset, "what": d.what})).collect();
-    let ticks = check.ticks.map(|t| {
-        json!({
-            "first": t.first, "last": t.last, "missing": t.missing, "holes": t.holes,
-            "backwards": t.backwards,
-        })
-    });
+    let topic = |topic: &TopicCheck| {
+        let mut value = json!(topic);
+        value["rate_hz"] = json!(topic.rate_hz());
+        value
+    };
+    let topics: Vec<Value> = check.topics.iter().map(topic).collect();
     let metadata: Vec<Value> = recording
         .metadata_records()
         .iter()
@@ -255,8 +239,8 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         "complete": check.complete,
         "ended_cleanly": check.ended_cleanly,
         "tail": {"lost_bytes": recording.tail().lost, "reason": recording.tail().reason},
-        "damage": damage,
-        "ticks": ticks,
+        "damage": check.damage,
+        "ticks": check.ticks,
         "topics": topics,
         "metadata": metadata,
         "began_ns": check.origin_ns,

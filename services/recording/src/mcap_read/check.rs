@@ -8,11 +8,12 @@ use super::{Damage, ReadError, Recording, Selection};
 use crate::mcap_write::END_RECORD;
 
 /// The result for one topic.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct TopicCheck {
     /// Topic.
     pub topic: String,
     /// Message type.
+    #[serde(rename = "type")]
     pub schema_name: String,
     /// Messages in the file.
     pub count: u64,
@@ -47,7 +48,7 @@ impl TopicCheck {
 }
 
 /// Continuity of the acquisition grid in topic `sample`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Ticks {
     /// First tick.
     pub first: u64,

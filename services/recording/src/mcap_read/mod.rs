@@ -60,8 +60,8 @@ pub enum ReadError {
     },
     /// The file holds nothing.
     #[error(
-        "{}: the file is empty: expected an MCAP recording; a logger that could not write \
-         anything leaves such a file",
+        "{}: the file is empty: expected an MCAP recording; a logger that could not write anything \
+            leaves such a file",
         path.display()
     )]
     Empty {
@@ -82,7 +82,7 @@ pub enum ReadError {
     /// One chunk is damaged; the others can still be read.
     #[error(
         "{}: damaged at byte {offset}: {source}; the messages of this chunk are lost, `farreach \
-         rec recover` keeps the others",
+            rec recover` keeps the others",
         path.display()
     )]
     Damaged {
@@ -150,7 +150,7 @@ pub struct Tail {
 }
 
 /// Something in the file that cannot be read, while what follows can.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
     /// Where (bytes).
     pub offset: u64,

@@ -63,7 +63,7 @@ pub(super) fn verify(file: &File, footer: u64, body: &[u8]) -> io::Result<Result
     } else {
         Err(format!(
             "summary from byte {}: checksum {computed:#010x}, expected {:#010x}; topics are read \
-             from the chunks instead",
+                from the chunks instead",
             found.summary_start, found.summary_crc
         ))
     })
@@ -116,7 +116,7 @@ impl DataEnd {
             offset: self.offset,
             what: format!(
                 "checksum of all data {computed:#010x}, expected {:#010x}: a record outside the \
-                 chunks, such as the start record with the rig file, was altered",
+                    chunks, such as the start record with the rig file, was altered",
                 self.checksum
             ),
         }))

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 pub enum WriteError {
     /// A file of that name exists.
     #[error(
-        "{}: a file of that name exists; recordings are never overwritten: choose another name \
-         or move it away",
+        "{}: a file of that name exists; recordings are never overwritten: choose another name or \
+            move it away",
         path.display()
     )]
     Exists {
@@ -19,7 +19,7 @@ pub enum WriteError {
     /// The file could not be created.
     #[error(
         "{}: cannot create the recording: {source}; check that the directory exists and is \
-         writable",
+            writable",
         path.display()
     )]
     Create {
@@ -30,8 +30,8 @@ pub enum WriteError {
     },
     /// The disk is full. The writer takes no more messages.
     #[error(
-        "{}: the disk is full; {refused} messages refused; what was flushed before stays \
-         readable: free some space and start a new recording",
+        "{}: the disk is full; {refused} messages refused; what was flushed before stays readable: \
+            free some space and start a new recording",
         path.display()
     )]
     DiskFull {
@@ -43,7 +43,7 @@ pub enum WriteError {
     /// The disk failed. The writer takes no more messages.
     #[error(
         "{}: cannot write: {source}; {refused} messages refused; what was flushed before stays \
-         readable: start a new recording on another disk",
+            readable: start a new recording on another disk",
         path.display()
     )]
     Disk {
@@ -56,8 +56,8 @@ pub enum WriteError {
     },
     /// An earlier error ended this recording.
     #[error(
-        "{}: the recording ended with an error ({cause}); {refused} messages refused since: \
-         start a new recording",
+        "{}: the recording ended with an error ({cause}); {refused} messages refused since: start \
+            a new recording",
         path.display()
     )]
     Poisoned {

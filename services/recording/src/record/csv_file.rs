@@ -1,19 +1,17 @@
 //! Records from and to CSV files.
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
-use super::{Draft, Mapping, Options, Record, RecordError, TIME};
+use super::{Draft, Mapping, Options, Problem, Record, RecordError, TIME};
 
 /// Reads a CSV file with a header; units by the columns' names, time in `t_s`.
 ///
 /// # Errors
 /// [`RecordError`]: the first problem, with row and column.
 pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
-    let file =
-        File::open(path).map_err(|source| RecordError::Io { file: path.to_owned(), source })?;
+    let file = File::open(path).map_err(|error| Problem::Io(error).of(path))?;
     from_csv_text(path, file, options)
 }
 
@@ -26,11 +24,16 @@ pub fn from_csv_text(
     text: impl Read,
     options: &Options,
 ) -> Result<Record, RecordError> {
+    let draft = draft(text, &options.mapping).map_err(|problem| problem.of(path))?;
+    draft.finish(path, options)
+}
+
+fn draft(text: impl Read, mapping: &[Mapping]) -> Result<Draft, Problem> {
     let mut reader =
         csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(text);
     let mut row = csv::StringRecord::new();
-    let no_header = |found: String| RecordError::NoHeader { file: path.to_owned(), found };
-    if !reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
+    let no_header = |found: String| Problem::NoHeader { found };
+    if !reader.read_record(&mut row)? {
         return Err(no_header("an empty file".to_owned()));
     }
     let mut names: Vec<String> =
@@ -43,67 +46,42 @@ pub fn from_csv_text(
             return Err(no_header(format!("no name for column {}", second + 1)));
         }
         if let Some(first) = names[..second].iter().position(|earlier| earlier == name) {
-            return Err(RecordError::DuplicateColumn {
-                file: path.to_owned(),
-                column: name.clone(),
-                first: first + 1,
-                second: second + 1,
-            });
+            let (column, first, second) = (name.clone(), first + 1, second + 1);
+            return Err(Problem::DuplicateColumn { column, first, second });
         }
     }
-    let factors = mapped(path, &mut names, &options.mapping)?;
+    let factors = mapped(&mut names, mapping)?;
     let Some(time) = names.iter().position(|name| name == TIME) else {
-        return Err(RecordError::MissingColumn {
-            file: path.to_owned(),
-            column: TIME.to_owned(),
-            found: names.join(", "),
-        });
+        return Err(Problem::MissingColumn { column: TIME.to_owned(), found: names.join(", ") });
     };
     let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut rows = Vec::new();
-    while reader.read_record(&mut row).map_err(|error| table_error(path, error))? {
+    while reader.read_record(&mut row)? {
         let line = row.position().map_or(rows.len() as u64 + 2, csv::Position::line);
         for (index, cell) in row.iter().enumerate() {
             let value = cell.parse::<f64>().ok().filter(|value| value.is_finite());
             let Some(value) = value else {
-                return Err(RecordError::Cell {
-                    file: path.to_owned(),
-                    row: line,
-                    column: names[index].clone(),
-                    found: if cell.is_empty() {
-                        "an empty cell".to_owned()
-                    } else {
-                        format!("`{cell}`")
-                    },
-                });
+                let found =
+                    if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{cell}`") };
+                return Err(Problem::Cell { row: line, column: names[index].clone(), found });
             };
             values[index].push(factors[index] * value);
         }
         rows.push(line);
     }
     let time_s = std::mem::take(&mut values[time]);
-    let columns: BTreeMap<String, Vec<f64>> = names
-        .into_iter()
-        .zip(values)
-        .enumerate()
-        .filter(|(index, _)| *index != time)
-        .map(|(_, column)| column)
-        .collect();
-    Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }.finish(options)
+    let columns = names.into_iter().zip(values).filter(|(name, _)| name != TIME).collect();
+    Ok(Draft { time_s, rows, columns, findings: Vec::new() })
 }
 
 /// Renames the mapped columns; returns the factor of each column.
-fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<f64>, RecordError> {
+fn mapped(names: &mut [String], mapping: &[Mapping]) -> Result<Vec<f64>, Problem> {
     let mut factors = vec![1.0; names.len()];
-    let found = names.join(", ");
     let mut places = Vec::new();
     for one in mapping {
         let Some(at) = names.iter().position(|name| *name == one.source) else {
-            return Err(RecordError::MissingColumn {
-                file: path.to_owned(),
-                column: one.source.clone(),
-                found,
-            });
+            let found = names.join(", ");
+            return Err(Problem::MissingColumn { column: one.source.clone(), found });
         };
         places.push((at, one));
     }
@@ -111,7 +89,7 @@ fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<
         if let Some(other) =
             names.iter().enumerate().position(|(index, name)| index != at && *name == one.column)
         {
-            return Err(one.wrong(path, format!("column {} already has that name", other + 1)));
+            return Err(one.problem(format!("column {} already has that name", other + 1)));
         }
         names[at].clone_from(&one.column);
         factors[at] = one.factor;
@@ -119,17 +97,19 @@ fn mapped(path: &Path, names: &mut [String], mapping: &[Mapping]) -> Result<Vec<
     Ok(factors)
 }
 
-fn table_error(path: &Path, error: csv::Error) -> RecordError {
-    let row = error.position().map_or(1, csv::Position::line);
-    let what = match error.into_kind() {
-        csv::ErrorKind::Io(source) => return RecordError::Io { file: path.to_owned(), source },
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("expected {expected_len} cells as in the header, found {len}")
-        }
-        csv::ErrorKind::Utf8 { .. } => "text that is not UTF-8".to_owned(),
-        _ => "cannot be read".to_owned(),
-    };
-    RecordError::Table { file: path.to_owned(), row, what }
+impl From<csv::Error> for Problem {
+    fn from(error: csv::Error) -> Self {
+        let row = error.position().map_or(1, csv::Position::line);
+        let what = match error.into_kind() {
+            csv::ErrorKind::Io(source) => return Self::Io(source),
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                format!("expected {expected_len} cells as in the header, found {len}")
+            }
+            csv::ErrorKind::Utf8 { .. } => "text that is not UTF-8".to_owned(),
+            _ => "cannot be read".to_owned(),
+        };
+        Self::Table { row, what }
+    }
 }
 
 /// Writes a record; reading it back gives the same bits.

@@ -98,7 +98,7 @@ pub(super) fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) ->
                 rows: rows as u64,
                 text: format!(
                     "stays at its {name} value, {extreme}, in {rows} of {} samples, up to \
-                     {longest} in a row, and reaches it at speed: saturated",
+                        {longest} in a row, and reaches it at speed: saturated",
                     values.len()
                 ),
             });

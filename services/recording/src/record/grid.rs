@@ -1,25 +1,22 @@
 //! Checks that time is uniform, and finds gaps.
 
 use std::ops::Range;
-use std::path::Path;
 
-use super::{Finding, FindingKind, Gaps, Options, RecordError};
+use super::{Finding, FindingKind, Gaps, Options, Problem};
 
 /// A step of at least this multiple of the median is a gap; a smaller one is jitter.
 const GAP: f64 = 1.5;
 
 /// Returns the rows to keep, their mean sampling time (s), and a finding where rows were left out.
 pub(super) fn uniform(
-    file: &Path,
     time_s: &[f64],
     rows: &[u64],
     options: &Options,
-) -> Result<(Range<usize>, f64, Option<Finding>), RecordError> {
+) -> Result<(Range<usize>, f64, Option<Finding>), Problem> {
     let row = |index: usize| rows.get(index).copied().unwrap_or(index as u64 + 1);
     let steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     if let Some(at) = steps.iter().position(|&step| step <= 0.0) {
-        return Err(RecordError::TimeBackwards {
-            file: file.to_owned(),
+        return Err(Problem::TimeBackwards {
             row: row(at + 1),
             before: time_s[at],
             after: time_s[at + 1],
@@ -31,8 +28,7 @@ pub(super) fn uniform(
     let gaps: Vec<usize> = (0..steps.len()).filter(|&i| steps[i] >= GAP * median).collect();
     let missing = |at: usize| (steps[at] / median).round() as u64 - 1;
     if let (Some(&at), Gaps::Refuse) = (gaps.first(), options.gaps) {
-        return Err(RecordError::Gap {
-            file: file.to_owned(),
+        return Err(Problem::Gap {
             row: row(at + 1),
             before: time_s[at],
             after: time_s[at + 1],
@@ -51,8 +47,7 @@ pub(super) fn uniform(
     let kept_steps = steps.iter().enumerate().take(kept.end.saturating_sub(1)).skip(kept.start);
     for (at, &step) in kept_steps {
         if (step - median).abs() > options.time_tolerance * median {
-            return Err(RecordError::NotUniform {
-                file: file.to_owned(),
+            return Err(Problem::NotUniform {
                 row: row(at + 1),
                 expected_s: median,
                 found_s: step,

@@ -1,9 +1,8 @@
 //! Sources of a record's columns in files that name them differently.
 
-use std::path::Path;
 use std::str::FromStr;
 
-use super::RecordError;
+use super::Problem;
 
 /// A column and its source, written `COLUMN=SOURCE` or `COLUMN=SOURCE*FACTOR`.
 ///
@@ -52,13 +51,9 @@ impl FromStr for Mapping {
 }
 
 impl Mapping {
-    /// The error for a file that it cannot be read from.
-    pub(super) fn wrong(&self, file: &Path, what: String) -> RecordError {
-        RecordError::Mapping {
-            file: file.to_owned(),
-            mapping: format!("{}={}", self.column, self.source),
-            what,
-        }
+    /// What is wrong with the column's source.
+    pub(super) fn problem(&self, what: String) -> Problem {
+        Problem::Mapping { mapping: format!("{}={}", self.column, self.source), what }
     }
 }
 

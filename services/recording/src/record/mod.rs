@@ -60,12 +60,11 @@ impl Record {
     /// One column that is required.
     ///
     /// # Errors
-    /// [`RecordError::MissingColumn`].
+    /// [`Problem::MissingColumn`].
     pub fn need(&self, name: &str) -> Result<&[f64], RecordError> {
-        self.column(name).ok_or_else(|| RecordError::MissingColumn {
-            file: PathBuf::from(&self.name),
-            column: name.to_owned(),
-            found: self.columns.keys().cloned().collect::<Vec<_>>().join(", "),
+        self.column(name).ok_or_else(|| {
+            let found = self.columns.keys().cloned().collect::<Vec<_>>().join(", ");
+            Problem::MissingColumn { column: name.to_owned(), found }.of(Path::new(&self.name))
         })
     }
 }
@@ -125,26 +124,32 @@ impl Options {
     }
 }
 
-/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of
-/// a recording, from 1.
+/// A record that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file cannot be read.
-    #[error("{}: cannot read: {source}", file.display())]
-    Io {
-        /// The file.
-        file: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] ReadError),
-    /// Not a table.
-    #[error("{}: row {row}: not a CSV table: {what}", file.display())]
-    Table {
+    /// What the file holds cannot be used.
+    #[error("{}: {problem}", file.display())]
+    Unusable {
         /// The file.
         file: PathBuf,
+        /// Why.
+        problem: Problem,
+    },
+}
+
+/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of
+/// a recording, from 1.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// The file cannot be read.
+    #[error("cannot read: {0}")]
+    Io(#[from] io::Error),
+    /// Not a table.
+    #[error("row {row}: not a CSV table: {what}")]
+    Table {
         /// Row.
         row: u64,
         /// The reader's error.
@@ -152,25 +157,19 @@ pub enum RecordError {
     },
     /// The first line is not a header.
     #[error(
-        "{}: row 1: expected a header with the columns' names, found {found}; put a line such as \
-         `t_s,motor_v,master_rad` first",
-        file.display()
+        "row 1: expected a header with the columns' names, found {found}; put a line such as \
+            `t_s,motor_v,master_rad` first"
     )]
     NoHeader {
-        /// The file.
-        file: PathBuf,
         /// What was found.
         found: String,
     },
     /// Two columns have one name.
     #[error(
-        "{}: row 1: column `{column}` occurs twice (columns {first} and {second}); rename \
-         or remove one",
-        file.display()
+        "row 1: column `{column}` occurs twice (columns {first} and {second}); rename or \
+            remove one"
     )]
     DuplicateColumn {
-        /// The file.
-        file: PathBuf,
         /// Its name.
         column: String,
         /// First place, from 1.
@@ -179,23 +178,16 @@ pub enum RecordError {
         second: usize,
     },
     /// A required column is missing.
-    #[error("{}: column `{column}` is missing; found {found}", file.display())]
+    #[error("column `{column}` is missing; found {found}")]
     MissingColumn {
-        /// The file.
-        file: PathBuf,
         /// Its name.
         column: String,
         /// What was found.
         found: String,
     },
     /// A cell that is not a finite number.
-    #[error(
-        "{}: row {row}, column `{column}`: expected a finite number, found {found}",
-        file.display()
-    )]
+    #[error("row {row}, column `{column}`: expected a finite number, found {found}")]
     Cell {
-        /// The file.
-        file: PathBuf,
         /// Row.
         row: u64,
         /// Column.
@@ -205,13 +197,10 @@ pub enum RecordError {
     },
     /// Time does not increase.
     #[error(
-        "{}: row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort \
-         the rows or remove the repeated ones",
-        file.display()
+        "row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the \
+            rows or remove the repeated ones"
     )]
     TimeBackwards {
-        /// The file.
-        file: PathBuf,
         /// Row.
         row: u64,
         /// Time in the row before (s).
@@ -221,14 +210,11 @@ pub enum RecordError {
     },
     /// Samples are missing.
     #[error(
-        "{}: row {row}, column `t_s`: {missing} samples are missing between {before} s and \
-         {after} s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or \
-         resample it where holes are short",
-        file.display()
+        "row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} \
+            s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it \
+            where holes are short"
     )]
     Gap {
-        /// The file.
-        file: PathBuf,
         /// Row after the first gap.
         row: u64,
         /// Time before it (s).
@@ -244,13 +230,10 @@ pub enum RecordError {
     },
     /// Sampling is not uniform.
     #[error(
-        "{}: row {row}, column `t_s`: expected steps of {expected_s} s within \
-         {tolerance_percent} %, found {found_s} s; resample the record uniformly",
-        file.display()
+        "row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} \
+            %, found {found_s} s; resample the record uniformly"
     )]
     NotUniform {
-        /// The file.
-        file: PathBuf,
         /// Row.
         row: u64,
         /// Median step (s).
@@ -261,10 +244,8 @@ pub enum RecordError {
         tolerance_percent: f64,
     },
     /// A mapped column cannot be read from its source.
-    #[error("{}: column mapped by {mapping}: {what}", file.display())]
+    #[error("column mapped by {mapping}: {what}")]
     Mapping {
-        /// The file.
-        file: PathBuf,
         /// The mapping as given.
         mapping: String,
         /// What is wrong.
@@ -272,13 +253,10 @@ pub enum RecordError {
     },
     /// Resampling to a rate that would invent rows, or drop most of them.
     #[error(
-        "{}: expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), \
-         found {found} Hz",
-        file.display()
+        "expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), found \
+            {found} Hz"
     )]
     Rate {
-        /// The file.
-        file: PathBuf,
         /// Rate requested (Hz).
         found: f64,
         /// Least (Hz).
@@ -289,20 +267,16 @@ pub enum RecordError {
         own: f64,
     },
     /// Not enough rows.
-    #[error("{}: expected at least {expected} rows, found {found}", file.display())]
+    #[error("expected at least {expected} rows, found {found}")]
     TooFewRows {
-        /// The file.
-        file: PathBuf,
         /// Fewest.
         expected: usize,
         /// What was found.
         found: usize,
     },
     /// The recording has no such axis, or none of its channels.
-    #[error("{}: axis {axis}: {what}", file.display())]
+    #[error("axis {axis}: {what}")]
     Axis {
-        /// The file.
-        file: PathBuf,
         /// Axis, from 0.
         axis: usize,
         /// What is wrong.
@@ -310,9 +284,15 @@ pub enum RecordError {
     },
 }
 
+impl Problem {
+    /// The error that names the file.
+    fn of(self, file: &Path) -> RecordError {
+        RecordError::Unusable { file: file.to_owned(), problem: self }
+    }
+}
+
 /// Columns as read, not checked yet.
 struct Draft {
-    file: PathBuf,
     time_s: Vec<f64>,
     /// row of each sample, for messages
     rows: Vec<u64>,
@@ -321,45 +301,36 @@ struct Draft {
 }
 
 impl Draft {
-    fn checked(mut self, options: &Options) -> Result<Record, RecordError> {
+    fn checked(mut self, file: &Path, options: &Options) -> Result<Record, Problem> {
         for name in &options.required {
             if !self.columns.contains_key(name) {
-                return Err(RecordError::MissingColumn {
-                    file: self.file,
-                    column: name.clone(),
-                    found: if self.columns.is_empty() {
-                        "no other column than the time".to_owned()
-                    } else {
-                        self.columns.keys().cloned().collect::<Vec<_>>().join(", ")
-                    },
-                });
+                let found = if self.columns.is_empty() {
+                    "no other column than the time".to_owned()
+                } else {
+                    self.columns.keys().cloned().collect::<Vec<_>>().join(", ")
+                };
+                return Err(Problem::MissingColumn { column: name.clone(), found });
             }
         }
         for (name, values) in std::iter::once((TIME, &self.time_s))
             .chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
         {
             if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-                return Err(RecordError::Cell {
-                    file: self.file.clone(),
+                return Err(Problem::Cell {
                     row: self.rows.get(at).copied().unwrap_or(0),
                     column: name.to_owned(),
                     found: values[at].to_string(),
                 });
             }
         }
-        let too_few = |file: PathBuf, found| RecordError::TooFewRows {
-            file,
-            expected: options.rows_min,
-            found,
+        let enough = |found| match found < options.rows_min.max(2) {
+            true => Err(Problem::TooFewRows { expected: options.rows_min, found }),
+            false => Ok(()),
         };
-        if self.time_s.len() < options.rows_min.max(2) {
-            return Err(too_few(self.file, self.time_s.len()));
-        }
-        let (kept, sampling_s, cut) = grid::uniform(&self.file, &self.time_s, &self.rows, options)?;
+        enough(self.time_s.len())?;
+        let (kept, sampling_s, cut) = grid::uniform(&self.time_s, &self.rows, options)?;
         self.findings.extend(cut);
-        if kept.len() < options.rows_min.max(2) {
-            return Err(too_few(self.file, kept.len()));
-        }
+        enough(kept.len())?;
         let first_row = self.rows.get(kept.start).copied().unwrap_or(0);
         let cut = |values: Vec<f64>| {
             if kept.len() == values.len() { values } else { values[kept.clone()].to_vec() }
@@ -371,15 +342,11 @@ impl Draft {
             self.findings.extend(findings::dead_or_saturated(name, values, first_row));
         }
         Ok(Record {
-            name: file_name(&self.file),
+            name: file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned(),
             time_s,
             columns,
             sampling_s,
             findings: self.findings,
         })
     }
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

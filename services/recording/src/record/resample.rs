@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
+use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
 
 /// A time step beyond this multiple of the median is a gap, which is not interpolated.
 const GAP: f64 = 3.0;
@@ -22,30 +22,20 @@ pub(super) struct Track {
 
 impl Track {
     /// Checks that time increases from row to row and has no gap.
-    fn check(&self, file: &Path) -> Result<(), RecordError> {
+    fn check(&self) -> Result<(), Problem> {
         if self.time_s.len() < 3 {
-            return Err(RecordError::TooFewRows {
-                file: file.to_owned(),
-                expected: 3,
-                found: self.time_s.len(),
-            });
+            return Err(Problem::TooFewRows { expected: 3, found: self.time_s.len() });
         }
         let steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let row = |at: usize| self.rows.get(at).copied().unwrap_or(at as u64 + 1);
         if let Some(at) = steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
             let (before, after) = (self.time_s[at], self.time_s[at + 1]);
-            return Err(RecordError::TimeBackwards {
-                file: file.to_owned(),
-                row: row(at + 1),
-                before,
-                after,
-            });
+            return Err(Problem::TimeBackwards { row: row(at + 1), before, after });
         }
         let middle = steps.len() / 2;
         let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
         if let Some(at) = steps.iter().position(|step| *step > GAP * median) {
-            return Err(RecordError::Gap {
-                file: file.to_owned(),
+            return Err(Problem::Gap {
                 row: row(at + 1),
                 before: self.time_s[at],
                 after: self.time_s[at + 1],
@@ -83,27 +73,16 @@ impl Track {
 /// of the fastest.
 ///
 /// # Errors
-/// [`RecordError::TooFewRows`], [`RecordError::TimeBackwards`], [`RecordError::Gap`],
-/// [`RecordError::Rate`].
-pub(super) fn on_one_grid(
-    file: &Path,
-    tracks: &[Track],
-    hz: Option<f64>,
-) -> Result<Draft, RecordError> {
+/// [`Problem::TooFewRows`], [`Problem::TimeBackwards`], [`Problem::Gap`], [`Problem::Rate`].
+pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Problem> {
     for track in tracks {
-        track.check(file)?;
+        track.check()?;
     }
     let own_hz = tracks.iter().map(Track::rate_hz).fold(0.0, f64::max);
     let hz = hz.unwrap_or(own_hz);
     if !(RATES.0 * own_hz..=RATES.1 * own_hz).contains(&hz) {
         let (least, most) = (RATES.0 * own_hz, RATES.1 * own_hz);
-        return Err(RecordError::Rate {
-            file: file.to_owned(),
-            found: hz,
-            least,
-            most,
-            own: own_hz,
-        });
+        return Err(Problem::Rate { found: hz, least, most, own: own_hz });
     }
     let start = tracks
         .iter()
@@ -114,11 +93,7 @@ pub(super) fn on_one_grid(
     // A last row that is missed only by rounding counts.
     let count = ((end - start) * hz + 1e-6).floor() + 1.0;
     if count.is_nan() || count < 3.0 {
-        return Err(RecordError::TooFewRows {
-            file: file.to_owned(),
-            expected: 3,
-            found: count.max(0.0) as usize,
-        });
+        return Err(Problem::TooFewRows { expected: 3, found: count.max(0.0) as usize });
     }
     let time_s: Vec<f64> = (0..count as usize).map(|row| start + row as f64 / hz).collect();
     let columns = tracks
@@ -139,20 +114,25 @@ pub(super) fn on_one_grid(
         ),
     };
     let rows = (1..=time_s.len() as u64).collect();
-    Ok(Draft { file: file.to_owned(), time_s, rows, columns, findings: vec![finding] })
+    Ok(Draft { time_s, rows, columns, findings: vec![finding] })
 }
 
 impl Draft {
-    /// The checked record, resampled where the options ask for it.
-    pub(super) fn finish(self, options: &Options) -> Result<Record, RecordError> {
+    /// The checked record, resampled where the options ask for it; `file` is for messages.
+    pub(super) fn finish(self, file: &Path, options: &Options) -> Result<Record, RecordError> {
+        let record = self.resampled(options).and_then(|draft| draft.checked(file, options));
+        record.map_err(|problem| problem.of(file))
+    }
+
+    fn resampled(self, options: &Options) -> Result<Self, Problem> {
         if options.resample_hz.is_none() {
-            return self.checked(options);
+            return Ok(self);
         }
-        let Self { file, time_s, rows, columns, findings } = self;
+        let Self { rows, time_s, columns, findings } = self;
         let track = Track { rows, time_s, columns: columns.into_iter().collect() };
-        let mut draft = on_one_grid(&file, &[track], options.resample_hz)?;
+        let mut draft = on_one_grid(&[track], options.resample_hz)?;
         draft.findings.splice(0..0, findings);
-        draft.checked(options)
+        Ok(draft)
     }
 }
 
@@ -175,7 +155,7 @@ mod tests {
             (0..500).map(|row| f64::from(row) * 2e-3 + 4e-4 * f64::from(row * 7 % 5)).collect();
         let slow = (0..110).map(|row| 0.01 * f64::from(row) - 0.013).collect();
         let tracks = [track(jittered, "a", |t| 3.0 * t), track(slow, "b", |t| 1.0 - t)];
-        let draft = on_one_grid(Path::new("x.mcap"), &tracks, Some(400.0)).unwrap();
+        let draft = on_one_grid(&tracks, Some(400.0)).unwrap();
         assert!((draft.time_s[1] - draft.time_s[0] - 2.5e-3).abs() < 1e-12);
         assert!(draft.time_s[0] >= 0.0 && *draft.time_s.last().unwrap() <= 1.0);
         for (row, time) in draft.time_s.iter().enumerate() {
@@ -188,8 +168,7 @@ mod tests {
     #[test]
     fn a_uniform_track_is_unchanged() {
         let times: Vec<f64> = (0..100).map(|row| 5.0 + f64::from(row) * 1e-3).collect();
-        let draft =
-            on_one_grid(Path::new("x"), &[track(times.clone(), "a", f64::sin)], None).unwrap();
+        let draft = on_one_grid(&[track(times.clone(), "a", f64::sin)], None).unwrap();
         assert_eq!(draft.time_s.len(), 100);
         assert!(
             draft.columns["a"]
@@ -202,10 +181,7 @@ mod tests {
     #[test]
     fn gaps_and_rates_that_would_invent_rows_are_refused() {
         let refuse = |time_s: Vec<f64>, hz| {
-            on_one_grid(Path::new("x.csv"), &[track(time_s, "a", f64::sin)], hz)
-                .err()
-                .unwrap()
-                .to_string()
+            on_one_grid(&[track(time_s, "a", f64::sin)], hz).err().unwrap().to_string()
         };
         let even = |row: i32| f64::from(row) * 1e-3;
         let gap = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();

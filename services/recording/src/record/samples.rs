@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ipc_types::{ANALOG, AXES, CARD_FIFO, CardKind, SAMPLE, Sample};
 
-use super::{Draft, Finding, FindingKind, Options, Record, RecordError, TIME};
+use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
 use crate::mcap_read::Recording;
 
 /// How the channels of an axis are named in the record; `None` leaves a channel out.
@@ -92,14 +92,14 @@ pub fn from_recording(
     columns: &SampleColumns,
     options: &Options,
 ) -> Result<Record, RecordError> {
-    let file = recording.path().to_owned();
-    let wrong = |what: String| RecordError::Axis { file: file.clone(), axis: columns.axis, what };
+    let file = recording.path();
+    let wrong = |what: String| Problem::Axis { axis: columns.axis, what }.of(file);
     if columns.axis >= AXES {
         return Err(wrong(format!("expected an axis below {AXES}")));
     }
     let (mut samples, repeated) = distinct_samples(recording)?;
     let Some((_, first)) = samples.first().copied() else {
-        return Err(RecordError::TooFewRows { file, expected: options.rows_min, found: 0 });
+        return Err(Problem::TooFewRows { expected: options.rows_min, found: 0 }.of(file));
     };
     if columns.axis >= usize::from(first.axes) {
         return Err(wrong(format!("the recording has {} axes", first.axes)));
@@ -142,12 +142,10 @@ pub fn from_recording(
             .iter()
             .map(|(row, sample)| match sample.tick.checked_sub(first.tick) {
                 Some(ticks) => Ok(ticks as f64 * period_s),
-                None => Err(RecordError::TimeBackwards {
-                    file: file.clone(),
-                    row: *row,
-                    before: 0.0,
-                    after: -((first.tick - sample.tick) as f64) * period_s,
-                }),
+                None => {
+                    let after = -((first.tick - sample.tick) as f64) * period_s;
+                    Err(Problem::TimeBackwards { row: *row, before: 0.0, after }.of(file))
+                }
             })
             .collect::<Result<_, _>>()?
     };
@@ -156,7 +154,7 @@ pub fn from_recording(
         return Err(wrong("none of its channels is present".to_owned()));
     }
     let rows = samples.iter().map(|(row, _)| *row).collect();
-    Draft { file, time_s, rows, columns: picked, findings }.finish(options)
+    Draft { time_s, rows, columns: picked, findings }.finish(file, options)
 }
 
 /// The samples with their numbers in the file from 1, and how many repetitions were left out.

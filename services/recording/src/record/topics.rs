@@ -27,14 +27,12 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     let mut topics: BTreeMap<&str, Vec<(&Mapping, Vec<PathElement>)>> = BTreeMap::new();
     for mapping in &options.mapping {
         let Some((topic, steps)) = parse_source(&mapping.source) else {
-            return Err(mapping.wrong(
-                path,
-                "expected TOPIC:FIELD, such as /joint_states:position[0]".to_owned(),
-            ));
+            let what = "expected TOPIC:FIELD, such as /joint_states:position[0]";
+            return Err(mapping.problem(what.to_owned()).of(path));
         };
         let of_topic = topics.entry(topic).or_default();
         if of_topic.iter().any(|(other, _)| other.column == mapping.column) {
-            return Err(mapping.wrong(path, "the column is mapped twice".to_owned()));
+            return Err(mapping.problem("the column is mapped twice".to_owned()).of(path));
         }
         of_topic.push((mapping, steps));
     }
@@ -42,13 +40,9 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     if let Some(time) = timed
         && topics.len() > 1
     {
-        return Err(time.wrong(
-            path,
-            format!(
-                "the time of one topic does not apply to others: found {} topics",
-                topics.len()
-            ),
-        ));
+        let count = topics.len();
+        let what = format!("the time of one topic does not apply to others: found {count} topics");
+        return Err(time.problem(what).of(path));
     }
     let mut logged: Vec<(Vec<u64>, Track)> = Vec::new();
     for (topic, wanted) in topics {
@@ -78,10 +72,11 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     if timed.is_some() && options.resample_hz.is_none() {
         let Track { rows, time_s, columns } = tracks.into_iter().next().unwrap_or_default();
         let columns = columns.into_iter().collect();
-        return Draft { file: path.to_owned(), time_s, rows, columns, findings: Vec::new() }
-            .checked(options);
+        return Draft { time_s, rows, columns, findings: Vec::new() }.finish(path, options);
     }
-    on_one_grid(path, &tracks, options.resample_hz)?.checked(options)
+    on_one_grid(&tracks, options.resample_hz)
+        .and_then(|draft| draft.checked(path, options))
+        .map_err(|problem| problem.of(path))
 }
 
 /// Times of a topic's messages (ns), and the columns requested.
@@ -96,7 +91,7 @@ fn read_topic(
     let mut decoders = BTreeMap::new();
     for id in &ids {
         let Some(channel) = recording.channels().get(id) else { continue };
-        decoders.insert(*id, Decoder::of(channel).map_err(|what| first.wrong(file, what))?);
+        decoders.insert(*id, Decoder::of(channel).map_err(|what| first.problem(what).of(file))?);
     }
     let mut times = Vec::new();
     let mut columns: Vec<(String, Vec<f64>)> =
@@ -107,9 +102,10 @@ fn read_topic(
         let raw = raw?;
         let Some(decoder) = decoders.get(&raw.channel_id()) else { continue };
         let at = |what: String| format!("message {}: {what}", index + 1);
-        let message = decoder.decode(raw.data()).map_err(|what| first.wrong(file, at(what)))?;
+        let message =
+            decoder.decode(raw.data()).map_err(|what| first.problem(at(what)).of(file))?;
         for ((mapping, steps), (_, values)) in wanted.iter().zip(&mut columns) {
-            let value = message.number(steps).map_err(|what| mapping.wrong(file, at(what)))?;
+            let value = message.number(steps).map_err(|what| mapping.problem(at(what)).of(file))?;
             values.push(mapping.factor * value);
         }
         times.push(raw.log_time_ns());
@@ -141,7 +137,7 @@ impl Decoder {
                 }),
             (message, schema) => Err(format!(
                 "expected messages in cdr with a schema in ros2msg, or in json; found {message} \
-                 with a schema in {}",
+                    with a schema in {}",
                 if schema.is_empty() { "nothing" } else { schema }
             )),
         }
