@@ -1,10 +1,10 @@
-//! The folder that a run writes into.
+//! The output folder of a run.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Stands in every folder that a demo made, so that the next one may replace its files.
+/// A file that marks a folder of the demo, so that the next run may replace the results in it.
 const MARK: &str = ".farreach-demo";
 const RECORDING: &str = "run.mcap";
 const PAGE: &str = "report.html";
@@ -13,7 +13,7 @@ const SUMMARY: &str = "summary.json";
 /// The folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// There are files that are not the demo's.
+    /// A file of that name was not written by a demo.
     #[error(
         "{}: has a {file} that no demo wrote; nothing was overwritten: choose another folder with \
             --out, or move the file away",
@@ -25,14 +25,14 @@ pub enum FolderError {
         /// The file in it.
         file: String,
     },
-    /// The system refused.
+    /// A system call failed.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// Its file or folder.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
 }
@@ -94,7 +94,7 @@ impl Folder {
         self.0.join(SUMMARY)
     }
 
-    /// Whether the logger died and went on in further parts, which a demo does not provoke.
+    /// Whether the logger was restarted and wrote a second part, which the demo never causes.
     pub fn further_parts(&self) -> bool {
         self.0.join("run.part2.mcap").exists()
     }

@@ -19,31 +19,28 @@
 //! all requirements met; the host was too busy for an uninterrupted movement
 //! ```
 //!
-//! That host was busy: some loops came too late, and the watchdog cut the power by itself, which
-//! does not happen on a quiet one. `demo/` then holds
-//! `run.mcap` (every topic, from the first sample), `report.html` (one page with figures, no
-//! network) and `summary.json` ([`Summary`]).
+//! That host was busy: some loops missed their deadlines, and the watchdog tripped without a kill,
+//! which does not happen on a quiet host. `demo/` then holds `run.mcap` (every topic, from the
+//! first sample), `report.html` (one page with figures, no network) and `summary.json`
+//! ([`Summary`]).
 //!
-//! # What is done
+//! # Steps
 //!
 //! 1. A rig of its own (`demo-PID`) comes up with the simulated card, an operator resets, arms and
 //!    enables, and `launch/protocols/demo.toml` is played: rest, guided 1 Hz, a short excitation,
 //!    hold.
-//! 2. In mid-movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V when
-//!    the last command has outlived its time. Later **acquisition** is killed: now the DAC holds
-//!    its last volts, the watchdog stops toggling the enable line, and the card takes the motor's
-//!    power. Each time the trip ends the protocol, the launcher starts the dead process again,
-//!    the operator's verbs bring power back, and the protocol is started anew.
-//! 3. The recording is ended, the rig goes down, and all numbers are computed from the recording by
-//!    pure functions ([`analysis`]); only the instants of the kills come from the program that
-//!    killed.
-//! 4. The declared plant, without any effect but those of the rig file, is run on the volts that
-//!    reached the motor. Nothing pulls it back to the measurement. Without `--effect` what remains
-//!    is the resolution of encoders and torque cell; with one, the error shows it.
-//!
-//! 5. `farreach identify`, as a call, cuts the recording into stretches and says which effect the
-//!    declared model lacks, or that nothing is missing. It takes a minute or more; `--no-identify`
-//!    leaves it out.
+//! 2. During the movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V
+//!    when the last command has expired. Later **acquisition** is killed: the DAC holds its last
+//!    volts, the watchdog stops toggling the enable line, and the card removes power from the
+//!    motor. Each trip ends the protocol; the launcher restarts the killed process, reset, arm and
+//!    enable restore power, and the protocol is started again.
+//! 3. The recording ends, the rig goes down, and all numbers are computed from the recording by
+//!    pure functions ([`analysis`]); only the times of the kills come from the demo itself.
+//! 4. The declared plant, with the effects of the rig file and no others, is simulated in open loop
+//!    on the volts that reached the motor. Without `--effect` the error is the resolution of the
+//!    encoders and the torque cell; with one, the effect adds to it.
+//! 5. `farreach identify` runs on the recording and reports which effect the declared model lacks,
+//!    or that nothing is missing. It takes a minute or more; `--no-identify` leaves it out.
 //!
 //! Exit codes: 0 all requirements met; 1 one was not met (the motor was not at 0 V, a process did
 //! not come back), or the run could not be made or was interrupted; 2 usage; 3 data was lost.

@@ -1,10 +1,10 @@
-//! `report.html`: one page that shows what happened.
+//! `report.html`: the results of a run on one page.
 
 use ipc_types::{Process, TripCause};
 use report::{Colour, Figure, Page, Table, Tone};
 use rig::RigFile;
 
-use crate::analysis::{Analysis, Model, Outage, Trace, unpowered_spans};
+use crate::analysis::{Analysis, Model, Outage, Trace, master, slave, unpowered_spans};
 use crate::display_unit::DisplayUnit;
 use crate::tables::{events, tables};
 use crate::{IdentifyResult, Outcome, Summary};
@@ -48,8 +48,11 @@ pub fn page(
 }
 
 fn subtitle(analysis: &Analysis, summary: &Summary, rig: &RigFile) -> String {
-    let seconds =
-        analysis.trace.samples.last().map_or(0.0, |sample| analysis.trace.seconds(sample.scan_ns));
+    let seconds = analysis
+        .trace
+        .samples
+        .last()
+        .map_or(0.0, |sample| analysis.trace.seconds(sample.scan_time_ns));
     format!(
         "Simulated rig \"{}\", {} timing, {seconds:.1} s at {} Hz, {}. {}.",
         rig.name,
@@ -99,9 +102,8 @@ fn detail(analysis: &Analysis, outcome: &Outcome) -> String {
                 0 => String::new(),
                 count => format!(
                     " The watchdog also tripped {count} times without a kill, usually because a \
-                        loop missed its deadline: the host is too busy or does not grant \
-                        real-time scheduling (see Timing). This is safe, but interrupts the \
-                        movement."
+                        loop missed its deadline: the host is too busy or does not grant real-time \
+                        scheduling (see Timing). This is safe, but interrupts the movement."
                 ),
             };
             format!(
@@ -124,13 +126,13 @@ fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
     let trace = &analysis.trace;
     let (time, reference) = reference(trace, shown, f64::NEG_INFINITY, f64::INFINITY);
     let sample_time: Vec<f64> =
-        trace.samples.iter().map(|sample| trace.seconds(sample.scan_ns)).collect();
+        trace.samples.iter().map(|sample| trace.seconds(sample.scan_time_ns)).collect();
     let mut figure =
         Figure::new("Movement", "time / s", format!("position / {}", shown.unit)).size(WIDTH, 320);
     let extent = trace
         .samples
         .iter()
-        .map(|sample| sample.master.abs().max(sample.slave.abs()) * shown.factor);
+        .map(|sample| master(sample).abs().max(slave(sample).abs()) * shown.factor);
     let extent = extent.filter(|value| value.is_finite()).fold(1.0, f64::max) * 1.1;
     for (index, (from, until)) in unpowered_spans(&trace.tokens).into_iter().enumerate() {
         let name = if index == 0 { "no power" } else { "" };
@@ -142,13 +144,9 @@ fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
         .colour(Colour::Grey)
         .dashed("reference", &time, &reference)
         .colour(Colour::Blue)
-        .line(
-            "master",
-            &sample_time,
-            &shown.scale(trace.samples.iter().map(|sample| sample.master)),
-        )
+        .line("master", &sample_time, &shown.scale(trace.samples.iter().map(master)))
         .colour(Colour::Vermillion)
-        .line("slave", &sample_time, &shown.scale(trace.samples.iter().map(|sample| sample.slave)));
+        .line("slave", &sample_time, &shown.scale(trace.samples.iter().map(slave)));
     for outage in &analysis.outages {
         figure = figure
             .vertical(format!("{} killed", outage.kill.process), trace.seconds(outage.kill.at_ns));
@@ -171,7 +169,7 @@ fn reference(trace: &Trace, shown: &DisplayUnit, from: f64, until: f64) -> (Vec<
         }
         before = Some(command.incarnation);
         time.push(at);
-        values.push(command.reference * shown.factor);
+        values.push(command.reference_position[0] * shown.factor);
     }
     (time, values)
 }
@@ -204,8 +202,8 @@ fn outage(
     let kill_s = trace.seconds(outage.kill.at_ns);
     let page = page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1));
     let end_ns = [
-        trace.scans.last().map(|scan| scan.scan_ns),
-        trace.samples.last().map(|sample| sample.scan_ns),
+        trace.scans.last().map(|scan| scan.scan_time_ns),
+        trace.samples.last().map(|sample| sample.scan_time_ns),
         trace.tokens.last().map(|token| token.time_ns),
     ];
     if end_ns.iter().any(|end| end.is_none_or(|end| end <= outage.kill.at_ns)) {
@@ -224,20 +222,20 @@ fn outage(
             match process {
                 Process::Acquisition => {
                     "While acquisition is dead, no process writes to the DAC, which holds its last \
-                    value as a real card does. The watchdog stops toggling the enable line, and \
-                    the card itself removes power from the motor."
+                        value as a real card does. The watchdog stops toggling the enable line, \
+                        and the card itself removes power from the motor."
                 }
                 _ => {
                     "Commands end with the kill. The gate in acquisition writes 0 V when the last \
-                command has expired."
+                        command has expired."
                 }
             },
         )
         .figure(&states, STATES)
         .figure(
             &recovery,
-            "The movement around the kill. The trip ends the protocol, which \
-            starts again once power is enabled.",
+            "The movement around the kill. The trip ends the protocol, which starts again once \
+                power is enabled.",
         )
 }
 
@@ -250,12 +248,12 @@ fn volts(trace: &Trace, outage: &Outage, index: usize, (from, until): (f64, f64)
     let scans: Vec<_> = trace
         .scans
         .iter()
-        .map(|scan| (since(scan.scan_ns), scan))
+        .map(|scan| (since(scan.scan_time_ns), scan))
         .filter(|(at, _)| within(*at))
         .collect();
-    let (motor_x, motor_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.motor_v)));
-    let (dac_x, dac_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.dac_v)));
-    let commands = trace.commands.iter().map(|command| (since(command.time_ns), command.volts));
+    let (motor_x, motor_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.motor_v[0])));
+    let (dac_x, dac_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.dac_v[0])));
+    let commands = trace.commands.iter().map(|command| (since(command.time_ns), command.volts[0]));
     let (command_x, command_y): (Vec<f64>, Vec<f64>) =
         commands.filter(|(at, _)| within(*at)).unzip();
     let mut volts = Figure::new(
@@ -287,7 +285,7 @@ fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -
     let samples: Vec<_> = trace
         .samples
         .iter()
-        .map(|sample| (trace.seconds(sample.scan_ns), sample))
+        .map(|sample| (trace.seconds(sample.scan_time_ns), sample))
         .filter(|(at, _)| *at >= from_s && *at <= until_s)
         .collect();
     let sample_time: Vec<f64> = samples.iter().map(|(at, _)| *at).collect();
@@ -301,9 +299,9 @@ fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -
     .colour(Colour::Grey)
     .dashed("reference", &time, &reference)
     .colour(Colour::Blue)
-    .line("master", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| sample.master)))
+    .line("master", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| master(sample))))
     .colour(Colour::Vermillion)
-    .line("slave", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| sample.slave)))
+    .line("slave", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| slave(sample))))
     .vertical("killed", kill_s);
     if let Some(back) = outage.restart_ms {
         recovery = recovery.colour(Colour::Green).vertical("process back", kill_s + back * 1e-3);
@@ -380,9 +378,9 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> P
             open loop: its input is the recorded motor voltage, its initial state the first \
             samples, and nothing corrects it towards the measurement. A small difference in where \
             dry friction stops the handle therefore grows from movement to movement. The error \
-            measures the prediction over the whole run, not over one second of it. Here the rig \
-            is itself simulated with the same equations; without an added effect only the \
-            resolution and noise of the sensors remain.",
+            measures the prediction over the whole run, not over one second of it. Here the rig is \
+            itself simulated with the same equations; without an added effect only the resolution \
+            and noise of the sensors remain.",
     );
     if let Some(effect) = &summary.injected {
         page = page.paragraph(&format!(

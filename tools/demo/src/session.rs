@@ -251,8 +251,7 @@ impl<'a> Session<'a> {
         (self.watched, self.successor) = (None, None);
         self.terminal.print(&format!(
             "{process} killed: {zero_volts}; back after {back_ms:.0} ms; reset, armed, enabled \
-                after \
-                {:.1} s more",
+                after {:.1} s more",
             took.as_secs_f64()
         ));
         Ok(kill)

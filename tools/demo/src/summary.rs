@@ -1,4 +1,4 @@
-//! `summary.json`: what programs read.
+//! `summary.json`, the results for programs.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::analysis::{Analysis, OfLoops, Percentiles};
 use crate::identify_result::IdentifyResult;
 
-/// The numbers of one run. Names and meaning are an interface: other programs read them.
+/// The results of one run. Their names and meaning are an interface to other programs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Git revision of the build, or its version where it was built outside a checkout.
@@ -93,12 +93,12 @@ impl Summary {
     }
 }
 
-/// What a run comes to.
+/// The outcome of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// All requirements were met.
     Kept,
-    /// Something that was published, or should have been acquired, is not on disk.
+    /// Messages that were published, or ticks that should have been acquired, are not on disk.
     DataLost(Vec<String>),
     /// A requirement was not met.
     Broken(Vec<String>),
@@ -165,7 +165,7 @@ impl Outcome {
         }
     }
 
-    /// What went wrong, if anything.
+    /// The requirements that were not met, or the data lost.
     pub fn reasons(&self) -> &[String] {
         match self {
             Self::Kept => &[],

@@ -83,8 +83,8 @@ pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page
     }
     page.table(
         timing,
-        "Wake-up latency of each loop since its start (the worse of two runs), and the time from \
-            a scan of the card to the first command computed from it.",
+        "Wake-up latency of each loop since its start (the worse of two runs), and the time from a \
+            scan of the card to the first command computed from it.",
     )
     .table(rates, "Rate of the control loop by incarnation, without downtime.")
     .heading("Recording")

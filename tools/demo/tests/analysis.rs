@@ -6,7 +6,7 @@ mod common;
 use common::{KILL_ACQUISITION_NS, KILL_CONTROL_NS, Script, write};
 use demo::analysis::{Analysis, Kill, Percentiles, Trace, TraceError, analyse};
 use demo::{IdentifyResult, Outcome, Summary, page};
-use ipc_types::{Process, Profile};
+use ipc_types::{Process, Profile, Sample};
 use rig::RigFile;
 
 const KILLS: [Kill; 2] = [
@@ -183,12 +183,15 @@ fn leaves_only_the_resolution(rig: &RigFile, peak_v: f64, effect: &str) {
             let time_s = tick as f64 * 5e-4;
             card.write([peak_v * (std::f64::consts::TAU * time_s).sin(), 0.0, 0.0], tick, 1);
             let scan = card.clock(1000 + tick, 1 + tick * common::PERIOD_NS);
-            demo::analysis::SampleRow {
+            Sample {
                 tick: scan.tick,
-                master: axis.master.position(scan.master_counts[0]),
-                slave: slave.position(scan.slave_counts[0]),
-                torque: scan.analog_v[0] / 0.5,
-                motor_v: scan.motor_v[0],
+                master_present: 1,
+                master_position: [axis.master.position(scan.master_counts[0]), 0.0, 0.0],
+                slave_present: 1,
+                slave_position: [slave.position(scan.slave_counts[0]), 0.0, 0.0],
+                torque_present: 1,
+                slave_torque: [scan.analog_v[0] / 0.5, 0.0, 0.0],
+                motor_v: scan.motor_v,
                 ..Default::default()
             }
         };

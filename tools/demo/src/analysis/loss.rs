@@ -1,7 +1,8 @@
-//! What was published and is not on disk, and what was never acquired.
+//! Messages that were published and are not on disk, and ticks that were never acquired.
 
-use super::trace::{SampleRow, Trace, by_tick};
 use ipc_types::SAMPLE;
+
+use super::trace::{Trace, by_tick};
 
 /// One topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,7 +15,7 @@ pub struct TopicLoss {
     pub lost: u64,
 }
 
-/// What is missing.
+/// Missing messages and ticks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Losses {
     /// Samples on disk.
@@ -25,7 +26,7 @@ pub struct Losses {
     pub samples_missed: u64,
     /// Every topic with messages or losses.
     pub topics: Vec<TopicLoss>,
-    /// The file was ended in good order and holds no damage.
+    /// Whether the file ended cleanly and is undamaged.
     pub sound: bool,
 }
 
@@ -59,7 +60,7 @@ pub fn losses(trace: &Trace) -> Losses {
     Losses {
         samples: trace.samples.len() as u64,
         samples_lost,
-        samples_missed: missed(&trace.samples, trace),
+        samples_missed: missed(trace),
         topics,
         sound: trace.check.complete && trace.check.ended_cleanly && trace.check.damage.is_empty(),
     }
@@ -67,8 +68,8 @@ pub fn losses(trace: &Trace) -> Losses {
 
 /// Holes in the ticks less the samples that were acquired and lost on their way: those leave a gap
 /// in the sequence.
-fn missed(samples: &[SampleRow], trace: &Trace) -> u64 {
-    let ticks = by_tick(samples);
+fn missed(trace: &Trace) -> u64 {
+    let ticks = by_tick(&trace.samples);
     let (Some(first), Some(last)) = (ticks.first(), ticks.last()) else { return 0 };
     let holes = last.tick - first.tick + 1 - ticks.len() as u64;
     let check = trace.check.topics.iter().find(|check| check.topic == SAMPLE.topic.name);

@@ -1,7 +1,6 @@
-//! From a recording and the instants of the kills to what is reported: pure functions, no clock, no
-//! rig.
+//! Computes every reported number from the recording and the times of the kills.
 //!
-//! Only the recording is asked, so that whoever has the file can check every number.
+//! Pure functions, without clock or rig: whoever has the recording can check every number.
 
 mod loss;
 mod model;
@@ -16,7 +15,8 @@ pub use timing::{
     OfLoops, Outage, Rate, Timing, Trip, command_rates, missed_periods, of_loops, outage, profile,
     sample_to_command, unpowered_spans, unprovoked,
 };
-pub use trace::{CommandRow, SampleRow, ScanRow, TokenRow, Trace, TraceError};
+pub use trace::{Trace, TraceError};
+pub(crate) use trace::{master, slave};
 
 use ipc_types::Process;
 use rig::RigFile;
@@ -33,34 +33,34 @@ pub struct Kill {
 /// Everything that is reported of one run.
 #[derive(Debug)]
 pub struct Analysis {
-    /// What was recorded, axis 0.
+    /// The recorded messages.
     pub trace: Trace,
     /// What is missing of it.
     pub losses: Losses,
-    /// How punctual the processes were.
+    /// Timing of the processes.
     pub timing: Timing,
-    /// What each kill did, in order.
+    /// Effects of each kill, in order.
     pub outages: Vec<Outage>,
-    /// Losses of power that no kill explains: a loop that the machine kept waiting for too long, as
-    /// a rule.
+    /// Trips that no kill explains, usually because the host delayed a loop beyond its deadline.
     pub unprovoked: Vec<Trip>,
-    /// The declared model beside it; `None` where the rig file declares none that can be simulated.
+    /// The declared model's simulation; `None` where the rig file declares none that can be
+    /// simulated.
     pub model: Option<Model>,
 }
 
-/// How long after a kill a sound system is back at work, at the latest (ns).
+/// Longest recovery of a working system after a kill (ns).
 const RECOVERY_NS: u64 = 15_000_000_000;
 
 impl Analysis {
     /// Whether the recording shows what followed a kill: it was ended in good order, or goes on for
     /// long enough.
     pub(crate) fn recorded_after(&self, kill: &Kill) -> bool {
-        let end_ns = self.trace.scans.last().map_or(0, |scan| scan.scan_ns);
+        let end_ns = self.trace.scans.last().map_or(0, |scan| scan.scan_time_ns);
         self.losses.sound || end_ns >= kill.at_ns + RECOVERY_NS
     }
 }
 
-/// Takes a recording apart.
+/// Analyses a recording.
 ///
 /// # Errors
 /// [`ModelError`] where the declared model cannot be simulated although it is of a kind that can.

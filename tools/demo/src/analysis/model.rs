@@ -1,12 +1,13 @@
-//! The declared model on what really reached the motor.
+//! Simulates the declared model on the volts that reached the motor.
 
 use std::collections::BTreeMap;
 
+use ipc_types::Sample;
 use plant::any::Plant;
 use plant::transmission::{Input, Transmission as _};
 use rig::{Hand, HandKind, RigFile};
 
-use super::trace::{SampleRow, by_tick};
+use super::trace::{by_tick, master, slave, torque};
 
 /// The declared model cannot be simulated.
 #[derive(Debug, thiserror::Error)]
@@ -19,7 +20,7 @@ pub enum ModelError {
     Parameter(#[from] plant::ParameterError),
 }
 
-/// Measured and declared side by side, tick by tick.
+/// Measurement and simulation of the declared model, tick by tick.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Seconds since the first scan.
@@ -35,13 +36,13 @@ pub struct Channel {
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// What was recorded.
+    /// The recorded values.
     pub measured: Vec<f64>,
-    /// What the model makes of the recorded volts.
+    /// The values simulated from the recorded volts.
     pub declared: Vec<f64>,
     /// Root mean square of the difference.
     pub error: f64,
-    /// Root mean square of what was recorded, about its mean.
+    /// Root mean square of the recorded values about their mean.
     pub size: f64,
 }
 
@@ -56,8 +57,8 @@ impl Model {
 const INITIAL: usize = 20;
 
 /// Simulates the declared plant, and the hand that the rig file declares, on the recorded motor
-/// volts from the first sample on. No effect is put in but those that the rig file declares.
-/// Nothing pulls it back to the measurement, so that an error once made stays.
+/// volts from the first sample on, with the effects that the rig file declares and no others. The
+/// simulation runs open loop: nothing corrects it towards the measurement.
 ///
 /// Volts are held from a scan to the next; where ticks are missing, the last are held over the
 /// hole. `None` where the rig file's model is none that `plant` simulates with volts as its input,
@@ -65,20 +66,20 @@ const INITIAL: usize = 20;
 ///
 /// # Errors
 /// [`ModelError`].
-pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, ModelError> {
+pub fn model(samples: &[Sample], rig: &RigFile) -> Result<Option<Model>, ModelError> {
     let rows = by_tick(samples);
     let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission())
     else {
         return Ok(None);
     };
     let initial = &rows[..rows.len().min(INITIAL)];
-    let (master_0, slave_0) = (median(initial, |row| row.master), median(initial, |row| row.slave));
+    let (master_0, slave_0) = (median(initial, master), median(initial, slave));
     if !master_0.is_finite() {
         return Ok(None);
     }
     let hand = rig.simulation.hand;
     if hand.kind == HandKind::Moving {
-        // Nobody knows when it set off.
+        // The time at which the hand began to move is not recorded.
         return Ok(None);
     }
     let held = hand.kind == HandKind::Passive;
@@ -92,7 +93,7 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
     plant.rest_at(gear * master_0, Some(slave_0).filter(|slave| slave.is_finite()));
     let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
     let (first_tick, mut tick) = (first.tick, first.tick);
-    let mut volts = first.motor_v;
+    let mut volts = first.motor_v[0];
     let mut declared = [const { Vec::new() }; 3];
     let mut time_s = Vec::with_capacity(rows.len());
     for row in &rows {
@@ -101,32 +102,31 @@ pub fn model(samples: &[SampleRow], rig: &RigFile) -> Result<Option<Model>, Mode
             plant.step(Input { motor_v: volts, hand_torque_nm }, period_s);
             tick += 1;
         }
-        volts = row.motor_v;
+        volts = row.motor_v[0];
         time_s.push((row.tick - first_tick) as f64 * period_s);
         let motion = plant.motion();
         declared[0].push(motion.master_position_rad / gear);
         declared[1].push(motion.slave_position_rad);
         declared[2].push(hand_torque(&plant, &hand));
     }
-    let [master, slave, torque] = declared;
-    let measured = |value: fn(&SampleRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
+    let [declared_master, declared_slave, declared_torque] = declared;
+    let measured = |value: fn(&Sample) -> f64| rows.iter().map(|row| value(row)).collect();
     let channels = [
-        Channel::new("master_rad", "rad", measured(|row| row.master), master),
-        Channel::new("slave_rad", "rad", measured(|row| row.slave), slave),
-        Channel::new("slave_torque_nm", "N·m", measured(|row| row.torque), torque),
+        Channel::new("master_rad", "rad", measured(master), declared_master),
+        Channel::new("slave_rad", "rad", measured(slave), declared_slave),
+        Channel::new("slave_torque_nm", "N·m", measured(torque), declared_torque),
     ];
     Ok(Some(Model { time_s, channels: channels.into_iter().flatten().collect() }))
 }
 
-/// The reading in the middle: an encoder's count, where a mean would be a fraction of one beside
-/// what the machine stands at.
-fn median(rows: &[SampleRow], value: fn(&SampleRow) -> f64) -> f64 {
-    let mut values: Vec<f64> = rows.iter().map(value).collect();
+/// The median: a whole count of the encoder, where a mean would be off by a fraction of one.
+fn median(rows: &[&Sample], value: fn(&Sample) -> f64) -> f64 {
+    let mut values: Vec<f64> = rows.iter().map(|row| value(row)).collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// What the hand does to the handle, as in the simulated card.
+/// Torque of the hand on the handle, as the simulated card computes it.
 fn hand_torque(plant: &Plant, hand: &Hand) -> f64 {
     let motion = plant.motion();
     hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, 0.0)

@@ -1,4 +1,4 @@
-//! Percentiles as they are reported.
+//! Percentiles of a time.
 
 use serde::Serialize;
 

@@ -1,11 +1,11 @@
-//! Punctuality of the loops, and what a kill did.
+//! Timing of the loops, and the effects of a kill.
 
 use std::collections::BTreeMap;
 
-use ipc_types::{LoopTiming, Process, Profile, WatchdogState};
+use ipc_types::{EnableToken, LoopTiming, Message, MotorCommand, Process, Profile, WatchdogState};
 use serde::Serialize;
 
-use super::trace::{CommandRow, TokenRow, Trace, is_realtime};
+use super::trace::Trace;
 use super::{Kill, Percentiles};
 
 /// One incarnation of control.
@@ -20,15 +20,15 @@ pub struct Rate {
 /// Rate of each incarnation of control, in the order in which they appeared. Counted by sequence,
 /// so that commands that were lost on their way to the disk do not lower it. One that published a
 /// single command has no rate.
-pub fn command_rates(commands: &[CommandRow]) -> Vec<Rate> {
-    let mut spans: Vec<(CommandRow, CommandRow)> = Vec::new();
+pub fn command_rates(commands: &[MotorCommand]) -> Vec<Rate> {
+    let mut spans: Vec<(MotorCommand, MotorCommand)> = Vec::new();
     for command in commands {
         match spans.iter_mut().find(|(first, _)| first.incarnation == command.incarnation) {
             Some((_, last)) => *last = *command,
             None => spans.push((*command, *command)),
         }
     }
-    let rate = |(first, last): (CommandRow, CommandRow)| {
+    let rate = |(first, last): (MotorCommand, MotorCommand)| {
         let seconds = last.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
         let count = last.sequence.saturating_sub(first.sequence) as f64;
         (seconds > 0.0).then_some(Rate { incarnation: first.incarnation, hz: count / seconds })
@@ -36,24 +36,24 @@ pub fn command_rates(commands: &[CommandRow]) -> Vec<Rate> {
     spans.into_iter().filter_map(rate).collect()
 }
 
-/// From the scan of a sample to the publishing of the first command that answers it. Commands that
-/// answer the same sample again are left out: while acquisition is down control repeats itself,
-/// which the outage shows.
-pub fn sample_to_command(commands: &[CommandRow]) -> Option<Percentiles> {
+/// Time from the scan of a sample to the first command that is computed from it. Further commands
+/// from the same sample are left out: while acquisition is down, control goes on with its last
+/// sample, which the outage shows.
+pub fn sample_to_command(commands: &[MotorCommand]) -> Option<Percentiles> {
     let mut newest: BTreeMap<u64, u64> = BTreeMap::new();
     let mut times = Vec::with_capacity(commands.len());
     for command in commands {
         let before = newest.insert(command.incarnation, command.sample_tick);
-        if command.sample_ns > 0 && before != Some(command.sample_tick) {
-            times.push(command.time_ns.saturating_sub(command.sample_ns));
+        if command.sample_time_ns > 0 && before != Some(command.sample_tick) {
+            times.push(command.time_ns.saturating_sub(command.sample_time_ns));
         }
     }
     Percentiles::of_ns(times)
 }
 
-/// Periods that each process skipped because it woke late, over all its incarnations. What
-/// `LoopTiming` said last may be a second old when a process is killed; its samples, commands and
-/// tokens carry the count, too.
+/// Periods that each process skipped because it woke late, over all its incarnations. The last
+/// `LoopTiming` may be a second old when a process is killed; its samples, commands and tokens
+/// carry the count too.
 pub fn missed_periods(trace: &Trace) -> BTreeMap<Process, u64> {
     let mut missed: BTreeMap<(Process, u64), u64> = BTreeMap::new();
     let mut note = |process, incarnation, count: u64| {
@@ -114,17 +114,20 @@ pub fn of_loops(timings: &[LoopTiming], time_ns: impl Fn(&LoopTiming) -> [u64; 4
 
 /// The profile of a run: real-time only when every process was granted it throughout.
 pub fn profile(trace: &Trace) -> Profile {
-    let realtime = trace.samples.iter().all(|row| is_realtime(row.profile))
-        && trace.commands.iter().all(|row| is_realtime(row.profile))
-        && trace.tokens.iter().all(|row| is_realtime(row.profile))
-        && trace.scans.iter().all(|row| is_realtime(row.profile));
+    let (samples, commands) = (trace.samples.iter(), trace.commands.iter());
+    let realtime = samples
+        .map(|sample| sample.profile)
+        .chain(commands.map(|command| command.profile))
+        .chain(trace.tokens.iter().map(|token| token.profile))
+        .chain(trace.scans.iter().map(|scan| scan.profile))
+        .all(|code| Profile::from_code(code) == Some(Profile::Realtime));
     if realtime { Profile::Realtime } else { Profile::BestEffort }
 }
 
-/// How punctual the processes were.
+/// Timing of the processes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timing {
-    /// What the machine granted.
+    /// Profile that the host granted.
     pub profile: Profile,
     /// Control, by incarnation.
     pub command_rates: Vec<Rate>,
@@ -152,7 +155,7 @@ impl Timing {
     }
 }
 
-/// What one kill did. Times are ms since the kill.
+/// Effects of one kill. Times are ms since the kill.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outage {
     /// The kill.
@@ -173,98 +176,81 @@ pub struct Outage {
     pub powered_ms: Option<f64>,
 }
 
-/// What a kill did; `until_ns` is the next kill.
+/// The effects of a kill; `until_ns` is the time of the next kill.
 pub fn outage(trace: &Trace, kill: Kill, until_ns: Option<u64>) -> Outage {
     let end = until_ns.unwrap_or(u64::MAX);
     let after = |time_ns: u64| time_ns >= kill.at_ns && time_ns < end;
     let ms = |time_ns: u64| (time_ns - kill.at_ns) as f64 * 1e-6;
 
-    let before = |token: &&TokenRow| token.time_ns < kill.at_ns;
+    let before = |token: &&EnableToken| token.time_ns < kill.at_ns;
     let epoch = trace.tokens.iter().filter(before).map(|token| token.epoch).max().unwrap_or(0);
     let tokens = || trace.tokens.iter().filter(|token| after(token.time_ns));
     let tripped = tokens().find(|token| token.state == WatchdogState::Tripped.code());
     let enabled_ns =
-        tokens().find(|token| token.enabled && token.epoch > epoch).map(|token| token.time_ns);
+        tokens().find(|token| token.enabled == 1 && token.epoch > epoch).map(|token| token.time_ns);
 
     let unpowered_until = enabled_ns.unwrap_or(end);
-    let scans = || trace.scans.iter().filter(|scan| after(scan.scan_ns));
+    let scans = || trace.scans.iter().filter(|scan| after(scan.scan_time_ns));
     let mut trip_ns = None;
-    for scan in scans().filter(|scan| scan.scan_ns < unpowered_until) {
-        if scan.motor_v == 0.0 {
-            trip_ns = trip_ns.or(Some(scan.scan_ns));
+    for scan in scans().filter(|scan| scan.scan_time_ns < unpowered_until) {
+        if scan.motor_v[0] == 0.0 {
+            trip_ns = trip_ns.or(Some(scan.scan_time_ns));
         } else {
             trip_ns = None;
         }
     }
-    let powered = scans().find(|scan| scan.scan_ns >= unpowered_until && scan.motor_v != 0.0);
-    let volts_before = trace
-        .scans
-        .iter()
-        .rev()
-        .find(|scan| scan.scan_ns < kill.at_ns)
-        .map_or(f64::NAN, |s| s.motor_v);
+    let mut scans = scans();
+    let powered = scans.find(|scan| scan.scan_time_ns >= unpowered_until && scan.motor_v[0] != 0.0);
+    let before = trace.scans.iter().rev().find(|scan| scan.scan_time_ns < kill.at_ns);
     Outage {
         kill,
-        volts_before,
+        volts_before: before.map_or(f64::NAN, |scan| scan.motor_v[0]),
         trip_ms: trip_ns.map(ms),
         tripped_ms: tripped.map(|token| ms(token.time_ns)),
         cause: tripped.map_or(0, |token| token.cause),
         restart_ms: restart_ns(trace, kill, end).map(ms),
         enabled_ms: enabled_ns.map(ms),
-        powered_ms: powered.map(|scan| ms(scan.scan_ns)),
+        powered_ms: powered.map(|scan| ms(scan.scan_time_ns)),
     }
 }
 
 /// First valid message of the next incarnation: a command with finite volts that answers a sample,
 /// a sample with a tick.
 fn restart_ns(trace: &Trace, kill: Kill, end: u64) -> Option<u64> {
-    /// Incarnation, time, valid.
-    type Publication = (u64, u64, bool);
-    fn next(
-        rows: impl DoubleEndedIterator<Item = Publication> + Clone,
-        kill_ns: u64,
-        end: u64,
-    ) -> Option<u64> {
-        let killed = rows.clone().rev().find(|row| row.1 < kill_ns).map(|row| row.0);
-        let mut rows = rows.filter(|row| row.1 >= kill_ns && row.1 < end);
-        rows.find(|row| row.2 && Some(row.0) != killed).map(|row| row.1)
+    fn next<T: Message>(rows: &[T], kill: Kill, end: u64, valid: fn(&T) -> bool) -> Option<u64> {
+        let killed = rows.iter().rev().find(|row| row.time_ns() < kill.at_ns);
+        let killed = killed.map(Message::incarnation);
+        rows.iter()
+            .filter(|row| row.time_ns() >= kill.at_ns && row.time_ns() < end)
+            .find(|row| valid(row) && Some(row.incarnation()) != killed)
+            .map(Message::time_ns)
     }
     match kill.process {
-        Process::Control => {
-            let valid = |c: &CommandRow| c.volts.is_finite() && c.sample_ns > 0;
-            next(
-                trace.commands.iter().map(|c| (c.incarnation, c.time_ns, valid(c))),
-                kill.at_ns,
-                end,
-            )
-        }
-        Process::Acquisition => next(
-            trace.samples.iter().map(|s| (s.incarnation, s.time_ns, s.tick > 0)),
-            kill.at_ns,
-            end,
-        ),
-        Process::Watchdog => {
-            next(trace.tokens.iter().map(|t| (t.incarnation, t.time_ns, true)), kill.at_ns, end)
-        }
+        Process::Control => next(&trace.commands, kill, end, |command| {
+            command.volts[0].is_finite() && command.sample_time_ns > 0
+        }),
+        Process::Acquisition => next(&trace.samples, kill, end, |sample| sample.tick > 0),
+        Process::Watchdog => next(&trace.tokens, kill, end, |_| true),
         // The others publish too seldom to measure a restart by.
         _ => None,
     }
 }
 
-/// A loss of power that no kill explains.
+/// A trip that no kill explains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
-    /// When the watchdog first said so (ns, CLOCK_MONOTONIC).
+    /// Time of the watchdog's first token that reports it (ns, CLOCK_MONOTONIC).
     pub time_ns: u64,
     /// Why, a `TripCause`.
     pub cause: u8,
 }
 
-/// How long after a kill a trip is its doing: far above what either profile needs (ns).
+/// A trip within this time after a kill is attributed to it; far above what either profile needs
+/// (ns).
 const PROVOKED_NS: u64 = 1_000_000_000;
 
 /// Trips from enabled that are not the first after a kill.
-pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
+pub fn unprovoked(tokens: &[EnableToken], kills: &[Kill]) -> Vec<Trip> {
     let mut open: Vec<u64> = kills.iter().map(|kill| kill.at_ns).collect();
     let mut trips = Vec::new();
     for pair in tokens.windows(2) {
@@ -285,14 +271,14 @@ pub fn unprovoked(tokens: &[TokenRow], kills: &[Kill]) -> Vec<Trip> {
     trips
 }
 
-/// When there was no leave to power the motor, after the first time that there was: from and to
-/// (ns, CLOCK_MONOTONIC).
-pub fn unpowered_spans(tokens: &[TokenRow]) -> Vec<(u64, u64)> {
+/// Intervals without permission to power the motor, from the first enable on (ns,
+/// CLOCK_MONOTONIC).
+pub fn unpowered_spans(tokens: &[EnableToken]) -> Vec<(u64, u64)> {
     let mut spans = Vec::new();
     let mut begun = None;
     for pair in tokens.windows(2) {
         let [before, after] = pair else { continue };
-        match (before.enabled, after.enabled) {
+        match (before.enabled == 1, after.enabled == 1) {
             (true, false) => begun = Some(after.time_ns),
             (false, true) => spans.extend(begun.take().map(|from| (from, after.time_ns))),
             _ => {}

@@ -1,15 +1,12 @@
-//! What of a recording is looked at: axis 0, in the order of the file.
+//! The messages of a recording that the analysis needs, in the order of the file.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::{
-    CARD_SCAN, COMMAND, CardScan, EnableToken, Event, LoopTiming, MotorCommand, Process, Profile,
-    SAMPLE, Sample, TOKEN, TOPICS, event_topic, timing_topic,
+    AXES, CardScan, EnableToken, Event, LoopTiming, Message, MotorCommand, Sample, TOPICS,
 };
-use recording::mcap_read::{Check, ReadError, Recording, Selection};
+use recording::mcap_read::{Channel, Check, RawMessage, ReadError, Recording, Selection};
 use recording::mcap_write::key;
-use recording::schema::{Conversion, Layout};
 
 /// The recording cannot be used at all.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +14,7 @@ pub enum TraceError {
     /// It cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// It holds nothing to report.
+    /// It holds no samples.
     #[error(
         "{file}: expected samples of acquisition, found none; was the recording started after the \
             rig went down?"
@@ -28,108 +25,20 @@ pub enum TraceError {
     },
 }
 
-/// One sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SampleRow {
-    /// Incarnation of acquisition.
-    pub incarnation: u64,
-    /// Its count.
-    pub sequence: u64,
-    /// When it was published (ns, CLOCK_MONOTONIC).
-    pub time_ns: u64,
-    /// Tick of the grid.
-    pub tick: u64,
-    /// When the card took the scan (ns, CLOCK_MONOTONIC).
-    pub scan_ns: u64,
-    /// Master (rad or m).
-    pub master: f64,
-    /// Slave (rad or m); not finite where there is no encoder.
-    pub slave: f64,
-    /// Torque of the hand (N·m or N); not finite where there is no channel.
-    pub torque: f64,
-    /// Volts at the motor.
-    pub motor_v: f64,
-    /// `GateState`.
-    pub gate_state: u8,
-    /// `GateCause`.
-    pub gate_cause: u8,
-    /// Cycles that acquisition skipped.
-    pub cycles_missed: u64,
-    /// `Profile`.
-    pub profile: u8,
-}
-
-/// One command.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CommandRow {
-    /// Incarnation of control.
-    pub incarnation: u64,
-    /// Its count.
-    pub sequence: u64,
-    /// When it was published (ns, CLOCK_MONOTONIC).
-    pub time_ns: u64,
-    /// Tick of the sample that it answers.
-    pub sample_tick: u64,
-    /// Scan time of that sample (ns, CLOCK_MONOTONIC).
-    pub sample_ns: u64,
-    /// Volts asked for.
-    pub volts: f64,
-    /// Reference position (rad or m).
-    pub reference: f64,
-    /// Cycles that control skipped.
-    pub cycles_missed: u64,
-    /// `Profile`.
-    pub profile: u8,
-}
-
-/// One scan of the card: the witness of what the motor got.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScanRow {
-    /// When the card took it (ns, CLOCK_MONOTONIC).
-    pub scan_ns: u64,
-    /// Volts that the DAC holds.
-    pub dac_v: f64,
-    /// Volts that reach the motor.
-    pub motor_v: f64,
-    /// `Profile` of the simulator.
-    pub profile: u8,
-}
-
-/// One token, with what the watchdog thinks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct TokenRow {
-    /// Incarnation of the watchdog.
-    pub incarnation: u64,
-    /// When it was published (ns, CLOCK_MONOTONIC).
-    pub time_ns: u64,
-    /// Enable epoch.
-    pub epoch: u64,
-    /// Whether the motor may be powered.
-    pub enabled: bool,
-    /// `WatchdogState`.
-    pub state: u8,
-    /// `TripCause`.
-    pub cause: u8,
-    /// Cycles that the watchdog skipped.
-    pub cycles_missed: u64,
-    /// `Profile`.
-    pub profile: u8,
-}
-
-/// A recording, as far as it is looked at.
+/// The messages and metadata of one recording.
 #[derive(Debug, Default)]
 pub struct Trace {
-    /// Acquisition.
-    pub samples: Vec<SampleRow>,
-    /// Control.
-    pub commands: Vec<CommandRow>,
-    /// The card.
-    pub scans: Vec<ScanRow>,
-    /// The watchdog.
-    pub tokens: Vec<TokenRow>,
-    /// How punctual every loop was, once a second.
+    /// Samples of acquisition.
+    pub samples: Vec<Sample>,
+    /// Commands of control.
+    pub commands: Vec<MotorCommand>,
+    /// Scans of the card: the evidence of which volts reached the motor.
+    pub scans: Vec<CardScan>,
+    /// Tokens of the watchdog.
+    pub tokens: Vec<EnableToken>,
+    /// Timing of every loop, once a second.
     pub timings: Vec<LoopTiming>,
-    /// What happened.
+    /// Events of all processes, in the order of time.
     pub events: Vec<Event>,
     /// Counts, gaps, damage.
     pub check: Check,
@@ -137,51 +46,32 @@ pub struct Trace {
     pub counted: Vec<(String, u64)>,
     /// Size of the file (bytes).
     pub bytes: u64,
-    /// First instant of the run: the first scan (ns, CLOCK_MONOTONIC).
+    /// Time of the first scan (ns, CLOCK_MONOTONIC).
     pub begin_ns: u64,
     /// Git revision of the build that recorded, where the recording says so.
     pub revision: Option<String>,
 }
 
 impl Trace {
-    /// Reads a recording; damaged chunks are skipped and stand in [`Trace::check`].
+    /// Reads a recording; damaged chunks are skipped and listed in [`Trace::check`].
     ///
     /// # Errors
-    /// [`TraceError`] where there is nothing to work on.
+    /// [`TraceError`] where it cannot be read or holds no samples.
     pub fn read(path: &Path) -> Result<Self, TraceError> {
         let recording = Recording::open(path)?;
         let mut trace = Self::default();
-        let mut kinds: BTreeMap<u16, (Kind, &Layout, Conversion)> = BTreeMap::new();
-        for (&id, channel) in recording.channels() {
-            if let (Some(kind), Ok(layout)) = (Kind::of(&channel.topic), &channel.layout) {
-                kinds.insert(id, (kind, layout, kind.conversion(layout)));
-            }
-        }
-        let channels = Some(kinds.keys().copied().collect());
-        for message in recording.raw(Selection { channels, ..Selection::default() }) {
-            let message = match message {
-                Ok(message) => message,
-                // stands in the check; what follows is read
-                Err(ReadError::Damaged { .. }) => continue,
+        for message in recording.raw(Selection::default()) {
+            match message {
+                Ok(message) => trace.add(&recording, &message),
+                // Counted in the check; what follows is read.
+                Err(ReadError::Damaged { .. }) => {}
                 Err(error) => return Err(error.into()),
-            };
-            let Some((kind, layout, conversion)) = kinds.get(&message.channel_id()) else {
-                continue;
-            };
-            let Ok(body) = layout.body(message.data()) else { continue };
-            match kind {
-                Kind::Sample => trace.samples.extend(conversion.apply(body).map(sample_row)),
-                Kind::Command => trace.commands.extend(conversion.apply(body).map(command_row)),
-                Kind::Scan => trace.scans.extend(conversion.apply(body).map(scan_row)),
-                Kind::Token => trace.tokens.extend(conversion.apply(body).map(token_row)),
-                Kind::Timing => trace.timings.extend(conversion.apply::<LoopTiming>(body)),
-                Kind::Event => trace.events.extend(conversion.apply::<Event>(body)),
             }
         }
         if trace.samples.is_empty() {
             return Err(TraceError::Empty { file: path.display().to_string() });
         }
-        trace.begin_ns = trace.samples.iter().map(|sample| sample.scan_ns).min().unwrap_or(0);
+        trace.begin_ns = trace.samples.iter().map(|sample| sample.scan_time_ns).min().unwrap_or(0);
         trace.events.sort_by_key(|event| event.time_ns);
         if let Some(end) = recording.end_record() {
             let of = |name: &str, counter: &str| {
@@ -199,126 +89,57 @@ impl Trace {
         Ok(trace)
     }
 
+    fn add(&mut self, recording: &Recording, message: &RawMessage) {
+        let Some(channel) = recording.channel(message) else { return };
+        match channel.schema_name.as_str() {
+            Sample::ROS_NAME => self.samples.extend(decoded::<Sample>(channel, message)),
+            MotorCommand::ROS_NAME => {
+                self.commands.extend(decoded::<MotorCommand>(channel, message))
+            }
+            CardScan::ROS_NAME => self.scans.extend(decoded::<CardScan>(channel, message)),
+            EnableToken::ROS_NAME => self.tokens.extend(decoded::<EnableToken>(channel, message)),
+            LoopTiming::ROS_NAME => self.timings.extend(decoded::<LoopTiming>(channel, message)),
+            Event::ROS_NAME => self.events.extend(decoded::<Event>(channel, message)),
+            _ => {}
+        }
+    }
+
     /// Seconds since the first scan; negative before it.
     pub fn seconds(&self, time_ns: u64) -> f64 {
         (time_ns as i128 - i128::from(self.begin_ns)) as f64 * 1e-9
     }
-
-    /// The samples by tick, each tick once: a successor may publish a scan again that its
-    /// predecessor published last.
-    pub fn by_tick(&self) -> Vec<SampleRow> {
-        by_tick(&self.samples)
-    }
 }
 
-/// See [`Trace::by_tick`].
-pub(crate) fn by_tick(samples: &[SampleRow]) -> Vec<SampleRow> {
-    let mut rows = samples.to_vec();
+/// A message of this build's type; `None` where it cannot be decoded, which the check counts.
+fn decoded<T: Message>(channel: &Channel, message: &RawMessage) -> Option<T> {
+    let layout = channel.layout.as_ref().ok()?;
+    layout.conversion::<T>().apply(layout.body(message.data()).ok()?)
+}
+
+/// The samples by tick, each tick once: a restarted acquisition may publish a scan again that its
+/// predecessor published last.
+pub(crate) fn by_tick(samples: &[Sample]) -> Vec<&Sample> {
+    let mut rows: Vec<&Sample> = samples.iter().collect();
     rows.sort_by_key(|row| row.tick);
     rows.dedup_by_key(|row| row.tick);
     rows
 }
 
-/// What a topic is looked at for.
-#[derive(Clone, Copy, Debug)]
-enum Kind {
-    Sample,
-    Command,
-    Scan,
-    Token,
-    Timing,
-    Event,
+/// Master position of axis 0 (rad or m); NaN where it has no encoder.
+pub(crate) fn master(sample: &Sample) -> f64 {
+    present(sample.master_present, sample.master_position)
 }
 
-impl Kind {
-    fn of(topic: &str) -> Option<Self> {
-        let per_process = |name: fn(Process) -> Option<&'static str>| {
-            Process::ALL.iter().any(|process| name(*process) == Some(topic))
-        };
-        match topic {
-            _ if topic == SAMPLE.topic.name => Some(Self::Sample),
-            _ if topic == COMMAND.topic.name => Some(Self::Command),
-            _ if topic == CARD_SCAN.topic.name => Some(Self::Scan),
-            _ if topic == TOKEN.topic.name => Some(Self::Token),
-            _ if per_process(|process| timing_topic(process).map(|t| t.topic.name)) => {
-                Some(Self::Timing)
-            }
-            _ if per_process(|process| event_topic(process).map(|t| t.topic.name)) => {
-                Some(Self::Event)
-            }
-            _ => None,
-        }
-    }
-
-    /// Recordings of older builds may have other layouts.
-    fn conversion(self, layout: &Layout) -> Conversion {
-        match self {
-            Self::Sample => layout.conversion::<Sample>(),
-            Self::Command => layout.conversion::<MotorCommand>(),
-            Self::Scan => layout.conversion::<CardScan>(),
-            Self::Token => layout.conversion::<EnableToken>(),
-            Self::Timing => layout.conversion::<LoopTiming>(),
-            Self::Event => layout.conversion::<Event>(),
-        }
-    }
+/// Slave position of axis 0 (rad or m); NaN where it has no encoder.
+pub(crate) fn slave(sample: &Sample) -> f64 {
+    present(sample.slave_present, sample.slave_position)
 }
 
-fn sample_row(s: Sample) -> SampleRow {
-    let present = |bits: u8, value: f64| if bits & 1 == 1 { value } else { f64::NAN };
-    SampleRow {
-        incarnation: s.incarnation,
-        sequence: s.sequence,
-        time_ns: s.time_ns,
-        tick: s.tick,
-        scan_ns: s.scan_time_ns,
-        master: present(s.master_present, s.master_position[0]),
-        slave: present(s.slave_present, s.slave_position[0]),
-        torque: present(s.torque_present, s.slave_torque[0]),
-        motor_v: s.motor_v[0],
-        gate_state: s.gate_state,
-        gate_cause: s.gate_cause,
-        cycles_missed: s.cycles_missed,
-        profile: s.profile,
-    }
+/// Torque of the hand on axis 0 (N·m or N); NaN where it has no torque cell.
+pub(crate) fn torque(sample: &Sample) -> f64 {
+    present(sample.torque_present, sample.slave_torque)
 }
 
-fn command_row(c: MotorCommand) -> CommandRow {
-    CommandRow {
-        incarnation: c.incarnation,
-        sequence: c.sequence,
-        time_ns: c.time_ns,
-        sample_tick: c.sample_tick,
-        sample_ns: c.sample_time_ns,
-        volts: c.volts[0],
-        reference: c.reference_position[0],
-        cycles_missed: c.cycles_missed,
-        profile: c.profile,
-    }
-}
-
-fn scan_row(s: CardScan) -> ScanRow {
-    ScanRow {
-        scan_ns: s.scan_time_ns,
-        dac_v: s.dac_v[0],
-        motor_v: s.motor_v[0],
-        profile: s.profile,
-    }
-}
-
-fn token_row(t: EnableToken) -> TokenRow {
-    TokenRow {
-        incarnation: t.incarnation,
-        time_ns: t.time_ns,
-        epoch: t.epoch,
-        enabled: t.enabled == 1,
-        state: t.state,
-        cause: t.cause,
-        cycles_missed: t.cycles_missed,
-        profile: t.profile,
-    }
-}
-
-/// In the JSON: `realtime` only when every message says so.
-pub(crate) fn is_realtime(code: u8) -> bool {
-    Profile::from_code(code) == Some(Profile::Realtime)
+fn present(bits: u8, [first, ..]: [f64; AXES]) -> f64 {
+    if bits & 1 == 1 { first } else { f64::NAN }
 }
