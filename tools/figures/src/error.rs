@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,21 +15,21 @@ pub enum FiguresError {
     /// A figure or the page could not be drawn.
     #[error(transparent)]
     Report(#[from] report::Error),
-    /// A rig file that is built in is not in order.
+    /// A built-in rig file is invalid.
     #[error(transparent)]
     Rig(#[from] rig::RigError),
     /// The learning could not be simulated.
     #[error(transparent)]
     IlcTask(#[from] lock_step::ilc::IlcError),
-    /// A published value that is asked for is not in the table.
+    /// No such published value.
     #[error("no published value `{0}`; its id must stand in the table of published values")]
     Published(&'static str),
-    /// A result that a figure shows was not computed.
+    /// A figure shows a result that was not computed.
     #[error(
         "no case `{0}` in the learning study; the figure that shows it must name one that is there"
     )]
     Missing(&'static str),
-    /// The model has no resonance where one is looked for.
+    /// The model has no resonance in the range searched.
     #[error("{what}: no peak between {low} and {high} Hz; widen the range or change the constants")]
     NoPeak {
         /// Which line.
@@ -39,7 +39,7 @@ pub enum FiguresError {
         /// Its end, Hz.
         high: f64,
     },
-    /// The folder holds what this command did not write.
+    /// The folder holds a file that this command did not write.
     #[error("{}: holds {found}, which `farreach figures` did not write; nothing was changed: \
         choose another folder with --out", folder.display())]
     NotOurs {
@@ -51,15 +51,15 @@ pub enum FiguresError {
     /// Not a folder.
     #[error("{}: expected a folder, found a file; choose another folder with --out", .0.display())]
     NotAFolder(PathBuf),
-    /// The system refused.
+    /// A system call failed.
     #[error("{}: cannot {doing}: {source}; choose a folder that you may write to with \
         --out", path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         doing: &'static str,
-        /// With what.
+        /// Its file or folder.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
 }

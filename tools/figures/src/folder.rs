@@ -1,11 +1,11 @@
-//! The folder that the figures are written into: whole, or not at all.
+//! The output folder, written completely or not at all.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{FiguresError, Result};
 
-/// Stands in every folder that this command wrote, so that the next run may replace it.
+/// A file that marks a folder of this command, so that the next run may replace it.
 const MARK: &str = ".farreach-figures";
 
 /// Error per block of the learning, as a table.
@@ -30,7 +30,7 @@ pub(crate) fn check(folder: &Path) -> Result<PathBuf> {
             }
         }
     }
-    // Making and dropping what will be made again at the end tells now whether it can be.
+    // Fails now, before the computation, where nothing can be written.
     beside(&folder)?;
     Ok(folder)
 }
@@ -55,7 +55,7 @@ pub(crate) fn write(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
         fs::rename(folder, &old).map_err(io("replace", folder))?;
     }
     fs::rename(&fresh, folder).map_err(|error| {
-        // Back as it was; if that fails too, the first error says more.
+        // Restores the old folder; if that fails too, the first error says more.
         let _ = fs::rename(&old, folder);
         io("make", folder)(error)
     })

@@ -15,7 +15,7 @@ use report::{Page, Table};
 use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
 
 use crate::error::Result;
-use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, RIGS, by_model};
+use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, by_model, rigs};
 use crate::row::{Row, short};
 
 /// Amplitude of the sine, which the thesis does not print (°).
@@ -157,10 +157,9 @@ pub const PARTS: usize = LawKind::ALL.len();
 /// [`Guided::with_learnt`].
 ///
 /// # Errors
-/// Where the rig file that is built in is not in order.
+/// Where the built-in rig file is invalid.
 pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
-    let (name, text) = RIGS[1];
-    let rig = lock_step::simplified(RigFile::parse(text, name)?);
+    let [_, rig] = rigs()?;
     let of_law = |law: LawKind| -> Result<Vec<Cell>> {
         let cells = HERTZ
             .into_par_iter()
@@ -236,9 +235,8 @@ impl Guided {
             );
             for (name, unit, value, what) in values(quality) {
                 let id = format!("hydrostatic.guided.{hertz}hz.{}.{name}", law.id());
-                rows.push(
-                    Row::own(id, "4.1", unit, None, Some(value)).note(format!("{what}; {note}")),
-                );
+                let row = Row::own(id, "4.1", unit, [None, Some(value)]);
+                rows.push(row.note(format!("{what}; {note}")));
             }
         }
         rows
@@ -277,17 +275,17 @@ type Measure = (&'static str, fn(&Quality) -> String);
 /// The tables on the page, one a measure.
 const MEASURES: [Measure; 4] = [
     ("Error of the slave, root mean square in ° (of the master)", |quality| {
-        let [slave, master] = [quality.slave_error, quality.master_error]
-            .map(|error| short(Some(error.to_degrees())));
+        let [slave, master] =
+            [quality.slave_error, quality.master_error].map(|error| short(error.to_degrees()));
         format!("{slave} ({master})")
     }),
     ("Longest time for which the slave stands still, ms", |quality| {
         format!("{:.0}", 1e3 * quality.plateau_s)
     }),
     ("Jerk of the slave, root mean square over 10 ms in 10⁶ °/s³", |quality| {
-        short(Some(1e-6 * quality.jerk.to_degrees()))
+        short(1e-6 * quality.jerk.to_degrees())
     }),
-    ("Effort: volts of the motor, root mean square", |quality| short(Some(quality.effort_v))),
+    ("Effort: volts of the motor, root mean square", |quality| short(quality.effort_v)),
 ];
 
 /// The tables on the page.
@@ -297,14 +295,12 @@ pub fn on_page(page: Page, study: &Guided) -> Page {
     let mut page = page.heading("Guided movement under each law of position \
         control").paragraph(&format!(
         "A sine of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. A master that follows \
-            perfectly leaves the slave {:.1}° of error by \
-         the ratio of the pistons alone; only the loop on the slave and learning do something \
-         about that, by moving the master's \
-         reference, so their master's error is meant. Learning: feedback alone, after {BLOCKS} \
-         blocks of three cycles by the published law \
-         (learnt at 1 Hz alone) and {MODEL_BASED_BLOCKS} by the model-based one; 3 Hz is no whole \
-         number of control steps. Settled for \
-         {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
+            perfectly leaves the slave {:.1}° of error by the ratio of the pistons alone; only the \
+            loop on the slave and learning do something about that, by moving the master's \
+            reference, so their master's error is meant. Learning: feedback alone, after {BLOCKS} \
+            blocks of three cycles by the published law (learnt at 1 Hz alone) and \
+            {MODEL_BASED_BLOCKS} by the model-based one; 3 Hz is no whole number of control steps. \
+            Settled for {SETTLE_S} s or more, measured over {KEEP_S} s or more.",
         (1.0 - ratio) * AMPLITUDE_DEG * std::f64::consts::FRAC_1_SQRT_2,
     ));
     for (title, told) in MEASURES {

@@ -19,10 +19,21 @@ pub const MODEL_BASED_BLOCKS: usize = 12;
 /// The block of fig. 4.5, in the middle of the learning.
 pub const MIDDLE: usize = 20;
 
-pub(crate) const RIGS: [(&str, &str); 2] = [
-    ("hydrostatic-printed.toml", include_str!("../../../launch/rigs/hydrostatic-printed.toml")),
-    ("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml")),
-];
+/// The rig files of the printed constants and of the traced line, without what the thesis does not
+/// simulate.
+///
+/// # Errors
+/// Where a built-in rig file is invalid.
+pub(crate) fn rigs() -> Result<[RigFile; 2]> {
+    let rig = |name: &str, text: &str| RigFile::parse(text, name).map(lock_step::simplified);
+    Ok([
+        rig(
+            "hydrostatic-printed.toml",
+            include_str!("../../../launch/rigs/hydrostatic-printed.toml"),
+        )?,
+        rig("hydrostatic.toml", include_str!("../../../launch/rigs/hydrostatic.toml"))?,
+    ])
+}
 
 /// How a learning went.
 #[derive(Clone, Debug, Default)]
@@ -162,11 +173,9 @@ pub const PARTS: usize = 4 + CHANGES.len();
 /// Lets the lock-step rig learn; calls `done` after each part.
 ///
 /// # Errors
-/// Where a rig file that is built in is not in order.
+/// Where a built-in rig file is invalid.
 pub fn learn(done: impl Fn() + Sync) -> Result<Learning> {
-    let rigs = RIGS.map(|(name, text)| RigFile::parse(text, name).map(lock_step::simplified));
-    let [printed, traced] = rigs;
-    let rigs = [printed?, traced?];
+    let rigs = rigs()?;
     let benches = rigs.clone().map(feedback_only);
     let plain = IlcTask::of_the_thesis(LearningLaw::Published(PUBLISHED));
     let base = |at: usize| -> Result<Course> {

@@ -10,14 +10,13 @@
 //! page: /home/lab/figures/index.html
 //! ```
 //!
-//! - [`published`] is the table of what the thesis says, [`row`] one line of the comparison;
-//! - [`mod@line`] is what is simulated, [`measure`] how a peak, a cut-off or a cycle is read off
-//!   it;
-//! - [`calibration`] closes the loop: one softening fitted to one measured number, everything else
-//!   predicted, over all that the thesis leaves open, and against other explanations;
+//! - [`published`] is the table of published values, [`row`] one line of the comparison;
+//! - [`mod@line`] is the simulated line, [`measure`] finds its peak, cut-off or cycle;
+//! - [`calibration`] fits one softening to one measured number and predicts everything else, over
+//!   all that the thesis leaves open, and compares it with alternative explanations;
 //! - [`guided`] compares the laws of position control on the lock-step rig (§ 4.1);
-//! - [`mod@learning`] lets the lock-step rig learn a movement (§ 4.3);
-//! - [`plots`] holds the figures, [`study`] computes all of it, [`page`] shows it.
+//! - [`mod@learning`] runs iterative learning control on the lock-step rig (§ 4.3);
+//! - [`plots`] draws the figures, [`study`] computes everything, [`page`] shows it.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;

@@ -1,8 +1,9 @@
-//! The page: what was traced first, then every figure.
+//! The page: the calibration, then every figure.
 
 use plant::hydrostatic::compliance::Explanations;
 use report::{Page, Table, Tone};
 
+use crate::calibration::alternatives::{Alternative, held_rows};
 use crate::calibration::cable::{CableCell, cut_off_range_hz};
 use crate::calibration::grid::Friction;
 use crate::error::Result;
@@ -13,8 +14,7 @@ use crate::study::Study;
 
 /// Under each table of values.
 const VALUES: &str = "Published value, the model with the printed constants, the model with the \
-    traced line, and the traced line's error. \
-    Rows of kind \"own\" are not in the thesis.";
+    traced line, and the traced line's error. Rows of kind \"own\" are not in the thesis.";
 
 /// The page of a study; `json` is what `--json` prints.
 ///
@@ -40,7 +40,7 @@ pub fn page(study: &Study, json: &str) -> Result<Page> {
         .footer(concat!("farreach figures ", env!("CARGO_PKG_VERSION"))))
 }
 
-/// What it comes to, in two sentences.
+/// The result in two sentences.
 ///
 /// # Errors
 /// Where a published value is missing from the table.
@@ -52,15 +52,14 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
         "The printed constants peak at {} Hz; the rig peaked at {measured} Hz. A line {} times \
             softer peaks there.",
         short(p.peak_hz),
-        short(Some(1.0 / calibration.factor))
+        short(1.0 / calibration.factor)
     );
     let holds = study.conclusions.iter().filter(|conclusion| conclusion.survives()).count();
     let detail = format!(
         "Fitted to that one number, it predicts a cut-off of {} Hz (measured 12), a lag of {} ms \
-            at 1 Hz (measured about 30) and, at \
-         1 m, a peak of {} Hz (eq. 3.3.2: 49.2). Amplitude and friction of the measurement are not \
-         known: of {} statements \
-         tried over both, {holds} hold everywhere.",
+            at 1 Hz (measured about 30) and, at 1 m, a peak of {} Hz (eq. 3.3.2: 49.2). Amplitude \
+            and friction of the measurement are not known: of {} statements tried over both, \
+            {holds} hold everywhere.",
         short(t.cut_off_hz),
         short(t.lag_1hz_s.map(|lag| 1e3 * lag)),
         short(t.short_peak_hz),
@@ -70,37 +69,34 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
 }
 
 fn calibration(page: Page, study: &Study) -> Result<Page> {
-    let share = |friction: Friction| short(Some(friction.share()));
+    let share = |friction: Friction| short(friction.share());
     Ok(page
-        .heading("The loop, closed on published measurements")
+        .heading("Calibration against published measurements")
         .paragraph(
-            "One number was fitted, the stiffness of the line, to one number, the measured \
-                resonance. Everything else is predicted. \
-             Explanations other than a softer line were given whatever size makes them peak at 8 \
-             Hz, and then had to predict the same.",
+            "One parameter, the stiffness of the line, was fitted to one number, the measured \
+                resonance. Everything else is predicted. Each alternative to a softer line was \
+                fitted so that it, too, peaks at 8 Hz, and then had to predict the same values.",
         )
         .table(
             explanations(study)?,
             "Explanations of the measured 8 Hz. The miss is the root mean square of \
-                ln(predicted/published), over the two rows measured on \
-             the rig, and over all five. A dash: no size gives 8 Hz. None: there is no such \
-             cut-off or peak within five times the resonance; an \
-             explanation with such a row is not ranked.",
+                ln(predicted/published), over the two rows measured on the rig, and over all five. \
+                A dash: no size gives 8 Hz. None: there is no such cut-off or peak within five \
+                times the resonance; an explanation with such a row is not ranked.",
         )
-        .paragraph(&rival_words(study)?)
+        .paragraph(&alternatives_text(study)?)
         .paragraph(&softening_words(study))
         .table(
             statements(study),
-            "Statements tried in every cell of the grid below. One cell against a \
-            statement takes it back.",
+            "Statements tested in every cell of the grid below. A statement holds only where no \
+                cell contradicts it.",
         )
         .table(
             grid_cells(study),
             &format!(
                 "The same fit over what the thesis leaves open. Friction as printed (2.74 N·m at \
-                    the motor), as measured \
-                 (0.95 N·m, {} times the printed), and half-way ({} times). Gain at 1 Hz, lag at 1 \
-                 Hz.",
+                    the motor), as measured (0.95 N·m, {} times the printed), and half-way ({} \
+                    times). Gain and lag at 1 Hz.",
                 share(Friction::Measured),
                 share(Friction::Between)
             ),
@@ -108,33 +104,31 @@ fn calibration(page: Page, study: &Study) -> Result<Page> {
         .paragraph(&cable_words(study)?)
         .table(
             cable_cells(&study.cable),
-            "The cable's stiffness, fitted anew for each amplitude and each damping of half a \
-                cable. The thesis prints neither.",
+            "The cable's stiffness, fitted separately for each amplitude and each damping of half \
+                a cable. The thesis prints neither.",
         ))
 }
 
-/// What a line this much softer would mean for its parts.
+/// The softening expressed as a property of hose, oil or belts.
 fn softening_words(study: &Study) -> String {
     let by = study.common.calibration.softening_as();
     format!(
-        "What could soften the line so much, each by itself: a hose wall of {} GPa (2 mm thick, \
-            assumed; polyamide has 1 to 3 GPa), \
-         {} % of gas in the oil by volume (badly bled oil holds as much), belts of {} kN/m (a \
-         toothed belt of 10 mm is ten times \
-         stiffer), or a bulk modulus of {} GPa where 1.86 is printed. Plausible by themselves: {}. \
-         The published numbers \
-         cannot tell compliance from a misprinted bulk modulus: simulated with the one and with \
-         the other, the gains differ by at most {}.",
-        short(Some(1e-9 * by.wall_modulus_pa)),
-        short(Some(1e2 * by.gas_fraction)),
-        short(Some(1e-3 * by.belt_stiffness_n_per_m)),
-        short(Some(1e-9 * by.bulk_modulus_pa)),
+        "Possible causes of such a softening, each taken alone: a hose wall of {} GPa (2 mm thick, \
+            assumed; polyamide has 1 to 3 GPa), {} % of gas in the oil by volume (badly bled oil \
+            holds as much), belts of {} kN/m (a toothed belt of 10 mm is ten times stiffer), or a \
+            bulk modulus of {} GPa where 1.86 is printed. Within the usual range: {}. The \
+            published numbers cannot tell compliance from a misprinted bulk modulus: the gains \
+            simulated with the one and with the other differ by at most {}.",
+        short(1e-9 * by.wall_modulus_pa),
+        short(1e2 * by.gas_fraction),
+        short(1e-3 * by.belt_stiffness_n_per_m),
+        short(1e-9 * by.bulk_modulus_pa),
         plausible(&by),
-        short(Some(study.common.calibration.misprint_difference)),
+        short(study.common.calibration.misprint_difference),
     )
 }
 
-/// Every statement, and whether it holds in each cell of the grid.
+/// Every statement, and in how many cells of the grid it fails.
 fn statements(study: &Study) -> Table {
     let mut statements = Table::new(["holds", "statement", "over the grid"]);
     for conclusion in &study.conclusions {
@@ -144,12 +138,7 @@ fn statements(study: &Study) -> Table {
             format!("no ({} of {} cells against)", conclusion.against.len(), study.cells.len())
         };
         let range = conclusion.range.map_or_else(String::new, |(low, high, unit)| {
-            format!(
-                "{} to {} {}",
-                short(Some(low)),
-                short(Some(high)),
-                if unit == "1" { "" } else { unit }
-            )
+            format!("{} to {} {}", short(low), short(high), if unit == "1" { "" } else { unit })
         });
         statements = statements.row([holds, conclusion.statement.clone(), range]);
     }
@@ -184,7 +173,7 @@ fn grid_cells(study: &Study) -> Table {
     cells
 }
 
-/// What the cable's fit comes to over its own grid.
+/// Result of the cable's fit over its own grid.
 fn cable_words(study: &Study) -> Result<String> {
     let measured = published("cable.cutoff_hz")?.value;
     Ok(match cut_off_range_hz(&study.cable) {
@@ -192,18 +181,18 @@ fn cable_words(study: &Study) -> Result<String> {
             let off = |cut_off: f64| format!("{:+.0} %", 100.0 * (cut_off / measured - 1.0));
             format!(
                 "The cable transmission too has one number fitted, the stiffness of its cables, to \
-                    the same 8 Hz. It then cuts off at {} to {} Hz, \
-                 by amplitude and damping, where {measured} Hz were measured ({} to {}).",
-                short(Some(low)),
-                short(Some(high)),
+                    the same 8 Hz. It then cuts off at {} to {} Hz, by amplitude and damping, \
+                    where {measured} Hz were measured ({} to {}).",
+                short(low),
+                short(high),
                 off(low),
                 off(high)
             )
         }
         None => {
-            "The cable transmission too has one number fitted, the stiffness of its cables, to \
-            the same 8 Hz; not every amplitude and \
-                 damping below has such a stiffness and a cut-off."
+            "The cable transmission too has one number fitted, the stiffness of its cables, to the \
+                same 8 Hz; not every amplitude and damping below has such a stiffness and a \
+                cut-off."
                 .to_owned()
         }
     })
@@ -241,25 +230,26 @@ fn plausible(by: &Explanations) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
+/// What each explanation of the measured resonance predicts, in a column of its own.
 fn explanations(study: &Study) -> Result<Table> {
-    let mut header = ["row", "published", "as printed"].map(str::to_owned).to_vec();
-    header.extend(study.rivals.iter().map(|rival| rival.short.to_owned()));
-    let mut table = Table::new(header);
-    let mut sizes = vec!["size, fitted".to_owned(), "–".to_owned(), "–".to_owned()];
-    sizes.extend(study.rivals.iter().map(|rival| match rival.size {
-        Some(size) if rival.unit == "1" => short(Some(size)),
-        Some(size) => format!("{} {}", short(Some(size)), rival.unit),
-        None => "–".to_owned(),
+    let dash = || "–".to_owned();
+    let row = |[name, published, printed]: [String; 3], cell: &dyn Fn(&Alternative) -> String| {
+        let cells = study.alternatives.iter().map(cell);
+        [name, published, printed].into_iter().chain(cells).collect::<Vec<String>>()
+    };
+    let header = ["row", "published", "as printed"].map(str::to_owned);
+    let mut table = Table::new(row(header, &|of| of.short.to_owned()));
+    table = table.row(row(["size, fitted".to_owned(), dash(), dash()], &|of| match of.size {
+        Some(size) if of.unit == "1" => short(size),
+        Some(size) => format!("{} {}", short(size), of.unit),
+        None => dash(),
     }));
-    table = table.row(sizes);
+    let printed = &study.common.calibration.printed;
     let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
-    let mut first = vec![
-        format!("resonance / Hz, {}, fitted", resonance.kind.name()),
-        short(Some(resonance.value)),
-        short(study.common.calibration.printed.peak_hz),
-    ];
-    first.extend(study.rivals.iter().map(|rival| short(rival.prediction.peak_hz)));
-    table = table.row(first);
+    let name = format!("resonance / Hz, {}, fitted", resonance.kind.name());
+    table = table.row(row([name, short(resonance.value), short(printed.peak_hz)], &|of| {
+        short(of.prediction.peak_hz)
+    }));
     let names = [
         "cut-off / Hz",
         "lag at 1 Hz / s",
@@ -267,52 +257,43 @@ fn explanations(study: &Study) -> Result<Table> {
         "peak at 1 m / Hz",
         "cut-off at 1 m / Hz",
     ];
-    for (name, (row, read)) in names.into_iter().zip(crate::calibration::rivals::held_rows()?) {
-        let mut cells = vec![
-            format!("{name}, {}, predicted", row.kind.name()),
-            short(Some(row.value)),
-            short(read(&study.common.calibration.printed)),
-        ];
-        cells.extend(study.rivals.iter().map(|rival| match read(&rival.prediction) {
-            None if rival.size.is_some() => "none".to_owned(),
-            value => short(value),
-        }));
-        table = table.row(cells);
+    for (name, (published, read)) in names.into_iter().zip(held_rows()?) {
+        let name = format!("{name}, {}, predicted", published.kind.name());
+        table = table.row(row(
+            [name, short(published.value), short(read(printed))],
+            &|of| match read(&of.prediction) {
+                None if of.size.is_some() => "none".to_owned(),
+                value => short(value),
+            },
+        ));
     }
     for (name, only_measured) in [("miss, measured / %", true), ("miss, all / %", false)] {
-        let mut cells = vec![name.to_owned(), "–".to_owned(), "–".to_owned()];
-        for rival in &study.rivals {
-            cells.push(short(rival.miss_percent(only_measured)?));
-        }
-        table = table.row(cells);
+        let miss = |of: &Alternative| of.miss_percent(only_measured);
+        let misses = study.alternatives.iter().map(miss).collect::<Result<Vec<_>>>()?;
+        let head = [name.to_owned(), dash(), dash()];
+        table =
+            table.row(head.into_iter().chain(misses.into_iter().map(short)).collect::<Vec<_>>());
     }
     Ok(table)
 }
 
-/// Which explanation misses least.
-fn rival_words(study: &Study) -> Result<String> {
-    let mut words: Vec<String> = study
-        .rivals
-        .iter()
-        .map(|rival| format!("{}: {}.", capital(rival.short), rival.what))
-        .collect();
-    let without: Vec<&str> =
-        study.rivals.iter().filter(|rival| rival.size.is_none()).map(|rival| rival.short).collect();
+/// What the explanations are, and which of them misses least.
+fn alternatives_text(study: &Study) -> Result<String> {
+    let all = &study.alternatives;
+    let mut words: Vec<String> =
+        all.iter().map(|of| format!("{}: {}.", capital(of.short), of.what)).collect();
+    let without: Vec<&str> = all.iter().filter(|of| of.size.is_none()).map(|of| of.short).collect();
     if !without.is_empty() {
         words.push(format!("No size gives 8 Hz: {}.", without.join(", ")));
     }
     for (rows, only_measured) in [("the rows measured on the rig", true), ("all five rows", false)]
     {
-        let mut best: Option<(&str, f64)> = None;
-        for rival in &study.rivals {
-            if let Some(miss) = rival.miss_percent(only_measured)?
-                && best.is_none_or(|(_, least)| miss < least)
-            {
-                best = Some((rival.short, miss));
-            }
+        let mut misses = Vec::new();
+        for of in all {
+            misses.extend(of.miss_percent(only_measured)?.map(|miss| (miss, of.short)));
         }
-        if let Some((name, miss)) = best {
-            words.push(format!("On {rows} \"{name}\" misses least, by {} %.", short(Some(miss))));
+        if let Some((miss, name)) = misses.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) {
+            words.push(format!("On {rows} \"{name}\" misses least, by {} %.", short(miss)));
         }
     }
     Ok(words.join(" "))

@@ -2,10 +2,11 @@
 
 use serde::Serialize;
 
-use crate::published::Published;
+use crate::error::Result;
+use crate::published::{Published, published};
 
 /// What a value has to do with the fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     /// Went into the model's constants.
@@ -13,6 +14,7 @@ pub enum Role {
     /// The softening was fitted to it.
     Fitted,
     /// Took no part in any fit.
+    #[default]
     Predicted,
 }
 
@@ -29,7 +31,7 @@ impl Role {
 
 /// A published value (or none), beside the model's with the printed constants and with the traced
 /// effect.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     /// Name, stable.
     pub id: String,
@@ -69,49 +71,35 @@ pub struct Row {
 }
 
 impl Row {
-    /// Beside a published value.
-    pub fn beside(
-        published: &Published,
-        role: Role,
-        printed_constants: Option<f64>,
-        traced: Option<f64>,
-    ) -> Self {
-        let error = |ours: Option<f64>| ours.map(|ours| error_percent(ours, published));
-        Self {
+    /// Beside the published value of that name; `ours` with the printed constants and with the
+    /// traced effect.
+    ///
+    /// # Errors
+    /// [`crate::FiguresError::Published`].
+    pub fn beside(id: &'static str, role: Role, ours: [Option<f64>; 2]) -> Result<Self> {
+        let published = published(id)?;
+        let [printed, traced] = ours.map(|ours| Some(error_percent(ours?, published)));
+        Ok(Self {
+            role,
             published: Some(published.value),
             kind: Some(published.kind.name()),
             section: Some(published.section),
-            printed_constants_error_percent: error(printed_constants),
-            traced_error_percent: error(traced),
-            ..Self::own(published.id, published.figure, published.unit, printed_constants, traced)
-        }
-        .role(role)
+            printed_constants_error_percent: printed,
+            traced_error_percent: traced,
+            ..Self::own(id, published.figure, published.unit, ours)
+        })
     }
 
-    /// A value that the thesis does not give.
+    /// A value that the thesis does not give: with the printed constants and with the traced
+    /// effect.
     pub fn own(
         id: impl Into<String>,
         figure: &str,
         unit: &str,
-        printed_constants: Option<f64>,
-        traced: Option<f64>,
+        [printed_constants, traced]: [Option<f64>; 2],
     ) -> Self {
-        Self {
-            id: id.into(),
-            figure: figure.to_owned(),
-            unit: unit.to_owned(),
-            role: Role::Predicted,
-            published: None,
-            printed_constants,
-            traced,
-            kind: None,
-            section: None,
-            printed_constants_error_percent: None,
-            traced_error_percent: None,
-            note: None,
-            survives: None,
-            contradicted_by: None,
-        }
+        let (id, figure, unit) = (id.into(), figure.to_owned(), unit.to_owned());
+        Self { id, figure, unit, printed_constants, traced, ..Self::default() }
     }
 
     /// The same with another role.
@@ -135,9 +123,9 @@ fn error_percent(ours: f64, published: &Published) -> f64 {
     100.0 * (ours / published.value - 1.0)
 }
 
-/// A number as a reader wants it: three digits, a dash where there is none.
-pub fn short(value: Option<f64>) -> String {
-    let Some(value) = value.filter(|value| value.is_finite()) else {
+/// A number for a reader: three digits, a dash where there is none.
+pub fn short(value: impl Into<Option<f64>>) -> String {
+    let Some(value) = value.into().filter(|value| value.is_finite()) else {
         return "–".to_owned();
     };
     if value == 0.0 {

@@ -1,4 +1,4 @@
-//! The thin edge: computes, then prints and writes.
+//! Runs the command: computes, then prints and writes.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use crate::folder::ERRORS_CSV;
 use crate::study::{STEPS, Study, study};
 use crate::{folder, page};
 
-/// Where the figures go where nobody says.
+/// Default folder.
 const FOLDER: &str = "farreach-figures";
 /// Width of a PNG per column, pixels: 85 mm at 600 dots per inch.
 #[cfg(feature = "png")]
@@ -64,7 +64,7 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
         ("figures.json".to_owned(), format!("{json}\n").into_bytes()),
         (ERRORS_CSV.to_owned(), study.common.learning.csv().into_bytes()),
     ];
-    // Rendering takes as long as a figure's simulations do: on all cores.
+    // Rendering a figure takes as long as its simulations: on all cores.
     let drawn: Result<Vec<_>> = study
         .plots
         .par_iter()

@@ -1,12 +1,12 @@
-//! Everything that is computed, in one go.
+//! Computes all results.
 
 use plant::response::LinearSystem;
 use rayon::prelude::*;
 
+use crate::calibration::alternatives::{Alternative, FITTED, alternatives};
 use crate::calibration::cable::{self, CableCell};
 use crate::calibration::conclusions::{Conclusion, conclusions};
 use crate::calibration::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
-use crate::calibration::rivals::{FITTED, Rival, rivals};
 use crate::calibration::{SHORT_M, calibrate, rows};
 use crate::error::Result;
 use crate::guided;
@@ -27,11 +27,11 @@ pub struct Study {
     pub cells: Vec<Cell>,
     /// The cable's fit over amplitude and damping.
     pub cable: Vec<CableCell>,
-    /// Other explanations.
-    pub rivals: Vec<Rival>,
-    /// What holds everywhere, and what does not.
+    /// Alternative explanations.
+    pub alternatives: Vec<Alternative>,
+    /// The statements, and where they fail.
     pub conclusions: Vec<Conclusion>,
-    /// All rows, of figures and loop.
+    /// All rows, of the figures and the calibration.
     pub rows: Vec<Row>,
 }
 
@@ -70,7 +70,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
         guided,
     };
     done();
-    let (figures, loop_results) = rayon::join(
+    let (figures, calibration_results) = rayon::join(
         || {
             PLOTS
                 .par_iter()
@@ -83,18 +83,19 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
         },
         || {
             let cells = grid(&AMPLITUDES_DEG, &done)?;
-            let rivals = rivals(common.calibration.factor, common.calibration.traced, &done)?;
-            Result::Ok((cells, rivals, cable::cells(&done)?))
+            let alternatives =
+                alternatives(common.calibration.factor, common.calibration.traced, &done)?;
+            Result::Ok((cells, alternatives, cable::cells(&done)?))
         },
     );
     let plots = figures?;
-    let (cells, rivals, cable) = loop_results?;
+    let (cells, alternatives, cable) = calibration_results?;
     let conclusions = conclusions(&cells, common.calibration.factor)?;
     let mut all: Vec<Row> = plots.iter().flat_map(|figure| figure.rows.clone()).collect();
-    all.extend(rows::rows(&common.calibration, &cells, &rivals, &conclusions)?);
+    all.extend(rows::rows(&common.calibration, &cells, &alternatives, &conclusions)?);
     all.extend(cable::rows(&cable));
     all.extend(common.guided.rows());
-    Ok(Study { common, plots, cells, cable, rivals, conclusions, rows: all })
+    Ok(Study { common, plots, cells, cable, alternatives, conclusions, rows: all })
 }
 
 /// Points of a response to which a linear system is fitted.

@@ -195,9 +195,9 @@ fn cut_off_is_where_the_gain_is() {
 
 #[test]
 fn a_row_is_what_programs_expect() {
-    let cut_off = published("hydrostatic.frequency_response_measured.cutoff_hz").unwrap();
-    let json =
-        serde_json::to_value(Row::beside(cut_off, Role::Predicted, None, Some(13.2))).unwrap();
+    let cut_off = "hydrostatic.frequency_response_measured.cutoff_hz";
+    let row = Row::beside(cut_off, Role::Predicted, [None, Some(13.2)]).unwrap();
+    let json = serde_json::to_value(row).unwrap();
     for (key, expected) in
         [("figure", "5.7"), ("unit", "Hz"), ("role", "predicted"), ("kind", "measured")]
     {

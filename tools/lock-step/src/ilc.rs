@@ -1,5 +1,7 @@
 //! Iterative learning control on the lock-step rig: the movement of § 4.3, block by block.
 
+use std::ops::Range;
+
 use learning::spectral::Spectral;
 use learning::{
     BlockOutcome, BlockReport, Learner, LearnerConfig, LearningError, LearningLaw, ModelBased,
@@ -47,14 +49,12 @@ impl Trace {
         self.feedforward.push(moment.command.feedforward_v[0]);
     }
 
-    /// Its last `steps` control steps, time from 0.
+    /// The control steps in a range; none where it reaches beyond the end.
     #[must_use]
-    pub fn last(&self, steps: usize) -> Self {
-        let from = self.time_s.len().saturating_sub(steps);
-        let cut = |values: &[f64]| values[from.min(values.len())..].to_vec();
-        let begin_s = self.time_s.get(from).copied().unwrap_or_default();
+    pub fn part(&self, steps: Range<usize>) -> Self {
+        let cut = |values: &[f64]| values.get(steps.clone()).unwrap_or_default().to_vec();
         Self {
-            time_s: cut(&self.time_s).iter().map(|time_s| time_s - begin_s).collect(),
+            time_s: cut(&self.time_s),
             desired: cut(&self.desired),
             reference: cut(&self.reference),
             master: cut(&self.master),
@@ -64,6 +64,16 @@ impl Trace {
             volts: cut(&self.volts),
             feedforward: cut(&self.feedforward),
         }
+    }
+
+    /// Its last `steps` control steps, time from 0.
+    #[must_use]
+    pub fn last(&self, steps: usize) -> Self {
+        let end = self.time_s.len();
+        let mut last = self.part(end.saturating_sub(steps)..end);
+        let begin_s = last.time_s.first().copied().unwrap_or_default();
+        last.time_s.iter_mut().for_each(|time_s| *time_s -= begin_s);
+        last
     }
 }
 
@@ -144,7 +154,7 @@ pub enum IlcError {
     /// A cycle is not a whole number of control steps.
     #[error(
         "{hertz} Hz: expected a whole number of control steps in a cycle, found {steps} at \
-         {rate_hz} Hz"
+            {rate_hz} Hz"
     )]
     Period {
         /// Frequency of the movement (Hz).

@@ -74,7 +74,7 @@ pub enum LockStepError {
     /// this.
     #[error(
         "acquisition at {acquisition_hz} Hz and control at {control_hz} Hz: expected a multiple; \
-         change `rates`"
+            change `rates`"
     )]
     Rates {
         /// Rate of acquisition (Hz).

@@ -9,8 +9,8 @@ use crate::measure::cut_off;
 use crate::plots::cable::Cable;
 use crate::row::{Role, Row};
 
-/// Amplitudes of the slave where the cables are rigid, degrees; none is printed. Below, friction
-/// holds the slave at some frequencies, and there is no one peak.
+/// Amplitudes of the slave if the cables were rigid, degrees; none is printed. At smaller ones
+/// friction holds the slave at some frequencies, and there is no single peak.
 pub const AMPLITUDES_DEG: [f64; 2] = [20.0, 30.0];
 /// Damping of each half of a cable (N·s/m): as declared, and so much that the gain at the peak
 /// halves.
@@ -18,7 +18,7 @@ pub const DAMPINGS: [f64; 2] = [0.6, 5.0];
 /// Factors on the printed stiffness between which the fit looks.
 const FACTORS: (f64, f64) = (1.0 / 25.0, 1.0 / 90.0);
 
-/// One combination, with the stiffness fitted anew.
+/// One combination, with the stiffness fitted separately.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CableCell {
     /// Amplitude of the slave where the cables are rigid, degrees.
@@ -85,7 +85,7 @@ pub fn rows(cells: &[CableCell]) -> Vec<Row> {
             ("peak_gain", "1", Role::Predicted, cell.peak_gain),
             ("cutoff_hz", "Hz", Role::Predicted, cell.cut_off_hz),
         ] {
-            rows.push(Row::own(format!("{name}.{what}"), "5.7", unit, None, value).role(role));
+            rows.push(Row::own(format!("{name}.{what}"), "5.7", unit, [None, value]).role(role));
         }
     }
     rows

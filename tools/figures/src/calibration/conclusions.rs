@@ -1,20 +1,19 @@
-//! Which statements hold wherever the thesis leaves something open. Each is computed in every cell
-//! of the grid; one cell that contradicts it beyond its tolerance, or that cannot say, is enough to
-//! take it back.
+//! Statements that are tested in every cell of the grid over what the thesis leaves open. A
+//! statement fails if one cell contradicts it beyond its tolerance or has no value for it.
 
 use super::grid::Cell;
 use super::measured_resonance_hz;
 use crate::error::Result;
 use crate::published::published;
 
-/// A statement and the cells that are against it.
+/// A statement and the cells that contradict it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conclusion {
     /// Name for programs.
     pub id: &'static str,
     /// The statement.
     pub statement: String,
-    /// How large a deviation it bears, %.
+    /// Largest deviation that it allows, %.
     pub tolerance_percent: Option<f64>,
     /// Names of the cells that contradict it.
     pub against: Vec<String>,

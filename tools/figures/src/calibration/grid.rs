@@ -48,7 +48,7 @@ impl Friction {
     }
 }
 
-/// One combination, with everything fitted anew.
+/// One combination, fitted separately.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
     /// Amplitude, degrees.

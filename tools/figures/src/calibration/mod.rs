@@ -1,17 +1,16 @@
-//! The loop closed on published measurements: what the printed constants give, which softening of
-//! the line gives the measured resonance, and what that softening then says of all the other
-//! published numbers.
+//! Calibration against published measurements: what the printed constants predict, which softening
+//! of the line gives the measured resonance, and what the softened line then predicts.
 //!
-//! One number is fitted (`line_stiffness_factor`) to one number
-//! (`frequency_response_measured.resonance_hz`). All else is prediction. The movement's amplitude
-//! is printed nowhere, and the friction of § 3.2.1 contradicts § 5.2.2's measurement, so [`grid`]
-//! does it all again over both, and [`conclusions`] keeps what holds everywhere. [`rivals`] asks
-//! whether something else than a softer line says more.
+//! One parameter (`line_stiffness_factor`) is fitted to one number
+//! (`frequency_response_measured.resonance_hz`); everything else is prediction. The movement's
+//! amplitude is not printed, and the friction of § 3.2.1 contradicts the measurement of § 5.2.2, so
+//! [`grid`] repeats fit and prediction over both, and [`conclusions`] tells which statements hold
+//! in every cell. [`alternatives`] fits other explanations than a softer line.
 
+pub mod alternatives;
 pub mod cable;
 pub mod conclusions;
 pub mod grid;
-pub mod rivals;
 pub mod rows;
 
 use plant::effects::Site;
@@ -29,7 +28,7 @@ const PRINTED_RANGE_HZ: (f64, f64) = (4.0, 60.0);
 const SOFTEST: f64 = 1.0 / 100.0;
 /// Steps in which a root is bracketed.
 const BRACKETS: usize = 4;
-/// A fit that misses the peak by more than this share is none.
+/// A fit whose peak is off by more than this share is rejected.
 const FIT_TOLERANCE: f64 = 0.02;
 /// Lowest frequency of fig. 3.4, Hz.
 const LOW_HZ: f64 = 0.2;
@@ -38,7 +37,7 @@ const HIGH_HZ: f64 = 24.0;
 /// Length of the short hose (§ 3.3.4), m.
 pub const SHORT_M: f64 = 1.0;
 
-/// What a model says of every published number on the response.
+/// Predictions of the published numbers on the response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Prediction {
     /// Frequency of the largest gain, Hz.

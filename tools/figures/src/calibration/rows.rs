@@ -1,42 +1,48 @@
-//! The loop's own rows: what was fitted, the grid, the rivals, the conclusions.
+//! Rows of the calibration: the fit, the grid, the alternative explanations, the conclusions.
+
+use std::fmt::Display;
 
 use super::Calibration;
+use super::alternatives::Alternative;
 use super::conclusions::Conclusion;
 use super::grid::Cell;
-use super::rivals::Rival;
 use crate::error::Result;
 use crate::row::{Role, Row};
 
 /// Figure to which these rows belong: the measured response.
 const FIGURE: &str = "5.7";
 
-/// All rows of the loop.
+fn own(name: impl Display, unit: &str, ours: [Option<f64>; 2]) -> Row {
+    Row::own(format!("own.{name}"), FIGURE, unit, ours)
+}
+
+/// What a value has to do with the fit to the measured resonance.
+fn role(name: &str) -> Role {
+    let fitted = ["line_stiffness_factor", "peak_hz"].contains(&name);
+    if fitted { Role::Fitted } else { Role::Predicted }
+}
+
+/// All rows of the calibration.
 ///
 /// # Errors
 /// Where a published value is missing from the table.
 pub fn rows(
     calibration: &Calibration,
     cells: &[Cell],
-    rivals: &[Rival],
+    alternatives: &[Alternative],
     conclusions: &[Conclusion],
 ) -> Result<Vec<Row>> {
+    let difference = [None, Some(calibration.misprint_difference)];
     let mut rows = vec![
-        Row::own("own.line_stiffness_factor", FIGURE, "1", Some(1.0), Some(calibration.factor))
+        own("line_stiffness_factor", "1", [Some(1.0), Some(calibration.factor)])
             .role(Role::Fitted)
             .note(
-                "fitted to the measured resonance alone; effect line_compliance of size 1/factor \
-                - 1",
+                "fitted to the measured resonance alone; effect line_compliance of size 1/factor - \
+                    1",
             ),
-        Row::own(
-            "own.misprinted_bulk_modulus.largest_gain_difference",
-            FIGURE,
-            "1",
-            None,
-            Some(calibration.misprint_difference),
-        )
-        .note(
-            "line_compliance against a bulk modulus smaller by the same factor, 0.2 to 24 \
-                Hz: the numbers cannot separate them",
+        own("misprinted_bulk_modulus.largest_gain_difference", "1", difference).note(
+            "line_compliance against a bulk modulus smaller by the same factor, 0.2 to 24 Hz: the \
+                numbers cannot separate them",
         ),
     ];
     let by = calibration.softening_as();
@@ -52,13 +58,13 @@ pub fn rows(
         ("bulk_modulus_pa", "Pa", by.bulk_modulus_pa, "if B is misprinted"),
     ];
     rows.extend(each.map(|(name, unit, value, note)| {
-        Row::own(format!("own.softening_as.{name}"), FIGURE, unit, None, Some(value))
+        own(format!("softening_as.{name}"), unit, [None, Some(value)])
             .note(format!("what the softening would be, by itself: {note}"))
     }));
     rows.extend(grid_rows(cells));
-    rows.extend(rival_rows(rivals)?);
+    rows.extend(alternative_rows(alternatives)?);
     for conclusion in conclusions {
-        let mut row = Row::own(format!("own.conclusion.{}", conclusion.id), FIGURE, "", None, None)
+        let mut row = own(format!("conclusion.{}", conclusion.id), "", [None; 2])
             .note(conclusion.statement.clone());
         row.survives = Some(conclusion.survives());
         row.contradicted_by = Some(conclusion.against.clone());
@@ -82,30 +88,21 @@ fn grid_rows(cells: &[Cell]) -> Vec<Row> {
             ("short_cutoff_hz", "Hz", None, t.short_cut_off_hz),
         ];
         for (name, unit, printed, traced) in values {
-            let role = if ["line_stiffness_factor", "peak_hz"].contains(&name) {
-                Role::Fitted
-            } else {
-                Role::Predicted
-            };
-            rows.push(
-                Row::own(format!("own.grid.{}.{name}", cell.name()), FIGURE, unit, printed, traced)
-                    .role(role),
-            );
+            let row = own(format!("grid.{}.{name}", cell.name()), unit, [printed, traced]);
+            rows.push(row.role(role(name)));
         }
     }
     rows
 }
 
-/// What every explanation predicts, and by how much it misses.
-fn rival_rows(rivals: &[Rival]) -> Result<Vec<Row>> {
+/// Prediction and miss of each explanation.
+fn alternative_rows(alternatives: &[Alternative]) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
-    for rival in rivals {
-        let (id, t) = (rival.id, &rival.prediction);
-        rows.push(
-            Row::own(format!("own.explanation.{id}.size"), FIGURE, rival.unit, None, rival.size)
-                .role(Role::Fitted)
-                .note(rival.what),
-        );
+    for alternative in alternatives {
+        let (id, t) = (alternative.id, &alternative.prediction);
+        let size =
+            own(format!("explanation.{id}.size"), alternative.unit, [None, alternative.size]);
+        rows.push(size.role(Role::Fitted).note(alternative.what));
         let values = [
             ("peak_hz", "Hz", t.peak_hz),
             ("cutoff_hz", "Hz", t.cut_off_hz),
@@ -113,15 +110,12 @@ fn rival_rows(rivals: &[Rival]) -> Result<Vec<Row>> {
             ("low_frequency_gain", "1", t.low_frequency_gain),
             ("short_peak_hz", "Hz", t.short_peak_hz),
             ("short_cutoff_hz", "Hz", t.short_cut_off_hz),
-            ("miss_measured_percent", "%", rival.miss_percent(true)?),
-            ("miss_all_percent", "%", rival.miss_percent(false)?),
+            ("miss_measured_percent", "%", alternative.miss_percent(true)?),
+            ("miss_all_percent", "%", alternative.miss_percent(false)?),
         ];
         for (name, unit, value) in values {
-            let role = if name == "peak_hz" { Role::Fitted } else { Role::Predicted };
-            rows.push(
-                Row::own(format!("own.explanation.{id}.{name}"), FIGURE, unit, None, value)
-                    .role(role),
-            );
+            let row = own(format!("explanation.{id}.{name}"), unit, [None, value]);
+            rows.push(row.role(role(name)));
         }
     }
     Ok(rows)

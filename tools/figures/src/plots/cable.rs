@@ -10,7 +10,7 @@ use super::curve::{Curve, bode};
 use super::style::axes;
 use super::{Common, Plot, columns};
 use crate::error::Result;
-use crate::measure::{Rig, at, cut_off, cycle, logarithmic, peak, sweep};
+use crate::measure::{CUT_OFF_GAIN, Rig, at, cut_off, cycle, logarithmic, peak, sweep};
 use crate::published::published;
 use crate::quasi_static::{QuasiStaticCycle, quasi_static_cycle};
 use crate::row::{Role, Row};
@@ -63,7 +63,6 @@ fn stretch(element: &mut Element, path: impl Iterator<Item = f64>) -> (Vec<f64>,
 /// # Errors
 /// Where a published value is missing from the table.
 pub fn extension(_: &Common) -> Result<Plot> {
-    let stiffness = published("cable.stiffness_n_per_m")?;
     let panel = |title: &str, parameters: &Parameters| -> (Figure, f64) {
         let path = || (0..=500).map(|step| 2e-6 * f64::from(step));
         let mut new = parameters.specimen(parameters.line_length_m);
@@ -87,17 +86,14 @@ pub fn extension(_: &Common) -> Result<Plot> {
     };
     let (printed, printed_slope) = panel("Printed stiffness", &Parameters::printed());
     let (traced, traced_slope) = panel("Traced stiffness", &Parameters::traced());
-    let rows =
-        vec![Row::beside(stiffness, Role::Input, Some(printed_slope), Some(traced_slope)).note(
-            "slope of a straight line through 0.02 to 1.0 mm of a cable that has been loaded \
-                before",
-        )];
+    let slopes = [Some(printed_slope), Some(traced_slope)];
+    let rows = vec![Row::beside("cable.stiffness_n_per_m", Role::Input, slopes)?.note(
+        "slope of a straight line through 0.02 to 1.0 mm of a cable that has been loaded before",
+    )];
     let caption = "Force against extension of one cable of 9 m: it starts soft, where the fibres \
-        are still crimped, and goes on straight; a new cable also \
-        takes a set. § 5.2.1's stiffness would take a fibre four times stiffer than kevlar at this \
-        length; with the \
-        traced one the response peaks where the test-bed's did, but 1 mm hardly leaves the soft \
-        start."
+        are still crimped, and goes on straight; a new cable also takes a set. § 5.2.1's stiffness \
+        would take a fibre four times stiffer than kevlar at this length; with the traced one the \
+        response peaks where the test-bed's did, but 1 mm hardly leaves the soft start."
         .to_owned();
     let panels = Panels::new("Fig. 5.3, force over extension").panel(printed).panel(traced);
     Ok(Plot { number: "5.3", title: "Cable: force over extension", caption, panels, rows })
@@ -161,21 +157,14 @@ pub fn loops(_: &Common) -> Result<Plot> {
         panels = panels.panel(figure);
     }
     let caption =
-        "Two loadings and unloadings, one after the other, of 20 cm of the cable, to 100 \
-        N. The second loading is stiffer: the first has \
-        laid the fibres straight and left a permanent set. Fibres that rub make loading and \
-        unloading differ. The amount of both is \
-        assumed, since fig. 5.4 has no numbers in the text."
+        "Two loadings and unloadings, one after the other, of 20 cm of the cable, to 100 N. The \
+            second loading is stiffer: the first has laid the fibres straight and left a permanent \
+            set. Fibres that rub make loading and unloading differ. The amount of both is assumed, \
+            since fig. 5.4 has no numbers in the text."
             .to_owned();
     let rows = vec![
-        Row::own(
-            "own.cable.second_over_first_loading",
-            "5.4",
-            "1",
-            Some(ratios[0]),
-            Some(ratios[1]),
-        )
-        .note("mean stiffness of the second loading to 100 N over that of the first"),
+        Row::own("own.cable.second_over_first_loading", "5.4", "1", ratios.map(Some))
+            .note("mean stiffness of the second loading to 100 N over that of the first"),
     ];
     Ok(Plot { number: "5.4", title: "Cable: two loading cycles", caption, panels, rows })
 }
@@ -200,29 +189,17 @@ pub fn static_friction(common: &Common) -> Result<Plot> {
         .panel(panel("B  Cable, traced", &traced));
     let note =
         "mean magnitude of the motor's torque in one direction, master along a sine of 0.008 Hz";
+    let torque = |direction: usize| [&printed, &traced].map(|cycle| Some(cycle.mean_nm[direction]));
     let rows = vec![
-        Row::beside(
-            published("cable.static_friction_positive_nm")?,
-            Role::Input,
-            Some(printed.mean_nm[0]),
-            Some(traced.mean_nm[0]),
-        )
-        .note(format!(
-            "{note}; the supports' friction was set from it as breakaway, which \
-            stick-slip undercuts"
+        Row::beside("cable.static_friction_positive_nm", Role::Input, torque(0))?.note(format!(
+            "{note}; the supports' friction was set from it as breakaway, which stick-slip \
+                undercuts"
         )),
-        Row::beside(
-            published("cable.static_friction_negative_nm")?,
-            Role::Input,
-            Some(printed.mean_nm[1]),
-            Some(traced.mean_nm[1]),
-        )
-        .note(note),
+        Row::beside("cable.static_friction_negative_nm", Role::Input, torque(1))?.note(note),
     ];
     let caption = "The motor's torque while the master moves very slowly (0.008 Hz) along a sine \
-        and back. It is static friction, cut down wherever \
-        the slave breaks loose. The hydrostatic model's friction does not depend on position or \
-        direction, the measured one did; the \
+        and back. It is static friction, cut down wherever the slave breaks loose. The hydrostatic \
+        model's friction does not depend on position or direction, the measured one did; the \
         cable's does both."
         .to_owned();
     Ok(Plot { number: "5.5", title: "Static friction over position", caption, panels, rows })
@@ -233,47 +210,29 @@ pub fn static_friction(common: &Common) -> Result<Plot> {
 /// # Errors
 /// Never.
 pub fn pretension(_: &Common) -> Result<Plot> {
+    let at = |pretension_n: f64| {
+        Parameters { pretension_n, ..Parameters::printed() }.static_friction_at_motor_nm()
+    };
     let tension: Vec<f64> = (1..=200).map(f64::from).collect();
-    let friction: Vec<f64> = tension
-        .iter()
-        .map(|tension| {
-            Parameters { pretension_n: *tension, ..Parameters::printed() }
-                .static_friction_at_motor_nm()
-        })
-        .collect();
-    let declared = Parameters::printed();
+    let friction: Vec<f64> = tension.iter().map(|tension| at(*tension)).collect();
+    let declared = Parameters::printed().pretension_n;
     let panels = Panels::new("Fig. 5.6, friction over pretension").panel(
         axes("", "pretension of a cable / N", "static friction at the motor / (N·m)")
             .y_range(0.0, 0.9)
             .colour(Colour::Blue)
             .line("model", &tension, &friction)
             .colour(Colour::Black)
-            .scatter(
-                "declared",
-                &[declared.pretension_n],
-                &[declared.static_friction_at_motor_nm()],
-            ),
+            .scatter("declared", &[declared], &[at(declared)]),
     );
     let caption = "Breakaway torque at the motor against the cables' tension: it grows with \
-        tension and settles, as measured. The law's limit is \
-        set from § 5.2.2's friction; the tension at which it bends is assumed."
+        tension and settles, as measured. The law's limit is set from § 5.2.2's friction; the \
+        tension at which it bends is assumed."
         .to_owned();
-    let at = |tension: f64| {
-        Some(
-            Parameters { pretension_n: tension, ..Parameters::printed() }
-                .static_friction_at_motor_nm(),
-        )
-    };
     let rows = [30.0, 60.0, 120.0]
         .map(|tension| {
-            Row::own(
-                format!("own.cable.static_friction_at_{tension:.0}n_nm"),
-                "5.6",
-                "N·m",
-                at(tension),
-                at(tension),
-            )
-            .note("does not depend on the stiffness")
+            let id = format!("own.cable.static_friction_at_{tension:.0}n_nm");
+            Row::own(id, "5.6", "N·m", [Some(at(tension)); 2])
+                .note("does not depend on the stiffness")
         })
         .to_vec();
     Ok(Plot { number: "5.6", title: "Cable: friction over pretension", caption, panels, rows })
@@ -299,26 +258,23 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     let cut = |rig: &Cable, peak: Option<f64>| peak.map_or(Ok(None), |peak| cut_off(rig, peak));
     let cuts = [cut(&printed, frequency[0])?, cut(&traced, frequency[1])?];
     let lags = [at(&printed, 1.0)?.lag_s(), at(&traced, 1.0)?.lag_s()];
-    let (resonance, cut_off) = (published("cable.resonance_hz")?, published("cable.cutoff_hz")?);
     let [gain, phase] = bode("B  Cable", &curves, (0.2, 15.0), (0.5, 12.0), -220.0);
-    let gain = gain.vertical("measured resonance", resonance.value).colour(Colour::Black).scatter(
-        "measured cut-off",
-        &[cut_off.value],
-        &[crate::measure::CUT_OFF_GAIN],
-    );
+    let gain = gain
+        .vertical("measured resonance", published("cable.resonance_hz")?.value)
+        .colour(Colour::Black)
+        .scatter("measured cut-off", &[published("cable.cutoff_hz")?.value], &[CUT_OFF_GAIN]);
     let p = Parameters::printed();
     let mut rows = vec![
-        Row::beside(resonance, Role::Fitted, frequency[0], frequency[1]).note(
-            "frequency of the largest gain; the traced factor on the stiffness was chosen \
-                for it",
+        Row::beside("cable.resonance_hz", Role::Fitted, frequency)?.note(
+            "frequency of the largest gain; the traced factor on the stiffness was chosen for it",
         ),
-        Row::beside(cut_off, Role::Predicted, cuts[0], cuts[1])
+        Row::beside("cable.cutoff_hz", Role::Predicted, cuts)?
             .note("gain 0.707 above the peak, over the mechanical ratio"),
-        Row::own("own.cable.peak_gain", "5.7", "1", peaks[0].gain(), peaks[1].gain()).note(
+        Row::own("own.cable.peak_gain", "5.7", "1", peaks.map(|peak| peak.gain())).note(
             "over the mechanical ratio; the thesis says the gain \"remains same till after \
                 resonance\"",
         ),
-        Row::own("own.cable.lag_1hz_s", "5.8", "s", Some(lags[0]), Some(lags[1]))
+        Row::own("own.cable.lag_1hz_s", "5.8", "s", lags.map(Some))
             .note("lag of the slave's fundamental at 1 Hz"),
     ];
     for (id, value) in [
@@ -329,7 +285,7 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
         ("cable.cable_length_m", None),
         ("cable.encoder_lines_per_rev", None),
     ] {
-        let row = Row::beside(published(id)?, Role::Input, value, value);
+        let row = Row::beside(id, Role::Input, [value; 2])?;
         rows.push(if value.is_none() { row.note("not a constant of the model") } else { row });
     }
     Ok(([gain, phase], rows))
@@ -358,32 +314,20 @@ pub fn movement(common: &Common) -> Result<Plot> {
     let panels = Panels::new("Fig. 5.8, both transmissions at 1 Hz")
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic, 1.0))
         .panel(panel("B  Cable, traced", &cable, Parameters::traced().mechanical_ratio));
-    let rows = vec![
-        Row::own(
-            "own.flat_top_1hz.hydrostatic_s",
-            "5.8",
-            "s",
-            Some(printed[0]),
-            Some(hydrostatic.flat_top_s()),
-        )
-        .note("longest time for which the slave stands still"),
-        Row::own(
-            "own.flat_top_1hz.cable_s",
-            "5.8",
-            "s",
-            Some(printed[1]),
-            Some(cable.flat_top_s()),
-        )
-        .note("longest time for which the slave stands still"),
-    ];
+    let flat_tops = [hydrostatic.flat_top_s(), cable.flat_top_s()];
+    let row = |name: &str, index: usize| {
+        let ours = [Some(printed[index]), Some(flat_tops[index])];
+        Row::own(format!("own.flat_top_1hz.{name}_s"), "5.8", "s", ours)
+            .note("longest time for which the slave stands still")
+    };
+    let rows = vec![row("hydrostatic", 0), row("cable", 1)];
     let caption = format!(
         "Master (full) and slave (dashed) at 1 Hz; the cable's master turns six times as far, and \
-            is drawn over that ratio. The master is moved \
-         along a sine of ±30° (cable: ±180°). The slave stands still for up to {:.0} ms with the \
-         hydrostatic line and {:.0} ms with the cable; the \
-         thesis saw the cable stick visibly more.",
-        1e3 * hydrostatic.flat_top_s(),
-        1e3 * cable.flat_top_s()
+            is drawn over that ratio. The master is moved along a sine of ±30° (cable: ±180°). The \
+            slave stands still for up to {:.0} ms with the hydrostatic line and {:.0} ms with the \
+            cable; the thesis saw the cable stick visibly more.",
+        1e3 * flat_tops[0],
+        1e3 * flat_tops[1]
     );
     Ok(Plot { number: "5.8", title: "Both transmissions at 1 Hz", caption, panels, rows })
 }

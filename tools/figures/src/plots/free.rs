@@ -10,18 +10,13 @@ use rig::RigFile;
 use super::style::{axes, tall};
 use super::{Common, Plot};
 use crate::error::Result;
-use crate::published::published;
+use crate::learning::rigs;
 use crate::row::{Role, Row, short};
 
 /// Frequencies of the movement (Hz); the last is the highest that § 4.2 claims.
 const HERTZ: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
 /// Places in [`HERTZ`] of the cycles that are drawn.
 const PLOTTED: [usize; 2] = [1, 3];
-
-const RIGS: [(&str, &str); 2] = [
-    ("hydrostatic-printed.toml", include_str!("../../../../launch/rigs/hydrostatic-printed.toml")),
-    ("hydrostatic.toml", include_str!("../../../../launch/rigs/hydrostatic.toml")),
-];
 
 /// A hand or a gain other than in the figure.
 struct Case {
@@ -101,16 +96,13 @@ pub fn movement(_: &Common) -> Result<Plot> {
 /// Free movement by a hand that swings the handle; needs nothing that other figures do.
 ///
 /// # Errors
-/// Where a rig file that is built in is not in order, or a published value is missing from the
+/// Where a built-in rig file is invalid, or a published value is missing from the
 /// table.
 pub fn free_movement() -> Result<Plot> {
-    let mut rigs = Vec::with_capacity(RIGS.len());
-    for (name, text) in RIGS {
-        rigs.push(lock_step::simplified(RigFile::parse(text, name)?));
-    }
+    let rigs = rigs()?;
     let (pairs, cases) = rayon::join(
         || {
-            (0..RIGS.len() * HERTZ.len())
+            (0..rigs.len() * HERTZ.len())
                 .into_par_iter()
                 .map(|at| {
                     pair(&rigs[at / HERTZ.len()], &Swing::of_the_thesis(HERTZ[at % HERTZ.len()]))
@@ -153,7 +145,7 @@ pub fn free_movement() -> Result<Plot> {
             ("torque_ripple_nm", free.ripple),
         ] {
             let id = format!("own.free.{}.{hertz}hz.{name}", case.id);
-            rows.push(Row::own(id, "4.2", "N·m", None, Some(value)).note(case.what));
+            rows.push(Row::own(id, "4.2", "N·m", [None, Some(value)]).note(case.what));
         }
     }
     Ok(Plot { number: "4.2", title: "Free movement under force control", caption, panels, rows })
@@ -163,24 +155,22 @@ fn caption(traced: &[Pair]) -> String {
     let [slow, fast] = PLOTTED.map(|at| &traced[at]);
     format!(
         "A hand of {} N·m/rad and {} N·m·s/rad (assumed) swings the handle through 120° from end \
-            to end, the traced line (full) and the \
-         printed constants (dashed), with the motor at 0 V and under the force control of § 4.2. \
-         A: the torque that it spends. Force control takes \
-         {} of {} N·m away at 1 Hz, where nearly all is friction, but at 3 Hz {} of {} N·m remain \
-         (peak {} of {}): they accelerate oil and \
-         pistons, of which P1 with the assumed 0.5 V/(N·m) takes a quarter. The claimed 120° at 3 \
-         Hz can be moved within the rig's limits, and is \
-         work, not free. B: peak-to-peak torque within {:.0} ms of a turn. It grows at slow turns, \
-         where the offset has to change \
-         its direction and pushes before friction holds. C, D: the torque over one cycle.",
+            to end, the traced line (full) and the printed constants (dashed), with the motor at 0 \
+            V and under the force control of § 4.2. A: the torque that it spends. Force control \
+            takes {} of {} N·m away at 1 Hz, where nearly all is friction, but at 3 Hz {} of {} \
+            N·m remain (peak {} of {}): they accelerate oil and pistons, of which P1 with the \
+            assumed 0.5 V/(N·m) takes a quarter. The claimed 120° at 3 Hz can be moved within the \
+            rig's limits, and is work, not free. B: peak-to-peak torque within {:.0} ms of a turn. \
+            It grows at slow turns, where the offset has to change its direction and pushes before \
+            friction holds. C, D: the torque over one cycle.",
         Swing::of_the_thesis(1.0).stiffness,
         Swing::of_the_thesis(1.0).damping,
-        short(Some(slow[0].rms - slow[1].rms)),
-        short(Some(slow[0].rms)),
-        short(Some(fast[1].rms)),
-        short(Some(fast[0].rms)),
-        short(Some(fast[1].peak)),
-        short(Some(fast[0].peak)),
+        short(slow[0].rms - slow[1].rms),
+        short(slow[0].rms),
+        short(fast[1].rms),
+        short(fast[0].rms),
+        short(fast[1].peak),
+        short(fast[0].peak),
         1e3 * TURN_S,
     )
 }
@@ -203,51 +193,42 @@ fn highest_hz(pairs: &[Pair], rig: &RigFile) -> Option<f64> {
 
 /// The published gains and the claim, beside what is used and what came of it.
 fn claims(
-    rigs: &[RigFile],
+    rigs: &[RigFile; 2],
     hertz: [Option<f64>; 2],
     fastest: [&HandEffort; 2],
 ) -> Result<Vec<Row>> {
-    let gains = [&rigs[0], &rigs[1]].map(|rig| {
+    let gains = rigs.each_ref().map(|rig| {
         let axis = &rig.axes[0];
         axis.control.force.map(|force| (force, axis.master.counts_per_unit))
     });
-    let used = |read: fn(&rig::ForceControl, f64) -> f64| {
-        gains.map(|gains| gains.map(|(force, counts)| read(&force, counts)))
-    };
-    let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
-        Ok(Row::beside(published(id)?, role, printed, traced))
-    };
+    type Read = fn(&rig::ForceControl, f64) -> f64;
+    let inputs: [(&str, Read); 6] = [
+        ("hydrostatic.force_control.beta", |force, _| force.forgetting),
+        ("hydrostatic.force_control.p1", |force, _| force.torque_gain),
+        ("hydrostatic.force_control.p2_v_s_per_count", |force, counts| force.offset_slope / counts),
+        ("hydrostatic.force_control.c_counts_per_s", |force, counts| {
+            force.threshold_speed * counts
+        }),
+        ("hydrostatic.force_control.offset_low_v", |force, _| force.offset_slow_v),
+        ("hydrostatic.force_control.offset_high_v", |force, _| force.offset_fast_v),
+    ];
+    let mut rows = Vec::new();
+    for (id, read) in inputs {
+        let used = gains.map(|gains| gains.map(|(force, counts)| read(&force, counts)));
+        rows.push(Row::beside(id, Role::Input, used)?);
+    }
     let way = fastest.map(|spent| Some(2.0 * spent.amplitude.to_degrees()));
-    Ok(vec![
-        beside("hydrostatic.force_control.beta", Role::Input, used(|force, _| force.forgetting))?,
-        beside("hydrostatic.force_control.p1", Role::Input, used(|force, _| force.torque_gain))?,
-        beside(
-            "hydrostatic.force_control.p2_v_s_per_count",
-            Role::Input,
-            used(|force, counts| force.offset_slope / counts),
-        )?,
-        beside(
-            "hydrostatic.force_control.c_counts_per_s",
-            Role::Input,
-            used(|force, counts| force.threshold_speed * counts),
-        )?,
-        beside(
-            "hydrostatic.force_control.offset_low_v",
-            Role::Input,
-            used(|force, _| force.offset_slow_v),
-        )?,
-        beside(
-            "hydrostatic.force_control.offset_high_v",
-            Role::Input,
-            used(|force, _| force.offset_fast_v),
-        )?,
-        beside("hydrostatic.force_control.free_movement_deg", Role::Predicted, way)?
+    rows.push(
+        Row::beside("hydrostatic.force_control.free_movement_deg", Role::Predicted, way)?
             .note("way from end to end at 3 Hz; the hand was asked for 120°"),
-        beside("hydrostatic.force_control.free_movement_hz", Role::Predicted, hertz)?.note(
+    );
+    rows.push(
+        Row::beside("hydrostatic.force_control.free_movement_hz", Role::Predicted, hertz)?.note(
             "highest frequency of those tried at which the handle goes through 120° within the \
                 rig's limits of speed and torque; 3 Hz was the highest tried",
         ),
-    ])
+    );
+    Ok(rows)
 }
 
 fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
@@ -263,23 +244,16 @@ fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
     {
         for (name, read) in reads {
             let id = format!("hydrostatic.free.{hertz}hz.{before}{name}");
-            let row = Row::own(
-                id,
-                "4.2",
-                "N·m",
-                Some(read(&printed[machine])),
-                Some(read(&traced[machine])),
-            );
+            let ours = [printed, traced].map(|pair| Some(read(&pair[machine])));
+            let turn_ms = 1e3 * TURN_S;
             let how = match name {
                 "torque_ripple_nm" => {
-                    format!(
-                        ", peak to peak within {:.0} ms of a turn, mean over the turns",
-                        1e3 * TURN_S
-                    )
+                    format!(", peak to peak within {turn_ms:.0} ms of a turn, mean over the turns")
                 }
                 _ => String::new(),
             };
-            rows.push(row.note(format!("120° from end to end, {what}{how}")));
+            let note = format!("120° from end to end, {what}{how}");
+            rows.push(Row::own(id, "4.2", "N·m", ours).note(note));
         }
     }
     rows

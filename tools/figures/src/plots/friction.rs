@@ -39,9 +39,11 @@ pub fn laws(common: &Common) -> Result<Plot> {
     let (piston_speed, piston) = law(&|speed| 1e3 * printed.master_piston_friction().level(speed));
     let (slave_speed, slave) = law(&|speed| printed.slave_friction().level(speed));
 
-    let measured = published("hydrostatic.static_friction_measured.positive_nm")?;
-    let measured_back = published("hydrostatic.static_friction_measured.negative_nm")?;
-    let volts = published("hydrostatic.static_friction_voltage_measured.value_v")?;
+    const MEASURED: [&str; 2] = [
+        "hydrostatic.static_friction_measured.positive_nm",
+        "hydrostatic.static_friction_measured.negative_nm",
+    ];
+    let measured = [published(MEASURED[0])?.value, published(MEASURED[1])?.value];
     let at_motor = printed.static_friction_at_motor_nm();
     let slow_printed = quasi_static_cycle(&Line::printed())?.mean_nm;
     let slow_traced = quasi_static_cycle(&common.calibration.line)?.mean_nm;
@@ -64,30 +66,23 @@ pub fn laws(common: &Common) -> Result<Plot> {
         );
     let caption = format!(
         "Friction against speed as § 3.2.1 prints it, with the sign of speed that the print leaves \
-            out. Friction at rest takes \
-         any value up to the jump at zero. The master piston's is a hundredth of the motor's. At \
-         the motor, breaking the slave \
-         loose takes {at_motor:.2} N·m by these constants; § 5.2.2 measured {} to {} N·m.",
-        measured.value, measured_back.value
+            out. Friction at rest takes any value up to the jump at zero. The master piston's is a \
+            hundredth of the motor's. At the motor, breaking the slave loose takes {at_motor:.2} \
+            N·m by these constants; § 5.2.2 measured {} to {} N·m.",
+        measured[0], measured[1]
     );
     let note = "mean magnitude of the motor's torque in one direction, master along a sine of \
         0.008 Hz, ±30°";
+    let slow = |direction: usize| [Some(slow_printed[direction]), Some(slow_traced[direction])];
+    let traced = common.calibration.line.parameters.static_friction_at_motor_nm();
+    let volts = [at_motor, traced].map(|torque| Some(torque / printed.motor_torque_per_volt_nm));
     let rows = vec![
-        Row::beside(measured, Role::Predicted, Some(slow_printed[0]), Some(slow_traced[0]))
-            .note(note),
-        Row::beside(measured_back, Role::Predicted, Some(slow_printed[1]), Some(slow_traced[1]))
+        Row::beside(MEASURED[0], Role::Predicted, slow(0))?.note(note),
+        Row::beside(MEASURED[1], Role::Predicted, slow(1))?
             .note(format!("{note}; the model's friction does not depend on the direction")),
-        Row::beside(
-            volts,
-            Role::Input,
-            Some(at_motor / printed.motor_torque_per_volt_nm),
-            Some(
-                common.calibration.line.parameters.static_friction_at_motor_nm()
-                    / printed.motor_torque_per_volt_nm,
-            ),
-        )
-        .note("the motor's torque per volt is assumed from this value"),
-        Row::own("own.static_friction_at_motor_nm", "3.2", "N·m", Some(at_motor), Some(at_motor))
+        Row::beside("hydrostatic.static_friction_voltage_measured.value_v", Role::Input, volts)?
+            .note("the motor's torque per volt is assumed from this value"),
+        Row::own("own.static_friction_at_motor_nm", "3.2", "N·m", [Some(at_motor); 2])
             .note("0.767 + 0.2 · 0.031 + 2.30 · 0.854, § 3.2.1's constants"),
     ];
     Ok(Plot { number: "3.2", title: "Friction laws", caption, panels, rows })

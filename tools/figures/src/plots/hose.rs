@@ -132,30 +132,24 @@ fn study(
     }
     let mut rows = Vec::new();
     for (p, t) in printed.iter().zip(traced) {
+        let hoses = [p, t];
+        let id = |name: &str| format!("own.{kind}.{}.{name}", t.id);
+        let peaks = hoses.map(|hose| hose.peak_hz);
+        let quarter_turns = hoses.map(|hose| hose.quarter_turn_hz);
         rows.push(
-            Row::own(format!("own.{kind}.{}.peak_hz", t.id), figure, "Hz", p.peak_hz, t.peak_hz)
-                .note("frequency of the largest gain"),
+            Row::own(id("peak_hz"), figure, "Hz", peaks).note("frequency of the largest gain"),
         );
-        rows.push(
-            Row::own(
-                format!("own.{kind}.{}.resonance_hz", t.id),
-                figure,
-                "Hz",
-                p.quarter_turn_hz,
-                t.quarter_turn_hz,
-            )
-            .note(
-                "frequency at which the slave lags by 90°: the resonance, which damping does \
-                    not move",
-            ),
-        );
+        rows.push(Row::own(id("resonance_hz"), figure, "Hz", quarter_turns).note(
+            "frequency at which the slave lags by 90°: the resonance, which damping does not move",
+        ));
         for efficiency in &EFFICIENCIES {
-            let [printed, traced] = [p, t].map(|hose| Some(hose.mean(efficiency.of)));
-            let id = format!("own.{kind}.{}.efficiency_{}", t.id, efficiency.id);
-            rows.push(Row::own(id, figure, "1", printed, traced).note(format!(
-                "{}, mean over 0.5 to 24 Hz on a logarithmic axis",
-                efficiency.what
-            )));
+            let means = hoses.map(|hose| Some(hose.mean(efficiency.of)));
+            let id = id(&format!("efficiency_{}", efficiency.id));
+            let what = efficiency.what;
+            rows.push(
+                Row::own(id, figure, "1", means)
+                    .note(format!("{what}, mean over 0.5 to 24 Hz on a logarithmic axis")),
+            );
         }
     }
     (panels, rows)
@@ -172,10 +166,9 @@ fn hoses(
 }
 
 const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pairs the torque of \
-    one side with the speed of the \
-    other; with each side's own torque and speed; and as work per cycle, which alone cannot exceed \
-    1, since inertia swings power to and \
-    fro. Curves end where the slave stands still.";
+    one side with the speed of the other; with each side's own torque and speed; and as work per \
+    cycle, which alone cannot exceed 1, since inertia swings power to and fro. Curves end where \
+    the slave stands still.";
 
 /// Fig. 3.5: diameter.
 ///
@@ -195,10 +188,9 @@ pub fn diameter(common: &Common) -> Result<Plot> {
     let (panels, rows) = study("3.5", "diameter", &printed, &traced);
     let caption = format!(
         "Hoses of 5 to 15 mm, 10 m long, the cylinders kept. A: a narrower hose damps more, so the \
-            peak is lower and its top \
-         moves down; the frequency at which the slave lags by 90°, the resonance proper, stays \
-         (stiffness and fluid mass, seen from \
-         the pulleys, both grow as the bore shrinks). {EFFICIENCY_WORDS}"
+            peak is lower and its top moves down; the frequency at which the slave lags by 90°, \
+            the resonance proper, stays (stiffness and fluid mass, seen from the pulleys, both \
+            grow as the bore shrinks). {EFFICIENCY_WORDS}"
     );
     Ok(Plot { number: "3.5", title: "Hose diameter", caption, panels, rows })
 }
@@ -216,8 +208,8 @@ pub fn length(common: &Common) -> Result<Plot> {
     let (panels, rows) = study("3.6", "length", &printed, &traced);
     let caption = format!(
         "Hoses of 1 to 20 m with the bore of the printed area. A: a shorter hose is stiffer and \
-            holds less fluid, so the \
-         peak moves up; short hoses lag little below it. {EFFICIENCY_WORDS}"
+            holds less fluid, so the peak moves up; short hoses lag little below it. \
+            {EFFICIENCY_WORDS}"
     );
     Ok(Plot { number: "3.6", title: "Hose length", caption, panels, rows })
 }

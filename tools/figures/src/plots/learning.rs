@@ -5,10 +5,9 @@ use lock_step::ilc::{HARMONICS, IlcTask, PUBLISHED, Trace};
 use report::{Colour, Figure, Panels};
 
 use super::style::{axes, tall};
-use super::{Common, Plot};
+use super::{Common, Plot, degrees};
 use crate::error::Result;
 use crate::learning::{BLOCKS, Course, GOAL_DEG, Learning, MIDDLE};
-use crate::published::published;
 use crate::row::{Role, Row, short};
 
 /// Slower than this a side counts as standing (°/s): a tenth of the desired movement's peak.
@@ -18,10 +17,6 @@ fn standing_deg_s(task: &IlcTask) -> f64 {
 
 fn task() -> IlcTask {
     IlcTask::of_the_thesis(learning::LearningLaw::Published(PUBLISHED))
-}
-
-fn degrees(values: &[f64]) -> Vec<f64> {
-    values.iter().map(|value| value.to_degrees()).collect()
 }
 
 /// Share of a cycle in which master and slave both move, in opposite directions (%).
@@ -40,7 +35,7 @@ fn opposite_percent(cycle: &Trace, standing_deg_s: f64) -> Option<f64> {
 /// Fig. 4.5.
 ///
 /// # Errors
-/// None today; as the other figures.
+/// None; the type is that of all figures.
 pub fn monotonicity(common: &Common) -> Result<Plot> {
     let panel = |title: &str, course: &Course, until_s: f64| {
         let cycle = &course.cycles[1];
@@ -60,21 +55,19 @@ pub fn monotonicity(common: &Common) -> Result<Plot> {
         .panel(panel("B  Printed constants, first 0.2 s", printed, 0.2));
     let caption = format!(
         "Velocity of master (full) and slave (dashed) over the last cycle of block {MIDDLE}, in \
-            the middle of the learning of fig. 4.6. The \
-         thesis's never have opposite signs. Ours have, both sides being faster than {standing:.0} \
-         °/s, for {} % of the cycle with the traced \
-         line: it is monotonic as stated, though the slave goes in steps, each broken loose by a \
-         line that has been wound up. With the \
-         printed, 14 times stiffer line it is {} %: there the feedback of § 4.1 is near its limit, \
-         and the line's own mode of about 70 Hz is seen.",
+            the middle of the learning of fig. 4.6. The thesis's never have opposite signs. Ours \
+            have, both sides being faster than {standing:.0} °/s, for {} % of the cycle with the \
+            traced line: it is monotonic as stated, though the slave goes in steps, each broken \
+            loose by a line that has been wound up. With the printed, 14 times stiffer line it is \
+            {} %: there the feedback of § 4.1 is near its limit, and the line's own mode of about \
+            70 Hz is seen.",
         short(in_traced),
         short(in_printed),
     );
     let id = "own.ilc.opposite_velocities_percent";
-    let rows = vec![Row::own(id, "4.5", "%", in_printed, in_traced).note(format!(
+    let rows = vec![Row::own(id, "4.5", "%", [in_printed, in_traced]).note(format!(
         "share of the last cycle of block {MIDDLE} in which master and slave move in opposite \
-            directions, both faster \
-         than {standing:.0} °/s"
+            directions, both faster than {standing:.0} °/s"
     ))];
     Ok(Plot { number: "4.5", title: "Monotonicity of the transmission", caption, panels, rows })
 }
@@ -90,31 +83,25 @@ pub fn learning(common: &Common) -> Result<Plot> {
         .panel(slave(&learning.published[1]))
         .panel(master(&learning.published[1]))
         .panel(errors(learning));
-    let of = |read: fn(&Course) -> Option<f64>, courses: &[Course; 2]| {
-        [read(&courses[0]), read(&courses[1])]
-    };
-    let first = of(Course::first_deg, &learning.published);
-    let last = of(Course::last_deg, &learning.published);
-    let blocks = of(Course::blocks_to_goal, &learning.published);
-    let by_model = of(Course::blocks_to_goal, &learning.model_based);
+    let first = learning.published.each_ref().map(Course::first_deg);
+    let last = learning.published.each_ref().map(Course::last_deg);
+    let blocks = learning.published.each_ref().map(Course::blocks_to_goal);
+    let by_model = learning.model_based.each_ref().map(Course::blocks_to_goal);
     let identification_s = 3.0 * HARMONICS as f64 / task.hertz;
     let amplitude = task.amplitude.to_degrees();
     let caption = format!(
         "Learning of a sine of 1 Hz and ±{amplitude:.0}°, traced line, nobody at the handle, the \
-            master under the feedback of § 4.1 alone. \
-         Printed are blocks of 3 s and the delay; amplitude, γp = {}, γd = {} and the filter's \
-         cut-off of {} Hz are ours. A: slave, and master \
-         with its reference, over the last cycle of a block. The feedback takes 30° of error to \
-         overcome the motor's 1.5 V of friction, so in \
-         block 1 nothing moves and the error is the sine's own mean, {}° (published: about 11°); \
-         the reference grows until the slave \
-         follows, in steps of stick and slip, which learning does not take away. B: mean magnitude \
-         of the slave's error over each block. The published \
-         law comes to 1° in block {} (published: 83), the model-based law in block {}, after \
-         {identification_s:.0} s in which the response \
-         is identified at {HARMONICS} harmonics. With the printed, 14 times stiffer line (fig. \
-         4.5B) the \
-         published law comes to 1° {}, the model-based law {}.",
+            master under the feedback of § 4.1 alone. Printed are blocks of 3 s and the delay; \
+            amplitude, γp = {}, γd = {} and the filter's cut-off of {} Hz are ours. A: slave, and \
+            master with its reference, over the last cycle of a block. The feedback takes 30° of \
+            error to overcome the motor's 1.5 V of friction, so in block 1 nothing moves and the \
+            error is the sine's own mean, {}° (published: about 11°); the reference grows until \
+            the slave follows, in steps of stick and slip, which learning does not take away. B: \
+            mean magnitude of the slave's error over each block. The published law comes to 1° in \
+            block {} (published: 83), the model-based law in block {}, after {identification_s:.0} \
+            s in which the response is identified at {HARMONICS} harmonics. With the printed, 14 \
+            times stiffer line (fig. 4.5B) the published law comes to 1° {}, the model-based law \
+            {}.",
         PUBLISHED.gamma_p,
         PUBLISHED.gamma_d,
         PUBLISHED.cutoff_hz,
@@ -140,7 +127,7 @@ const WITH_FEEDFORWARD: &str = "feedforward_30deg";
 /// Fig. 4.7.
 ///
 /// # Errors
-/// None today; as the other figures.
+/// None; the type is that of all figures.
 pub fn before_and_after(common: &Common) -> Result<Plot> {
     let Some(course) = common.learning.case(WITH_FEEDFORWARD).map(|case| &case.published) else {
         return Err(crate::error::FiguresError::Missing(WITH_FEEDFORWARD));
@@ -171,13 +158,11 @@ pub fn before_and_after(common: &Common) -> Result<Plot> {
     let peaks = [highest(&before.master), highest(&after.master)];
     let caption = format!(
         "Slave (A) and master (B) over one cycle of 1 Hz and ±30°, traced line, nobody at the \
-            handle: under the control of § 4.1 with its feed-forward, \
-         and with the reference that the published law learnt in {BLOCKS} blocks on top of it. The \
-         slave\'s error falls from {}° to {}° (root mean \
-         square); its longest stand from {:.0} to {:.0} ms, as the master goes further before it \
-         turns: {:.0}° in place of {:.0}°. The thesis, too, \
-         finds the sticking at the peaks reduced, not gone, and a master that learns a higher \
-         peak.",
+            handle: under the control of § 4.1 with its feed-forward, and with the reference that \
+            the published law learnt in {BLOCKS} blocks on top of it. The slave\'s error falls \
+            from {}° to {}° (root mean square); its longest stand from {:.0} to {:.0} ms, as the \
+            master goes further before it turns: {:.0}° in place of {:.0}°. The thesis, too, finds \
+            the sticking at the peaks reduced, not gone, and a master that learns a higher peak.",
         short(error[0]),
         short(error[1]),
         1e3 * plateau[0].unwrap_or(f64::NAN),
@@ -185,32 +170,25 @@ pub fn before_and_after(common: &Common) -> Result<Plot> {
         peaks[1],
         peaks[0],
     );
-    let row = |name: &str, unit, value: Option<f64>, note: &str| {
-        Row::own(format!("own.before_after.{name}"), "4.7", unit, None, value).note(note)
-    };
-    let rows = vec![
-        row(
-            "error_before_deg",
-            "°",
-            error[0],
-            "root mean square of the slave\'s error under § 4.1",
-        ),
-        row("error_after_deg", "°", error[1], "the same with the learnt reference"),
-        row(
+    let peaks = peaks.map(Some);
+    let again = "the same with the learnt reference";
+    let rows = [
+        ("error_before_deg", "°", error[0], "root mean square of the slave's error under § 4.1"),
+        ("error_after_deg", "°", error[1], again),
+        (
             "plateau_before_s",
             "s",
             plateau[0],
             "longest time for which the slave stands still under § 4.1",
         ),
-        row("plateau_after_s", "s", plateau[1], "the same with the learnt reference"),
-        row(
-            "master_peak_before_deg",
-            "°",
-            Some(peaks[0]),
-            "highest position of the master under § 4.1",
-        ),
-        row("master_peak_after_deg", "°", Some(peaks[1]), "the same with the learnt reference"),
-    ];
+        ("plateau_after_s", "s", plateau[1], again),
+        ("master_peak_before_deg", "°", peaks[0], "highest position of the master under § 4.1"),
+        ("master_peak_after_deg", "°", peaks[1], again),
+    ]
+    .map(|(name, unit, value, note)| {
+        Row::own(format!("own.before_after.{name}"), "4.7", unit, [None, value]).note(note)
+    })
+    .to_vec();
     Ok(Plot { number: "4.7", title: "Movement before and after learning", caption, panels, rows })
 }
 
@@ -261,54 +239,44 @@ fn rows(
     task: &IlcTask,
     [first, last, blocks, by_model]: [[Option<f64>; 2]; 4],
 ) -> Result<Vec<Row>> {
-    let both = |value: f64| [Some(value), Some(value)];
+    let both = |value: f64| [Some(value); 2];
     let amplitude = task.amplitude.to_degrees();
     let block_s = task.cycles_per_block as f64 / task.hertz;
-    let beside = |id, role, [printed, traced]: [Option<f64>; 2]| -> Result<Row> {
-        Ok(Row::beside(published(id)?, role, printed, traced))
-    };
-    let own = |id: String, unit, [printed, traced]: [Option<f64>; 2]| {
-        Row::own(id, "4.6", unit, printed, traced)
-    };
+    let delay = PUBLISHED.delay_samples(2000.0) as f64;
+    let beside = Row::beside;
+    let own = |id: String, unit, ours: [Option<f64>; 2]| Row::own(id, "4.6", unit, ours);
     let mut rows = vec![
         beside("hydrostatic.ilc.block_s", Role::Input, both(block_s))?,
-        beside(
-            "hydrostatic.ilc.delay_samples_2khz",
-            Role::Input,
-            both(PUBLISHED.delay_samples(2000.0) as f64),
-        )?,
-        own("own.ilc.amplitude_deg".to_owned(), "°", both(amplitude)).role(Role::Input).note(
-            "not \
-            printed",
-        ),
-        own("own.ilc.gamma_p".to_owned(), "1", both(PUBLISHED.gamma_p))
-            .role(Role::Input)
-            .note("not printed"),
-        own("own.ilc.gamma_d".to_owned(), "1", both(PUBLISHED.gamma_d))
-            .role(Role::Input)
-            .note("not printed"),
-        own("own.ilc.cutoff_hz".to_owned(), "Hz", both(PUBLISHED.cutoff_hz))
-            .role(Role::Input)
-            .note("not printed"),
+        beside("hydrostatic.ilc.delay_samples_2khz", Role::Input, both(delay))?,
+    ];
+    rows.extend(
+        [
+            ("amplitude_deg", "°", amplitude),
+            ("gamma_p", "1", PUBLISHED.gamma_p),
+            ("gamma_d", "1", PUBLISHED.gamma_d),
+            ("cutoff_hz", "Hz", PUBLISHED.cutoff_hz),
+        ]
+        .map(|(name, unit, value)| {
+            let row = own(format!("own.ilc.{name}"), unit, both(value));
+            row.role(Role::Input).note("not printed")
+        }),
+    );
+    rows.extend([
         beside("hydrostatic.ilc.initial_error_deg", Role::Predicted, first)?.note(format!(
             "mean magnitude over block 1, ±{amplitude:.0}°, feedback alone: friction holds the \
                 master, so it is 2/π of the amplitude"
         )),
-        beside("hydrostatic.ilc.final_error_deg", Role::Predicted, last)?.note(format!(
-            "mean \
-            magnitude over block {BLOCKS}"
-        )),
-        beside("hydrostatic.ilc.blocks", Role::Predicted, blocks)?.note(
-            "first block with a mean \
-            magnitude of 1° or less",
-        ),
+        beside("hydrostatic.ilc.final_error_deg", Role::Predicted, last)?
+            .note(format!("mean magnitude over block {BLOCKS}")),
+        beside("hydrostatic.ilc.blocks", Role::Predicted, blocks)?
+            .note("first block with a mean magnitude of 1° or less"),
         own("hydrostatic.ilc.model_based_blocks".to_owned(), "1", by_model).note(format!(
             "first block with 1° or less under the model-based law, none within {}; {:.0} s of \
                 identification come before",
             learning.model_based[0].errors_deg.len(),
             3.0 * HARMONICS as f64 / task.hertz,
         )),
-    ];
+    ]);
     for case in &learning.cases {
         let course = &case.published;
         let mut values = vec![
@@ -320,9 +288,8 @@ fn rows(
             values.push(("model_based_blocks", "1", by_model.blocks_to_goal()));
         }
         for (name, unit, value) in values {
-            rows.push(
-                own(format!("own.ilc.{}.{name}", case.id), unit, [None, value]).note(case.what),
-            );
+            let row = own(format!("own.ilc.{}.{name}", case.id), unit, [None, value]);
+            rows.push(row.note(case.what));
         }
     }
     Ok(rows)

@@ -67,7 +67,12 @@ fn columns(cycle: &Cycle) -> [Vec<f64>; 3] {
     ]
 }
 
-/// A figure by its turn.
+/// Angles in degrees.
+fn degrees(radians: &[f64]) -> Vec<f64> {
+    radians.iter().map(|angle| angle.to_degrees()).collect()
+}
+
+/// Draws one figure.
 pub type PlotFunction = fn(&Common) -> Result<Plot>;
 
 /// Every figure that the models can draw, in the order of the thesis.

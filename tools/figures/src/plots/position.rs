@@ -3,41 +3,26 @@
 use control::law::force::offset_v;
 use lock_step::ilc::Trace;
 use report::{Colour, Figure, Panels};
-use rig::RigFile;
 
 use super::style::{axes, tall};
-use super::{Common, Plot};
+use super::{Common, Plot, degrees};
 use crate::error::Result;
 use crate::guided::{AMPLITUDE_DEG, FIGURE_HZ, Guided, LawKind};
-use crate::learning::RIGS;
+use crate::learning::rigs;
 use crate::row::{Row, short};
-
-fn degrees(values: &[f64]) -> Vec<f64> {
-    values.iter().map(|value| value.to_degrees()).collect()
-}
 
 /// The first `cycles` of a law's movement; nothing where there is none.
 fn movement_of(guided: &Guided, law: LawKind, hertz: f64, cycles: f64) -> Trace {
     let Some(cell) = guided.cell(law, hertz) else { return Trace::default() };
-    let trace = &cell.trace;
-    let steps = trace.time_s.iter().take_while(|time_s| **time_s < cycles / hertz - 1e-6).count();
-    let begin = |values: &[f64]| values.get(..steps).unwrap_or_default().to_vec();
-    Trace {
-        time_s: begin(&trace.time_s),
-        desired: begin(&trace.desired),
-        reference: begin(&trace.reference),
-        master: begin(&trace.master),
-        slave: begin(&trace.slave),
-        volts: begin(&trace.volts),
-        feedforward: begin(&trace.feedforward),
-        ..Trace::default()
-    }
+    let time_s = &cell.trace.time_s;
+    let steps = time_s.iter().take_while(|time_s| **time_s < cycles / hertz - 1e-6).count();
+    cell.trace.part(0..steps)
 }
 
 /// Fig. 4.1.
 ///
 /// # Errors
-/// None today; as the other figures.
+/// None; the type is that of all figures.
 pub fn movement(common: &Common) -> Result<Plot> {
     let guided = &common.guided;
     let panel = |title: &str, hertz: f64| {
@@ -64,28 +49,22 @@ pub fn movement(common: &Common) -> Result<Plot> {
     let plateau = |hertz| of(hertz, |quality| quality.plateau_s);
     let caption = format!(
         "Master and slave under the position control of § 4.1 (printed gains and feed-forward), \
-            one settled cycle of ±{AMPLITUDE_DEG:.0}°, traced line, \
-         nobody at the handle. As in the thesis the slave is cut off at the peaks, where friction \
-         holds it: it stands for up to {:.0}, {:.0} and \
-         {:.0} ms at 0.2, 1 and 3 Hz. Unlike there, slow movements go in steps: friction that \
-         falls with speed breaks the slave loose \
-         again and again. Its stroke is smaller by the ratio of the pistons, 0.854.",
+            one settled cycle of ±{AMPLITUDE_DEG:.0}°, traced line, nobody at the handle. As in \
+            the thesis the slave is cut off at the peaks, where friction holds it: it stands for \
+            up to {:.0}, {:.0} and {:.0} ms at 0.2, 1 and 3 Hz. Unlike there, slow movements go in \
+            steps: friction that falls with speed breaks the slave loose again and again. Its \
+            stroke is smaller by the ratio of the pistons, 0.854.",
         1e3 * plateau(0.2).unwrap_or(f64::NAN),
         1e3 * plateau(1.0).unwrap_or(f64::NAN),
         1e3 * plateau(3.0).unwrap_or(f64::NAN),
     );
-    let rows =
-        vec![
-        Row::own(
-            "own.position_control.slave_error_1hz_deg",
-            "4.1",
-            "°",
-            None,
-            of(1.0, |quality| quality.slave_error.to_degrees()),
-        )
-        .note("root mean square, § 4.1 as printed; the table of guided movement has the other laws \
-            and frequencies"),
-        Row::own("own.position_control.plateau_1hz_s", "4.1", "s", None, plateau(1.0))
+    let error = of(1.0, |quality| quality.slave_error.to_degrees());
+    let rows = vec![
+        Row::own("own.position_control.slave_error_1hz_deg", "4.1", "°", [None, error]).note(
+            "root mean square, § 4.1 as printed; the table of guided movement has the other laws \
+                and frequencies",
+        ),
+        Row::own("own.position_control.plateau_1hz_s", "4.1", "s", [None, plateau(1.0)])
             .note("longest time for which the slave stands still, § 4.1 as printed"),
     ];
     Ok(Plot { number: "4.1", title: "Movement under position control", caption, panels, rows })
@@ -94,10 +73,9 @@ pub fn movement(common: &Common) -> Result<Plot> {
 /// Fig. 4.3.
 ///
 /// # Errors
-/// Where the rig file that is built in is not in order.
+/// Where the built-in rig file is invalid.
 pub fn feedforward(common: &Common) -> Result<Plot> {
-    let (name, text) = RIGS[1];
-    let rig = lock_step::simplified(RigFile::parse(text, name)?);
+    let [_, rig] = rigs()?;
     let control = &rig.axes[0].control;
     let [none, printed, identified] = [LawKind::Feedback, LawKind::Printed, LawKind::Identified]
         .map(|law| movement_of(&common.guided, law, FIGURE_HZ, 1.0));
@@ -125,16 +103,13 @@ pub fn feedforward(common: &Common) -> Result<Plot> {
     let errors = [LawKind::Feedback, LawKind::Printed, LawKind::Identified].map(error);
     let caption = format!(
         "A: feed-forward of position control along a sine of {FIGURE_HZ:.0} Hz and \
-            ±{AMPLITUDE_DEG:.0}°, as control put it out: the \
-         printed sum of a sine against inertia and a triangle against friction, highest where the \
-         movement turns ({:.1} V, {:.1} V at \
-         mid-movement), and the one from the identified model, in which what rubs beyond the line \
-         changes its sign only as the line is wound up \
-         the other way. B: friction compensation of force control over velocity (eq. 4.2.3), which \
-         changes sign with the torque. C: effect of A \
-         on the master\'s error; root mean square {}° without, {}° with the printed and {}° with \
-         the identified one. Traced line, nobody at \
-         the handle.",
+            ±{AMPLITUDE_DEG:.0}°, as control put it out: the printed sum of a sine against inertia \
+            and a triangle against friction, highest where the movement turns ({:.1} V, {:.1} V at \
+            mid-movement), and the one from the identified model, in which what rubs beyond the \
+            line changes its sign only as the line is wound up the other way. B: friction \
+            compensation of force control over velocity (eq. 4.2.3), which changes sign with the \
+            torque. C: effect of A on the master\'s error; root mean square {}° without, {}° with \
+            the printed and {}° with the identified one. Traced line, nobody at the handle.",
         control.feedforward.friction_peak_v,
         control.feedforward.friction_floor_v,
         short(errors[0]),
@@ -148,7 +123,7 @@ pub fn feedforward(common: &Common) -> Result<Plot> {
     ]
     .into_iter()
     .zip(errors)
-    .map(|(id, error)| Row::own(id, "4.3", "°", None, error).note("root mean square at 1 Hz"))
+    .map(|(id, error)| Row::own(id, "4.3", "°", [None, error]).note("root mean square at 1 Hz"))
     .collect();
     Ok(Plot {
         number: "4.3",

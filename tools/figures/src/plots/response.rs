@@ -6,7 +6,7 @@ use report::{Colour, Figure, Panels};
 use super::curve::{Curve, bode};
 use super::style::axes;
 use super::{Common, Plot, columns};
-use crate::calibration::SHORT_M;
+use crate::calibration::{Prediction, SHORT_M};
 use crate::error::Result;
 use crate::line::Line;
 use crate::linear;
@@ -18,6 +18,10 @@ use crate::row::{Role, Row};
 const POINTS: usize = 90;
 /// Points of a curve that costs nothing.
 const SMOOTH: usize = 600;
+
+/// The two numbers that the thesis gives of the measured response (§ 5.2.3).
+const RESONANCE: &str = "hydrostatic.frequency_response_measured.resonance_hz";
+const CUT_OFF: &str = "hydrostatic.frequency_response_measured.cutoff_hz";
 
 /// Fig. 3.4.
 ///
@@ -53,13 +57,11 @@ pub fn ten_metres(common: &Common) -> Result<Plot> {
     let rows = ten_metre_rows(common, &printed, &traced)?;
     let caption =
         "Slave over master, the master moved along a sine of ±30°: gain and phase of the \
-        fundamental from 0.2 to 24 Hz. \
-        The grey line is 0.707. With the printed constants the peak lies beyond the figure, near \
-        30 Hz; the traced line has it at \
-        the measured 8 Hz. Where the line wound up by the master no longer breaks the slave loose, \
-        the gain drops out of the \
-        figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot show the flat \
-        tops."
+            fundamental from 0.2 to 24 Hz. The grey line is 0.707. With the printed constants the \
+            peak lies beyond the figure, near 30 Hz; the traced line has it at the measured 8 Hz. \
+            Where the line wound up by the master no longer breaks the slave loose, the gain drops \
+            out of the figure and no phase is drawn. B: one cycle at 1 Hz; a linear system cannot \
+            show the flat tops."
             .to_owned();
     Ok(Plot { number: "3.4", title: "Frequency response, 10 m", caption, panels, rows })
 }
@@ -73,44 +75,36 @@ fn ten_metre_rows(common: &Common, printed: &[Response], traced: &[Response]) ->
         let inside = responses.iter().filter(|r| r.frequency_hz <= limit).map(|r| r.gain);
         decibels(Some(inside.chain(cut_off.map(|_| CUT_OFF_GAIN)).fold(f64::INFINITY, f64::min)))
     };
-    let beside = |id, printed, traced| -> Result<Row> {
-        Ok(Row::beside(published(id)?, Role::Predicted, printed, traced))
-    };
-    let slowest = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    let rows = vec![
-        beside(
-            "hydrostatic.linear_fit_10m.low_frequency_gain",
-            p.low_frequency_gain,
-            t.low_frequency_gain,
-        )?
-        .note(format!(
-            "gain at 1 Hz; at 0.2 Hz it is {:.3} (printed constants) and {:.3} (traced)",
-            slowest(p.slowest_gain),
-            slowest(t.slowest_gain)
-        )),
-        beside("hydrostatic.linear_fit_10m.stated_resonance_hz", p.peak_hz, t.peak_hz)?
-            .note("frequency of the largest gain"),
-        beside("hydrostatic.linear_fit_10m.stated_cutoff_hz", p.cut_off_hz, t.cut_off_hz)?
-            .note("gain 0.707 above the peak"),
-        beside("hydrostatic.linear_fit_10m.formula_peak_hz", p.peak_hz, t.peak_hz)?
-            .note("frequency of the largest gain"),
-        beside("hydrostatic.linear_fit_10m.formula_cutoff_hz", p.cut_off_hz, t.cut_off_hz)?
-            .note("gain 0.707 above the peak"),
-        beside("hydrostatic.linear_fit_10m.formula_lag_1hz_s", p.lag_1hz_s, t.lag_1hz_s)?
+    let beside = |id, ours| Row::beside(id, Role::Predicted, ours);
+    let of = |read: fn(&Prediction) -> Option<f64>| [read(p), read(t)];
+    let [slowest_p, slowest_t] = of(|line| line.slowest_gain).map(|gain| gain.unwrap_or(f64::NAN));
+    let (peaks, cut_offs) = (of(|line| line.peak_hz), of(|line| line.cut_off_hz));
+    let smallest = [
+        smallest(printed, p.cut_off_hz.filter(|cut_off| *cut_off <= 24.0)),
+        smallest(traced, t.cut_off_hz),
+    ];
+    let (peak, cut_off) = ("frequency of the largest gain", "gain 0.707 above the peak");
+    let rows =
+        vec![
+        beside("hydrostatic.linear_fit_10m.low_frequency_gain", of(|line| line.low_frequency_gain))?
+            .note(format!(
+                "gain at 1 Hz; at 0.2 Hz it is {slowest_p:.3} (printed constants) and \
+                    {slowest_t:.3} (traced)"
+            )),
+        beside("hydrostatic.linear_fit_10m.stated_resonance_hz", peaks)?.note(peak),
+        beside("hydrostatic.linear_fit_10m.stated_cutoff_hz", cut_offs)?.note(cut_off),
+        beside("hydrostatic.linear_fit_10m.formula_peak_hz", peaks)?.note(peak),
+        beside("hydrostatic.linear_fit_10m.formula_cutoff_hz", cut_offs)?.note(cut_off),
+        beside("hydrostatic.linear_fit_10m.formula_lag_1hz_s", of(|line| line.lag_1hz_s))?
             .note("lag of the slave's fundamental at 1 Hz, ±30°"),
-        beside(
-            "hydrostatic.gain_bounds.min_db",
-            smallest(printed, p.cut_off_hz.filter(|cut_off| *cut_off <= 24.0)),
-            smallest(traced, t.cut_off_hz),
-        )?
-        .note(
+        beside("hydrostatic.gain_bounds.min_db", smallest)?.note(
             "smallest gain from 0.2 Hz to the cut-off, or to 24 Hz where the cut-off lies higher",
         ),
-        beside("hydrostatic.gain_bounds.max_db", decibels(p.peak_gain), decibels(t.peak_gain))?
+        beside("hydrostatic.gain_bounds.max_db", of(|line| line.peak_gain).map(decibels))?
             .note("gain at the peak"),
-        beside("hydrostatic.vanishing.frequency_hz", p.vanishing_hz, t.vanishing_hz)?.note(
-            format!("gain falls below {VANISHED_GAIN}; the thesis says \"almost disappears\""),
-        ),
+        beside("hydrostatic.vanishing.frequency_hz", of(|line| line.vanishing_hz))?.note(format!(
+            "gain falls below {VANISHED_GAIN}; the thesis says \"almost disappears\""
+        )),
     ];
     Ok(rows.into_iter().chain(fit_rows("10m", "3.4", &common.fitted)).collect())
 }
@@ -148,48 +142,25 @@ pub fn one_metre(common: &Common) -> Result<Plot> {
         ("eq. 3.3.2", &LinearSystem::ONE_METRE),
         common.fitted_short[1].as_ref(),
     )?);
-    let (p, t) = (&common.calibration.printed, &common.calibration.traced);
-    let beside = |id, printed, traced, note: &str| {
-        Ok(Row::beside(published(id)?, Role::Predicted, printed, traced).note(note))
-    };
+    let lines = [&common.calibration.printed, &common.calibration.traced];
+    let (peaks, cut_offs) =
+        (lines.map(|line| line.short_peak_hz), lines.map(|line| line.short_cut_off_hz));
     let peak = "frequency of the largest gain, 1 m of hose, softened as at 10 m";
     let cut_off = "gain 0.707 above the peak, 1 m of hose";
-    let rows: Vec<Row> = [
-        beside(
-            "hydrostatic.linear_fit_1m.stated_natural_frequency_hz",
-            p.short_peak_hz,
-            t.short_peak_hz,
-            peak,
-        ),
-        beside(
-            "hydrostatic.linear_fit_1m.stated_cutoff_hz",
-            p.short_cut_off_hz,
-            t.short_cut_off_hz,
-            cut_off,
-        ),
-        beside(
-            "hydrostatic.linear_fit_1m.formula_natural_hz",
-            p.short_peak_hz,
-            t.short_peak_hz,
-            peak,
-        ),
-        beside(
-            "hydrostatic.linear_fit_1m.formula_cutoff_hz",
-            p.short_cut_off_hz,
-            t.short_cut_off_hz,
-            cut_off,
-        ),
-    ]
-    .into_iter()
-    .collect::<Result<Vec<Row>>>()?
-    .into_iter()
-    .chain(fit_rows("1m", "3.7", &common.fitted_short))
-    .collect();
+    let mut rows = Vec::new();
+    for (id, ours, note) in [
+        ("hydrostatic.linear_fit_1m.stated_natural_frequency_hz", peaks, peak),
+        ("hydrostatic.linear_fit_1m.stated_cutoff_hz", cut_offs, cut_off),
+        ("hydrostatic.linear_fit_1m.formula_natural_hz", peaks, peak),
+        ("hydrostatic.linear_fit_1m.formula_cutoff_hz", cut_offs, cut_off),
+    ] {
+        rows.push(Row::beside(id, Role::Predicted, ours)?.note(note));
+    }
+    rows.extend(fit_rows("1m", "3.7", &common.fitted_short));
     let caption = "The same with 1 m of hose. The softening is the one fitted at 10 m to the \
-        measured 8 Hz; eq. 3.3.2, which the author \
-        fitted to his simulation, took no part in it. The printed constants put the peak near 170 \
-        Hz, beyond the figure: the \
-        author's own simulation had a softer line too, at both lengths. B: one cycle at 2 Hz."
+        measured 8 Hz; eq. 3.3.2, which the author fitted to his simulation, took no part in it. \
+        The printed constants put the peak near 170 Hz, beyond the figure: the author's own \
+        simulation had a softer line too, at both lengths. B: one cycle at 2 Hz."
         .to_owned();
     Ok(Plot { number: "3.7", title: "Frequency response, 1 m", caption, panels, rows })
 }
@@ -200,8 +171,6 @@ pub fn one_metre(common: &Common) -> Result<Plot> {
 /// Where a constant is out of range.
 pub fn measured(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.2, 15.0, POINTS);
-    let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
-    let cut_off = published("hydrostatic.frequency_response_measured.cutoff_hz")?;
     let curves = [
         Curve::simulated(
             "printed constants",
@@ -218,36 +187,38 @@ pub fn measured(common: &Common) -> Result<Plot> {
     ];
     let [gains, phases] = bode("A  Hydrostatic", &curves, (0.2, 15.0), (0.5, 4.0), -220.0);
     let gains = gains
-        .vertical("measured resonance", resonance.value)
+        .vertical("measured resonance", published(RESONANCE)?.value)
         .colour(Colour::Black)
-        .scatter("measured cut-off", &[cut_off.value], &[CUT_OFF_GAIN]);
+        .scatter("measured cut-off", &[published(CUT_OFF)?.value], &[CUT_OFF_GAIN]);
     let ([cable_gains, cable_phases], cable_rows) = super::cable::response()?;
     let panels = Panels::new("Fig. 5.7, responses against what was measured")
         .panel(gains)
         .panel(phases)
         .panel(cable_gains)
         .panel(cable_phases);
-    let (p, t) = (&common.calibration.printed, &common.calibration.traced);
+    let lines = [&common.calibration.printed, &common.calibration.traced];
+    let peaks = lines.map(|line| line.peak_hz);
     let mut rows = vec![
-        Row::beside(resonance, Role::Fitted, p.peak_hz, t.peak_hz).note(
+        Row::beside(RESONANCE, Role::Fitted, peaks)?.note(
             "frequency of the largest gain, ±30°; the only value that the softening was fitted to",
         ),
-        Row::beside(cut_off, Role::Predicted, p.cut_off_hz, t.cut_off_hz)
+        Row::beside(CUT_OFF, Role::Predicted, lines.map(|line| line.cut_off_hz))?
             .note("gain 0.707 above the peak, ±30°"),
-        Row::own("own.nominal.peak_hz", "5.7", "Hz", p.peak_hz, t.peak_hz)
-            .note("±30°, printed friction"),
-        Row::own("own.nominal.peak_gain", "5.7", "1", p.peak_gain, t.peak_gain)
-            .note("±30°, printed friction"),
-        Row::own("own.nominal.lag_1hz_s", "5.7", "s", p.lag_1hz_s, t.lag_1hz_s)
-            .note("±30°, printed friction"),
     ];
+    for (name, unit, ours) in [
+        ("peak_hz", "Hz", peaks),
+        ("peak_gain", "1", lines.map(|line| line.peak_gain)),
+        ("lag_1hz_s", "s", lines.map(|line| line.lag_1hz_s)),
+    ] {
+        let row = Row::own(format!("own.nominal.{name}"), "5.7", unit, ours);
+        rows.push(row.note("±30°, printed friction"));
+    }
     rows.extend(cable_rows);
     let caption = "Both transmissions over the frequencies of the measurement. Of it the text \
-        gives two numbers, the same for both: \
-        resonance at 8 Hz (grey line), cut-off at 12 Hz (dot). The traced line was fitted to the \
-        first; the second it predicts. The cable's gain \
-        is over the mechanical ratio. Its peak is far higher than the measured one, \
-        which \"remains same till after resonance\"."
+        gives two numbers, the same for both: resonance at 8 Hz (grey line), cut-off at 12 Hz \
+        (dot). The traced line was fitted to the first; the second it predicts. The cable's gain \
+        is over the mechanical ratio. Its peak is far higher than the measured one, which \
+        \"remains same till after resonance\"."
         .to_owned();
     Ok(Plot { number: "5.7", title: "Measured frequency response", caption, panels, rows })
 }
@@ -289,8 +260,8 @@ fn fit_rows(length: &str, figure: &str, fitted: &[Option<LinearSystem>; 2]) -> V
     readings
         .into_iter()
         .map(|(name, unit, read)| {
-            let [printed, traced] = [0, 1].map(|i: usize| fitted[i].as_ref().and_then(read));
-            Row::own(format!("own.linear_fit_{length}.{name}"), figure, unit, printed, traced).note(
+            let ours = fitted.each_ref().map(|fitted| fitted.as_ref().and_then(read));
+            Row::own(format!("own.linear_fit_{length}.{name}"), figure, unit, ours).note(
                 "second order with dead time, fitted to the simulated response as the thesis's was",
             )
         })

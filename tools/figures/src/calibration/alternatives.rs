@@ -1,5 +1,5 @@
-//! Other explanations of the measured 8 Hz, each with whatever size gives it, and what each then
-//! says of the rest.
+//! Alternative explanations of the measured 8 Hz: each is fitted to it, and predicts the other
+//! published numbers.
 
 use plant::effects::Site;
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use crate::published::{Kind, Published, published};
 
 /// One explanation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rival {
+pub struct Alternative {
     /// Name for programs.
     pub id: &'static str,
     /// Name for readers.
@@ -32,7 +32,7 @@ pub type Held = (&'static Published, Read);
 /// Reads a value off a prediction.
 pub type Read = fn(&Prediction) -> Option<f64>;
 
-/// The rows by which explanations are compared.
+/// The rows on which explanations are compared.
 ///
 /// # Errors
 /// Where one is missing from the table.
@@ -47,7 +47,7 @@ pub fn held_rows() -> Result<Vec<Held>> {
     rows.into_iter().map(|(id, read)| Ok((published(id)?, read))).collect()
 }
 
-impl Rival {
+impl Alternative {
     /// Root mean square of `ln(predicted/published)` over the held rows, in percent, of those
     /// measured on the rig or of all; none where something is not predicted at all. Logarithms, so
     /// that half and twice count alike.
@@ -92,7 +92,11 @@ struct Candidate {
 ///
 /// # Errors
 /// Where a constant or an effect is out of range.
-pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> Result<Vec<Rival>> {
+pub fn alternatives(
+    softening: f64,
+    softened: Prediction,
+    done: impl Fn() + Sync,
+) -> Result<Vec<Alternative>> {
     let relaxing = |line: Line, ratio: f64| {
         let mut branch = added("viscoelastic_line", Site::Line, ratio);
         branch.more.push(("relaxation_s", BRANCH.1));
@@ -135,7 +139,7 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
         },
     ];
     let target = measured_resonance_hz()?;
-    let softer = Rival {
+    let softer = Alternative {
         id: "line_compliance",
         short: "softer line",
         what: "a softer line; the size is the factor on its stiffness",
@@ -143,7 +147,7 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
         size: Some(softening),
         prediction: softened,
     };
-    let others: Result<Vec<Rival>> = candidates
+    let others: Result<Vec<Alternative>> = candidates
         .into_par_iter()
         .map(|Candidate { id, short, what, unit, range: (harmless, strongest), make }| {
             let size = fit(target, harmless, strongest, &make)?;
@@ -152,7 +156,7 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
                 None => Prediction::default(),
             };
             done();
-            Ok(Rival { id, short, what, unit, size, prediction })
+            Ok(Alternative { id, short, what, unit, size, prediction })
         })
         .collect();
     let mut all = vec![softer];
@@ -160,5 +164,5 @@ pub fn rivals(softening: f64, softened: Prediction, done: impl Fn() + Sync) -> R
     Ok(all)
 }
 
-/// How many explanations [`rivals`] fits.
+/// How many explanations [`alternatives`] fits.
 pub const FITTED: usize = 4;
