@@ -63,14 +63,14 @@ impl Table {
                 div.wide { table {
                     thead { tr {
                         @for (cell, number) in self.header.iter().zip(&number) {
-                            th.number[*number] scope="col" { (cell) }
+                            th scope="col" class=[number.then_some("number")] { (cell) }
                         }
                     } }
                     tbody {
                         @for row in &self.rows {
                             tr {
                                 @for (cell, number) in row.iter().zip(&number) {
-                                    td.number[*number] { (cell) }
+                                    td class=[number.then_some("number")] { (cell) }
                                 }
                             }
                         }
