@@ -1,4 +1,4 @@
-//! The launcher's end of `sd_notify`: datagrams with the sender's pid from the kernel.
+//! Receiving end of the `sd_notify` protocol; the kernel attaches the sender's pid to each datagram.
 
 use std::io::IoSliceMut;
 use std::mem::MaybeUninit;
@@ -10,41 +10,46 @@ use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg,
 
 use crate::Error;
 
-/// A notification.
+/// A notification that the launcher acts on; others are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Notification {
     /// `READY=1`
     Ready,
     /// `WATCHDOG=1`
-    Alive,
+    KeepAlive,
     /// `STATUS=...`
     Status(String),
 }
 
+/// Non-blocking datagram socket with `SO_PASSCRED`.
 pub(crate) struct NotifySocket(UnixDatagram);
 
 impl NotifySocket {
-    /// Binds the path anew. Processes that resolve the path for each datagram, as sd_notify does,
-    /// reach the new socket.
+    /// Removes a stale socket at `path` and binds a new one. Running processes reach it, since
+    /// `sd_notify` resolves the path for every datagram.
     pub(crate) fn bind(path: &Path) -> Result<Self, Error> {
         let _ = std::fs::remove_file(path);
         let socket = UnixDatagram::bind(path).map_err(|source| Error::io("bind", path, source))?;
-        socket.set_nonblocking(true).map_err(|source| Error::io("set up", path, source))?;
+        socket
+            .set_nonblocking(true)
+            .map_err(|source| Error::io("set non-blocking", path, source))?;
         sockopt::set_socket_passcred(&socket, true)
-            .map_err(|source| Error::io("set up", path, source))?;
+            .map_err(|source| Error::io("set SO_PASSCRED on", path, source))?;
         Ok(Self(socket))
     }
 
-    pub(crate) fn handle(&self) -> BorrowedFd<'_> {
+    /// The descriptor to poll.
+    pub(crate) fn as_fd(&self) -> BorrowedFd<'_> {
         self.0.as_fd()
     }
 
-    /// The next datagram: the sender's pid and its notifications; `None` if there is none.
+    /// The next datagram: the sender's pid (0 if the kernel sent no credentials) and its
+    /// notifications. `None` if none is waiting or the read failed.
     pub(crate) fn receive(&self) -> Option<(i32, Vec<Notification>)> {
         let mut bytes = [0u8; 4096];
-        let mut space =
+        let mut control_buffer =
             [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1), ScmRights(8))];
-        let mut ancillary = RecvAncillaryBuffer::new(&mut space);
+        let mut ancillary = RecvAncillaryBuffer::new(&mut control_buffer);
         let received = recvmsg(
             &self.0,
             &mut [IoSliceMut::new(&mut bytes)],
@@ -54,21 +59,26 @@ impl NotifySocket {
         .ok()?;
         let mut pid = 0;
         for message in ancillary.drain() {
-            // Descriptors sent along are closed as they are dropped.
+            // Descriptors sent alongside (`SCM_RIGHTS`) are closed when the message is dropped.
             if let RecvAncillaryMessage::ScmCredentials(credentials) = message {
                 pid = credentials.pid.as_raw_nonzero().get();
             }
         }
-        Some((pid, notifications(&String::from_utf8_lossy(&bytes[..received.bytes]))))
+        Some((pid, parse(&String::from_utf8_lossy(&bytes[..received.bytes]))))
     }
 }
 
-fn notifications(text: &str) -> Vec<Notification> {
+/// Longest status text that is kept (characters).
+const STATUS_CHARACTERS: usize = 200;
+
+fn parse(text: &str) -> Vec<Notification> {
     text.lines()
         .filter_map(|line| match line.split_once('=')? {
             ("READY", "1") => Some(Notification::Ready),
-            ("WATCHDOG", "1") => Some(Notification::Alive),
-            ("STATUS", text) => Some(Notification::Status(text.chars().take(200).collect())),
+            ("WATCHDOG", "1") => Some(Notification::KeepAlive),
+            ("STATUS", text) => {
+                Some(Notification::Status(text.chars().take(STATUS_CHARACTERS).collect()))
+            }
             _ => None,
         })
         .collect()
@@ -82,22 +92,25 @@ mod tests {
     fn known_notifications_are_parsed() {
         let text = "READY=1\nSTATUS=best-effort\nWATCHDOG=1\nMAINPID=4\nnonsense\n";
         assert_eq!(
-            notifications(text),
+            parse(text),
             [
                 Notification::Ready,
                 Notification::Status("best-effort".to_owned()),
-                Notification::Alive
+                Notification::KeepAlive
             ]
         );
     }
 
     #[test]
-    fn the_sender_is_known() {
+    fn the_sender_pid_is_reported() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("notify");
         let socket = NotifySocket::bind(&path).unwrap();
         assert_eq!(socket.receive(), None);
         UnixDatagram::unbound().unwrap().send_to(b"WATCHDOG=1\n", &path).unwrap();
-        assert_eq!(socket.receive(), Some((std::process::id() as i32, vec![Notification::Alive])));
+        assert_eq!(
+            socket.receive(),
+            Some((std::process::id() as i32, vec![Notification::KeepAlive]))
+        );
     }
 }

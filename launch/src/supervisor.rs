@@ -356,7 +356,7 @@ impl Supervisor {
         let timeout =
             Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
         let processes = self.units.iter().filter_map(|supervised| supervised.process.as_ref());
-        let mut handles: Vec<PollFd<'_>> = std::iter::once(self.notify.handle())
+        let mut handles: Vec<PollFd<'_>> = std::iter::once(self.notify.as_fd())
             .chain(signals.map(AsFd::as_fd))
             .chain(self.control.handles())
             .chain(processes.map(Process::handle))
@@ -391,7 +391,7 @@ impl Supervisor {
                         let supervised = &mut self.units[index];
                         supervised.scheduling = Some(Scheduling::read(&supervised.unit, pid));
                     }
-                    Notification::Alive => {
+                    Notification::KeepAlive => {
                         self.lifecycle.ping(index, self.units[index].adopted, now)
                     }
                     Notification::Status(text) => self.units[index].status_text = Some(text),

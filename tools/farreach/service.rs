@@ -9,7 +9,7 @@ use control::ControlError;
 use experiment::ExperimentError;
 use ipc_types::CardKind;
 use logger::LoggerError;
-use operator::command::{card_name, key_and_value};
+use operator::command::{card_parser, parse_key_value};
 use runtime::RigName;
 use simulator::SimulatorError;
 use watchdog::WatchdogError;
@@ -49,7 +49,7 @@ pub(crate) enum Service {
         #[command(flatten)]
         rig: RigArgument,
         /// The card that it reads and writes
-        #[arg(long, env = "FARREACH_CARD", hide_env_values = true, value_parser = card_name())]
+        #[arg(long, env = "FARREACH_CARD", hide_env_values = true, value_parser = card_parser())]
         card: CardKind,
         /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
@@ -85,7 +85,7 @@ pub(crate) enum Service {
         #[arg(long, value_name = "FILE", env = "FARREACH_RECORD", hide_env_values = true)]
         record: Option<String>,
         /// Metadata of the recording (repeatable)
-        #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+        #[arg(long, value_name = "KEY=VALUE", value_parser = parse_key_value)]
         metadata: Vec<(String, String)>,
     },
     /// Plays protocols

@@ -45,7 +45,7 @@ mod options;
 mod position_control;
 mod slave;
 
-use blend::{Blend, Motion, stopping_way};
+use blend::{Blend, Motion, stopping_displacement};
 use bounds::within;
 pub use config::{AxisLaw, LawConfig};
 use estimate::VelocityEstimate;
@@ -390,7 +390,7 @@ impl Axis {
 
     /// The last target, extrapolated to a time.
     fn target_at(&self, time_ns: u64) -> Motion {
-        self.target.after(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
+        self.target.extrapolated(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
     }
 
     /// The reference at a time, from target and blend.
@@ -402,9 +402,9 @@ impl Axis {
     /// The position, within the limits, at which a moving reference comes to rest at constant
     /// deceleration.
     fn resting_place(&self, law: &AxisLaw) -> Motion {
-        let way = stopping_way(self.reference.velocity, law.stop_s());
+        let displacement = stopping_displacement(self.reference.velocity, law.stop_s());
         Motion::at_rest(
-            (self.reference.position + way)
+            (self.reference.position + displacement)
                 .max(law.limits.position_min)
                 .min(law.limits.position_max),
         )
@@ -451,5 +451,5 @@ fn target_of(setpoint: &Setpoint, axis: usize, mode: Mode, time_ns: u64) -> Moti
         velocity: setpoint.velocity[axis],
         acceleration: setpoint.acceleration[axis],
     }
-    .after(ahead_s.clamp(-EXTRAPOLATION_S, EXTRAPOLATION_S))
+    .extrapolated(ahead_s.clamp(-EXTRAPOLATION_S, EXTRAPOLATION_S))
 }

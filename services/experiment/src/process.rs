@@ -28,7 +28,7 @@ use crate::player::{Change, Notice, Permission, Player, Program, Settings};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
-use link::{LoopEnd, Note, Order};
+use link::{ChangeReport, LoopSide, Order};
 use request_handler::{Current, RequestHandler};
 
 /// Period of the heartbeat (ns).
@@ -92,7 +92,7 @@ pub struct Runner {
     heartbeats: Publisher<Heartbeat>,
     player: Player,
     settings: Settings,
-    link: LoopEnd,
+    link: LoopSide,
     grid: Grid,
     /// newest order taken, and the one that is being played
     taken: u32,
@@ -141,7 +141,7 @@ impl Runner {
             }
         };
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
-        let (link, handler_end) = link::link();
+        let (link, request_side) = link::pair();
         let fifo = service.domain().fifo();
         let ilc_worker = IlcWorker::open(
             session,
@@ -158,7 +158,7 @@ impl Runner {
             session,
             file,
             learnt,
-            link: handler_end,
+            link: request_side,
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
             current,
             trouble: String::new(),
@@ -253,8 +253,8 @@ impl Runner {
         while let Ok(order) = self.link.orders.pop() {
             match order {
                 // The client has been told that the request timed out, so it must not start now.
-                Order::Play(_, _, before_ns) if now_ns() > before_ns => {}
-                Order::Play(number, program, _) => {
+                Order::Play { deadline_ns, .. } if now_ns() > deadline_ns => {}
+                Order::Play { number, program, .. } => {
                     // The request handler holds this program and the previous one, so nothing is
                     // freed here. Without permission the step below ends the protocol.
                     let epoch = self.token.map_or(0, |token| token.epoch);
@@ -262,7 +262,7 @@ impl Runner {
                     self.link.progress.renew(wake.woke_ns);
                     (self.taken, self.playing) = (number, number);
                 }
-                Order::Stop(number) => {
+                Order::Stop { number } => {
                     self.player.stop();
                     self.taken = number;
                 }
@@ -290,8 +290,8 @@ impl Runner {
                 // would resume at an earlier segment.
                 if self
                     .link
-                    .notes
-                    .push(Note { order: self.playing, change, epoch: self.player.epoch() })
+                    .changes
+                    .push(ChangeReport { order: self.playing, change, epoch: self.player.epoch() })
                     .is_err()
                 {
                     self.link.dropped.count();
@@ -304,8 +304,8 @@ impl Runner {
                 break;
             }
         }
-        let permitted = matches!(permission, Permission::Enabled(_));
-        self.link.progress.update(self.taken, &self.player.status(), sample_ns, permitted);
+        let enabled = matches!(permission, Permission::Enabled(_));
+        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled);
         Ok(())
     }
 
@@ -323,7 +323,7 @@ impl Runner {
     fn losses(&self) -> Losses {
         let losses =
             Losses::default().received(self.samples.counters()).sent(self.setpoints.undelivered());
-        Losses { dropped: self.link.dropped.so_far(), ..losses }
+        Losses { dropped: self.link.dropped.total(), ..losses }
     }
 
     fn heartbeat(&mut self, profile: Profile) -> Result<(), PortError> {

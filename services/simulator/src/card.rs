@@ -1,4 +1,4 @@
-//! The card without a clock.
+//! The simulated card as a pure core: the caller passes tick and time.
 
 use ipc_types::{ANALOG, AXES, CardScan};
 use plant::ParameterError;
@@ -13,31 +13,34 @@ use rand_pcg::Pcg64Mcg;
 use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
 use thiserror::Error;
 
-/// The simulated card cannot be made from this rig file.
+/// Why the simulated card cannot be built from a rig file.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum CardError {
     #[error(transparent)]
     Rig(#[from] rig::RigError),
-    #[error("plant: {0}")]
+    #[error("model.parameters: {0}")]
     Parameter(#[from] ParameterError),
     #[error("--effect: {0}")]
     Effect(#[from] EffectError),
-    #[error("handle: {0}")]
+    #[error("model.handle_coupling: {0}")]
     Coupling(#[from] CouplingError),
-    /// No plant for that.
+    /// The model kind has no simulated plant.
     #[error(
-        "{file}: the simulated card has a plant for the model kinds \"hydrostatic\" and \
-         \"cable\"; found kind \"{kind}\". Put a measured record there instead (`farreach up \
-         --replay RECORD`)"
+        "{file}: the simulated card can simulate the model kinds \"hydrostatic\" and \"cable\"; \
+         found kind \"{kind}\"; replay a measured record instead (`farreach up --replay RECORD`)"
     )]
     NoPlant { file: String, kind: &'static str },
 }
+
+/// Range of an analog input that the rig file does not describe (V).
+const DEFAULT_RANGE_V: f64 = 10.0;
 
 /// The sensors of one axis.
 #[derive(Debug)]
 struct Sensors {
     axis: Axis,
+    /// Index of the analog channel, and the cell.
     torque_cell: Option<(usize, TorqueCell)>,
 }
 
@@ -46,40 +49,49 @@ struct Sensors {
 pub struct Card {
     plant: Plant,
     sensors: Vec<Sensors>,
-    /// The EMG's channels, and the muscles under the electrodes, which move the first axis; none
-    /// where there are no channels.
-    emg: Vec<usize>,
+    /// Analog channels of kind `emg`.
+    emg_channels: Vec<usize>,
+    /// Simulated muscles of the first axis; `None` without EMG channels.
     muscles: Option<Emg>,
-    other: Vec<usize>,
-    /// The scanner and the channels that its line goes to; none where no scanner runs.
+    /// Analog channels of kind `other`: noise only.
+    other_channels: Vec<usize>,
+    /// The simulated scanner; `None` if the rig file declares none.
     scanner: Option<ScannerTrigger>,
-    triggers: Vec<usize>,
+    /// Analog channels that carry the scanner's trigger.
+    trigger_channels: Vec<usize>,
     first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
     hand: Hand,
-    /// Scans since the motor has had power: a moving hand sets off with it, so that the rig can be
-    /// armed at rest.
+    /// Scans since the motor got power. A moving hand starts with motor power, so that the rig can
+    /// be armed at rest.
     powered_scans: u64,
     generator: Pcg64Mcg,
     period_s: f64,
-    line_ns: u64,
+    /// Motor power is cut this long after the last valid toggle of the enable line (ns).
+    enable_line_timeout_ns: u64,
     dac_v: [f64; AXES],
-    /// Which watchdog set the line last, and how often it had changed the level.
-    line: Option<(u64, u64)>,
-    /// The last edge, and the last one that kept the line alive.
-    edge_ns: Option<u64>,
-    toggled_ns: Option<u64>,
+    /// Incarnation of the watchdog that last drove the enable line, and its toggle count.
+    enable_line: Option<(u64, u64)>,
+    /// Time of the last edge (ns).
+    edge_at_ns: Option<u64>,
+    /// Time of the last edge that counts as a sign of life (ns).
+    alive_at_ns: Option<u64>,
     output_sequence: u64,
     output_incarnation: u64,
+    /// Highest tick that acquisition has read and published.
     taken_tick: u64,
 }
 
 impl Card {
-    /// A card at rest. `effects` are `ID[@SITE][=SIZE]` and go into the plant only, into each axis,
-    /// beside those that the rig file declares: no model is told of them. `line_ns` is how long
-    /// after the enable line's last toggle the motors keep their power.
-    pub fn new(rig: &RigFile, effects: &[String], line_ns: u64) -> Result<Self, CardError> {
+    /// A card at rest. `effects` (`ID[@SITE][=SIZE]`) are added to the plant of every axis, besides
+    /// those of the rig file; no declared model includes them. The motors lose power
+    /// `enable_line_timeout_ns` after the last toggle of the enable line.
+    pub fn new(
+        rig: &RigFile,
+        effects: &[String],
+        enable_line_timeout_ns: u64,
+    ) -> Result<Self, CardError> {
         let kind = rig.model.kind;
         if !kind.is_transmission() {
             return Err(CardError::NoPlant { file: rig.file_name().to_owned(), kind: kind.name() });
@@ -92,9 +104,10 @@ impl Card {
             if hand.kind != HandKind::Absent {
                 parameters.load_handle(hand.inertia)?;
             }
-            let asked = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+            let requested =
+                effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
             let mut effects = rig.model_effects()?;
-            effects.extend(asked);
+            effects.extend(requested);
             if let Some((lower, upper)) = simulation.end_stops {
                 effects.push(Box::new(EndStop::between(lower, upper)));
             }
@@ -112,24 +125,25 @@ impl Card {
         let sensors =
             rig.axes.iter().zip(0..).map(|(axis, at)| Sensors::new(rig, axis, at)).collect();
         let period_s = 1.0 / f64::from(rig.rates.acquisition_hz);
-        let emg = channels(|kind| kind == ChannelKind::Emg);
+        let emg_channels = channels(|kind| kind == ChannelKind::Emg);
         let standard = EmgParameters::default();
         let muscles = EmgParameters {
             full_rms_v: simulation.emg_rms_v,
-            // The electrodes' noise, in proportion.
+            // Electrode noise scaled with the signal.
             floor_rms_v: simulation.emg_rms_v * standard.floor_rms_v / standard.full_rms_v,
             ..standard
         };
-        let muscles =
-            (!emg.is_empty()).then(|| Emg::new(muscles, period_s, simulation.seed)).transpose()?;
+        let muscles = (!emg_channels.is_empty())
+            .then(|| Emg::new(muscles, period_s, simulation.seed))
+            .transpose()?;
         Ok(Self {
             plant,
             sensors,
-            emg,
+            emg_channels,
             muscles,
-            other: channels(|kind| kind == ChannelKind::Other),
+            other_channels: channels(|kind| kind == ChannelKind::Other),
             scanner: simulation.scanner.map(ScannerTrigger::checked).transpose()?,
-            triggers: channels(|kind| kind == ChannelKind::Trigger),
+            trigger_channels: channels(|kind| kind == ChannelKind::Trigger),
             first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
@@ -137,11 +151,11 @@ impl Card {
             powered_scans: 0,
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
             period_s,
-            line_ns,
+            enable_line_timeout_ns,
             dac_v: [0.0; AXES],
-            line: None,
-            edge_ns: None,
-            toggled_ns: None,
+            enable_line: None,
+            edge_at_ns: None,
+            alive_at_ns: None,
             output_sequence: 0,
             output_incarnation: 0,
             taken_tick: 0,
@@ -156,35 +170,38 @@ impl Card {
         self.output_incarnation = incarnation;
     }
 
-    /// Takes note that scans up to `tick` were taken out of the FIFO and published.
+    /// Records that all scans up to `tick` were read from the FIFO and published.
     pub fn taken(&mut self, tick: u64) {
         self.taken_tick = self.taken_tick.max(tick);
     }
 
-    /// Highest tick that was taken.
+    /// Highest tick that was read and published.
     pub fn taken_tick(&self) -> u64 {
         self.taken_tick
     }
 
-    /// A watchdog (`incarnation`) says at `time_ns` that it has changed the enable line's level
-    /// `toggles` times. The same count again is no edge. One edge is no sign of life, for a
-    /// watchdog that starts again makes one when it sets the line to a known level: power comes
-    /// with the second of two edges that are no further apart than the card is patient. Two
-    /// watchdogs that hold different levels make no edges between them: what another one says is a
-    /// level to begin with.
+    /// Updates the enable line: at `time_ns` the watchdog `incarnation` reports that it has toggled
+    /// the line `toggles` times. An unchanged count is no edge. A single edge does not restore
+    /// power, since a restarting watchdog makes one when it initialises the line: motor power needs
+    /// two edges within the line's timeout. The first report of a new incarnation only sets the
+    /// reference count, so that two watchdogs with different levels make no edges between them.
     pub fn enable_line(&mut self, incarnation: u64, toggles: u64, time_ns: u64) {
-        let before = self.line.replace((incarnation, toggles));
-        if before.is_some_and(|(sender, _)| sender != incarnation) {
-            self.edge_ns = None;
-        } else if before.is_some_and(|(_, count)| count != toggles) {
-            let edge_ns = self.edge_ns.map_or(time_ns, |before| before.max(time_ns));
-            if self.edge_ns.replace(edge_ns).is_some_and(|before| edge_ns - before <= self.line_ns)
+        let previous = self.enable_line.replace((incarnation, toggles));
+        if previous.is_some_and(|(sender, _)| sender != incarnation) {
+            self.edge_at_ns = None;
+        } else if previous.is_some_and(|(_, count)| count != toggles) {
+            let edge_ns = self.edge_at_ns.map_or(time_ns, |before| before.max(time_ns));
+            if self
+                .edge_at_ns
+                .replace(edge_ns)
+                .is_some_and(|before| edge_ns - before <= self.enable_line_timeout_ns)
             {
-                self.toggled_ns = Some(edge_ns);
+                self.alive_at_ns = Some(edge_ns);
             }
         }
     }
 
+    /// A normal random number with this standard deviation.
     fn noise(&mut self, deviation: f64) -> f64 {
         let sample: f64 = StandardNormal.sample(&mut self.generator);
         deviation * sample
@@ -192,11 +209,12 @@ impl Card {
 
     /// Whether the motor has power at `time_ns`.
     fn powered(&self, time_ns: u64) -> bool {
-        self.toggled_ns.is_some_and(|toggled| time_ns.saturating_sub(toggled) <= self.line_ns)
+        self.alive_at_ns
+            .is_some_and(|toggled| time_ns.saturating_sub(toggled) <= self.enable_line_timeout_ns)
     }
 
-    /// One period of the card: takes a scan at `time_ns`, then lets the plant run to the next one
-    /// on the volts that reach the motors now.
+    /// Runs one period: takes a scan at `time_ns`, then steps the plant to the next scan with the
+    /// voltages that are now applied to the motors.
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
         let powered = self.powered(time_ns);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
@@ -209,7 +227,7 @@ impl Card {
             output_sequence: self.output_sequence,
             output_incarnation: self.output_incarnation,
             line_age_ns: self
-                .toggled_ns
+                .alive_at_ns
                 .map_or(u64::MAX, |toggled| time_ns.saturating_sub(toggled)),
             motor_power: u8::from(powered),
             axes: self.sensors.len() as u8,
@@ -219,24 +237,24 @@ impl Card {
             self.read_axis(index, &mut scan);
         }
         let reading = self.plant.reading(0);
-        // Flexors and extensors in turn, as active as the hand's torque asks.
+        // Channels alternate between flexor and extensor; activation follows the hand's torque.
         if let Some(muscles) = &mut self.muscles {
             let volts = muscles.read(reading.slave_torque_nm);
-            for (&channel, volts) in self.emg.iter().zip(volts) {
+            for (&channel, volts) in self.emg_channels.iter().zip(volts) {
                 self.set_analog(&mut scan, channel, volts);
             }
         }
-        for index in 0..self.other.len() {
+        for index in 0..self.other_channels.len() {
             let volts = self.noise(self.analog_noise_v);
-            self.set_analog(&mut scan, self.other[index], volts);
+            self.set_analog(&mut scan, self.other_channels[index], volts);
         }
         if let Some(scanner) = &self.scanner {
             // The first volume begins with the card's first scan.
-            let ticks = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
-            let level = scanner.volts(ticks as f64 * self.period_s);
-            for index in 0..self.triggers.len() {
+            let ticks_since_start = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
+            let level = scanner.volts(ticks_since_start as f64 * self.period_s);
+            for index in 0..self.trigger_channels.len() {
                 let volts = level + self.noise(self.analog_noise_v);
-                self.set_analog(&mut scan, self.triggers[index], volts);
+                self.set_analog(&mut scan, self.trigger_channels[index], volts);
             }
         }
         self.powered_scans = if powered { self.powered_scans + 1 } else { 0 };
@@ -251,19 +269,19 @@ impl Card {
         scan
     }
 
-    /// Encoders and torque cell of one axis into the scan.
+    /// Writes the encoder counts and torque-cell voltage of one axis into the scan.
     fn read_axis(&mut self, index: usize, scan: &mut CardScan) {
         let reading = self.plant.reading(index);
         let (master, slave) = (self.sensors[index].axis.master, self.sensors[index].axis.slave);
-        // Noise of the encoder is a fraction of a count, before rounding: it decides only near an
-        // edge.
-        let count = 1.0 / master.counts_per_unit;
-        let jitter = self.noise(self.encoder_noise_counts * count);
-        let master_rad = reading.master_rad / master.turns_per_handle_turn;
-        scan.master_counts[index] = master.counts(master_rad + jitter).round() as i64;
+        // Encoder noise is a fraction of a count and is added before rounding, so it shows only
+        // near a count transition.
+        let rad_per_count = 1.0 / master.counts_per_unit;
+        let noise_rad = self.noise(self.encoder_noise_counts * rad_per_count);
+        let master_handle_rad = reading.master_rad / master.turns_per_handle_turn;
+        scan.master_counts[index] = master.counts(master_handle_rad + noise_rad).round() as i64;
         if let Some(slave) = slave {
-            let jitter = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
-            scan.slave_counts[index] = slave.counts(reading.slave_rad + jitter).round() as i64;
+            let noise_rad = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
+            scan.slave_counts[index] = slave.counts(reading.slave_rad + noise_rad).round() as i64;
         }
         if let Some((channel, cell)) = &mut self.sensors[index].torque_cell
             && let Some(volts) = scan.analog_v.get_mut(*channel)
@@ -279,35 +297,35 @@ impl Card {
         }
     }
 
-    /// Where the first axis of the plant truly is, for tests.
+    /// True motion of axis 0, without sensor errors; for tests.
     pub fn motion(&self) -> Motion {
         self.plant.motion(0)
     }
 
-    /// Where an axis of the plant truly is; all zero where the rig has no such axis.
+    /// True motion of one axis, without sensor errors; all zero if the rig has no such axis.
     pub fn motion_of(&self, axis: usize) -> Motion {
         self.plant.motion(axis)
     }
 }
 
 impl Sensors {
-    /// The torque cell of each axis has noise of its own.
-    fn new(rig: &RigFile, axis: &Axis, at: u64) -> Self {
+    /// `axis_index` gives the axis's torque cell a noise seed of its own.
+    fn new(rig: &RigFile, axis: &Axis, axis_index: u64) -> Self {
         let simulation = &rig.simulation;
         let torque_cell = axis.torque.as_ref().map(|torque| {
-            let range = rig.channels.iter().find(|channel| channel.index == torque.channel);
+            let input_channel = rig.channels.iter().find(|channel| channel.index == torque.channel);
             let cell = TorqueCellParameters {
                 volts_per_nm: torque.volts_per_unit,
                 offset_v: torque.offset_v,
                 noise_v: simulation.torque_noise_v,
                 bandwidth_hz: simulation.torque_bandwidth_hz,
-                limit_v: range.map_or(10.0, |channel| channel.range_v),
+                limit_v: input_channel.map_or(DEFAULT_RANGE_V, |channel| channel.range_v),
             };
             let drift = Drift {
                 ramp_v_per_s: simulation.torque_drift_v_per_s,
                 walk_v_per_sqrt_s: simulation.torque_walk_v_per_sqrt_s,
             };
-            let seed = simulation.seed.wrapping_add(at << 32);
+            let seed = simulation.seed.wrapping_add(axis_index << 32);
             (torque.channel, TorqueCell::new(cell, seed).with_drift(drift))
         });
         Self { axis: axis.clone(), torque_cell }

@@ -1,21 +1,23 @@
-//! The watchdog's interlock: states, faults, tokens. Pure: the loop around it passes messages,
-//! commands and the time, and publishes the outputs.
+//! The watchdog's interlock: its state machine, fault detection and enable tokens. Pure: the calling
+//! loop passes messages, verbs and the time, and publishes the outputs.
 //!
 //! ```text
 //!            reset (no fault active)      arm           enable (new epoch)
 //!  Faulted ─────────────────────────> Disarmed ──> Armed ──────────────────> Enabled
 //!     ^  ^           fault               │  ^        │ disarm                   │ │
 //!     │  └───────────────────────────────┘  └────────┴──────────────────────────┘ │
-//!   start          Tripped <──────────── fault while Armed or Enabled; estop ──────┘
-//!                     └─ reset (no fault active) ─> Disarmed
+//!   start          Tripped <──────────── fault while Armed or Enabled ──────────────┘
+//!                   ^ └─ reset (no fault active) ─> Disarmed
+//!   any state ─ estop ┘
 //! ```
 //!
-//! Nothing enables by itself: Faulted and Tripped outlast their fault until a person resets.
+//! The interlock never enables by itself. Faulted and Tripped are latched: they persist after the
+//! fault has cleared, until a person resets.
 //!
-//! Use, once a cycle: every received message to [`Interlock::observe_sample`] and
-//! [`Interlock::observe_command`], every received verb to [`Interlock::command`], then read the
-//! clock and call [`Interlock::step`]. Publish each step's token exactly once, so that its sequence
-//! is the one that the publisher stamps.
+//! Once per cycle, pass every received message to [`Interlock::observe_sample`] or
+//! [`Interlock::observe_command`] and every verb to [`Interlock::command`], then read the clock and
+//! call [`Interlock::step`]. Publish each returned token exactly once: its sequence number must
+//! equal the one that the publisher assigns.
 
 mod config;
 mod faults;
@@ -24,18 +26,18 @@ mod speed;
 mod watch;
 
 pub use config::Config;
-pub use faults::{Effect, FaultSet, PRIORITY, effect};
+pub use faults::{FaultAction, FaultSet, PRIORITY, action_of};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
 };
 pub use refusal::Refusal;
 use watch::{CommandWatch, SampleWatch, age_ns, has_enable_line, lacks_realtime, takes_volts};
 
-/// Tokens whose time of issue is remembered, to measure the age of an echo.
-const ISSUED: usize = 256;
+/// Number of past tokens whose issue times are kept, to compute the age of an echoed token.
+const TOKEN_HISTORY: usize = 256;
 const CAUSES: usize = TripCause::ALL.len();
 
-/// Processes that do not publish but must be alive.
+/// Liveness of the processes that publish nothing the interlock reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Peers {
     /// The launcher or systemd, which restarts what dies, is alive.
@@ -47,7 +49,7 @@ pub struct Peers {
 /// A change of state between two steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StateChange {
-    /// State after the step before.
+    /// State after the previous step.
     pub from: WatchdogState,
     /// State now.
     pub to: WatchdogState,
@@ -56,7 +58,7 @@ pub struct StateChange {
 }
 
 impl StateChange {
-    /// Text of the event: the cause where power is latched off, otherwise the new state. An earlier
+    /// Text of the event: the cause if power is latched off, otherwise the new state, since an old
     /// cause does not explain a `reset`.
     pub const fn text(&self) -> &'static str {
         match self.to {
@@ -82,25 +84,31 @@ pub struct Outputs {
 pub struct Interlock {
     config: Config,
     state: WatchdogState,
-    reported: WatchdogState,
+    /// State in the newest event.
+    reported_state: WatchdogState,
     cause: TripCause,
     samples: SampleWatch,
     commands: CommandWatch,
-    /// Momentary faults since the last step.
+    /// Faults detected in single messages since the last step.
     momentary: FaultSet,
-    /// Until when each momentary fault counts as active.
+    /// Time until which each momentary fault is held active (ns), by code of its cause.
     held_until_ns: [u64; CAUSES],
     active: FaultSet,
+    /// Newest enable epoch issued.
     epoch: u64,
+    /// Highest epoch that a sample reported.
     seen_epoch: u64,
-    enabled_ns: u64,
-    /// When the enable line was last toggled, or power was enabled.
-    toggled_ns: u64,
+    enabled_at_ns: u64,
+    /// When the enable line was last toggled; at `enable`, the time of `enable`.
+    toggled_at_ns: u64,
+    /// Whether a sample of this epoch has shown the gate open.
     gate_opened: bool,
-    /// When power was last taken away: the gate must write 0 V soon after.
-    unpowered_ns: Option<u64>,
+    /// When power was last withdrawn; from then the gate has `echo_lost_ns` to write 0 V.
+    unpowered_since_ns: Option<u64>,
+    /// Sequence number of the next token.
     sequence: u64,
-    issued_ns: [u64; ISSUED],
+    /// Issue times of the last tokens, by sequence number modulo `TOKEN_HISTORY` (ns).
+    issued_ns: [u64; TOKEN_HISTORY],
     last_step_ns: Option<u64>,
 }
 
@@ -110,7 +118,7 @@ impl Interlock {
         Self {
             config,
             state: WatchdogState::Faulted,
-            reported: WatchdogState::Faulted,
+            reported_state: WatchdogState::Faulted,
             cause: TripCause::Started,
             samples: SampleWatch::new(),
             commands: CommandWatch { newest: None },
@@ -119,12 +127,12 @@ impl Interlock {
             active: FaultSet::NONE,
             epoch: 0,
             seen_epoch: 0,
-            enabled_ns: 0,
-            toggled_ns: 0,
+            enabled_at_ns: 0,
+            toggled_at_ns: 0,
             gate_opened: false,
-            unpowered_ns: None,
+            unpowered_since_ns: None,
             sequence: 0,
-            issued_ns: [0; ISSUED],
+            issued_ns: [0; TOKEN_HISTORY],
             last_step_ns: None,
         }
     }
@@ -144,7 +152,7 @@ impl Interlock {
         self.active
     }
 
-    /// Takes a received sample in.
+    /// Processes a received sample.
     pub fn observe_sample(&mut self, sample: &Sample) {
         let faults = self.samples.observe(sample, &self.config);
         self.momentary.merge(faults);
@@ -157,16 +165,18 @@ impl Interlock {
             if sample.epoch == self.epoch && open {
                 self.gate_opened = true;
             } else {
-                // Before it opened, only a sample of our epoch can report it latched closed.
-                let waiting = sample.epoch < self.epoch
+                // Before the gate has opened, samples of an older epoch, or of this one with the
+                // gate still closed, are expected and are no fault.
+                let still_opening = sample.epoch < self.epoch
                     || (sample.epoch == self.epoch
                         && sample.gate_state == GateState::Closed.code());
-                self.momentary.insert_if(self.gate_opened || !waiting, TripCause::GateLatched);
+                self.momentary
+                    .insert_if(self.gate_opened || !still_opening, TripCause::GateLatched);
             }
         }
     }
 
-    /// Takes a received command in.
+    /// Processes a received motor command.
     pub fn observe_command(&mut self, command: &MotorCommand) {
         let faults = self.commands.observe(command, &self.config);
         self.momentary.merge(faults);
@@ -182,7 +192,7 @@ impl Interlock {
         match verb {
             Verb::Estop => self.trip(TripCause::EmergencyStop, now_ns),
             Verb::Disarm => {
-                // Only Armed and Enabled have anything to take away.
+                // In the other states the motor has no power, and `disarm` changes nothing.
                 if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
                     self.change_state(WatchdogState::Disarmed, now_ns);
                 }
@@ -191,7 +201,7 @@ impl Interlock {
                 if matches!(self.state, WatchdogState::Armed | WatchdogState::Enabled) {
                     return Err(self.wrong_state(WatchdogState::Tripped));
                 }
-                self.refuse_active(|effect| effect == Effect::Trips)?;
+                self.refuse_if_active(|action| action == FaultAction::Trips)?;
                 self.state = WatchdogState::Disarmed;
             }
             Verb::Arm => self.arm(now_ns)?,
@@ -205,9 +215,9 @@ impl Interlock {
         self.update_faults(now_ns, peers);
         let cause = match self.state {
             WatchdogState::Armed | WatchdogState::Enabled => {
-                self.active.first(|effect| effect != Effect::Blocks)
+                self.active.first(|action| action != FaultAction::Blocks)
             }
-            WatchdogState::Disarmed => self.active.first(|effect| effect == Effect::Trips),
+            WatchdogState::Disarmed => self.active.first(|action| action == FaultAction::Trips),
             WatchdogState::Faulted | WatchdogState::Tripped => None,
         };
         if let Some(cause) = cause {
@@ -218,23 +228,23 @@ impl Interlock {
                 self.trip(cause, now_ns);
             }
         }
-        let event = (self.state != self.reported).then_some(StateChange {
-            from: self.reported,
+        let event = (self.state != self.reported_state).then_some(StateChange {
+            from: self.reported_state,
             to: self.state,
             cause: self.cause,
         });
-        self.reported = self.state;
+        self.reported_state = self.state;
         let token = self.token(now_ns);
-        self.issued_ns[self.sequence as usize % ISSUED] = now_ns;
+        self.issued_ns[self.sequence as usize % TOKEN_HISTORY] = now_ns;
         self.sequence += 1;
         let toggle_line = self.state == WatchdogState::Enabled && self.samples_are_fresh(now_ns);
         if toggle_line {
-            self.toggled_ns = now_ns;
+            self.toggled_at_ns = now_ns;
         }
         Outputs { token, toggle_line, event }
     }
 
-    /// Whether the newest sample is young enough for the line to go on toggling.
+    /// Whether the newest sample is recent enough for the enable line to keep toggling.
     fn samples_are_fresh(&self, now_ns: u64) -> bool {
         self.samples.newest.as_ref().is_some_and(|sample| {
             now_ns.saturating_sub(sample.scan_time_ns) <= self.config.line_pause_ns
@@ -253,7 +263,7 @@ impl Interlock {
             TripCause::WatchdogLate,
         );
         self.last_step_ns = Some(now_ns);
-        let unpowered_ns = *self.unpowered_ns.get_or_insert(now_ns);
+        let unpowered_since_ns = *self.unpowered_since_ns.get_or_insert(now_ns);
 
         if let Some(sample) = &self.samples.newest {
             let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
@@ -262,12 +272,14 @@ impl Interlock {
                 age.is_none_or(|age| age > config.peer_lost_ns),
                 TripCause::AcquisitionLost,
             );
-            // Without fresh samples the line has paused almost until the card drops the motor.
-            let paused_ns = now_ns.saturating_sub(self.toggled_ns);
-            let paused = self.state == WatchdogState::Enabled && paused_ns > config.line_gap_ns;
+            // Trips before the card removes motor power by itself: the enable line has been silent
+            // for nearly the card's timeout.
+            let line_silent_ns = now_ns.saturating_sub(self.toggled_at_ns);
+            let line_silent =
+                self.state == WatchdogState::Enabled && line_silent_ns > config.line_gap_ns;
             let fresh = self.samples_are_fresh(now_ns);
             active.insert_if(
-                paused,
+                line_silent,
                 if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost },
             );
             active.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
@@ -276,10 +288,10 @@ impl Interlock {
                 lacks_realtime(sample, self.commands.newest.as_ref(), config),
                 TripCause::NotRealtime,
             );
-            // The gate must write 0 V soon after the permission ends. Checked here, independently
-            // of the gate.
+            // The gate must write 0 V within `echo_lost_ns` of the end of permission; checked from
+            // the samples, independently of the gate. The limit is then 0 V, hence the cause.
             let overdue = self.state != WatchdogState::Enabled
-                && now_ns.saturating_sub(unpowered_ns) > config.echo_lost_ns
+                && now_ns.saturating_sub(unpowered_since_ns) > config.echo_lost_ns
                 && sample.output_v.iter().any(|&volts| volts != 0.0);
             active.insert_if(overdue, TripCause::VoltageLimit);
         } else {
@@ -290,8 +302,8 @@ impl Interlock {
             momentary.insert_if(age.is_none(), TripCause::CommandBackwards);
             active
                 .insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
-            let answer_ns = now_ns.saturating_sub(command.sample_time_ns);
-            active.insert_if(answer_ns > config.echo_lost_ns, TripCause::CommandStale);
+            let sample_age_ns = now_ns.saturating_sub(command.sample_time_ns);
+            active.insert_if(sample_age_ns > config.echo_lost_ns, TripCause::CommandStale);
             active.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
         } else {
             active.insert(TripCause::ControlLost);
@@ -301,7 +313,7 @@ impl Interlock {
         active.insert_if(
             self.state == WatchdogState::Enabled
                 && !self.gate_opened
-                && now_ns.saturating_sub(self.enabled_ns) > config.gate_open_ns,
+                && now_ns.saturating_sub(self.enabled_at_ns) > config.gate_open_ns,
             TripCause::GateNotOpen,
         );
 
@@ -315,18 +327,21 @@ impl Interlock {
         self.active = active;
     }
 
+    /// Disarmed → Armed, if no fault is active, the card has an enable line (or the rig file an
+    /// override), the gate is closed and the masters are at rest.
     fn arm(&mut self, now_ns: u64) -> Result<(), Refusal> {
         if self.state != WatchdogState::Disarmed {
             return Err(self.wrong_state(WatchdogState::Disarmed));
         }
-        self.refuse_active(|_| true)?;
+        self.refuse_if_active(|_| true)?;
         let sample =
             self.samples.newest.as_ref().ok_or(Refusal::FaultActive(TripCause::AcquisitionLost))?;
         if !has_enable_line(sample) && !self.config.line_override {
             return Err(Refusal::NoEnableLine);
         }
-        let still_ns = self.unpowered_ns.map_or(0, |since| now_ns.saturating_sub(since));
-        if still_ns > self.config.echo_lost_ns {
+        let unpowered_for_ns =
+            self.unpowered_since_ns.map_or(0, |since| now_ns.saturating_sub(since));
+        if unpowered_for_ns > self.config.echo_lost_ns {
             if sample.gate_state == GateState::Open.code() {
                 return Err(Refusal::GateOpen);
             }
@@ -344,34 +359,37 @@ impl Interlock {
         }
     }
 
+    /// Armed → Enabled, with a new epoch.
     fn enable(&mut self, now_ns: u64) -> Result<(), Refusal> {
         if self.state != WatchdogState::Armed {
             return Err(self.wrong_state(WatchdogState::Armed));
         }
-        self.refuse_active(|_| true)?;
-        // The clock makes epochs rise over restarts; the epoch seen in samples is a second check.
-        let above =
-            self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
-        self.epoch = now_ns.max(above);
-        self.enabled_ns = now_ns;
-        self.toggled_ns = now_ns;
+        self.refuse_if_active(|_| true)?;
+        // From CLOCK_MONOTONIC, so that epochs increase across restarts of the watchdog; the epoch
+        // that samples report is a second safeguard.
+        let next = self.epoch.max(self.seen_epoch).checked_add(1).ok_or(Refusal::EpochExhausted)?;
+        self.epoch = now_ns.max(next);
+        self.enabled_at_ns = now_ns;
+        self.toggled_at_ns = now_ns;
         self.gate_opened = false;
         self.state = WatchdogState::Enabled;
         Ok(())
     }
 
-    fn refuse_active(&self, counts: impl Fn(Effect) -> bool) -> Result<(), Refusal> {
-        // Before the first step no fault is known, which is no permission.
+    /// Refuses if a fault is active whose action is `relevant`.
+    fn refuse_if_active(&self, relevant: impl Fn(FaultAction) -> bool) -> Result<(), Refusal> {
+        // Before the first step faults have not been evaluated: refuse.
         if self.last_step_ns.is_none() {
             return Err(Refusal::FaultActive(TripCause::Started));
         }
-        self.active.first(counts).map_or(Ok(()), |cause| Err(Refusal::FaultActive(cause)))
+        self.active.first(relevant).map_or(Ok(()), |cause| Err(Refusal::FaultActive(cause)))
     }
 
     const fn wrong_state(&self, expected: WatchdogState) -> Refusal {
         Refusal::State { expected, found: self.state }
     }
 
+    /// Enters Tripped with this cause.
     fn trip(&mut self, cause: TripCause, now_ns: u64) {
         self.cause = cause;
         self.change_state(WatchdogState::Tripped, now_ns);
@@ -379,19 +397,20 @@ impl Interlock {
 
     fn change_state(&mut self, to: WatchdogState, now_ns: u64) {
         if self.state == WatchdogState::Enabled {
-            self.unpowered_ns = Some(now_ns);
+            self.unpowered_since_ns = Some(now_ns);
         }
         self.state = to;
     }
 
-    /// Whether the token that a peer echoes is too old, or one that we never issued.
+    /// Whether the token sequence echoed by a peer is too old or was never issued by this
+    /// watchdog.
     fn echo_lost(&self, echoed: u64, now_ns: u64) -> bool {
         match self.sequence.checked_sub(echoed) {
             // Tokens issued so far have sequences below `sequence`.
             None | Some(0) => true,
-            Some(behind) if behind > ISSUED as u64 => true,
+            Some(behind) if behind > TOKEN_HISTORY as u64 => true,
             Some(_) => {
-                now_ns.saturating_sub(self.issued_ns[echoed as usize % ISSUED])
+                now_ns.saturating_sub(self.issued_ns[echoed as usize % TOKEN_HISTORY])
                     > self.config.echo_lost_ns
             }
         }

@@ -1,8 +1,8 @@
-//! The command line: arguments, and what is printed.
+//! Command-line arguments of the operator's commands, and their dispatch.
 
-mod bring;
-mod watch;
-mod work;
+mod actions;
+mod show_status;
+mod up_down;
 
 use std::path::PathBuf;
 
@@ -21,41 +21,42 @@ pub enum Command {
     Up(UpArguments),
     /// Removes motor power, stops all processes and removes the rig's shared memory
     #[command(after_help = "Example:\n  farreach --rig-name bench down")]
-    Down(Json),
-    /// Shows processes, restarts, rates, missed periods, interlocks and the recording. Exit code 1
-    /// if the rig is not up
+    Down(OutputFormat),
+    /// Shows processes, restarts, rates, missed periods, interlocks and the recording. Exits
+    /// with code 1 if the rig is not up
     #[command(after_help = "Examples:\n  farreach status --watch\n  \
         farreach status --json | jq .watchdog.state")]
     Status {
-        /// Repeats every second, until Ctrl-C
+        /// Refreshes every second until Ctrl-C
         #[arg(long)]
         watch: bool,
         #[command(flatten)]
         #[allow(missing_docs)]
-        json: Json,
+        json: OutputFormat,
     },
-    /// Clears a fault or trip that is no longer active
+    /// Clears a latched fault or trip whose cause is no longer present
     #[command(after_help = "Example:\n  farreach reset && farreach arm && farreach enable")]
-    Reset(Json),
-    /// Makes the rig ready to be enabled; only a person does this
+    Reset(OutputFormat),
+    /// Arms the rig, so that it can be enabled; farreach never arms by itself
     #[command(after_help = "Example:\n  farreach arm")]
-    Arm(Json),
-    /// Powers the motor
+    Arm(OutputFormat),
+    /// Enables the motor on an armed rig
     #[command(after_help = "Example:\n  farreach enable")]
-    Enable(Json),
+    Enable(OutputFormat),
     /// Removes motor power and leaves the armed state, without a trip
     #[command(after_help = "Example:\n  farreach disarm")]
-    Disarm(Json),
-    /// Removes motor power at once and latches until `reset`
+    Disarm(OutputFormat),
+    /// Emergency stop: removes motor power at once and stays tripped until `reset`
     #[command(after_help = "Example:\n  farreach estop")]
-    Estop(Json),
-    /// Runs a protocol on an armed rig; Ctrl-C stops it: the handle comes to rest
+    Estop(OutputFormat),
+    /// Enables the motor on an armed rig and runs a protocol; Ctrl-C stops the protocol and brings
+    /// the handle to rest
     #[command(after_help = "Examples:\n  farreach run guided-1hz\n  \
         farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20")]
     Run(RunArguments),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]
-    Stop(Json),
+    Stop(OutputFormat),
 }
 
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
@@ -64,44 +65,44 @@ pub enum Recording {
     /// Starts recording all topics of a rig that is up
     #[command(after_help = "Example:\n  farreach rec start S07.mcap --metadata subject=S07")]
     Start {
-        /// The new file (MCAP)
+        /// MCAP file to create; it must not exist
         #[arg(value_name = "FILE")]
         file: PathBuf,
-        /// Metadata of the recording (repeatable)
-        #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+        /// Metadata to store in the recording (repeatable)
+        #[arg(long, value_name = "KEY=VALUE", value_parser = parse_key_value)]
         metadata: Vec<(String, String)>,
         #[command(flatten)]
         #[allow(missing_docs)]
-        json: Json,
+        json: OutputFormat,
     },
-    /// Stops the recording; returns when all is on disk. Exit code 3 if messages were lost
+    /// Stops the recording; returns once everything is on disk. Exit code 3 if messages were lost
     #[command(after_help = "Example:\n  farreach rec stop && farreach rec verify S07.mcap")]
-    Stop(Json),
+    Stop(OutputFormat),
 }
 
 /// Reads `KEY=VALUE`.
 ///
 /// # Errors
-/// If there is no `=`.
-pub fn key_and_value(text: &str) -> Result<(String, String), String> {
+/// If `text` contains no `=`.
+pub fn parse_key_value(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or_else(|| "expected KEY=VALUE".to_owned())?;
     Ok((key.to_owned(), value.to_owned()))
 }
 
-/// Reads the name of a card that has a driver.
-pub fn card_name() -> impl TypedValueParser<Value = CardKind> {
+/// Clap parser that accepts the name of any card for which a driver exists.
+pub fn card_parser() -> impl TypedValueParser<Value = CardKind> {
     let kinds = || acquisition::DRIVERS.iter().map(|driver| driver.kind);
     let value =
         |kind: CardKind| PossibleValue::new(kind.text()).help(kind.about().trim_end_matches('.'));
     PossibleValuesParser::new(kinds().map(value)).try_map(move |name| {
-        kinds().find(|kind| kind.text() == name).ok_or_else(|| format!("no card {name}"))
+        kinds().find(|kind| kind.text() == name).ok_or_else(|| format!("unknown card {name}"))
     })
 }
 
-/// Output for programs.
+/// The `--json` switch, shared by all commands.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Json {
-    /// Prints JSON
+pub struct OutputFormat {
+    /// Prints the result as JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -109,40 +110,41 @@ pub struct Json {
 /// `farreach up`.
 #[derive(Clone, Debug, Args)]
 pub struct UpArguments {
-    /// Rig file, or the name of one that comes with farreach
+    /// Rig file, or the name of a rig shipped with farreach
     #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
     pub rig: PathBuf,
     /// Uses the simulated card
     #[arg(long, conflicts_with = "replay")]
     pub simulate: bool,
-    /// Uses the card of this name
-    #[arg(long, conflicts_with_all = ["simulate", "replay"], value_parser = card_name())]
+    /// Uses the named card
+    #[arg(long, conflicts_with_all = ["simulate", "replay"], value_parser = card_parser())]
     pub card: Option<CardKind>,
-    /// Adds an effect to the simulated plant that the declared model lacks (repeatable)
+    /// Adds to the simulated plant an effect that the declared model does not have; SIZE in the
+    /// effect's own unit (repeatable)
     #[arg(long = "effect", value_name = "ID[@SITE][=SIZE]", requires = "simulate")]
     pub effects: Vec<String>,
     /// Replays a measured record (MCAP or CSV) in place of a card
     #[arg(long, value_name = "RECORD")]
     pub replay: Option<PathBuf>,
-    /// Repeats the record from its start
+    /// Starts the record again when it ends
     #[arg(long = "loop", requires = "replay")]
-    pub looped: bool,
+    pub loop_replay: bool,
     /// Supervises the processes in this terminal, until Ctrl-C or `farreach down`
     #[arg(long)]
     pub foreground: bool,
     /// Records from the start into this file (MCAP)
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// Timing profile (realtime, best-effort) instead of the one that suits the measured stalls of
-    /// this computer; overrides FARREACH_PROFILE
-    #[arg(long, value_name = "PROFILE", value_parser = profile)]
+    /// Timing profile (realtime, best-effort). By default farreach measures the scheduling stalls
+    /// of this computer and chooses; overrides FARREACH_PROFILE
+    #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
     pub profile: Option<Profile>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub json: Json,
+    pub json: OutputFormat,
 }
 
-fn profile(text: &str) -> Result<Profile, String> {
+fn parse_profile(text: &str) -> Result<Profile, String> {
     let known = Profile::ALL.iter().copied();
     known.clone().find(|profile| profile.text() == text).ok_or_else(|| {
         format!("expected {}", known.map(Profile::text).collect::<Vec<_>>().join(" or "))
@@ -152,49 +154,49 @@ fn profile(text: &str) -> Result<Profile, String> {
 /// `farreach run`.
 #[derive(Clone, Debug, Args)]
 pub struct RunArguments {
-    /// Protocol, or the name of one that comes with farreach
-    #[arg(value_name = "PROTOCOL.toml")]
+    /// Protocol file, or the name of a protocol shipped with farreach
+    #[arg(value_name = "FILE|NAME")]
     pub protocol: PathBuf,
-    /// Replaces a value of the protocol before it is checked (repeatable)
+    /// Overrides a value of the protocol before the protocol is checked (repeatable)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Code of the subject; goes into the recording
+    /// Subject code, stored in the recording
     #[arg(long, value_name = "ID")]
     pub subject: Option<String>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub json: Json,
+    pub json: OutputFormat,
 }
 
-/// Runs the command and prints to standard output; returns the exit code.
+/// Runs a command, prints its result to standard output and returns the exit code.
 ///
 /// # Errors
-/// [`crate::Error`], or that the output could not be written.
+/// [`crate::Error`], or an I/O error if the output cannot be written.
 pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
     match command {
-        Command::Up(arguments) => bring::up(&arguments, rig_name),
-        Command::Down(Json { json }) => bring::down(rig_name, json),
-        Command::Status { watch, json: Json { json } } => watch::status(rig_name, watch, json),
-        Command::Reset(Json { json }) => work::verb(rig_name, Verb::Reset, json),
-        Command::Arm(Json { json }) => work::verb(rig_name, Verb::Arm, json),
-        Command::Enable(Json { json }) => work::verb(rig_name, Verb::Enable, json),
-        Command::Disarm(Json { json }) => work::verb(rig_name, Verb::Disarm, json),
-        Command::Estop(Json { json }) => work::verb(rig_name, Verb::Estop, json),
-        Command::Run(arguments) => work::run(&arguments, rig_name),
-        Command::Stop(Json { json }) => work::stop(rig_name, json),
+        Command::Up(arguments) => up_down::up(&arguments, rig_name),
+        Command::Down(OutputFormat { json }) => up_down::down(rig_name, json),
+        Command::Status { watch, json: OutputFormat { json } } => show_status::status(rig_name, watch, json),
+        Command::Reset(OutputFormat { json }) => actions::verb(rig_name, Verb::Reset, json),
+        Command::Arm(OutputFormat { json }) => actions::verb(rig_name, Verb::Arm, json),
+        Command::Enable(OutputFormat { json }) => actions::verb(rig_name, Verb::Enable, json),
+        Command::Disarm(OutputFormat { json }) => actions::verb(rig_name, Verb::Disarm, json),
+        Command::Estop(OutputFormat { json }) => actions::verb(rig_name, Verb::Estop, json),
+        Command::Run(arguments) => actions::run(&arguments, rig_name),
+        Command::Stop(OutputFormat { json }) => actions::stop(rig_name, json),
     }
 }
 
 /// Starts or stops a recording; returns the exit code.
 ///
 /// # Errors
-/// [`crate::Error`], or that the output could not be written.
+/// [`crate::Error`], or an I/O error if the output cannot be written.
 pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
     match command {
-        Recording::Start { file, metadata, json: Json { json } } => {
-            work::start_recording(rig_name, &file, metadata, json)
+        Recording::Start { file, metadata, json: OutputFormat { json } } => {
+            actions::start_recording(rig_name, &file, metadata, json)
         }
-        Recording::Stop(Json { json }) => work::stop_recording(rig_name, json),
+        Recording::Stop(OutputFormat { json }) => actions::stop_recording(rig_name, json),
     }
 }
 

@@ -9,7 +9,7 @@ use recording::mcap_edit::{EditReport, check_related, rewrite};
 use recording::mcap_read::Recording;
 
 use crate::inspect::grouped;
-use crate::{DATA_LOST, DONE, code_of_tail};
+use crate::{DATA_LOST, DONE, exit_code_of_tail};
 
 pub(crate) fn recover(
     file: &Path,
@@ -20,7 +20,7 @@ pub(crate) fn recover(
     let recording = Recording::open(file)?;
     let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
     report_edit(&report, to, json, true, out)?;
-    Ok(if report.damaged_chunks == 0 { code_of_tail(&recording) } else { DATA_LOST })
+    Ok(if report.damaged_chunks == 0 { exit_code_of_tail(&recording) } else { DATA_LOST })
 }
 
 pub(crate) fn cut(
@@ -79,7 +79,7 @@ pub(crate) fn merge(
     let names: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     let report = rewrite(&sources, None, None, &how("merge", &names), to)?;
     let lost = report.damaged_chunks > 0
-        || recordings.iter().any(|recording| code_of_tail(recording) == DATA_LOST);
+        || recordings.iter().any(|recording| exit_code_of_tail(recording) == DATA_LOST);
     report_edit(&report, to, json, lost, out)?;
     Ok(if lost { DATA_LOST } else { DONE })
 }

@@ -11,7 +11,7 @@ use recording::schema::Layout;
 
 use crate::output::Output;
 use crate::print::{is_text, text_of};
-use crate::{DATA_LOST, ExportFormat, LengthUnit, code_of_tail};
+use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail};
 
 pub(crate) fn export(
     file: &Path,
@@ -24,7 +24,7 @@ pub(crate) fn export(
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let ExportFormat::Csv = format;
-    let mut code = code_of_tail(&recording);
+    let mut code = exit_code_of_tail(&recording);
     let record = match topic {
         Some(topic) => {
             recording.channels_of(topic)?;

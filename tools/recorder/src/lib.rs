@@ -102,8 +102,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
 }
 
 /// The exit code by the end of a file: data is missing behind a torn end, not in a recording that
-/// is still being written.
-fn code_of_tail(recording: &Recording) -> i32 {
+/// Exit code by how the file ends: `DATA_LOST` for a truncated file, `DONE` for a complete one or
+/// one still being written.
+fn exit_code_of_tail(recording: &Recording) -> i32 {
     let tail = recording.tail();
     if tail.complete || tail.being_written { DONE } else { DATA_LOST }
 }

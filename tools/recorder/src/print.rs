@@ -1,4 +1,4 @@
-//! `cat`.
+//! `farreach rec cat`: prints the messages of a recording as text or JSON lines.
 
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -10,8 +10,10 @@ use serde_json::{Map, json};
 
 use crate::names::code_name;
 use crate::output::Output;
-use crate::{DATA_LOST, code_of_tail};
+use crate::{DATA_LOST, exit_code_of_tail};
 
+/// Prints the messages of the given topics (all if empty) and returns the exit code: `DATA_LOST` if
+/// a chunk is damaged or the end is missing.
 pub(crate) fn cat(
     file: &Path,
     topics: &[String],
@@ -26,7 +28,7 @@ pub(crate) fn cat(
     let selection =
         Selection { channels: (!topics.is_empty()).then_some(channels), ..Selection::default() };
     let mut out = BufWriter::new(out);
-    let mut code = code_of_tail(&recording);
+    let mut code = exit_code_of_tail(&recording);
     for message in recording.raw(selection) {
         let message = match message {
             Ok(message) => message,
@@ -39,14 +41,20 @@ pub(crate) fn cat(
         };
         let (layout, body) = recording.decode(&message)?;
         if out.get_ref().closed() {
-            continue; // only the exit code is still wanted
+            // The reader closed the pipe: go on decoding only to determine the exit code.
+            continue;
         }
         let topic = recording.channel(&message).map_or("?", |channel| channel.topic.as_str());
         if as_json {
-            serde_json::to_writer(&mut out, &object(&message, topic, layout, body))?;
+            serde_json::to_writer(&mut out, &message_json(&message, topic, layout, body))?;
             writeln!(out)?;
         } else {
-            writeln!(out, "{} {topic}{}", seconds(message.log_time_ns()), line(layout, body))?;
+            writeln!(
+                out,
+                "{} {topic}{}",
+                seconds_text(message.log_time_ns()),
+                fields_text(layout, body)
+            )?;
         }
     }
     out.flush()?;
@@ -56,20 +64,27 @@ pub(crate) fn cat(
     Ok(code)
 }
 
-fn seconds(ns: u64) -> String {
+/// Nanoseconds as decimal seconds.
+fn seconds_text(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
 
-/// A message with every field by name, and the names of its codes.
-fn object(message: &RawMessage, topic: &str, layout: &Layout, body: &[u8]) -> serde_json::Value {
+/// A message as JSON: every field under `fields`, and under `names` the names of the fields that
+/// hold codes.
+fn message_json(
+    message: &RawMessage,
+    topic: &str,
+    layout: &Layout,
+    body: &[u8],
+) -> serde_json::Value {
     let mut fields = Map::new();
     let mut names = Map::new();
     for field in &layout.fields {
         let value = match field.array {
-            None => field.read(body, 0).map_or(serde_json::Value::Null, number),
-            Some(_) => field.read_all(body).map(number).collect(),
+            None => field.read(body, 0).map_or(serde_json::Value::Null, value_json),
+            Some(_) => field.read_all(body).map(value_json).collect(),
         };
-        if let Some(name) = name_of(field, layout, body) {
+        if let Some(name) = code_name_of(field, layout, body) {
             names.insert(field.name.clone(), name.into());
         }
         fields.insert(field.name.clone(), value);
@@ -87,8 +102,8 @@ fn object(message: &RawMessage, topic: &str, layout: &Layout, body: &[u8]) -> se
     object
 }
 
-/// JSON has no NaN and no infinity: these become text, so that nothing is hidden.
-fn number(value: Value) -> serde_json::Value {
+/// JSON has no NaN and no infinity: they are written as strings rather than dropped.
+fn value_json(value: Value) -> serde_json::Value {
     match value {
         Value::Unsigned(v) => v.into(),
         Value::Signed(v) => v.into(),
@@ -97,16 +112,18 @@ fn number(value: Value) -> serde_json::Value {
     }
 }
 
-fn line(layout: &Layout, body: &[u8]) -> String {
+/// All fields as ` name=value`, without padding.
+fn fields_text(layout: &Layout, body: &[u8]) -> String {
     let mut text = String::new();
     for field in layout.fields.iter().filter(|field| field.name != "reserved") {
-        text.push_str(&format!(" {}={}", field.name, plain(field, layout, body)));
+        text.push_str(&format!(" {}={}", field.name, field_text(field, layout, body)));
     }
     text
 }
 
-fn plain(field: &LayoutField, layout: &Layout, body: &[u8]) -> String {
-    if let Some(name) = name_of(field, layout, body) {
+/// One field as text: the name of its code, quoted text, a number, or `[a,b,...]`.
+fn field_text(field: &LayoutField, layout: &Layout, body: &[u8]) -> String {
+    if let Some(name) = code_name_of(field, layout, body) {
         return name.replace(' ', "_");
     }
     if field.array.is_none() {
@@ -119,20 +136,20 @@ fn plain(field: &LayoutField, layout: &Layout, body: &[u8]) -> String {
     format!("[{}]", values.join(","))
 }
 
-/// The name of the code in a field, if it carries one.
-fn name_of(field: &LayoutField, layout: &Layout, body: &[u8]) -> Option<&'static str> {
+/// The name of the code that a scalar field holds; `None` if the field is not a code.
+fn code_name_of(field: &LayoutField, layout: &Layout, body: &[u8]) -> Option<&'static str> {
     match (field.array, field.read(body, 0)?) {
         (None, Value::Unsigned(code)) => code_name(&layout.name, &field.name, code),
         _ => None,
     }
 }
 
-/// Whether a field is the text of an event: bytes in `text`, their number in `text_len`.
+/// Whether a field is an event's text: a byte array `text` whose used length is in `text_len`.
 pub(crate) fn is_text(field: &LayoutField, layout: &Layout) -> bool {
     field.name == "text" && field.array.is_some() && layout.field("text_len").is_some()
 }
 
-/// The text of such a field.
+/// The text of a field for which [`is_text`] holds; `None` for any other field.
 pub(crate) fn text_of(field: &LayoutField, layout: &Layout, body: &[u8]) -> Option<String> {
     if !is_text(field, layout) {
         return None;

@@ -1,4 +1,4 @@
-//! Colours that readers with any colour vision can tell apart, and in grey too.
+//! Colour palette that readers with colour-vision deficiency can distinguish, also in greyscale.
 
 use plotters::prelude::{ColorMap, ViridisRGB};
 use plotters::style::RGBColor;
@@ -6,11 +6,11 @@ use plotters::style::RGBColor;
 /// The palette of Okabe and Ito, "Color Universal Design" (2008).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colour {
-    /// Measured data, by habit.
+    /// By convention: measured data.
     Black,
-    /// First model curve, by habit the one after.
+    /// By convention: the model after a change, such as with effects.
     Blue,
-    /// Second model curve, by habit the one before.
+    /// By convention: the model before a change, as declared.
     Vermillion,
     /// Bluish green.
     Green,
@@ -20,20 +20,23 @@ pub enum Colour {
     Orange,
     /// Sky blue.
     Sky,
-    /// Neutral grey, for what stands in the background.
+    /// Neutral grey, for secondary curves.
     Grey,
-    /// A place along a ramp from dark to light, 0 to 255: for curves that belong to a growing
-    /// quantity.
+    /// Position on the Viridis colour map, 0 (dark) to 255 (light), for a family of curves that a
+    /// parameter orders.
     Ramp(u8),
 }
 
+/// Viridis without its yellow end, which is invisible on white.
+const RAMP_END: f32 = 0.85;
+
 impl Colour {
-    /// Colour of the `index`th of `count` curves along the ramp.
+    /// Colour of curve `index` (from 0) of `count` curves on the ramp.
     pub fn ramp(index: usize, count: usize) -> Self {
         Self::Ramp((255 * index.min(count) / count.saturating_sub(1).max(1)).min(255) as u8)
     }
 
-    /// The order in which series take colours when none is asked for.
+    /// Order in which series are coloured unless a colour is given.
     pub(crate) const ORDER: [Self; 7] = [
         Self::Blue,
         Self::Vermillion,
@@ -54,8 +57,7 @@ impl Colour {
             Self::Orange => RGBColor(0xE6, 0x9F, 0x00),
             Self::Sky => RGBColor(0x56, 0xB4, 0xE9),
             Self::Grey => RGBColor(0x88, 0x88, 0x88),
-            // Viridis, but for its yellow end, which white paper swallows.
-            Self::Ramp(place) => ViridisRGB.get_color(0.85 * f32::from(place) / 255.0),
+            Self::Ramp(position) => ViridisRGB.get_color(RAMP_END * f32::from(position) / 255.0),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Motion states, and smooth transitions between them.
 
-/// Position, velocity, acceleration of a reference.
+/// Position, velocity and acceleration of a reference (rad or m, and per s and s²).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
     pub(super) position: f64,
@@ -18,7 +18,7 @@ impl Motion {
     }
 
     /// The state `time_s` later, with constant acceleration.
-    pub(super) fn after(&self, time_s: f64) -> Self {
+    pub(super) fn extrapolated(&self, time_s: f64) -> Self {
         Self {
             position: self.position + time_s * (self.velocity + 0.5 * time_s * self.acceleration),
             velocity: self.velocity + time_s * self.acceleration,
@@ -43,22 +43,22 @@ impl Motion {
     }
 }
 
-/// Peak speed of a minimum-jerk movement over its mean speed.
+/// Ratio of the peak to the mean speed of a minimum-jerk movement (1): 15/8.
 pub(super) const PEAK_OVER_MEAN: f64 = 1.875;
 
-/// A quintic polynomial from a given position, velocity and acceleration to rest at zero. From rest
-/// it is the minimum-jerk movement.
+/// Quintic polynomial from a given motion state at time 0 to rest at position zero at `duration_s`.
+/// From rest it is the minimum-jerk movement.
 #[derive(Clone, Copy, Debug)]
 struct Quintic {
     duration_s: f64,
-    /// Coefficients of the powers of `t / duration`.
+    /// Coefficients of the powers 0 to 5 of `t / duration_s` (rad or m).
     coefficients: [f64; 6],
 }
 
 impl Quintic {
-    fn new(duration_s: f64, begin: &Motion) -> Self {
+    fn new(duration_s: f64, start: &Motion) -> Self {
         let t = duration_s;
-        let (p, v, a) = (begin.position, begin.velocity * t, begin.acceleration * t * t);
+        let (p, v, a) = (start.position, start.velocity * t, start.acceleration * t * t);
         let coefficients = [
             p,
             v,
@@ -70,6 +70,7 @@ impl Quintic {
         Self { duration_s, coefficients }
     }
 
+    /// The motion state at `time_s`; `None` once the movement has ended.
     fn at(&self, time_s: f64) -> Option<Motion> {
         let t = self.duration_s;
         let x = time_s / t;
@@ -85,30 +86,35 @@ impl Quintic {
     }
 }
 
-/// An offset that starts at a given motion state and decays to zero. Added to a target, it leads
-/// from any motion to the target without a step in position or velocity (nor in acceleration,
-/// unless that is very high).
+/// An offset that starts in a given motion state and decays to zero. Added to a new target, it makes
+/// the reference continuous in position and velocity (and in acceleration, unless the initial
+/// acceleration is clipped).
 ///
-/// It is the sum of two movements, so that a high speed is never kept over a long distance: the
-/// moving reference is brought to rest within a short time at constant deceleration, and the
-/// distance that remains is covered by a minimum-jerk movement. The offset is therefore never
-/// faster than its initial speed plus the peak speed of that movement.
+/// It is the sum of two movements, so that a high speed is not kept over a long distance. `braking`
+/// brings the initial velocity to rest within `stop_s`, over the distance that constant deceleration
+/// would take (its peak deceleration is 1.5 times the mean). `approach` covers the remaining
+/// distance by a minimum-jerk movement. From zero initial acceleration the offset is never faster
+/// than its initial speed plus the peak speed of `approach`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blend {
     begin_ns: u64,
-    stop: Quintic,
-    way: Quintic,
+    braking: Quintic,
+    approach: Quintic,
     peak_speed: f64,
 }
 
-/// Distance in which a motion comes to rest within `stop_s` at constant deceleration.
-pub(super) fn stopping_way(velocity: f64, stop_s: f64) -> f64 {
+/// Highest initial acceleration of an offset, relative to `speed / stop_s` (1).
+const BRAKING_ACCELERATION: f64 = 4.0;
+
+/// Signed displacement while `velocity` (rad/s or m/s) decays to zero within `stop_s` (s): that of
+/// constant deceleration (rad or m).
+pub(super) fn stopping_displacement(velocity: f64, stop_s: f64) -> f64 {
     0.5 * velocity * stop_s
 }
 
 impl Blend {
-    /// An offset that comes to rest within `stop_s` and covers the remaining distance at no more
-    /// than `speed`, in `ramp_s` or longer.
+    /// An offset that brakes within `stop_s` (s) and covers the remaining distance in at least
+    /// `ramp_s` (s), at no more than `speed` (rad/s or m/s).
     pub(super) fn new(
         begin_ns: u64,
         offset: &Motion,
@@ -116,36 +122,39 @@ impl Blend {
         ramp_s: f64,
         speed: f64,
     ) -> Self {
-        let stopping = stopping_way(offset.velocity, stop_s);
-        // A high initial acceleration would first lead away from the target. Limiting it affects
-        // only the inertia feed-forward, whose slope is limited anyway.
-        let largest = 4.0 * speed / stop_s;
-        let begin = Motion {
+        let stopping = stopping_displacement(offset.velocity, stop_s);
+        // A high initial acceleration would first carry the reference away from the target, so it
+        // is clipped. Only the inertia feed-forward sees it, whose slew rate is limited anyway.
+        let acceleration_max = BRAKING_ACCELERATION * speed / stop_s;
+        let start = Motion {
             position: -stopping,
             velocity: offset.velocity,
-            acceleration: offset.acceleration.max(-largest).min(largest),
+            acceleration: offset.acceleration.max(-acceleration_max).min(acceleration_max),
         };
-        let way = offset.position + stopping;
-        let way_s = ramp_s.max(PEAK_OVER_MEAN * way.abs() / speed);
+        let remaining = offset.position + stopping;
+        let approach_s = ramp_s.max(PEAK_OVER_MEAN * remaining.abs() / speed);
         Self {
             begin_ns,
-            stop: Quintic::new(stop_s, &begin),
-            way: Quintic::new(way_s, &Motion::at_rest(way)),
-            peak_speed: (PEAK_OVER_MEAN * way.abs() / way_s).max(offset.velocity.abs()),
+            braking: Quintic::new(stop_s, &start),
+            approach: Quintic::new(approach_s, &Motion::at_rest(remaining)),
+            peak_speed: (PEAK_OVER_MEAN * remaining.abs() / approach_s).max(offset.velocity.abs()),
         }
     }
 
-    /// Highest speed of the offset, used as the peak speed of the friction feed-forward.
+    /// The initial speed or the peak speed of the approach, whichever is larger (rad/s or m/s).
+    /// It scales the friction feed-forward; the sum of both may be slightly faster.
     pub(super) const fn peak_speed(&self) -> f64 {
         self.peak_speed
     }
 
-    /// The offset at a time; `None` once it has decayed.
+    /// The offset at `time_ns` (CLOCK_MONOTONIC); `None` once it has decayed.
     pub(super) fn at(&self, time_ns: u64) -> Option<Motion> {
         let time_s = time_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
-        match (self.stop.at(time_s), self.way.at(time_s)) {
+        match (self.braking.at(time_s), self.approach.at(time_s)) {
             (None, None) => None,
-            (stop, way) => Some(stop.unwrap_or_default().plus(&way.unwrap_or_default())),
+            (braking, approach) => {
+                Some(braking.unwrap_or_default().plus(&approach.unwrap_or_default()))
+            }
         }
     }
 }

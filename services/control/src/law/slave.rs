@@ -83,7 +83,7 @@ impl SlaveOffset {
         self.filtered_error += share * (error - self.filtered_error);
 
         let reversal = (REVERSAL * seen.peak_speed).max(LEAST_REVERSAL * seen.speed);
-        let ahead = desired.after(settings.lead_s);
+        let ahead = desired.extrapolated(settings.lead_s);
         let level = settings.windup_share * model.windup.level_v(ahead.velocity) / model.line_v;
         let lengthening = 1.0 / model.ratio - 1.0;
 

@@ -19,7 +19,7 @@ use crate::ilc_update::{IlcError, IlcState, IlcUpdater};
 use crate::player::{IlcJob, Program};
 use crate::trial_record::TrialRecord;
 
-use super::link::{Dropped, EVENTS};
+use super::link::{Dropped, EVENT_CAPACITY};
 
 /// Polling period: short against the settling cycle of a block.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
@@ -49,7 +49,7 @@ impl IlcWorker {
     ) -> io::Result<Self> {
         let (jobs, job_out) = RingBuffer::new(JOBS);
         let (result_in, results) = RingBuffer::new(RESULTS);
-        let (event_in, events) = RingBuffer::new(EVENTS);
+        let (event_in, events) = RingBuffer::new(EVENT_CAPACITY);
         let mut state = WorkerState {
             session,
             file,
@@ -134,7 +134,7 @@ impl WorkerState {
     /// Saves the state of the learning run once the loop has published all its events: a block that
     /// is saved is never reported again.
     fn save_state(&mut self) {
-        if self.events.slots() < EVENTS {
+        if self.events.slots() < EVENT_CAPACITY {
             return;
         }
         if let Some(kept) = self.unsaved.take()

@@ -1,7 +1,7 @@
 //! Communication between the real-time loop and the request thread. Neither waits for the other:
-//! changes, orders and events pass through single-producer, single-consumer rings, which are
-//! wait-free on both sides (in a multi-producer queue a preempted writer would block the loop), and
-//! progress through atomics.
+//! orders, changes of state and events pass through single-producer, single-consumer rings, which
+//! are wait-free on both sides (with a multi-producer queue, a preempted writer could block the
+//! loop). Progress is passed in atomics.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,27 +11,28 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::player::{Change, Program};
 
-/// Capacity for orders, which are issued one at a time.
-const ORDERS: usize = 4;
-/// Capacity for events from a thread to the loop, which publishes them.
-pub(super) const EVENTS: usize = 64;
-/// Capacity for changes; a segment lasts a good part of a second at least.
-const NOTES: usize = 256;
+/// Capacity of the order ring; orders are sent one at a time.
+const ORDER_CAPACITY: usize = 4;
+/// Capacity of an event ring, from the request or learning thread to the loop, which publishes
+/// them.
+pub(super) const EVENT_CAPACITY: usize = 64;
+/// Capacity of the ring for changes; segments start at most a few times per second.
+const CHANGE_CAPACITY: usize = 256;
 
 /// An order to the loop.
 #[derive(Debug)]
 pub(super) enum Order {
-    /// Number, program, and deadline (ns) after which the order is void, since its client has been
-    /// told that it failed.
-    Play(u32, Arc<Program>, u64),
+    /// Play a program. Ignored after `deadline_ns` (CLOCK_MONOTONIC), when the client has been told
+    /// that the request failed.
+    Play { number: u32, program: Arc<Program>, deadline_ns: u64 },
     /// Stop playing.
-    Stop(u32),
+    Stop { number: u32 },
 }
 
 /// A change reported by the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Note {
-    /// The order being played; 0 for a protocol resumed at the start.
+pub(super) struct ChangeReport {
+    /// Number of the order being played; 0 for a protocol resumed when the process started.
     pub(super) order: u32,
     /// What changed.
     pub(super) change: Change,
@@ -39,30 +40,35 @@ pub(super) struct Note {
     pub(super) epoch: u64,
 }
 
-/// Progress of the protocol. The fields may be one cycle apart.
+/// Progress of the protocol, written by the loop. `elapsed_s_bits` and `sample_ns` may belong to a
+/// neighbouring cycle.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
-    /// segment (32 bits), running, completed, permitted; from bit 40 the newest order taken
-    word: AtomicU64,
-    elapsed: AtomicU64,
+    /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 40 to 63: newest order
+    /// accepted.
+    packed: AtomicU64,
+    /// Time played (s), as the bits of an `f64`.
+    elapsed_s_bits: AtomicU64,
+    /// Time of the newest sample (ns, CLOCK_MONOTONIC); 0 before the first.
     sample_ns: AtomicU64,
-    /// When the client last renewed its lease (ns); the only field that the loop reads
+    /// When the client last renewed its lease (ns); the only field that the request thread writes
+    /// and the loop reads.
     renewed_ns: AtomicU64,
 }
 
 const RUNNING: u64 = 1 << 32;
 const COMPLETED: u64 = 1 << 33;
-const PERMITTED: u64 = 1 << 34;
+const ENABLED: u64 = 1 << 34;
 const ORDER_SHIFT: u32 = 40;
 
-/// A reading of [`Progress`].
+/// A snapshot of [`Progress`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reading {
+pub(super) struct ProgressSnapshot {
     pub(super) order: u32,
     pub(super) running: bool,
     pub(super) completed: bool,
     /// Whether the motor is enabled.
-    pub(super) permitted: bool,
+    pub(super) enabled: bool,
     pub(super) segment: u32,
     /// Time played (s).
     pub(super) elapsed_s: f64,
@@ -71,26 +77,26 @@ pub(super) struct Reading {
 }
 
 impl Progress {
-    /// Largest number of an order.
-    pub(super) const LAST_ORDER: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
+    /// Largest order number that fits (24 bits).
+    pub(super) const ORDER_MAX: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
 
-    /// Updates the progress by three stores.
+    /// Publishes the progress. The packed word is stored last, with release ordering.
     pub(super) fn update(
         &self,
         order: u32,
         status: &ExperimentAnswer,
         sample_ns: u64,
-        permitted: bool,
+        enabled: bool,
     ) {
         let flag = |set, bit| if set { bit } else { 0 };
-        let word = u64::from(status.segment)
+        let packed = u64::from(status.segment)
             | flag(status.running, RUNNING)
             | flag(status.completed, COMPLETED)
-            | flag(permitted, PERMITTED)
+            | flag(enabled, ENABLED)
             | u64::from(order) << ORDER_SHIFT;
-        self.elapsed.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
+        self.elapsed_s_bits.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
         self.sample_ns.store(sample_ns, Ordering::Relaxed);
-        self.word.store(word, Ordering::Release);
+        self.packed.store(packed, Ordering::Release);
     }
 
     /// Renews the client's lease.
@@ -103,15 +109,15 @@ impl Progress {
         self.renewed_ns.load(Ordering::Relaxed)
     }
 
-    pub(super) fn read(&self) -> Reading {
-        let word = self.word.load(Ordering::Acquire);
-        Reading {
-            order: (word >> ORDER_SHIFT) as u32,
-            running: word & RUNNING != 0,
-            completed: word & COMPLETED != 0,
-            permitted: word & PERMITTED != 0,
-            segment: word as u32,
-            elapsed_s: f64::from_bits(self.elapsed.load(Ordering::Relaxed)),
+    pub(super) fn read(&self) -> ProgressSnapshot {
+        let packed = self.packed.load(Ordering::Acquire);
+        ProgressSnapshot {
+            order: (packed >> ORDER_SHIFT) as u32,
+            running: packed & RUNNING != 0,
+            completed: packed & COMPLETED != 0,
+            enabled: packed & ENABLED != 0,
+            segment: packed as u32,
+            elapsed_s: f64::from_bits(self.elapsed_s_bits.load(Ordering::Relaxed)),
             sample_ns: self.sample_ns.load(Ordering::Relaxed),
         }
     }
@@ -126,48 +132,49 @@ impl Dropped {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(super) fn so_far(&self) -> u64 {
+    pub(super) fn total(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// The loop's ends.
+/// The real-time loop's side.
 #[derive(Debug)]
-pub(super) struct LoopEnd {
+pub(super) struct LoopSide {
     pub(super) orders: Consumer<Order>,
-    pub(super) notes: Producer<Note>,
+    pub(super) changes: Producer<ChangeReport>,
     pub(super) events: Consumer<Event>,
     pub(super) progress: Arc<Progress>,
     pub(super) dropped: Dropped,
 }
 
-/// The request thread's ends.
+/// The request thread's side.
 #[derive(Debug)]
-pub(super) struct HandlerEnd {
+pub(super) struct RequestSide {
     pub(super) orders: Producer<Order>,
-    pub(super) notes: Consumer<Note>,
+    pub(super) changes: Consumer<ChangeReport>,
     /// Events to publish.
     pub(super) events: Producer<Event>,
     pub(super) progress: Arc<Progress>,
     pub(super) dropped: Dropped,
 }
 
-pub(super) fn link() -> (LoopEnd, HandlerEnd) {
-    let (order_in, order_out) = RingBuffer::new(ORDERS);
-    let (note_in, note_out) = RingBuffer::new(NOTES);
-    let (event_in, event_out) = RingBuffer::new(EVENTS);
+/// Creates both sides.
+pub(super) fn pair() -> (LoopSide, RequestSide) {
+    let (order_in, order_out) = RingBuffer::new(ORDER_CAPACITY);
+    let (change_in, change_out) = RingBuffer::new(CHANGE_CAPACITY);
+    let (event_in, event_out) = RingBuffer::new(EVENT_CAPACITY);
     let progress = Arc::new(Progress::default());
     let dropped = Dropped::default();
-    let loop_end = LoopEnd {
+    let loop_side = LoopSide {
         orders: order_out,
-        notes: note_in,
+        changes: change_in,
         events: event_out,
         progress: Arc::clone(&progress),
         dropped: dropped.clone(),
     };
     (
-        loop_end,
-        HandlerEnd { orders: order_in, notes: note_out, events: event_in, progress, dropped },
+        loop_side,
+        RequestSide { orders: order_in, changes: change_out, events: event_in, progress, dropped },
     )
 }
 
@@ -176,12 +183,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn progress_reads_back() {
+    fn progress_is_read_back_as_written() {
         let progress = Progress::default();
-        for (order, segment, running, completed, permitted) in [
+        for (order, segment, running, completed, enabled) in [
             (0, 0, false, false, true),
             (1, u32::MAX, true, false, false),
-            (Progress::LAST_ORDER, 7, false, true, true),
+            (Progress::ORDER_MAX, 7, false, true, true),
         ] {
             let status = ExperimentAnswer {
                 running,
@@ -190,12 +197,12 @@ mod tests {
                 completed,
                 ..ExperimentAnswer::default()
             };
-            progress.update(order, &status, 42, permitted);
-            let expected = Reading {
+            progress.update(order, &status, 42, enabled);
+            let expected = ProgressSnapshot {
                 order,
                 running,
                 completed,
-                permitted,
+                enabled,
                 segment,
                 elapsed_s: 1.25,
                 sample_ns: 42,

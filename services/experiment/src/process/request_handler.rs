@@ -17,7 +17,7 @@ use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
 
 use super::ilc_worker::find_references;
-use super::link::{HandlerEnd, Note, Order, Progress};
+use super::link::{ChangeReport, Order, Progress, RequestSide};
 
 /// Longest time for the loop to take an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);
@@ -46,7 +46,7 @@ pub(super) struct RequestHandler {
     pub(super) file: PathBuf,
     /// Folder of the learnt references.
     pub(super) learnt: PathBuf,
-    pub(super) link: HandlerEnd,
+    pub(super) link: RequestSide,
     pub(super) current: Option<Current>,
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
     /// must not be the loop.
@@ -119,9 +119,9 @@ impl RequestHandler {
                     .to_owned(),
             );
         }
-        if !self.link.progress.read().permitted {
+        if !self.link.progress.read().enabled {
             // The token that shows a fresh `enable` may still be on its way.
-            self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().permitted)
+            self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().enabled)
                 .map_err(|_| "the motor is not enabled: farreach reset, arm, enable".to_owned())?;
         }
         if let Err(reason) = find_references(&program, &self.learnt) {
@@ -145,7 +145,7 @@ impl RequestHandler {
             Some(Current { order, client, text: text.to_owned(), program: Arc::clone(&program) });
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
-        self.order(order, Order::Play(order, program, before_ns))
+        self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
     }
 
     fn busy(&self) -> String {
@@ -176,14 +176,14 @@ impl RequestHandler {
             return Err("the running protocol belongs to another client".to_owned());
         }
         let order = self.next_order();
-        self.order(order, Order::Stop(order))?;
+        self.order(order, Order::Stop { number: order })?;
         // The loop stops with the cycle that follows.
         self.wait_until(TAKE_LIMIT, |link| !link.progress.read().running)
     }
 
     fn next_order(&mut self) -> u32 {
         self.last_order =
-            if self.last_order == Progress::LAST_ORDER { 1 } else { self.last_order + 1 };
+            if self.last_order == Progress::ORDER_MAX { 1 } else { self.last_order + 1 };
         self.last_order
     }
 
@@ -197,7 +197,7 @@ impl RequestHandler {
     fn wait_until(
         &self,
         limit: Duration,
-        done: impl Fn(&HandlerEnd) -> bool,
+        done: impl Fn(&RequestSide) -> bool,
     ) -> Result<(), String> {
         let begun = Instant::now();
         while !done(&self.link) {
@@ -214,10 +214,11 @@ impl RequestHandler {
     /// Saves the newest change that the loop has reported.
     fn save_changes(&mut self) {
         let mut newest = None;
-        while let Ok(note) = self.link.notes.pop() {
+        while let Ok(note) = self.link.changes.pop() {
             newest = Some(note);
         }
-        let (Some(Note { order, change, epoch }), Some(current)) = (newest, &self.current) else {
+        let (Some(ChangeReport { order, change, epoch }), Some(current)) = (newest, &self.current)
+        else {
             return;
         };
         if order != current.order {

@@ -20,8 +20,8 @@ pub struct Config {
     /// The enable line toggles only while the newest sample is younger than this, so that the motor
     /// loses power before a dead acquisition counts as lost (ns).
     pub line_pause_ns: u64,
-    /// A pause of the line that lasts this long is a trip. Less than the card's timeout, so that
-    /// the motor never loses power, and regains it, without a trip (ns).
+    /// Silence of the enable line that trips; shorter than the card's timeout, so that the card
+    /// never drops and restores motor power without a trip (ns).
     pub line_gap_ns: u64,
     /// Time that the gate has to open after `enable` (ns).
     pub gate_open_ns: u64,
@@ -30,7 +30,7 @@ pub struct Config {
     pub echo_lost_ns: u64,
     /// How long a momentary fault (a backward step, an encoder jump) counts as active (ns).
     pub hold_ns: u64,
-    /// Length over which speed is measured (ns).
+    /// Window over which speed is estimated (ns).
     pub speed_window_ns: u64,
     /// How far ahead of our clock a message's time may be (ns).
     pub future_ns: u64,

@@ -6,9 +6,9 @@ use ipc_types::TripCause;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultSet(u64);
 
-/// What an active fault does.
+/// What an active fault causes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effect {
+pub enum FaultAction {
     /// Trips from Armed and Enabled, faults from Disarmed, refuses `reset` while active.
     Trips,
     /// Trips from Armed and Enabled and refuses `arm`; changes nothing in Disarmed, where it is no
@@ -46,14 +46,14 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::KeeperLost,
 ];
 
-/// What `cause` does while active.
-pub const fn effect(cause: TripCause) -> Effect {
+/// What `cause` leads to while it is active.
+pub const fn action_of(cause: TripCause) -> FaultAction {
     match cause {
-        TripCause::NotRealtime | TripCause::NoOutput => Effect::TripsWhenArmed,
+        TripCause::NotRealtime | TripCause::NoOutput => FaultAction::TripsWhenArmed,
         // The keeper only holds services open: those that run go on, and its restart brings it
         // back.
-        TripCause::KeeperLost => Effect::Blocks,
-        _ => Effect::Trips,
+        TripCause::KeeperLost => FaultAction::Blocks,
+        _ => FaultAction::Trips,
     }
 }
 
@@ -89,8 +89,8 @@ impl FaultSet {
     }
 
     /// The most specific fault for which `counts` holds.
-    pub fn first(self, counts: impl Fn(Effect) -> bool) -> Option<TripCause> {
-        PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(effect(cause)))
+    pub fn first(self, counts: impl Fn(FaultAction) -> bool) -> Option<TripCause> {
+        PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(action_of(cause)))
     }
 }
 

@@ -4,7 +4,7 @@ use ipc_types::{
     GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
 };
 use proptest::prelude::*;
-use watchdog::interlock::{Effect, Interlock, Peers, effect};
+use watchdog::interlock::{FaultAction, Interlock, Peers, action_of};
 
 use crate::world::{MS, SESSION, World, config};
 
@@ -123,7 +123,7 @@ proptest! {
                         let token = world.token;
                         let faults = token.faults;
                         let tripping = TripCause::ALL.iter().any(|&cause| {
-                            faults & (1 << cause.code()) != 0 && effect(cause) != Effect::Blocks
+                            faults & (1 << cause.code()) != 0 && action_of(cause) != FaultAction::Blocks
                         });
                         prop_assert!(token.enabled == 0 || !tripping, "faults {faults:#b}");
                         prop_assert!(token.enabled == 0 || token.epoch == last_epoch);

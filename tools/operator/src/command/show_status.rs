@@ -1,4 +1,4 @@
-//! `status`.
+//! Prints `status`, once or repeatedly.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;

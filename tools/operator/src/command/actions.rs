@@ -1,4 +1,4 @@
-//! The operator's verbs, and `run`.
+//! Executes `reset`, `arm`, `enable`, `disarm`, `estop`, `run`, `stop` and the recording commands.
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;

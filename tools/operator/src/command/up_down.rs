@@ -1,4 +1,4 @@
-//! `up` and `down`.
+//! Prints the results of `up` and `down`.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
     let card = kind.map(|kind| CardOptions {
         kind,
         replay: arguments.replay.clone(),
-        looped: arguments.looped,
+        loop_replay: arguments.looped,
     });
     let executable = std::env::current_exe().map_err(|source| Error::Io {
         doing: "find the executable",
