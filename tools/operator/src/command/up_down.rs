@@ -50,7 +50,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
     let card = kind.map(|kind| CardOptions {
         kind,
         replay: arguments.replay.clone(),
-        loop_replay: arguments.looped,
+        looped: arguments.loop_replay,
     });
     let executable = std::env::current_exe().map_err(|source| Error::Io {
         doing: "find the executable",
