@@ -176,7 +176,9 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
     match command {
         Command::Up(arguments) => up_down::up(&arguments, rig_name),
         Command::Down(OutputFormat { json }) => up_down::down(rig_name, json),
-        Command::Status { watch, json: OutputFormat { json } } => show_status::status(rig_name, watch, json),
+        Command::Status { watch, json: OutputFormat { json } } => {
+            show_status::status(rig_name, watch, json)
+        }
         Command::Reset(OutputFormat { json }) => actions::verb(rig_name, Verb::Reset, json),
         Command::Arm(OutputFormat { json }) => actions::verb(rig_name, Verb::Arm, json),
         Command::Enable(OutputFormat { json }) => actions::verb(rig_name, Verb::Enable, json),
