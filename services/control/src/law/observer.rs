@@ -1,9 +1,9 @@
 //! Disturbance observer: the part of the motor's voltage that did not accelerate it.
 //!
 //! With the nominal inertia `J` (V·s² per unit) and the voltage `u` at the motor, `d = u - J v̇` is
-//! what friction, hand and line take. It is estimated through a first-order filter, `d̂ = Q (u - c
-//! + g J v) - g J v` with `Q = g / (s + g)`, so that no acceleration has to be measured; `c` is the
-//! share that friction compensation already supplies (Ohnishi's form).
+//! what friction, hand and line take. It is estimated through a first-order filter,
+//! `d̂ = Q (u - c + g J v) - g J v` with `Q = g / (s + g)`, so that no acceleration has to be
+//! measured; `c` is the share that friction compensation already supplies (Ohnishi's form).
 //!
 //! The estimate is added to the law's output. It is limited, and the filter's state is set back to
 //! the limit (anti-windup). It acts while the reference moves. At rest it decays, because an

@@ -7,8 +7,8 @@
 //! possible, because the line's resonance (8 Hz) and its delay lie in between. Most of the offset
 //! is therefore feed-forward, and the rest is adapted slowly:
 //!
-//! - feed-forward: the windup of the line and the ratio according to the model, `r/ρ - r + τ_f(v)/k
-//!   · sgn(v)`, for the movement `lead_s` ahead;
+//! - feed-forward: the windup of the line and the ratio according to the model,
+//!   `r/ρ - r + τ_f(v)/k · sgn(v)`, for the movement `lead_s` ahead;
 //! - proportional feedback of the slave's remaining error, filtered below the resonance;
 //! - adaptation of windup and ratio from the correlation of the error with the sign of the velocity
 //!   and with the position. It corrects a wrong friction or ratio of the model at any speed of
