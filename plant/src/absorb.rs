@@ -6,8 +6,8 @@ use crate::any::Parameters;
 use crate::effects::{Effect, Site};
 
 impl Parameters {
-    /// Adds to the constants what an effect changes of the line's compliance and damping, of
-    /// inertia, and of dry and viscous friction. Whatever else the effect does is left out.
+    /// Changes the parameters as an effect changes the line's compliance and damping, the
+    /// inertia, and dry and viscous friction. Whatever else the effect does is left out.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`] where a sum is beyond what the model allows.

@@ -131,7 +131,7 @@ macro_rules! transmissions {
             $($(#[$doc])* $kind(Box<$module::Plant>)),+
         }
 
-        /// The same call on the plant of whichever kind.
+        /// Calls the same method on the plant, whatever its kind.
         macro_rules! each {
             ($plant:expr, $inner:ident => $call:expr) => {
                 match $plant {

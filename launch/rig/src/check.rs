@@ -30,7 +30,7 @@ pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
         if let Some(before) = rig.axes[..at].iter().position(|other| other.name == axis.name) {
             let expected = format!("a name of its own (axes.{before} has it already)");
             let found = format!("the text \"{}\"", axis.name);
-            let advice = "names tell axes apart on screens";
+            let advice = "axis names must be unique";
             source.problem(&format!("axes.{at}.name"), expected, found, advice);
         }
     }

@@ -23,7 +23,8 @@ pub struct Compensation {
     pub kind: CompensationKind,
     /// Share of the model's friction that is compensated, 0 to 1.
     pub share: f64,
-    /// Speed within which the compensation of the motor's friction changes sign (rad/s or m/s).
+    /// Speed range around zero within which the motor-friction compensation changes sign, ± this
+    /// (rad/s or m/s).
     pub reversal_speed: f64,
 }
 
@@ -51,9 +52,9 @@ pub struct SlaveLoop {
     pub limit: f64,
     /// Share of the modelled windup of the line that is added to the reference, 0 to 1.
     pub windup_share: f64,
-    /// Reference offset per slave error (1).
+    /// Proportional gain from slave error to reference offset (1).
     pub proportional_gain: f64,
-    /// Reference offset per slave error and time (1/s).
+    /// Integral gain from slave error to reference offset (1/s).
     pub integral_gain: f64,
     /// Cut-off of the low pass on the slave's error (Hz).
     pub filter_hz: f64,
@@ -86,7 +87,10 @@ const SHARE: Bounds = bounds(0.0, 1.0, "a share from 0 (none) to 1 (all)");
 const COMPENSATION_KEYS: Keys = &[
     ("kind", "The feed-forward; `identified` needs a transmission as the declared model."),
     ("share", "Share of the model's friction that is compensated."),
-    ("reversal_{deg,m}_s", "Speed below which the compensation of motor friction changes sign."),
+    (
+        "reversal_{deg,m}_s",
+        "Speed around zero within which the compensation of motor friction changes sign.",
+    ),
 ];
 
 impl Compensation {
@@ -131,8 +135,8 @@ impl Observer {
 const SLAVE_KEYS: Keys = &[
     ("limit_{deg,m}", "Largest offset of the master's reference; at most half the range."),
     ("windup_share", "Share of the modelled windup of the line that is added to the reference."),
-    ("proportional_gain", "Reference offset per slave error."),
-    ("integral_gain_per_s", "Reference offset per slave error and time."),
+    ("proportional_gain", "Proportional gain from slave error to reference offset."),
+    ("integral_gain_per_s", "Integral gain from slave error to reference offset."),
     ("filter_hz", "Cut-off of the low pass on the slave's error."),
     ("lead_s", "Time by which the windup and ratio compensation leads the reference."),
 ];

@@ -53,7 +53,7 @@ pub trait LineLaw: Clone + fmt::Debug + Send {
     /// under a declared stiffness (N/m).
     fn energy_j(&self, line: usize, end: usize, deflection_m: f64, stiffness: f64) -> (f64, f64);
 
-    /// Friction on one side, effects left out: everything of the load but force and inertia.
+    /// Friction on one side without effects; force and inertia of the load are left unset.
     fn side_friction(
         &self,
         side: Side,

@@ -29,13 +29,13 @@ const POLL_PERIOD: Duration = Duration::from_millis(2);
 const RETRY_PERIOD: Duration = Duration::from_millis(100);
 /// Number of trips without a kill after which the run is aborted: the host is too busy.
 const UNPROVOKED: usize = 60;
-/// Volts at the motor, and speed of the master, that make a kill one in mid-movement.
+/// Least motor voltage (V) and master speed (rad/s or m/s) at which a movement counts as under way.
 const MOVING_V: f64 = 1.0;
 const MOVING_SPEED: f64 = 1.0;
 /// How long after power is back the next kill may come.
 const SETTLED: Duration = Duration::from_millis(700);
-/// How long a moment of movement is waited for.
-const MOMENT_LIMIT: Duration = Duration::from_secs(4);
+/// Longest wait for the handle to move.
+const MOVEMENT_LIMIT: Duration = Duration::from_secs(4);
 
 /// Ctrl-C, or another signal that asks for an end.
 #[derive(Debug, thiserror::Error)]
@@ -183,7 +183,7 @@ impl<'a> Session<'a> {
         Ok(done)
     }
 
-    /// Starts the protocol; a trip just before it asks for the operator's verbs once more.
+    /// Starts the protocol; if the rig has just tripped, resets, arms and enables it first.
     fn start(&mut self, protocol: &Protocol, client: u64) -> anyhow::Result<()> {
         let request = ExperimentRequest::Run {
             protocol: protocol.text().to_owned(),
@@ -238,7 +238,7 @@ impl<'a> Session<'a> {
         }
         let published = |session: &Self| session.successor.and_then(|(_, _, published)| published);
         if !self.wait(BACK_LIMIT, |session| published(session).is_some())? {
-            bail!("{process} was killed and is not back within {BACK_LIMIT:?}");
+            bail!("{process} was killed and did not publish again within {BACK_LIMIT:?}");
         }
         let ms = |time_ns: u64| time_ns.saturating_sub(at_ns) as f64 * 1e-6;
         let back_ms = published(self).map_or(f64::NAN, ms);
@@ -327,9 +327,9 @@ impl<'a> Session<'a> {
             volts
                 && session.command.is_some_and(|command| command.velocity[0].abs() >= MOVING_SPEED)
         };
-        if !self.wait(MOMENT_LIMIT, moving)? {
+        if !self.wait(MOVEMENT_LIMIT, moving)? {
             self.terminal.warn(&format!(
-                "the master hardly moved for {MOMENT_LIMIT:?}; killing the process nevertheless"
+                "the master hardly moved for {MOVEMENT_LIMIT:?}; killing the process nevertheless"
             ));
         }
         Ok(())

@@ -131,7 +131,7 @@ impl LawKind {
 
 /// A law at a frequency.
 #[derive(Clone, Debug)]
-pub struct Cell {
+pub struct SweepPoint {
     /// Which law.
     pub law: LawKind,
     /// Which frequency (Hz).
@@ -146,7 +146,7 @@ pub struct Cell {
 #[derive(Clone, Debug, Default)]
 pub struct Guided {
     /// Each law at each frequency, law by law.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<SweepPoint>,
 }
 
 /// How many times [`laws`] calls `done`.
@@ -160,7 +160,7 @@ pub const PARTS: usize = LawKind::ALL.len();
 /// Where the built-in rig file is invalid.
 pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
     let [_, rig] = rigs()?;
-    let of_law = |law: LawKind| -> Result<Vec<Cell>> {
+    let of_law = |law: LawKind| -> Result<Vec<SweepPoint>> {
         let cells = HERTZ
             .into_par_iter()
             .map(|hertz| {
@@ -177,13 +177,14 @@ pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
                         guided(&law.rig(rig.clone()), &[], &sine).map_err(IlcError::from)?
                     }
                 };
-                Ok(Cell { law, hertz, quality: Quality::of(&trace), trace })
+                Ok(SweepPoint { law, hertz, quality: Quality::of(&trace), trace })
             })
             .collect();
         done();
         cells
     };
-    let cells: Vec<Vec<Cell>> = LawKind::ALL.into_par_iter().map(of_law).collect::<Result<_>>()?;
+    let cells: Vec<Vec<SweepPoint>> =
+        LawKind::ALL.into_par_iter().map(of_law).collect::<Result<_>>()?;
     Ok(Guided { cells: cells.into_iter().flatten().collect() })
 }
 
@@ -216,14 +217,14 @@ impl Guided {
     }
 
     /// A law at a frequency (Hz).
-    pub fn cell(&self, law: LawKind, hertz: f64) -> Option<&Cell> {
+    pub fn cell(&self, law: LawKind, hertz: f64) -> Option<&SweepPoint> {
         self.cells.iter().find(|cell| cell.law == law && cell.hertz == hertz)
     }
 
     /// The table as rows.
     pub fn rows(&self) -> Vec<Row> {
         let mut rows = Vec::new();
-        for Cell { law, hertz, quality, .. } in &self.cells {
+        for SweepPoint { law, hertz, quality, .. } in &self.cells {
             let Some(quality) = quality else { continue };
             let note = format!(
                 "{}, ±{AMPLITUDE_DEG:.0}° at {hertz} Hz, nobody at the handle",

@@ -5,7 +5,7 @@ use report::{Page, Table, Tone};
 
 use crate::calibration::alternatives::{Alternative, held_rows};
 use crate::calibration::cable::{CableCell, cut_off_range_hz};
-use crate::calibration::grid::Friction;
+use crate::calibration::sensitivity::Friction;
 use crate::error::Result;
 use crate::guided;
 use crate::published::published;
@@ -69,7 +69,7 @@ pub fn verdict(study: &Study) -> Result<(String, String)> {
 }
 
 fn calibration(page: Page, study: &Study) -> Result<Page> {
-    let share = |friction: Friction| short(friction.share());
+    let share = |friction: Friction| short(friction.factor());
     Ok(page
         .heading("Calibration against published measurements")
         .paragraph(

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::calibration::alternatives::{Alternative, FITTED, alternatives};
 use crate::calibration::cable::{self, CableCell};
 use crate::calibration::conclusions::{Conclusion, conclusions};
-use crate::calibration::grid::{AMPLITUDES_DEG, Cell, Friction, grid};
+use crate::calibration::sensitivity::{AMPLITUDES_DEG, Friction, SweepPoint, sweep};
 use crate::calibration::{SHORT_M, calibrate, rows};
 use crate::error::Result;
 use crate::guided;
@@ -24,7 +24,7 @@ pub struct Study {
     /// The figures.
     pub plots: Vec<Plot>,
     /// The fit over amplitude and friction.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<SweepPoint>,
     /// The cable's fit over amplitude and damping.
     pub cable: Vec<CableCell>,
     /// Alternative explanations.
@@ -82,7 +82,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
                 .collect::<Result<Vec<Plot>>>()
         },
         || {
-            let cells = grid(&AMPLITUDES_DEG, &done)?;
+            let cells = sweep(&AMPLITUDES_DEG, &done)?;
             let alternatives =
                 alternatives(common.calibration.factor, common.calibration.traced, &done)?;
             Result::Ok((cells, alternatives, cable::cells(&done)?))

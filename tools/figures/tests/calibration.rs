@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use figures::calibration::conclusions::conclusions;
-use figures::calibration::grid::{Friction, grid};
+use figures::calibration::sensitivity::{Friction, sweep};
 use figures::calibration::{calibrate, fit, rows};
 use figures::line::{Added, Line, MEASURED_FRICTION_NM};
 use figures::linear;

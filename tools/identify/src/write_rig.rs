@@ -18,7 +18,7 @@ use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
 use crate::prediction_error::transmission_model::{SMOOTHING, SMOOTHING_SHAPE};
 use entries::{Entries, entries};
 
-/// Parameters that are only estimated, which the plant needs to be the fitted one.
+/// Parameters without a declared value that are needed to reproduce the fitted plant.
 const OWN: [(&str, &str); 2] = [
     (SMOOTHING, "smooths dry friction near zero speed"),
     (SMOOTHING_SHAPE, "shape of that smoothing"),
@@ -172,7 +172,7 @@ fn with_provenance(text: &str, outcome: &Outcome, provenance: &Provenance) -> St
     header + &kept.collect::<String>()
 }
 
-/// Describes a parameter that is only estimated.
+/// Describes a parameter without a declared value.
 fn own(name: &str) -> Option<&'static str> {
     OWN.iter().find(|(own, _)| *own == name).map(|(_, what)| *what)
 }

@@ -41,10 +41,8 @@ pub(super) fn check_stability(
         _ => (format!("{:.0} % of this", 100.0 * share), "this field".to_owned()),
     };
     let word = if value.is_some_and(|value| value < 0.0) { "at least" } else { "at most" };
-    let expected = format!(
-        "{word} {most} at the rig \"{}\", with a margin of {MARGIN} on its gains",
-        rig.name
-    );
+    let expected =
+        format!("{word} {most} on the rig \"{}\", with a gain margin of {MARGIN}", rig.name);
     let (found, advice) = match unstable {
         Refused::Grows(unstable) => (
             format!("{found}: {}", describe(&unstable)),
@@ -55,7 +53,7 @@ pub(super) fn check_stability(
                 "{found}: {torque:.2} N·m (or N) outwards at the end of the axis, \
                  where a relaxed hand and the soft stop hold {most:.2}"
             ),
-            "a field that drives away must be held within the limits; weaken it, \
+            "a field that pushes outwards must be balanced within the limits; weaken it, \
              or raise end_stop_stiffness in the rig file",
         ),
     };

@@ -1,8 +1,8 @@
 //! Statements that are tested in every cell of the grid over what the thesis leaves open. A
 //! statement fails if one cell contradicts it beyond its tolerance or has no value for it.
 
-use super::grid::Cell;
 use super::measured_resonance_hz;
+use super::sensitivity::SweepPoint;
 use crate::error::Result;
 use crate::published::published;
 
@@ -34,7 +34,7 @@ struct Within {
     what: &'static str,
     published: &'static str,
     percent: f64,
-    value: fn(&Cell) -> Option<f64>,
+    value: fn(&SweepPoint) -> Option<f64>,
 }
 
 const WITHIN: [Within; 6] = [
@@ -93,7 +93,7 @@ const PEAK_PERCENT: f64 = 25.0;
 ///
 /// # Errors
 /// Where a published value is missing from the table.
-pub fn conclusions(cells: &[Cell], nominal_factor: f64) -> Result<Vec<Conclusion>> {
+pub fn conclusions(cells: &[SweepPoint], nominal_factor: f64) -> Result<Vec<Conclusion>> {
     let resonance = measured_resonance_hz()?;
     let mut all = vec![
         Conclusion {
@@ -167,13 +167,13 @@ fn deviation(value: f64, reference: f64) -> f64 {
     100.0 * (value / reference - 1.0).abs()
 }
 
-fn against(cells: &[Cell], agrees: impl Fn(&Cell) -> bool) -> Vec<String> {
-    cells.iter().filter(|cell| !agrees(cell)).map(Cell::name).collect()
+fn against(cells: &[SweepPoint], agrees: impl Fn(&SweepPoint) -> bool) -> Vec<String> {
+    cells.iter().filter(|cell| !agrees(cell)).map(SweepPoint::name).collect()
 }
 
 fn range(
-    cells: &[Cell],
-    value: impl Fn(&Cell) -> Option<f64>,
+    cells: &[SweepPoint],
+    value: impl Fn(&SweepPoint) -> Option<f64>,
     unit: &'static str,
 ) -> Option<(f64, f64, &'static str)> {
     let values = || cells.iter().filter_map(&value);
@@ -186,13 +186,13 @@ fn range(
 mod tests {
     use super::*;
     use crate::calibration::Prediction;
-    use crate::calibration::grid::Friction;
+    use crate::calibration::sensitivity::Friction;
 
-    fn cell(lag_1hz_s: f64) -> Cell {
+    fn cell(lag_1hz_s: f64) -> SweepPoint {
         let traced = Prediction { lag_1hz_s: Some(lag_1hz_s), ..Prediction::default() };
         let printed =
             Prediction { peak_hz: Some(30.0), lag_1hz_s: Some(0.002), ..Prediction::default() };
-        Cell {
+        SweepPoint {
             amplitude_deg: 1e3 * lag_1hz_s,
             friction: Friction::Printed,
             factor: Some(0.07),
@@ -201,7 +201,7 @@ mod tests {
         }
     }
 
-    fn lag(cells: &[Cell]) -> Conclusion {
+    fn lag(cells: &[SweepPoint]) -> Conclusion {
         conclusions(cells, 0.07)
             .unwrap()
             .into_iter()
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_cell_that_cannot_say_is_against_it() {
-        let mute = Cell { traced: Prediction::default(), ..cell(0.030) };
+        let mute = SweepPoint { traced: Prediction::default(), ..cell(0.030) };
         assert!(!lag(&[cell(0.030), mute]).survives());
     }
 }

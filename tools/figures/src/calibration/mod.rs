@@ -10,8 +10,8 @@
 pub mod alternatives;
 pub mod cable;
 pub mod conclusions;
-pub mod grid;
 pub mod rows;
+pub mod sensitivity;
 
 use plant::effects::Site;
 use plant::hydrostatic::Parameters;

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use super::Calibration;
 use super::alternatives::Alternative;
 use super::conclusions::Conclusion;
-use super::grid::Cell;
+use super::sensitivity::SweepPoint;
 use crate::error::Result;
 use crate::row::{Role, Row};
 
@@ -28,7 +28,7 @@ fn role(name: &str) -> Role {
 /// Where a published value is missing from the table.
 pub fn rows(
     calibration: &Calibration,
-    cells: &[Cell],
+    cells: &[SweepPoint],
     alternatives: &[Alternative],
     conclusions: &[Conclusion],
 ) -> Result<Vec<Row>> {
@@ -74,7 +74,7 @@ pub fn rows(
 }
 
 /// What the fit gives in every cell of the grid.
-fn grid_rows(cells: &[Cell]) -> Vec<Row> {
+fn grid_rows(cells: &[SweepPoint]) -> Vec<Row> {
     let mut rows = Vec::new();
     for cell in cells {
         let (p, t) = (&cell.printed, &cell.traced);

@@ -18,7 +18,7 @@ use super::refit::{fit_base, refit};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
 use super::transmission_model::TransmissionModel;
-use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, has_two_ways, validate};
+use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate};
 use crate::equation_error::split::Role;
 
 /// Gain over the effect added by which another takes its place.
@@ -33,13 +33,13 @@ const A_RIVAL: f64 = 0.25;
 /// Share of a model's gain that the same model with an equivalent effect must reach.
 const AS_MUCH: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
-const AS_A_TWIN: usize = 3;
+const EQUIVALENT_FIT_ROUNDS: usize = 3;
 /// Fit rounds with the other encoder.
-const AS_ANOTHER_ENCODER: usize = 4;
+const ENCODER_FIT_ROUNDS: usize = 4;
 /// Parameter of `encoder_eccentricity` that tells which encoder.
 pub const WHICH_ENCODER: &str = "on_master";
 /// Fit rounds after an effect was withdrawn.
-const AFTER_TAKING_BACK: usize = 4;
+const WITHDRAWAL_FIT_ROUNDS: usize = 4;
 
 /// An effect that was added.
 #[derive(Clone, Debug)]
@@ -124,7 +124,7 @@ impl SearchResult {
             let parameters: Vec<FreeParameter> =
                 self.parameters.iter().chain(&self.effect_parameters).cloned().collect();
             last.fitted =
-                Dataset::of(model, Role::Fit).fit(&setting, &parameters, AFTER_TAKING_BACK)?;
+                Dataset::of(model, Role::Fit).fit(&setting, &parameters, WITHDRAWAL_FIT_ROUNDS)?;
         }
         Some(())
     }
@@ -372,7 +372,8 @@ impl Search<'_> {
             }
             let mut setting = self.now.setting.clone();
             setting.placed[at].site = site;
-            let Some(fitted) = self.fit.fit(&setting, &self.parameters, AS_A_TWIN) else {
+            let Some(fitted) = self.fit.fit(&setting, &self.parameters, EQUIVALENT_FIT_ROUNDS)
+            else {
                 continue;
             };
             let there = self.select.residuals(&fitted.setting)?;
@@ -398,7 +399,7 @@ impl Search<'_> {
                 continue;
             };
             encoder.1 = 1.0 - encoder.1;
-            let Some(other) = self.fit.fit(&setting, &self.parameters, AS_ANOTHER_ENCODER) else {
+            let Some(other) = self.fit.fit(&setting, &self.parameters, ENCODER_FIT_ROUNDS) else {
                 continue;
             };
             let Some(there) = self.select.residuals(&other.setting) else { continue };
@@ -448,7 +449,7 @@ impl Search<'_> {
                 let names = self.steps.iter().map(|step| (step.added.id, step.added.site));
                 let by = names
                     .into_iter()
-                    .find(|(id, _)| has_two_ways(id))
+                    .find(|(id, _)| is_bistable(id))
                     .unwrap_or((best.validation.id, best.validation.site));
                 let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
                     validate(by, &named, &unlisted_function).gain

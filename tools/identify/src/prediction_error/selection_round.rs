@@ -19,23 +19,23 @@ const REFITTED: usize = 12;
 /// Those of them that are fitted to convergence.
 const FINISHED: usize = 3;
 /// Candidates of the first round that are also fitted from the declared values.
-const AFRESH: usize = 3;
+const REFITTED_FROM_DECLARED: usize = 3;
 /// Candidates fitted by their score at the declared values.
 const FROM_DECLARED: usize = 5;
 /// Fit rounds that compare several starting points.
-const TO_SHOW: usize = 4;
+const MULTI_START_ROUNDS: usize = 4;
 /// Fit rounds from each starting point beside the declared values.
-const TO_BEGIN: usize = 2;
+const START_ROUNDS: usize = 2;
 /// A starting point is dropped if its brief fit is behind the best by this (log error).
 const OUT_OF_REACH: f64 = 0.3;
 /// A candidate with less than this share of the best gain is not refined.
 const WITHIN_REACH: f64 = 0.6;
 /// Smaller gains cannot pass after refinement.
-const HOPELESS: f64 = 0.5 * LEAST_FIRST;
+const LEAST_PROMISING_GAIN: f64 = 0.5 * LEAST_FIRST;
 /// Gauss-Newton steps before a candidate is continued or dropped.
 const QUICK_STEPS: usize = 2;
 /// Fit rounds to convergence.
-const TO_THE_END: usize = 3;
+const CONVERGENCE_ROUNDS: usize = 3;
 
 /// A fitted candidate.
 pub struct FittedCandidate {
@@ -89,12 +89,14 @@ impl SelectionRound<'_> {
             chosen = foremost(&tried);
         }
         // Candidates far behind cannot win after refinement.
-        let most =
-            chosen.iter().map(|index| tried[*index].validation.gain).fold(HOPELESS, f64::max);
+        let most = chosen
+            .iter()
+            .map(|index| tried[*index].validation.gain)
+            .fold(LEAST_PROMISING_GAIN, f64::max);
         chosen.retain(|index| tried[*index].validation.gain >= WITHIN_REACH * most);
         for index in chosen {
             let start = tried[index].fitted.setting.clone();
-            self.improve(&mut tried, index, &start, TO_THE_END);
+            self.improve(&mut tried, index, &start, CONVERGENCE_ROUNDS);
         }
         self.elsewhere(&mut tried);
         tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));
@@ -172,10 +174,10 @@ impl SelectionRound<'_> {
     fn refit_from_declared(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize]) {
         let model = self.fit.model;
         if self.now.setting.placed.is_empty() {
-            for index in chosen.iter().take(AFRESH) {
+            for index in chosen.iter().take(REFITTED_FROM_DECLARED) {
                 let fresh =
                     Setting { base: model.start().base, ..tried[*index].fitted.setting.clone() };
-                self.improve(tried, *index, &fresh, TO_THE_END);
+                self.improve(tried, *index, &fresh, CONVERGENCE_ROUNDS);
             }
         }
         // Beside an effect the declared values may diverge.
@@ -217,7 +219,7 @@ impl SelectionRound<'_> {
             };
             let mut leading = begun(&self.now.setting, 1);
             if localisation.is_some() {
-                leading.extend(begun(&declared, TO_BEGIN));
+                leading.extend(begun(&declared, START_ROUNDS));
             }
             let nearest =
                 tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
@@ -225,7 +227,7 @@ impl SelectionRound<'_> {
             leading.retain(|begun| begun.objective <= reach);
             let found: Vec<FittedCandidate> = leading
                 .par_iter()
-                .filter_map(|begun| self.fitted(candidate, &begun.setting, TO_SHOW))
+                .filter_map(|begun| self.fitted(candidate, &begun.setting, MULTI_START_ROUNDS))
                 .collect();
             for found in found {
                 better_of(tried, Some(found));
@@ -244,7 +246,7 @@ impl SelectionRound<'_> {
             if let Some(placed) = with.placed.last_mut() {
                 *placed = start.placed.clone();
             }
-            better_of(tried, self.fitted(candidate, &with, TO_SHOW));
+            better_of(tried, self.fitted(candidate, &with, MULTI_START_ROUNDS));
         }
     }
 
@@ -272,7 +274,7 @@ impl SelectionRound<'_> {
             if let Some(placed) = moved.placed.last_mut() {
                 placed.site = of.site;
             }
-            better_of(tried, self.fitted(candidate, &moved, TO_THE_END));
+            better_of(tried, self.fitted(candidate, &moved, CONVERGENCE_ROUNDS));
         }
     }
 }

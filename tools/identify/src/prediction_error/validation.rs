@@ -103,7 +103,7 @@ const MAY_LOSE_SHARE: f64 = 0.2;
 /// Whether a model with the effect is bistable: where friction falls with speed, a perturbation
 /// below the noise decides between stick and slip. One block on the wrong branch may outweigh a
 /// whole record, so that a first effect of this kind is validated by blocks.
-pub fn has_two_ways(id: &str) -> bool {
+pub fn is_bistable(id: &str) -> bool {
     id == "stribeck_friction"
 }
 
@@ -141,7 +141,7 @@ pub fn validate_beside(
         rms(before.iter().copied()).max(1e-9).ln() - rms(after.iter().copied()).max(1e-9).ln()
     };
     let mean = |blocks: &Vec<f64>| blocks.iter().sum::<f64>() / blocks.len().max(1) as f64;
-    let by_record: Vec<Vec<f64>> = if effects == 0 && has_two_ways(id) {
+    let by_record: Vec<Vec<f64>> = if effects == 0 && is_bistable(id) {
         falls.iter().map(|channels| channels.iter().map(mean).collect()).collect()
     } else {
         let pairs = before.iter().zip(after);

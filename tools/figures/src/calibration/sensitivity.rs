@@ -1,4 +1,5 @@
-//! The same fit over what the thesis leaves open: the movement's amplitude, and the friction.
+//! Sensitivity study: the calibration repeated over what the thesis does not print, the movement's
+//! amplitude and the level of friction.
 
 use rayon::prelude::*;
 
@@ -9,25 +10,25 @@ use super::{
 use crate::error::Result;
 use crate::line::{Line, MEASURED_FRICTION_NM};
 
-/// Amplitudes of the master's sine, degrees; none is printed.
+/// Amplitudes of the master's sine (degrees). The thesis prints none.
 pub const AMPLITUDES_DEG: [f64; 7] = [10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0];
 
-/// Which friction.
+/// Level of friction that the model is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Friction {
-    /// As § 3.2.1 prints it.
+    /// The values printed in § 3.2.1.
     Printed,
-    /// Scaled so that the model's static friction at the motor is what § 5.2.2 measured.
+    /// Scaled so that the model's static friction at the motor equals the value measured in § 5.2.2.
     Measured,
-    /// Half-way between.
+    /// Mean of the two factors.
     Between,
 }
 
 impl Friction {
-    /// All three.
+    /// All levels, in rising order of deviation from the printed one.
     pub const ALL: [Self; 3] = [Self::Printed, Self::Between, Self::Measured];
 
-    /// Its name.
+    /// Name used in file names and tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Printed => "printed",
@@ -36,8 +37,8 @@ impl Friction {
         }
     }
 
-    /// By how much the printed friction is multiplied.
-    pub fn share(self) -> f64 {
+    /// Factor on the printed dry and viscous friction (1).
+    pub fn factor(self) -> f64 {
         let measured =
             MEASURED_FRICTION_NM / Line::printed().parameters.static_friction_at_motor_nm();
         match self {
@@ -48,33 +49,33 @@ impl Friction {
     }
 }
 
-/// One combination, fitted separately.
+/// Result of the calibration for one combination of amplitude and friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
-    /// Amplitude, degrees.
+pub struct SweepPoint {
+    /// Amplitude of the master's sine (degrees).
     pub amplitude_deg: f64,
-    /// Friction.
+    /// Level of friction.
     pub friction: Friction,
-    /// The softening that gives the measured resonance; none where no softening does.
+    /// Fitted factor on the line's stiffness (1); `None` if no factor gives the measured resonance.
     pub factor: Option<f64>,
-    /// What the line as printed predicts.
+    /// Prediction with the printed stiffness.
     pub printed: Prediction,
-    /// What the softened one predicts.
+    /// Prediction with the fitted stiffness; empty if none was fitted.
     pub traced: Prediction,
 }
 
-impl Cell {
-    /// Its name.
+impl SweepPoint {
+    /// Name used in tables.
     pub fn name(&self) -> String {
         format!("{:.0}deg_{}_friction", self.amplitude_deg, self.friction.name())
     }
 }
 
-/// Fits and predicts in every cell; calls `done` after each.
+/// Calibrates every combination in parallel; calls `on_done` after each.
 ///
 /// # Errors
-/// Where a constant is out of range.
-pub fn grid(amplitudes_deg: &[f64], done: impl Fn() + Sync) -> Result<Vec<Cell>> {
+/// If a parameter leaves its allowed range.
+pub fn sweep(amplitudes_deg: &[f64], on_done: impl Fn() + Sync) -> Result<Vec<SweepPoint>> {
     let target = measured_resonance_hz()?;
     let cells: Vec<(Friction, f64)> = Friction::ALL
         .iter()
@@ -83,15 +84,22 @@ pub fn grid(amplitudes_deg: &[f64], done: impl Fn() + Sync) -> Result<Vec<Cell>>
     cells
         .par_iter()
         .map(|(friction, amplitude_deg)| {
-            let line = Line::printed().with_friction(friction.share()).at_amplitude(*amplitude_deg);
+            let line =
+                Line::printed().with_friction(friction.factor()).at_amplitude(*amplitude_deg);
             let factor = fit_softening(&line, target)?;
             let traced = match factor {
                 Some(factor) => predict(&line.clone().softened(factor), near(target))?,
                 None => Prediction::default(),
             };
             let printed = predict_response(&line, PRINTED_RANGE_HZ)?;
-            done();
-            Ok(Cell { amplitude_deg: *amplitude_deg, friction: *friction, factor, printed, traced })
+            on_done();
+            Ok(SweepPoint {
+                amplitude_deg: *amplitude_deg,
+                friction: *friction,
+                factor,
+                printed,
+                traced,
+            })
         })
         .collect()
 }
