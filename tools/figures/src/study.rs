@@ -82,7 +82,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
                 .collect::<Result<Vec<Plot>>>()
         },
         || {
-            let cells = sweep(&AMPLITUDES_DEG, &done)?;
+            let cells = sensitivity(&AMPLITUDES_DEG, &done)?;
             let alternatives =
                 alternatives(common.calibration.factor, common.calibration.traced, &done)?;
             Result::Ok((cells, alternatives, cable::cells(&done)?))

@@ -75,7 +75,7 @@ impl SweepPoint {
 ///
 /// # Errors
 /// If a parameter leaves its allowed range.
-pub fn sweep(amplitudes_deg: &[f64], on_done: impl Fn() + Sync) -> Result<Vec<SweepPoint>> {
+pub fn sensitivity(amplitudes_deg: &[f64], on_done: impl Fn() + Sync) -> Result<Vec<SweepPoint>> {
     let target = measured_resonance_hz()?;
     let cells: Vec<(Friction, f64)> = Friction::ALL
         .iter()
