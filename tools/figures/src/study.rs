@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::calibration::alternatives::{Alternative, FITTED, alternatives};
 use crate::calibration::cable::{self, CableCell};
 use crate::calibration::conclusions::{Conclusion, conclusions};
-use crate::calibration::sensitivity::{AMPLITUDES_DEG, Friction, SweepPoint, sweep};
+use crate::calibration::sensitivity::{AMPLITUDES_DEG, Friction, SweepPoint, sensitivity};
 use crate::calibration::{SHORT_M, calibrate, rows};
 use crate::error::Result;
 use crate::guided;

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use figures::calibration::conclusions::conclusions;
-use figures::calibration::sensitivity::{Friction, sweep};
+use figures::calibration::sensitivity::{Friction, sensitivity};
 use figures::calibration::{calibrate, fit, rows};
 use figures::line::{Added, Line, MEASURED_FRICTION_NM};
 use figures::linear;
@@ -105,7 +105,7 @@ fn softening_fitted_to_the_resonance_predicts_the_rest() {
 
 #[test]
 fn lag_does_not_survive_what_the_thesis_leaves_open() {
-    let cells = grid(&[20.0, 40.0], || ()).unwrap();
+    let cells = sensitivity(&[20.0, 40.0], || ()).unwrap();
     assert_eq!(cells.len(), 2 * Friction::ALL.len());
     let all = conclusions(&cells, 1.0 / 14.1).unwrap();
     let survives = |id: &str| all.iter().find(|conclusion| conclusion.id == id).unwrap().survives();
@@ -124,7 +124,7 @@ fn lag_does_not_survive_what_the_thesis_leaves_open() {
 
 #[test]
 fn friction_is_scaled_to_the_measured() {
-    let line = Line::printed().with_friction(Friction::Measured.share());
+    let line = Line::printed().with_friction(Friction::Measured.factor());
     close(line.parameters.static_friction_at_motor_nm(), MEASURED_FRICTION_NM, 1e-12);
 }
 
