@@ -151,13 +151,13 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     // On a full disk the page cannot be written either; the numbers are still printed.
     outcome = unwritten.into_iter().fold(outcome, Outcome::with_lost);
     print_summary(&terminal, &analysis, &summary, &outcome, &identify_result);
-    terminal.print(&format!(
-        "{}\n{}\n{}\n{:.0} s in all",
-        folder.recording().display(),
-        folder.page().display(),
-        folder.summary().display(),
-        begun.elapsed().as_secs_f64()
-    ));
+    // What could not be written is named above.
+    for file in [folder.recording(), folder.page(), folder.summary()] {
+        if file.exists() {
+            terminal.print(&file.display().to_string());
+        }
+    }
+    terminal.print(&format!("{:.0} s in all", begun.elapsed().as_secs_f64()));
     Ok(outcome.exit_code())
 }
 
@@ -338,14 +338,17 @@ fn print_summary(
         .collect();
     lines.push(format!("a cycle     p50/p99 {} µs", cycles.join(", ")));
     for outage in &analysis.outages {
-        let ms = |value: Option<f64>| value.map_or("never".to_owned(), |ms| format!("{ms:.1} ms"));
+        let after = |what: &str, value: Option<f64>| match value {
+            Some(ms) => format!("{what} after {ms:.1} ms"),
+            None => format!("{what}: not in the recording"),
+        };
         lines.push(format!(
-            "{:<11} killed at {:.1} V: 0 V after {}, back after {}, volts again after {}",
+            "{:<11} killed at {:.1} V: {}, {}, {}",
             outage.kill.process.text(),
             outage.volts_before,
-            ms(outage.trip_ms),
-            ms(outage.restart_ms),
-            ms(outage.powered_ms)
+            after("0 V", outage.trip_ms),
+            after("back", outage.restart_ms),
+            after("volts again", outage.powered_ms)
         ));
     }
     if let Some(model) = &analysis.model {
