@@ -8,6 +8,7 @@ use std::path::Path;
 
 use mcap::records::MessageHeader;
 use re_cdr::{BigEndian, ByteOrder, CdrWriter, LittleEndian};
+use recording::mcap_read::Recording;
 use recording::record::{FindingKind, Options, Record, RecordError, from_topics};
 
 const JOINT_STATE: &str = concat!(
@@ -48,8 +49,7 @@ fn joint_state<B: ByteOrder>(stamp_ns: u64, options: [u8; 4]) -> Vec<u8> {
 /// A recording of one second: joints at 1 kHz, stamped evenly and written late by turns; torque in
 /// mN·m as JSON at 500 Hz.
 fn write(path: &Path) {
-    let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Zstd));
-    let mut mcap = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
+    let mut mcap = mcap::Writer::new(BufWriter::new(File::create(path).unwrap())).unwrap();
     let schema =
         mcap.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes()).unwrap();
     let none = BTreeMap::new();
@@ -153,6 +153,31 @@ fn sources_that_cannot_be_read_are_reported_with_topic_and_field() {
     }
     let twice = ["a=/cell:wrench.torque[2]", "a=/cell:wrench.torque[1]"];
     assert!(read(&path, &twice, None).unwrap_err().to_string().contains("mapped twice"));
+}
+
+/// `fixtures/zstd.mcap` was written by the MCAP library for Python: 300 messages of
+/// [`joint_state`] in chunks of 16 KiB.
+#[test]
+fn chunks_compressed_by_zstd_are_read_and_a_damaged_one_is_reported() {
+    let fixture = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/zstd.mcap"));
+    let mapping = ["t_s=/joint_states:header.stamp", "master_rad=/joint_states:position[0]"];
+    let record = read(fixture, &mapping, None).unwrap();
+    assert_eq!(record.len(), 300);
+    for (row, found) in record.columns["master_rad"].iter().enumerate() {
+        assert!((found - position(row as f64 * 1e-3)[0]).abs() < 1e-12, "row {row}");
+    }
+    let check = Recording::open(fixture).unwrap().check().unwrap();
+    assert!(check.damage.is_empty() && check.messages() == 300, "{check:?}");
+
+    let mut bytes = std::fs::read(fixture).unwrap();
+    let chunk = bytes.windows(4).position(|part| part == b"zstd").unwrap();
+    bytes[chunk + 600] ^= 0x10;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("damaged.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    assert_eq!(check.damage.len(), 1, "{:?}", check.damage);
+    assert!((1..300).contains(&check.messages()), "{}", check.messages());
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::zstd::Zstd;
 use super::{ReadError, Recording};
 
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
@@ -138,6 +139,7 @@ fn decode(mut bytes: &[u8]) -> mcap::McapResult<Loaded> {
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(LARGEST_CHUNK),
     );
+    reader.add_decompressor(Zstd::new(LARGEST_CHUNK))?;
     let mut loaded = Loaded::default();
     while let Some(event) = reader.next_event() {
         match event? {

@@ -34,6 +34,7 @@ mod positions;
 mod scan;
 mod sorted;
 mod summary;
+mod zstd;
 
 use std::collections::BTreeMap;
 use std::fs::File;
