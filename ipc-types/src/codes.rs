@@ -217,9 +217,9 @@ impl Mode {
         matches!(self, Self::Position | Self::Initialise | Self::Learning)
     }
 
-    /// Whether the hand leads: the machine moves with it, and lets it feel the setpoint's force
-    /// field.
-    pub const fn yields(self) -> bool {
+    /// Whether the handle is force-controlled: it follows the hand, which feels the setpoint's
+    /// force field.
+    pub const fn is_force_controlled(self) -> bool {
         matches!(self, Self::Impedance | Self::Rhythm)
     }
 }

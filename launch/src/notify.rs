@@ -1,4 +1,5 @@
-//! Receiving end of the `sd_notify` protocol; the kernel attaches the sender's pid to each datagram.
+//! Receiving end of the `sd_notify` protocol; the kernel attaches the sender's pid to each
+//! datagram.
 
 use std::io::IoSliceMut;
 use std::mem::MaybeUninit;

@@ -55,7 +55,7 @@ impl Input {
             sample.motor_v[0] = 1.2 * cosine;
             let mut setpoint =
                 Setpoint { incarnation: 1, mode: mode.code(), axes: 1, ..Setpoint::default() };
-            if mode.yields() {
+            if mode.is_force_controlled() {
                 // A field with all its parts.
                 (setpoint.stiffness[0], setpoint.damping[0]) = (1.0, 0.05);
                 (setpoint.wall_min[0], setpoint.wall_max[0], setpoint.wall_stiffness[0]) =

@@ -215,7 +215,7 @@ impl Law {
             axis.limit_output(law, live, index, self.source.is_none(), elapsed_s);
         }
 
-        if mode.yields() && !self.has_force_control(sample) {
+        if mode.is_force_controlled() && !self.has_force_control(sample) {
             // Force control needs a measured torque.
             self.release_output();
             command.limited = 1;
@@ -225,7 +225,7 @@ impl Law {
             let wanted = if mode == Mode::Passive { 0.0 } else { 1.0 };
             self.authority +=
                 (wanted - self.authority).clamp(-elapsed_s / AUTHORITY_S, elapsed_s / AUTHORITY_S);
-            if mode.yields() {
+            if mode.is_force_controlled() {
                 self.source = Some(Source::Hand);
             } else {
                 self.choose_reference(time_ns, sample, live, mode, axes, elapsed_s);

@@ -228,7 +228,7 @@ impl SetpointValidation {
         match mode {
             Mode::Passive => return Ok(()),
             // A field's centre may lie anywhere; the law checks the other numbers of the field.
-            _ if mode.yields() => {
+            _ if mode.is_force_controlled() => {
                 return if position.is_finite() { Ok(()) } else { Err(Refusal::NotFinite) };
             }
             // A hold without a position holds the present one.

@@ -1,5 +1,5 @@
-//! The watchdog's interlock: its state machine, fault detection and enable tokens. Pure: the calling
-//! loop passes messages, verbs and the time, and publishes the outputs.
+//! The watchdog's interlock: its state machine, fault detection and enable tokens. Pure: the
+//! calling loop passes messages, verbs and the time, and publishes the outputs.
 //!
 //! ```text
 //!            reset (no fault active)      arm           enable (new epoch)

@@ -232,7 +232,7 @@ fn blocks_without_power_are_not_learnt_from() {
 /// An update that takes most of a block: the new reference waits for the next block, the block
 /// between is not learnt from.
 #[test]
-fn a_slow_teacher_costs_blocks_and_nothing_else() {
+fn a_slow_update_costs_blocks_and_nothing_else() {
     let rig = rig();
     let program = program("blocks = 40\nlaw = \"published\"", &rig);
     let mut live = Live::new(&rig, &program);

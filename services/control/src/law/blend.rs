@@ -86,15 +86,15 @@ impl Quintic {
     }
 }
 
-/// An offset that starts in a given motion state and decays to zero. Added to a new target, it makes
-/// the reference continuous in position and velocity (and in acceleration, unless the initial
+/// An offset that starts in a given motion state and decays to zero. Added to a new target, it
+/// makes the reference continuous in position and velocity (and in acceleration, unless the initial
 /// acceleration is clipped).
 ///
 /// It is the sum of two movements, so that a high speed is not kept over a long distance. `braking`
-/// brings the initial velocity to rest within `stop_s`, over the distance that constant deceleration
-/// would take (its peak deceleration is 1.5 times the mean). `approach` covers the remaining
-/// distance by a minimum-jerk movement. From zero initial acceleration the offset is never faster
-/// than its initial speed plus the peak speed of `approach`.
+/// brings the initial velocity to rest within `stop_s`, over the distance that constant
+/// deceleration would take (its peak deceleration is 1.5 times the mean). `approach` covers the
+/// remaining distance by a minimum-jerk movement. From zero initial acceleration the offset is
+/// never faster than its initial speed plus the peak speed of `approach`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blend {
     begin_ns: u64,

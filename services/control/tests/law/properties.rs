@@ -214,9 +214,9 @@ proptest! {
                 };
                 let most =
                     2e-3 * 30.0 + (SWITCH_STEP_V + drawn) / law.control.position_gain;
-                let jumped = moved > most
-                    // Where the law lets go, the reference is where the hand is.
-                    && !mode.is_some_and(|mode| mode == Mode::Passive || mode.yields());
+                // Without position control the reference is where the hand is.
+                let follows_hand = |mode: Mode| mode == Mode::Passive || mode.is_force_controlled();
+                let jumped = moved > most && !mode.is_some_and(follows_hand);
                 if step > bound || jumped {
                     failed = Some((step, bound, moved, *command));
                 }

@@ -202,7 +202,7 @@ proptest! {
                 Ok(()) => {
                     prop_assert!(ours, "arbitrary bytes have no session");
                     let mode = Mode::from_code(came.mode).unwrap();
-                    if !mode.yields() && mode != Mode::Passive {
+                    if !mode.is_force_controlled() && mode != Mode::Passive {
                         prop_assert!((-2.0 - 1e-5..=1.5 + 1e-5).contains(&came.position[0]));
                         prop_assert!(!mode.moves() || came.velocity[0].abs() <= 10.0 + 1e-4);
                     }

@@ -95,7 +95,7 @@ impl Player {
             axes: program.axes as u8,
             ..Setpoint::default()
         };
-        if mode.yields()
+        if mode.is_force_controlled()
             && let Some(step) = program.steps.get(segment)
         {
             for (axis, track) in step.tracks() {

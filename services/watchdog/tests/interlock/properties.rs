@@ -123,7 +123,8 @@ proptest! {
                         let token = world.token;
                         let faults = token.faults;
                         let tripping = TripCause::ALL.iter().any(|&cause| {
-                            faults & (1 << cause.code()) != 0 && action_of(cause) != FaultAction::Blocks
+                            let active = faults & (1 << cause.code()) != 0;
+                            active && action_of(cause) != FaultAction::Blocks
                         });
                         prop_assert!(token.enabled == 0 || !tripping, "faults {faults:#b}");
                         prop_assert!(token.enabled == 0 || token.epoch == last_epoch);

@@ -18,7 +18,8 @@ pub const AMPLITUDES_DEG: [f64; 7] = [10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0];
 pub enum Friction {
     /// The values printed in § 3.2.1.
     Printed,
-    /// Scaled so that the model's static friction at the motor equals the value measured in § 5.2.2.
+    /// Scaled so that the model's static friction at the motor equals the value measured in
+    /// § 5.2.2.
     Measured,
     /// Mean of the two factors.
     Between,
