@@ -425,7 +425,7 @@ fn handle_position(sample: &Sample, axis: usize) -> f64 {
 /// finite, and a moving target is extrapolated by at most [`EXTRAPOLATION_S`]. A hold needs no
 /// position; a force field needs all its numbers.
 fn usable(setpoint: &Setpoint, time_ns: u64, axes: usize) -> bool {
-    if Mode::from_code(setpoint.mode).is_some_and(Mode::yields) {
+    if Mode::from_code(setpoint.mode).is_some_and(Mode::is_force_controlled) {
         return field::is_finite(setpoint);
     }
     let near = time_ns.abs_diff(setpoint.at_ns) as f64 * 1e-9 <= EXTRAPOLATION_S;

@@ -198,7 +198,7 @@ proptest! {
                 let mut bound = controller.step_bound_v(0, 2e-3)
                     + law.control.position_gain * moved
                     + law.control.velocity_gain * sped;
-                let yields = |code| Mode::from_code(code).is_some_and(Mode::yields);
+                let yields = |code| Mode::from_code(code).is_some_and(Mode::is_force_controlled);
                 if yields(command.mode) || yields(before.mode) {
                     // Eq. 4.2.1 goes 0.4 of its way in a step, from limit to limit at most.
                     bound += 0.4 * 2.0 * law.control.output_limit_v;
