@@ -49,7 +49,12 @@ pub(crate) enum Service {
         #[command(flatten)]
         rig: RigArgument,
         /// The card that it reads and writes
-        #[arg(long, env = "FARREACH_CARD", hide_env_values = true, value_parser = card_parser())]
+        #[arg(
+            long,
+            env = "FARREACH_CARD",
+            hide_env_values = true,
+            value_parser = card_parser(true)
+        )]
         card: CardKind,
         /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]

@@ -89,9 +89,13 @@ pub fn parse_key_value(text: &str) -> Result<(String, String), String> {
     Ok((key.to_owned(), value.to_owned()))
 }
 
-/// Clap parser that accepts the name of any card for which a driver exists.
-pub fn card_parser() -> impl TypedValueParser<Value = CardKind> {
-    let kinds = || acquisition::DRIVERS.iter().map(|driver| driver.kind);
+/// Clap parser that accepts the name of any card for which a driver exists; `replay` only where
+/// another argument names the record.
+pub fn card_parser(with_replay: bool) -> impl TypedValueParser<Value = CardKind> {
+    let kinds = move || {
+        let kinds = acquisition::DRIVERS.iter().map(|driver| driver.kind);
+        kinds.filter(move |&kind| with_replay || kind != CardKind::Replay)
+    };
     let value =
         |kind: CardKind| PossibleValue::new(kind.text()).help(kind.about().trim_end_matches('.'));
     PossibleValuesParser::new(kinds().map(value)).try_map(move |name| {
@@ -117,7 +121,8 @@ pub struct UpArguments {
     #[arg(long, conflicts_with = "replay")]
     pub simulate: bool,
     /// Uses the named card
-    #[arg(long, conflicts_with_all = ["simulate", "replay"], value_parser = card_parser())]
+    #[arg(long, conflicts_with_all = ["simulate", "replay"],
+        value_parser = card_parser(false))]
     pub card: Option<CardKind>,
     /// Adds to the simulated plant an effect that the declared model does not have; SIZE in the
     /// effect's own unit (repeatable)

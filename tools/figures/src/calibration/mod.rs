@@ -4,8 +4,9 @@
 //! One parameter (`line_stiffness_factor`) is fitted to one number
 //! (`frequency_response_measured.resonance_hz`); everything else is prediction. The movement's
 //! amplitude is not printed, and the friction of § 3.2.1 contradicts the measurement of § 5.2.2, so
-//! [`grid`] repeats fit and prediction over both, and [`conclusions`] tells which statements hold
-//! in every cell. [`alternatives`] fits other explanations than a softer line.
+//! [`sensitivity::sensitivity`] repeats fit and prediction over both, and [`conclusions`] tells
+//! which statements hold in every combination. [`alternatives`] fits other explanations than a
+//! softer line.
 
 pub mod alternatives;
 pub mod cable;
