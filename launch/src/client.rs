@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 
-use crate::control::{Answer, Request, send};
+use crate::control_socket::{Answer, Request, send};
 use crate::run_dir::StartError;
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};

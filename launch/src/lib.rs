@@ -24,7 +24,7 @@
 
 mod client;
 mod config;
-mod control;
+mod control_socket;
 mod error;
 mod identity;
 pub mod lifecycle;

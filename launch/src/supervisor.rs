@@ -12,7 +12,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use crate::control::{Answer, ControlServer, Request};
+use crate::control_socket::{Answer, ControlServer, Request};
 use crate::identity::has_ended;
 use crate::lifecycle::{Action, Exit, Lifecycle, Phase, Policy};
 use crate::log::{self, Journal};

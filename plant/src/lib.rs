@@ -32,12 +32,12 @@
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
-mod absorb;
 pub mod any;
 pub mod axes;
 pub mod cable;
 pub mod drive;
 pub mod effects;
+mod effects_as_parameters;
 pub mod fluid;
 pub mod fourier;
 pub mod friction;

@@ -31,10 +31,8 @@
 //! the sampling only.
 
 mod blend;
-mod bounds;
 mod compensation;
 mod config;
-mod estimate;
 mod feedforward;
 pub mod field;
 pub mod force;
@@ -43,18 +41,20 @@ mod limit;
 mod observer;
 mod options;
 mod position_control;
-mod slave;
+mod saturation;
+mod slave_loop;
+mod velocity_estimate;
 
 use blend::{Blend, Motion, stopping_displacement};
-use bounds::within;
 pub use config::{AxisLaw, LawConfig};
-use estimate::VelocityEstimate;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 pub use observer::OBSERVER_SLEW_S;
 use options::{OptionState, sanitised};
 use rig::ACCELERATION_HZ;
+use saturation::within;
+use velocity_estimate::VelocityEstimate;
 
 /// Time in which the output gains or loses its full authority (s).
 pub const AUTHORITY_S: f64 = 0.05;

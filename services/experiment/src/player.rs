@@ -15,9 +15,9 @@
 
 mod ilc;
 mod job;
+mod measured_segments;
 mod notice;
 mod program;
-mod range_and_beat;
 mod setpoint;
 mod supervision;
 

@@ -4,10 +4,10 @@
 //! over a bounded queue to the thread that owns the file; [`state`] remembers what is being
 //! recorded, so that a logger that was killed continues with the next part. [`run`] is the process.
 
-mod handover;
 mod process;
 pub mod sink;
 pub mod state;
+mod writer_queue;
 mod writer_thread;
 
 pub use process::{Logger, LoggerError, Options, revision, run};

@@ -36,8 +36,8 @@ use std::time::Duration;
 use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
 use recording::word;
 
-use crate::handover::{Command, Queue, SLOTS, Shared, Slot};
-pub use crate::handover::{Outcome, StartRequest};
+use crate::writer_queue::{Command, Queue, SLOTS, Shared, Slot};
+pub use crate::writer_queue::{Outcome, StartRequest};
 use crate::writer_thread::{Opener, open_file, run};
 
 /// Why a request was refused.

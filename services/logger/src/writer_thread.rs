@@ -9,8 +9,8 @@ use std::time::Duration;
 use ipc_types::LossCounters;
 use recording::mcap_write::{Start, WriteError, Writer, key};
 
-use crate::handover::{Command, Outcome, Queue, Shared, Slot, StartRequest};
 use crate::state::{self, State};
+use crate::writer_queue::{Command, Outcome, Queue, Shared, Slot, StartRequest};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
 const IDLE: Duration = Duration::from_millis(5);

@@ -1,6 +1,6 @@
 //! Measured columns, and the checks that are common to all models.
 
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 
 /// One record, as columns.

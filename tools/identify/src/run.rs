@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rig::RigFile;
 
 use crate::Args;
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::outcome::{Identifiability, Outcome};

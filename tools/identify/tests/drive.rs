@@ -2,7 +2,7 @@
 //! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use identify::equation_error::split::Role;
+use identify::equation_error::block_roles::Role;
 use identify::error::IdentifyError;
 use identify::input::Series;
 use identify::models::{Options, of_kind};

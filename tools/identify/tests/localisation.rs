@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use identify::equation_error::split::Role;
+use identify::equation_error::block_roles::Role;
 use identify::prediction_error::fit::Dataset;
 use identify::prediction_error::localisation::{Localisation, Location, localise};
 use identify::prediction_error::nonparametric::Variable;

@@ -2,7 +2,7 @@
 //! search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use identify::equation_error::split::Role;
+use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::fit::Dataset;
 use identify::prediction_error::parametric_bootstrap::{

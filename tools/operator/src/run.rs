@@ -14,7 +14,7 @@ use rig::protocol::Protocol;
 use runtime::clock::now_ns;
 use runtime::{RequestError, Subscriber};
 
-use crate::found_range::{FoundRange, Ranges};
+use crate::initialise_results::{FoundRange, Ranges};
 use crate::status::{active_cause, active_faults, state_of};
 use crate::{Error, RigLink, rig_of, verb};
 

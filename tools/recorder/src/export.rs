@@ -9,8 +9,8 @@ use recording::mcap_read::{Recording, Selection};
 use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recording, write_csv};
 use recording::schema::Layout;
 
+use crate::cat::{is_text, text_of};
 use crate::output::Output;
-use crate::print::{is_text, text_of};
 use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail};
 
 pub(crate) fn export(

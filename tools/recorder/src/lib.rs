@@ -48,12 +48,12 @@
 //! 3: done, but data is missing. It does not depend on who reads the output.
 
 mod args;
+mod cat;
 mod edit;
 mod export;
 mod inspect;
 mod names;
 mod output;
-mod print;
 
 use std::io::Write;
 
@@ -85,7 +85,7 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
         Command::Info { file, text: Some(key), .. } => inspect::text(file, key, out),
         Command::Info { file, json, .. } => inspect::info(file, *json, out),
         Command::Verify { file, json } => inspect::verify(file, *json, out),
-        Command::Cat { file, topic, json } => print::cat(file, topic, *json, out),
+        Command::Cat { file, topic, json } => cat::cat(file, topic, *json, out),
         Command::Recover { file, out: to, json } => edit::recover(file, to, *json, out),
         Command::Cut { file, from, to, out: target, json } => {
             edit::cut(file, *from, *to, target, *json, out)

@@ -13,8 +13,8 @@ use std::f64::consts::TAU;
 
 use rig::Observer;
 
-use super::bounds::within;
 use super::feedforward::Slew;
+use super::saturation::within;
 
 /// Time in which the observer's output may change by its limit (s).
 pub const OBSERVER_SLEW_S: f64 = 0.02;

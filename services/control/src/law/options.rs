@@ -4,9 +4,9 @@ use plant::reflected::ReflectedDynamics;
 use rig::ControlOptions;
 
 use super::blend::Motion;
-use super::bounds::within;
 use super::observer::Disturbance;
-use super::slave::SlaveOffset;
+use super::saturation::within;
+use super::slave_loop::SlaveOffset;
 
 /// Replaces negative and non-finite limits and shares by 0.
 pub(super) fn sanitised(mut options: ControlOptions) -> ControlOptions {

@@ -6,7 +6,7 @@ use rig::CompensationKind;
 use super::blend::Motion;
 use super::compensation::motor_v;
 use super::{
-    AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave, within,
+    AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave_loop, within,
 };
 
 /// Share of the reversal speed below which the reference counts as at rest.
@@ -83,7 +83,7 @@ impl Axis {
             return self.reference;
         };
         let position = sample.slave_position[index];
-        let seen = slave::Seen {
+        let seen = slave_loop::Seen {
             desired: self.reference,
             position: (sample.slave_present & (1 << index) != 0 && position.is_finite())
                 .then_some(position),

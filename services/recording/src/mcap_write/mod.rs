@@ -33,8 +33,8 @@
 //! ```
 
 mod error;
+mod metadata_keys;
 mod output;
-mod start;
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -48,12 +48,12 @@ use mcap::write::NoSeek;
 use crate::word;
 pub use error::WriteError;
 use error::disk_error;
-pub use output::Output;
-use output::Shared;
-pub(crate) use start::parse_continues;
-pub use start::{
+pub(crate) use metadata_keys::parse_continues;
+pub use metadata_keys::{
     CONTINUES_RECORD, END_RECORD, Position, Positions, RUN_RECORD, START_RECORD, Start, key,
 };
+pub use output::Output;
+use output::Shared;
 
 /// Longest time between two flushes (ns).
 pub const FLUSH_NS: u64 = 300_000_000;
@@ -165,7 +165,7 @@ impl Writer {
             metadata.entry(key::PART.to_owned()).or_insert_with(|| "1".to_owned());
             mcap.write_metadata(&Metadata { name: START_RECORD.to_owned(), metadata })?;
             if !start.continues.is_empty() {
-                let metadata = start::continues_record(&start.continues);
+                let metadata = metadata_keys::continues_record(&start.continues);
                 mcap.write_metadata(&Metadata { name: CONTINUES_RECORD.to_owned(), metadata })?;
             }
             if !start.run.is_empty() {

@@ -2,13 +2,13 @@
 //!
 //! Pure functions, without clock or rig: whoever has the recording can check every number.
 
-mod loss;
+mod message_loss;
 mod model;
 mod percentiles;
 mod timing;
 mod trace;
 
-pub use loss::{Losses, TopicLoss, losses};
+pub use message_loss::{Losses, TopicLoss, losses};
 pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
 pub use timing::{

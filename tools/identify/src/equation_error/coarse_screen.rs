@@ -4,8 +4,8 @@
 //! the low-pass and without refitting the rest. Tones are found in the residual's spectrum. The
 //! best few points that are not neighbours are then fitted exactly.
 
+use super::block_roles::Block;
 use super::model::{RegressionModel, Structure, residual};
-use super::split::Block;
 use crate::effects::{Shape, View};
 use crate::regression::{Gram, solve};
 use crate::spectral::periodogram;

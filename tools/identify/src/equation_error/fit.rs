@@ -4,9 +4,9 @@
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
+use super::block_roles::Block;
 use super::coarse_screen::coarse_screen;
 use super::model::{Fitted, RegressionModel, Structure, residual};
-use super::split::Block;
 use crate::effects::Shape;
 use crate::regression::{Bound, Fit, solve, standard_deviations};
 

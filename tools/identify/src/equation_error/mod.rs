@@ -3,11 +3,11 @@
 //! that fits are exact and fast, and there is no drift, as in the simulation of a machine without a
 //! spring.
 
+pub mod block_roles;
 mod coarse_screen;
 pub mod fit;
 pub mod model;
 pub mod search;
 pub mod signals;
 pub mod spline;
-pub mod split;
 pub mod validation;

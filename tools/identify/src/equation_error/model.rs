@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
+use super::block_roles::Block;
 use super::signals::{ForceBalance, Signals};
-use super::split::Block;
 use crate::effects::{Axis, Declared, Regressor, Shape, Term, View};
 use crate::regression::{Bound, Fit, Gram};
 

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::block_roles::{Block, Role};
 use super::fit::ShapeSearch;
 use super::model::{Column, Fitted, RegressionModel, Structure};
 use super::spline::{Spline, Variable};
-use super::split::{Block, Role};
 use super::validation::{Validation, mean_squares, validate};
 use crate::effects::{ALL, Effect, Regressor};
 

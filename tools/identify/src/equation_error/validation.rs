@@ -1,7 +1,7 @@
 //! Validation of a candidate on the selecting blocks.
 
+use super::block_roles::Block;
 use super::model::{Fitted, RegressionModel};
-use super::split::Block;
 
 /// Least relative decrease of the rms residual on the selecting rows for which an effect is
 /// accepted. On filtered rows at 200 Hz a significance test alone would reject clean data; the size

@@ -7,7 +7,7 @@ use plant::reflected::ReflectedDynamics;
 use plant::transmission::{Input, Transmission as _};
 use rig::{AxisUnit, RigFile};
 
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::prediction_error::parametric_bootstrap::ServoGains;
 use crate::prediction_error::record::Record;
 

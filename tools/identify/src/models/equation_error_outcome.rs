@@ -6,13 +6,13 @@ use super::equation_error_parameters::{effect_parameters, parameters};
 use super::equation_error_result::{Study, error};
 use super::minor_effects::{left, shift_note, shows};
 use super::next_experiment::OpenQuestion;
+use crate::equation_error::block_roles::{Block, Role};
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{
     FittedCandidate, SearchResult, SelectionStep, SitedEffect, Unlisted, of,
 };
 use crate::equation_error::signals::ForceBalance;
-use crate::equation_error::split::{Block, Role};
 use crate::equation_error::validation::Validation;
 use crate::outcome::{
     CandidateGain, ChannelError, FittedParameter, FoundEffect, Named, Outcome, Roles, StepError,

@@ -2,9 +2,9 @@
 
 use nalgebra::DVector;
 
+use crate::equation_error::block_roles::Block;
 use crate::equation_error::model::{Fitted, RegressionModel};
 use crate::equation_error::search::SearchResult;
-use crate::equation_error::split::Block;
 
 /// A model, its prepared records and the search result.
 pub(super) struct Study {

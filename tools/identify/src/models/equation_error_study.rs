@@ -7,10 +7,10 @@ use super::Options;
 use super::equation_error_outcome::conclude;
 use super::equation_error_result::Study;
 use crate::effects::{Axis, Units};
+use crate::equation_error::block_roles::{self, Block, Role};
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
 use crate::equation_error::search::search;
 use crate::equation_error::signals::ForceBalance;
-use crate::equation_error::split::{self, Block, Role};
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::outcome::Outcome;
@@ -278,12 +278,13 @@ fn shared_out(regression: &RegressionModel, records: &[Series], seed: u64) -> Re
     };
     let whole = |i: usize, role| {
         let b = &regression.balances[i];
-        split::whole_record(i, b.rows(), length(b), role)
+        block_roles::whole_record(i, b.rows(), length(b), role)
     };
     let cut = |i: usize| {
         let b = &regression.balances[i];
         let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
-        let blocks = split::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
+        let blocks =
+            block_roles::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
         if blocks.len() < FEWEST_BLOCKS {
             Err(records[i].short(records[i].columns[0].1.len()))
         } else {
@@ -295,7 +296,7 @@ fn shared_out(regression: &RegressionModel, records: &[Series], seed: u64) -> Re
         let roles = records.iter().enumerate().filter_map(|(i, r)| r.role.map(|role| (i, role)));
         return Ok(roles.flat_map(|(i, role)| whole(i, role)).collect());
     }
-    match split::roles(n) {
+    match block_roles::roles(n) {
         Some(roles) => {
             Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect())
         }

@@ -260,7 +260,7 @@ mod tests {
     use plant::effects::Site;
 
     use super::*;
-    use crate::equation_error::split::Role;
+    use crate::equation_error::block_roles::Role;
     use crate::models::simulated_experiment::plant;
     use crate::outcome::Identifiability;
     use crate::prediction_error::fit::Dataset;

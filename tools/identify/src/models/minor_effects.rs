@@ -2,9 +2,9 @@
 
 use super::equation_error_parameters::effect_parameters;
 use super::equation_error_result::Study;
+use crate::equation_error::block_roles::Role;
 use crate::equation_error::model::RegressionModel;
 use crate::equation_error::search::of;
-use crate::equation_error::split::Role;
 use crate::equation_error::validation::Validation;
 use crate::outcome::Left;
 

@@ -1,6 +1,6 @@
 //! One file per kind of model, and one line in [`of_kind`].
 
-mod calibrate;
+mod bootstrap;
 mod candidate_movements;
 mod drive;
 mod effect_descriptions;

@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use crate::effects::Regressor;
+use crate::equation_error::block_roles::{Block, Role};
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{
@@ -11,7 +12,6 @@ use crate::equation_error::search::{
     candidates, choose, equally_good, nonparametric, of,
 };
 use crate::equation_error::spline::{Spline, Variable};
-use crate::equation_error::split::{Block, Role};
 use crate::equation_error::validation::{LEAST_T, Validation, validate};
 use crate::output_error::fit::{OutputErrorModel, Record, Simulated};
 use crate::output_error::simulation::can_simulate;

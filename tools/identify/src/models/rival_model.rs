@@ -3,7 +3,7 @@
 use plant::effects::Site;
 
 use super::transmission_study::Study;
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use crate::prediction_error::fit::{Dataset, Fitted};
 use crate::prediction_error::free_parameter::FreeParameter;

@@ -7,7 +7,7 @@
 //! Roles alternate among segments of similar frequency content, so that slow and fast movement fit,
 //! select and report.
 
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
 use crate::naming;

@@ -5,7 +5,7 @@ use plant::any::Plant;
 
 use super::candidate_movements::{Movement, RigCapability};
 use super::transmission_study::Study;
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::free_parameter::FreeParameter;
 use crate::prediction_error::record::Record;

@@ -7,10 +7,10 @@
 use report::Page;
 use rig::Model as Declared;
 
-use super::calibrate::calibrate;
+use super::bootstrap::calibrate;
 use super::transmission_study::Study;
 use super::{Model, Options, segmentation, transmission_outcome, transmission_page};
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::naming::recording_of;

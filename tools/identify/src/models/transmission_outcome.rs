@@ -10,7 +10,7 @@ use super::effect_descriptions::{rival_words, words};
 use super::experiment_design::propose;
 use super::transmission_page;
 use super::transmission_study::Study;
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::outcome::{
     CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Identifiability,
     Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable, Verdict,

@@ -3,11 +3,11 @@
 use plant::effects::Site;
 use report::{Colour, Figure, Page, Table, Tone};
 
-use super::calibrate;
+use super::bootstrap;
 use super::effect_descriptions::{OTHER_ENCODER, words};
 use super::transmission_residual_plots::maps;
 use super::transmission_study::Study;
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
 use crate::page::{candidates_and_parameters, short};
@@ -89,7 +89,7 @@ pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
     }
     detail.push('.');
     if let Some(calibration) = &outcome.calibration {
-        detail += &format!(" {}", calibrate::sentence(calibration));
+        detail += &format!(" {}", bootstrap::sentence(calibration));
     }
     if outcome.remains && outcome.verdict != Verdict::Unlisted {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {

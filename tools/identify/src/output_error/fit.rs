@@ -5,9 +5,9 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::simulation::{Force, Input, Oscillator, steps};
 use crate::effects::Shape;
+use crate::equation_error::block_roles::Block;
 use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
 use crate::equation_error::signals::FINER;
-use crate::equation_error::split::Block;
 use crate::regression::{Bound, Fit, Gram, standard_deviations};
 use crate::spectral::Spectrum;
 

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::free_parameter::FreeParameter;
 use super::transmission_model::{Residual, Setting, TransmissionModel};
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 
 /// A root-mean-square sensitivity of the weighted residual below this counts as zero.
 const INSENSITIVE: f64 = 1e-6;

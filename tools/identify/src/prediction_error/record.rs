@@ -1,6 +1,6 @@
 //! Measured records of a transmission, checked and resampled.
 
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 

@@ -99,7 +99,7 @@ fn zeros(torque: &[f64]) -> Vec<usize> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::equation_error::split::Role;
+    use crate::equation_error::block_roles::Role;
 
     fn record(torque: Vec<f64>) -> Record {
         let rows = torque.len();

@@ -19,7 +19,7 @@ use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
 use super::transmission_model::TransmissionModel;
 use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate};
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 
 /// Gain over the effect added by which another takes its place.
 const BETTER: f64 = 0.03;

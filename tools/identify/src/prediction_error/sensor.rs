@@ -118,7 +118,7 @@ mod tests {
     use plant::effects;
 
     use super::*;
-    use crate::equation_error::split::Role;
+    use crate::equation_error::block_roles::Role;
     use crate::prediction_error::nonparametric::NODES;
 
     const STEP_S: f64 = 2e-3;

@@ -9,7 +9,7 @@ use rig::Model as Declared;
 use super::nonparametric::PiecewiseLinear;
 use super::record::Record;
 use super::sensor::{advanced, hand_torque};
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 
 /// Name of the parameter that smooths dry friction near zero speed; estimated, not declared.

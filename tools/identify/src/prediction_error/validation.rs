@@ -5,7 +5,7 @@ use plant::effects::Site;
 use super::fit::Dataset;
 use super::record::{Record, repeats, rms};
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
-use crate::equation_error::split::Role;
+use crate::equation_error::block_roles::Role;
 
 /// Least gain of a second effect on the selecting records: decrease of the logarithm of the rms
 /// error, summed over channels.

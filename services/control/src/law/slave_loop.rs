@@ -24,7 +24,7 @@ use plant::reflected::ReflectedDynamics;
 use rig::SlaveLoop;
 
 use super::blend::Motion;
-use super::bounds::{bounded, soft_sign, within};
+use super::saturation::{bounded, soft_sign, within};
 
 /// Natural frequency of the filter on the offset (Hz).
 const SHAPING_HZ: f64 = 12.0;
