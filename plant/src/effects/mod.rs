@@ -10,11 +10,11 @@ use crate::friction::{Load, OperatingPoint};
 use crate::transmission::Reading;
 use std::fmt;
 
-mod constants;
+mod adjustable_constants;
+mod by_name;
+mod by_site;
+mod declaration;
 mod delay_line;
-mod entry;
-mod registry;
-mod sited;
 
 pub mod amplifier_deadzone;
 pub mod amplifier_lag;
@@ -49,11 +49,11 @@ pub mod transport_delay;
 pub mod viscoelastic_line;
 pub mod viscous_friction;
 
-pub use constants::LineConstants;
-pub use entry::{Entry, Place};
-pub(crate) use entry::{effect, identity};
-pub use registry::{EffectError, make, parse};
-pub(crate) use sited::Sited;
+pub use adjustable_constants::LineConstants;
+pub use by_name::{EffectError, make, parse};
+pub(crate) use by_site::Sited;
+pub use declaration::{Entry, Place};
+pub(crate) use declaration::{effect, identity};
 
 /// Every effect, grouped by kind. Names and sites are an interface.
 pub const LIST: &[Entry] = &[

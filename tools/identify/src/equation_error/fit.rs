@@ -5,7 +5,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::block_roles::Block;
-use super::coarse_screen::coarse_screen;
+use super::grid_prescreen::grid_prescreen;
 use super::model::{Fitted, RegressionModel, Structure, residual};
 use crate::effects::Shape;
 use crate::regression::{Bound, Fit, solve, standard_deviations};
@@ -93,7 +93,7 @@ impl RegressionModel {
             let settled_columns = self.columns(&before, &leading);
             let mut points = grid(&shapes[from..]);
             if points.len() > LARGEST_GRID {
-                points = coarse_screen(
+                points = grid_prescreen(
                     self,
                     structure,
                     blocks,

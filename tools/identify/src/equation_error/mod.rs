@@ -4,8 +4,8 @@
 //! spring.
 
 pub mod block_roles;
-mod coarse_screen;
 pub mod fit;
+mod grid_prescreen;
 pub mod model;
 pub mod search;
 pub mod signals;

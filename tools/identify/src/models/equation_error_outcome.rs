@@ -4,8 +4,8 @@ use report::Page;
 
 use super::equation_error_parameters::{effect_parameters, parameters};
 use super::equation_error_result::{Study, error};
-use super::minor_effects::{left, shift_note, shows};
 use super::next_experiment::OpenQuestion;
+use super::unaccepted_effects::{left, shift_note, shows};
 use crate::equation_error::block_roles::{Block, Role};
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};

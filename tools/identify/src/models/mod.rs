@@ -10,7 +10,6 @@ mod equation_error_parameters;
 mod equation_error_result;
 mod equation_error_study;
 mod experiment_design;
-mod minor_effects;
 mod next_experiment;
 mod oscillator;
 mod oscillator_outcome;
@@ -23,6 +22,7 @@ mod transmission_outcome;
 mod transmission_page;
 mod transmission_residual_plots;
 mod transmission_study;
+mod unaccepted_effects;
 
 pub use candidate_movements::RigCapability;
 

@@ -8,9 +8,9 @@ use super::equation_error_outcome::{
     candidate_gain, channel_error, named, roles, unlisted, unsure,
 };
 use super::equation_error_parameters::{effect_parameters, parameters};
-use super::minor_effects::{shift_note, shows};
 use super::next_experiment::OpenQuestion;
 use super::oscillator_search::{SearchResult, SelectionStep, SimulatedCandidate};
+use super::unaccepted_effects::{shift_note, shows};
 use crate::equation_error::block_roles::{Block, Role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::equation_error::search::{SitedEffect, of};

@@ -50,7 +50,7 @@ pub mod refit;
 pub mod screening;
 pub mod search;
 pub mod selection_round;
-pub mod sensor;
+pub mod sensor_correction;
 pub mod step_refinement;
 pub mod transmission_model;
 pub mod validation;

@@ -8,7 +8,7 @@ use super::free_parameter::{FreeParameter, NODE_BOUND};
 use super::localisation::{Localisation, localise};
 use super::nonparametric::{NODES, PLACES, PiecewiseLinear, Variable};
 use super::screening::Projection;
-use super::sensor::variable_at;
+use super::sensor_correction::variable_at;
 use super::transmission_model::{Setting, TransmissionModel};
 use super::validation::{Validation, validate};
 

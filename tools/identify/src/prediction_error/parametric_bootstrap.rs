@@ -16,7 +16,7 @@ use super::backward_elimination::equivalent_site;
 use super::fit::Dataset;
 use super::record::{Record, repeats, rms};
 use super::search::{SearchResult, search};
-use super::sensor::{advanced, hand_torque, reading_of};
+use super::sensor_correction::{advanced, hand_torque, reading_of};
 use super::transmission_model::{
     Channel, EffectGroups, OBSERVER_RAD_S, PlacedEffect, Setting, TransmissionModel,
 };

@@ -8,7 +8,7 @@ use rig::Model as Declared;
 
 use super::nonparametric::PiecewiseLinear;
 use super::record::Record;
-use super::sensor::{advanced, hand_torque};
+use super::sensor_correction::{advanced, hand_torque};
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 

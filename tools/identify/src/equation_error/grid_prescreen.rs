@@ -20,7 +20,7 @@ const LARGEST_COST: usize = 20_000_000;
 
 /// The best of the `points` for the one new effect after the settled ones; all of them where there
 /// are several new ones.
-pub(super) fn coarse_screen(
+pub(super) fn grid_prescreen(
     regression: &RegressionModel,
     structure: &Structure<'_>,
     blocks: &[Block],

@@ -59,9 +59,9 @@ macro_rules! effect {
         }
 
         /// The effect as [`LIST`](super::LIST) has it.
-        pub const ENTRY: $crate::effects::entry::Entry = $crate::effects::entry::Entry {
+        pub const ENTRY: $crate::effects::declaration::Entry = $crate::effects::declaration::Entry {
             id: $id,
-            sites: &[$($crate::effects::entry::Place {
+            sites: &[$($crate::effects::declaration::Place {
                 site: $crate::effects::Site::$at,
                 size: $size,
                 unit: $size_unit,
