@@ -71,7 +71,7 @@ messages! {
     }
 
     /// Volts for the motors, from control.
-    MotorCommand v1 {
+    MotorCommand v2 {
         /// tick of the sample that it was computed from
         sample_tick: u64,
         /// scan time of that sample [ns, CLOCK_MONOTONIC]
@@ -96,6 +96,8 @@ messages! {
         velocity: [f64; AXES],
         /// control cycles that were skipped because it woke late
         cycles_missed: u64,
+        /// factor on the feedback: below 1 while control answers late (1)
+        feedback_factor: f64,
         /// Mode
         mode: u8 = Mode,
         /// axes of the rig

@@ -19,6 +19,8 @@
 //! ([`force`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
 //! Transfer between the two controllers is bumpless: the difference fades within [`AUTHORITY_S`].
 //!
+//! **Late answers.** A loop that is kept from answering in time reduces its feedback ([`latency`]).
+//!
 //! **Limits.** A setpoint may lower the limit on the output (module `limit`); in
 //! [`Mode::Initialise`] the reference then stays within what that output can hold.
 //!
@@ -37,6 +39,7 @@ mod feedforward;
 pub mod field;
 pub mod force;
 mod impedance;
+pub mod latency;
 mod limit;
 mod observer;
 mod options;
@@ -50,6 +53,7 @@ pub use config::{AxisLaw, LawConfig};
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+use latency::Latency;
 pub use observer::OBSERVER_SLEW_S;
 use options::{OptionState, sanitised};
 use rig::ACCELERATION_HZ;
@@ -124,6 +128,9 @@ pub struct Law {
     authority: f64,
     last_step_ns: Option<u64>,
     last_sample_ns: u64,
+    latency: Latency,
+    /// Factor on the feedback, below 1 while answers are late.
+    feedback_factor: f64,
 }
 
 impl Law {
@@ -155,13 +162,16 @@ impl Law {
             authority: 0.0,
             last_step_ns: None,
             last_sample_ns: 0,
+            latency: Latency::default(),
+            feedback_factor: 1.0,
         }
     }
 
     /// Largest change of an axis's output in a step of `period_s` while the hand rests, for any
     /// change of setpoint, mode or lease between power on and power off (V). The movement of the
     /// reference itself adds `period_s` · (position gain · velocity + velocity gain ·
-    /// acceleration).
+    /// acceleration); an answer later than [`latency::TOLERATED_S`] adds at most the feedback times
+    /// `period_s / AUTHORITY_S`.
     pub fn step_bound_v(&self, axis: usize, period_s: f64) -> f64 {
         let law = &self.config.axis[axis];
         SWITCH_STEP_V
@@ -188,11 +198,14 @@ impl Law {
             .map_or(self.config.period_s, |last| now_ns.saturating_sub(last) as f64 * 1e-9)
             .clamp(0.0, LONGEST_STEP_S);
         self.last_step_ns = Some(now_ns);
+        let age_s = now_ns.saturating_sub(sample.scan_time_ns) as f64 * 1e-9;
+        self.feedback_factor = self.latency.feedback_factor(age_s, elapsed_s);
         let mut command = MotorCommand {
             sample_tick: sample.tick,
             sample_time_ns: sample.scan_time_ns,
             computed_ns: now_ns,
             axes: self.config.axes as u8,
+            feedback_factor: self.feedback_factor,
             mode: Mode::Passive.code(),
             ..MotorCommand::default()
         };

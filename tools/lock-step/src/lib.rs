@@ -256,6 +256,17 @@ impl LockStepRig {
         Ok(CycleResult { time_s, sample, command, motion: motions[0], motions })
     }
 
+    /// Lets control miss its next cycles: the plant goes on under the volts that were due, and held.
+    ///
+    /// # Errors
+    /// [`LockStepError::Daq`].
+    pub fn miss(&mut self, cycles: u64) -> Result<(), LockStepError> {
+        self.cycle += cycles;
+        self.run_to(self.next_tick() - 1)?;
+        self.daq.read_due(self.daq.now_ns())?;
+        Ok(())
+    }
+
     /// The tick of control's next scan.
     fn next_tick(&self) -> u64 {
         FIRST_TICK + self.cycle * self.cycle_ticks

@@ -66,8 +66,9 @@ impl Law {
         if !axis.force_v.is_finite() {
             return false;
         }
-        let carried_v = axis.carry(true, axis.force_v, limit_v * elapsed_s / AUTHORITY_S);
-        let limited_v = within(axis.force_v + carried_v, limit_v);
+        let wanted_v = self.feedback_factor * axis.force_v;
+        let carried_v = axis.carry(true, wanted_v, limit_v * elapsed_s / AUTHORITY_S);
+        let limited_v = within(wanted_v + carried_v, limit_v);
         axis.output_v = limited_v;
         let master = sample.master_position[index];
         axis.rest_at(master, sample.scan_time_ns);

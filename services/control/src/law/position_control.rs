@@ -44,8 +44,9 @@ impl Law {
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let observed_v = axis.observed(law, sample, index, friction_v, elapsed_s);
         let feedforward_v = friction_v + inertia_v + observed_v;
-        let feedback_v = law.control.position_gain * (reference.position - position)
-            + law.control.velocity_gain * (reference.velocity - velocity);
+        let feedback_v = self.feedback_factor
+            * (law.control.position_gain * (reference.position - position)
+                + law.control.velocity_gain * (reference.velocity - velocity));
         let wanted_v = feedback_v + feedforward_v;
         if !wanted_v.is_finite() {
             return false;
