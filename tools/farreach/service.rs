@@ -53,7 +53,7 @@ pub(crate) enum Service {
             long,
             env = "FARREACH_CARD",
             hide_env_values = true,
-            value_parser = card_parser(true)
+            value_parser = card_parser()
         )]
         card: CardKind,
         /// Measured record, with --card replay

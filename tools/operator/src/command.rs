@@ -89,17 +89,23 @@ pub fn parse_key_value(text: &str) -> Result<(String, String), String> {
     Ok((key.to_owned(), value.to_owned()))
 }
 
-/// Clap parser that accepts the name of any card for which a driver exists; `replay` only where
-/// another argument names the record.
-pub fn card_parser(with_replay: bool) -> impl TypedValueParser<Value = CardKind> {
-    let kinds = move || {
-        let kinds = acquisition::DRIVERS.iter().map(|driver| driver.kind);
-        kinds.filter(move |&kind| with_replay || kind != CardKind::Replay)
-    };
+/// Clap parser for the name of any card that has a driver.
+pub fn card_parser() -> impl TypedValueParser<Value = CardKind> {
+    parser_of(acquisition::DRIVERS.iter().map(|driver| driver.kind).collect())
+}
+
+/// The same for `up`, where `--replay RECORD` chooses the replay.
+fn card_without_record_parser() -> impl TypedValueParser<Value = CardKind> {
+    let kinds = acquisition::DRIVERS.iter().map(|driver| driver.kind);
+    parser_of(kinds.filter(|kind| *kind != CardKind::Replay).collect())
+}
+
+fn parser_of(kinds: Vec<CardKind>) -> impl TypedValueParser<Value = CardKind> {
     let value =
-        |kind: CardKind| PossibleValue::new(kind.text()).help(kind.about().trim_end_matches('.'));
-    PossibleValuesParser::new(kinds().map(value)).try_map(move |name| {
-        kinds().find(|kind| kind.text() == name).ok_or_else(|| format!("unknown card {name}"))
+        |kind: &CardKind| PossibleValue::new(kind.text()).help(kind.about().trim_end_matches('.'));
+    PossibleValuesParser::new(kinds.iter().map(value)).try_map(move |name| {
+        let found = kinds.iter().find(|kind| kind.text() == name);
+        found.copied().ok_or_else(|| format!("unknown card {name}"))
     })
 }
 
@@ -122,7 +128,7 @@ pub struct UpArguments {
     pub simulate: bool,
     /// Uses the named card
     #[arg(long, conflicts_with_all = ["simulate", "replay"],
-        value_parser = card_parser(false))]
+        value_parser = card_without_record_parser())]
     pub card: Option<CardKind>,
     /// Adds to the simulated plant an effect that the declared model does not have; SIZE in the
     /// effect's own unit (repeatable)

@@ -1,11 +1,12 @@
 //! The messages of a recording that the analysis needs, in the order of the file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::{
     AXES, CardScan, EnableToken, Event, LoopTiming, Message, MotorCommand, Sample, TOPICS,
 };
-use recording::mcap_read::{Channel, Check, RawMessage, ReadError, Recording, Selection};
+use recording::mcap_read::{Channel, Check, ReadError, Recording, Selection};
 use recording::mcap_write::key;
 
 /// The recording cannot be used at all.
@@ -60,9 +61,17 @@ impl Trace {
     pub fn read(path: &Path) -> Result<Self, TraceError> {
         let recording = Recording::open(path)?;
         let mut trace = Self::default();
-        for message in recording.raw(Selection::default()) {
+        let wanted = recording.channels().iter();
+        let decoders: BTreeMap<u16, Decoder<'_>> =
+            wanted.filter_map(|(id, channel)| Some((*id, decoder(channel)?))).collect();
+        let channels = Some(decoders.keys().copied().collect());
+        for message in recording.raw(Selection { channels, ..Selection::default() }) {
             match message {
-                Ok(message) => trace.add(&recording, &message),
+                Ok(message) => {
+                    if let Some(decode_into) = decoders.get(&message.channel_id()) {
+                        decode_into(&mut trace, message.data());
+                    }
+                }
                 // Counted in the check; what follows is read.
                 Err(ReadError::Damaged { .. }) => {}
                 Err(error) => return Err(error.into()),
@@ -89,31 +98,39 @@ impl Trace {
         Ok(trace)
     }
 
-    fn add(&mut self, recording: &Recording, message: &RawMessage) {
-        let Some(channel) = recording.channel(message) else { return };
-        match channel.schema_name.as_str() {
-            Sample::ROS_NAME => self.samples.extend(decoded::<Sample>(channel, message)),
-            MotorCommand::ROS_NAME => {
-                self.commands.extend(decoded::<MotorCommand>(channel, message))
-            }
-            CardScan::ROS_NAME => self.scans.extend(decoded::<CardScan>(channel, message)),
-            EnableToken::ROS_NAME => self.tokens.extend(decoded::<EnableToken>(channel, message)),
-            LoopTiming::ROS_NAME => self.timings.extend(decoded::<LoopTiming>(channel, message)),
-            Event::ROS_NAME => self.events.extend(decoded::<Event>(channel, message)),
-            _ => {}
-        }
-    }
-
     /// Seconds since the first scan; negative before it.
     pub fn seconds(&self, time_ns: u64) -> f64 {
         (time_ns as i128 - i128::from(self.begin_ns)) as f64 * 1e-9
     }
 }
 
-/// A message of this build's type; `None` where it cannot be decoded, which the check counts.
-fn decoded<T: Message>(channel: &Channel, message: &RawMessage) -> Option<T> {
+/// Decodes a payload and adds the message to those of its type. One that cannot be decoded is left
+/// out; the check counts it.
+type Decoder<'a> = Box<dyn Fn(&mut Trace, &[u8]) + 'a>;
+
+/// The decoder of a channel's messages; `None` where the analysis does not need them.
+fn decoder(channel: &Channel) -> Option<Decoder<'_>> {
+    match channel.schema_name.as_str() {
+        Sample::ROS_NAME => decode_to(channel, |trace| &mut trace.samples),
+        MotorCommand::ROS_NAME => decode_to(channel, |trace| &mut trace.commands),
+        CardScan::ROS_NAME => decode_to(channel, |trace| &mut trace.scans),
+        EnableToken::ROS_NAME => decode_to(channel, |trace| &mut trace.tokens),
+        LoopTiming::ROS_NAME => decode_to(channel, |trace| &mut trace.timings),
+        Event::ROS_NAME => decode_to(channel, |trace| &mut trace.events),
+        _ => None,
+    }
+}
+
+fn decode_to<T: Message>(
+    channel: &Channel,
+    messages: fn(&mut Trace) -> &mut Vec<T>,
+) -> Option<Decoder<'_>> {
     let layout = channel.layout.as_ref().ok()?;
-    layout.conversion::<T>().apply(layout.body(message.data()).ok()?)
+    let conversion = layout.conversion::<T>();
+    Some(Box::new(move |trace, payload| {
+        let message: Option<T> = layout.body(payload).ok().and_then(|body| conversion.apply(body));
+        messages(trace).extend(message);
+    }))
 }
 
 /// The samples by tick, each tick once: a restarted acquisition may publish a scan again that its
