@@ -16,7 +16,7 @@ use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
 
 use crate::error::Result;
 use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, by_model, rigs};
-use crate::row::{Row, short};
+use crate::table_row::{Row, short};
 
 /// Amplitude of the sine, which the thesis does not print (°).
 pub const AMPLITUDE_DEG: f64 = 40.0;

@@ -10,8 +10,8 @@
 //! page: /home/lab/figures/index.html
 //! ```
 //!
-//! - [`published`] is the table of published values, [`row`] one line of the comparison;
-//! - [`mod@line`] is the simulated line, [`measure`] finds its peak, cut-off or cycle;
+//! - [`published`] is the table of published values, [`table_row`] one line of the comparison;
+//! - [`simulated_line`] is the simulated line, [`simulated_response`] finds its peak, cut-off or cycle;
 //! - [`calibration`] fits one softening to one measured number and predicts everything else, over
 //!   all that the thesis leaves open, and compares it with alternative explanations;
 //! - [`guided`] compares the laws of position control on the lock-step rig (§ 4.1);
@@ -25,16 +25,16 @@ mod error;
 mod folder;
 pub mod guided;
 pub mod learning;
-pub mod line;
-pub mod linear;
-pub mod measure;
+pub mod linear_response;
 pub mod page;
 pub mod plots;
 pub mod published;
 pub mod quasi_static;
-pub mod row;
 mod run;
+pub mod simulated_line;
+pub mod simulated_response;
 pub mod study;
+pub mod table_row;
 
 pub use args::Args;
 pub use error::{FiguresError, Result};

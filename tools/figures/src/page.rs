@@ -9,8 +9,8 @@ use crate::calibration::sensitivity::Friction;
 use crate::error::Result;
 use crate::guided;
 use crate::published::published;
-use crate::row::{Row, short};
 use crate::study::Study;
+use crate::table_row::{Row, short};
 
 /// Under each table of values.
 const VALUES: &str = "Published value, the model with the printed constants, the model with the \

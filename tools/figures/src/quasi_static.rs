@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use plant::transmission::{ImposedMotion, Motion, Transmission};
 
 use crate::error::Result;
-use crate::measure::Rig;
+use crate::simulated_response::Rig;
 
 /// Frequency of § 5.2.2's movement, Hz.
 const SLOW_HZ: f64 = 0.008;

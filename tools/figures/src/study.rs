@@ -7,14 +7,14 @@ use crate::calibration::alternatives::{Alternative, FITTED, alternatives};
 use crate::calibration::cable::{self, CableCell};
 use crate::calibration::conclusions::{Conclusion, conclusions};
 use crate::calibration::sensitivity::{AMPLITUDES_DEG, Friction, SweepPoint, sensitivity};
-use crate::calibration::{SHORT_M, calibrate, rows};
+use crate::calibration::{SHORT_M, calibrate, table_rows};
 use crate::error::Result;
 use crate::guided;
 use crate::learning::{PARTS, learn};
-use crate::line::Line;
-use crate::measure::{logarithmic, sweep};
 use crate::plots::{Common, PLOTS, Plot};
-use crate::row::Row;
+use crate::simulated_line::Line;
+use crate::simulated_response::{logarithmic, sweep};
+use crate::table_row::Row;
 
 /// All results.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
     let (cells, alternatives, cable) = calibration_results?;
     let conclusions = conclusions(&cells, common.calibration.factor)?;
     let mut all: Vec<Row> = plots.iter().flat_map(|figure| figure.rows.clone()).collect();
-    all.extend(rows::rows(&common.calibration, &cells, &alternatives, &conclusions)?);
+    all.extend(table_rows::rows(&common.calibration, &cells, &alternatives, &conclusions)?);
     all.extend(cable::rows(&cable));
     all.extend(common.guided.rows());
     Ok(Study { common, plots, cells, cable, alternatives, conclusions, rows: all })

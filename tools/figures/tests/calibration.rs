@@ -5,12 +5,12 @@ use std::collections::HashSet;
 
 use figures::calibration::conclusions::conclusions;
 use figures::calibration::sensitivity::{Friction, sensitivity};
-use figures::calibration::{calibrate, fit, rows};
-use figures::line::{Added, Line, MEASURED_FRICTION_NM};
-use figures::linear;
-use figures::measure::{Peak, at, cut_off, cycle, falls_below, peak};
+use figures::calibration::{calibrate, fit, table_rows};
+use figures::linear_response;
 use figures::published::{PUBLISHED, published};
-use figures::row::{Role, Row};
+use figures::simulated_line::{Added, Line, MEASURED_FRICTION_NM};
+use figures::simulated_response::{Peak, at, cut_off, cycle, falls_below, peak};
+use figures::table_row::{Role, Row};
 use plant::effects::Site;
 use plant::response::LinearSystem;
 
@@ -34,16 +34,20 @@ fn soft() -> Line {
 fn values_of_printed_equations_follow_from_them() {
     let (ten, one) = (LinearSystem::TEN_METRES, LinearSystem::ONE_METRE);
     close(ten.low_frequency_gain(), value("hydrostatic.linear_fit_10m.low_frequency_gain"), 1e-3);
-    close(linear::peak_hz(&ten), value("hydrostatic.linear_fit_10m.formula_peak_hz"), 2e-3);
     close(
-        linear::cut_off_hz(&ten).unwrap(),
+        linear_response::peak_hz(&ten),
+        value("hydrostatic.linear_fit_10m.formula_peak_hz"),
+        2e-3,
+    );
+    close(
+        linear_response::cut_off_hz(&ten).unwrap(),
         value("hydrostatic.linear_fit_10m.formula_cutoff_hz"),
         5e-3,
     );
     close(ten.lag_s(1.0), value("hydrostatic.linear_fit_10m.formula_lag_1hz_s"), 0.02);
     close(one.natural_frequency_hz(), value("hydrostatic.linear_fit_1m.formula_natural_hz"), 1e-3);
     close(
-        linear::cut_off_hz(&one).unwrap(),
+        linear_response::cut_off_hz(&one).unwrap(),
         value("hydrostatic.linear_fit_1m.formula_cutoff_hz"),
         2e-3,
     );
@@ -97,7 +101,8 @@ fn softening_fitted_to_the_resonance_predicts_the_rest() {
     );
     assert!(calibration.softening_as().wall_modulus_pa > 0.0);
 
-    let json = serde_json::to_value(rows::rows(&calibration, &[], &[], &[]).unwrap()).unwrap();
+    let json =
+        serde_json::to_value(table_rows::rows(&calibration, &[], &[], &[]).unwrap()).unwrap();
     let first = &json[0];
     assert_eq!(first["role"], "fitted");
     assert!(first["published"].is_null() && first["traced"].as_f64().unwrap() < 0.1, "{first}");

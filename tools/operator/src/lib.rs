@@ -14,18 +14,18 @@
 pub mod command;
 mod down;
 mod error;
-mod files;
 mod initialise_results;
 mod link;
 mod run;
+mod saved_rig_file;
 pub mod status;
 mod up;
 
 pub use acquisition::CardOptions;
 pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
-pub use files::{rig_of, running};
 pub use initialise_results::FoundRange;
 pub use link::{RigLink, verb};
 pub use run::{Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol};
+pub use saved_rig_file::{rig_of, running};
 pub use up::{Up, UpOptions, up, up_in_foreground};

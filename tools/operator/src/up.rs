@@ -10,7 +10,7 @@ use runtime::realtime::{self, PROFILE_VARIABLE};
 use runtime::{Domain, HostStall, RigName, Timeouts};
 
 use crate::Error;
-use crate::files::keep_copy;
+use crate::saved_rig_file::keep_copy;
 
 /// What to bring up.
 #[derive(Clone, Debug)]

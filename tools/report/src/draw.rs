@@ -15,7 +15,7 @@ use plotters::style::{
     Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle,
 };
 
-use crate::axes::{Axes, round};
+use crate::coordinate_map::{Axes, round};
 use crate::decimate;
 use crate::figure::{Figure, Mark, Series};
 use crate::scale::{Kind, Scale, Tick};

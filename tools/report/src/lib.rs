@@ -21,13 +21,13 @@
 //! ```
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
-mod axes;
+mod coordinate_map;
 mod decimate;
 mod draw;
 mod figure;
 mod page;
 mod palette;
-mod panels;
+mod panel_layout;
 #[cfg(feature = "png")]
 mod png;
 mod scale;
@@ -35,7 +35,7 @@ mod scale;
 pub use figure::Figure;
 pub use page::{Page, Table, Tone};
 pub use palette::Colour;
-pub use panels::Panels;
+pub use panel_layout::Panels;
 #[cfg(feature = "png")]
 pub use png::PngRenderer;
 

@@ -2,7 +2,7 @@
 
 use ipc_types::SAMPLE;
 
-use super::trace::{Trace, by_tick};
+use super::recorded_messages::{Trace, by_tick};
 
 /// One topic.
 #[derive(Clone, Debug, PartialEq, Eq)]

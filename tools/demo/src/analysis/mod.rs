@@ -2,21 +2,21 @@
 //!
 //! Pure functions, without clock or rig: whoever has the recording can check every number.
 
+mod declared_model_error;
 mod message_loss;
-mod model;
 mod percentiles;
+mod recorded_messages;
 mod timing;
-mod trace;
 
+pub use declared_model_error::{Model, ModelError, model};
 pub use message_loss::{Losses, TopicLoss, losses};
-pub use model::{Model, ModelError, model};
 pub use percentiles::Percentiles;
+pub use recorded_messages::{Trace, TraceError};
+pub(crate) use recorded_messages::{master, slave};
 pub use timing::{
     OfLoops, Outage, Rate, Timing, Trip, command_rates, missed_periods, of_loops, outage, profile,
     sample_to_command, unpowered_spans, unprovoked,
 };
-pub use trace::{Trace, TraceError};
-pub(crate) use trace::{master, slave};
 
 use ipc_types::Process;
 use rig::RigFile;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ipc_types::{EnableToken, LoopTiming, Message, MotorCommand, Process, Profile, WatchdogState};
 use serde::Serialize;
 
-use super::trace::Trace;
+use super::recorded_messages::Trace;
 use super::{Kill, Percentiles};
 
 /// One incarnation of control.

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::{Prediction, fit, measured_resonance_hz, near, predict};
 use crate::error::Result;
-use crate::line::{Added, Line};
 use crate::published::{Kind, Published, published};
+use crate::simulated_line::{Added, Line};
 
 /// One explanation.
 #[derive(Clone, Debug, PartialEq)]

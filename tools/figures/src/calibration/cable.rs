@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::{fit_with_peak, measured};
 use crate::error::Result;
-use crate::measure::cut_off;
 use crate::plots::cable::Cable;
-use crate::row::{Role, Row};
+use crate::simulated_response::cut_off;
+use crate::table_row::{Role, Row};
 
 /// Amplitudes of the slave if the cables were rigid, degrees; none is printed. At smaller ones
 /// friction holds the slave at some frequencies, and there is no single peak.

@@ -8,7 +8,7 @@ use super::{
     predict_response,
 };
 use crate::error::Result;
-use crate::line::{Line, MEASURED_FRICTION_NM};
+use crate::simulated_line::{Line, MEASURED_FRICTION_NM};
 
 /// Amplitudes of the master's sine (degrees). The thesis prints none.
 pub const AMPLITUDES_DEG: [f64; 7] = [10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0];

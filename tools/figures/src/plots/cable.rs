@@ -10,10 +10,10 @@ use super::curve::{Curve, bode};
 use super::style::axes;
 use super::{Common, Plot, columns};
 use crate::error::Result;
-use crate::measure::{CUT_OFF_GAIN, Rig, at, cut_off, cycle, logarithmic, peak, sweep};
 use crate::published::published;
 use crate::quasi_static::{QuasiStaticCycle, quasi_static_cycle};
-use crate::row::{Role, Row};
+use crate::simulated_response::{CUT_OFF_GAIN, Rig, at, cut_off, cycle, logarithmic, peak, sweep};
+use crate::table_row::{Role, Row};
 
 /// Amplitude of the slave where the cables are rigid, degrees: the hydrostatic master's. None is
 /// printed.
@@ -299,10 +299,10 @@ pub fn movement(common: &Common) -> Result<Plot> {
     let hydrostatic = cycle(&common.calibration.line, 1.0)?;
     let cable = cycle(&Cable::new(Parameters::traced()), 1.0)?;
     let printed = [
-        cycle(&crate::line::Line::printed(), 1.0)?.flat_top_s(),
+        cycle(&crate::simulated_line::Line::printed(), 1.0)?.flat_top_s(),
         cycle(&Cable::new(Parameters::printed()), 1.0)?.flat_top_s(),
     ];
-    let panel = |title: &str, cycle: &crate::measure::Cycle, ratio: f64| {
+    let panel = |title: &str, cycle: &crate::simulated_response::Cycle, ratio: f64| {
         let [time, master, slave] = columns(cycle);
         let master: Vec<f64> = master.iter().map(|angle| angle / ratio).collect();
         axes(title, "time / s", "position / °")

@@ -4,7 +4,7 @@ use plant::response::{LinearSystem, Response};
 use report::{Colour, Figure};
 
 use super::style::{gain, phase};
-use crate::measure::CUT_OFF_GAIN;
+use crate::simulated_response::CUT_OFF_GAIN;
 
 /// Below this gain the slave stands still, and a phase means nothing.
 const STILL: f64 = 0.02;

@@ -11,7 +11,7 @@ use super::style::{axes, tall};
 use super::{Common, Plot};
 use crate::error::Result;
 use crate::learning::rigs;
-use crate::row::{Role, Row, short};
+use crate::table_row::{Role, Row, short};
 
 /// Frequencies of the movement (Hz); the last is the highest that § 4.2 claims.
 const HERTZ: [f64; 4] = [0.5, 1.0, 2.0, 3.0];

@@ -6,10 +6,10 @@ use report::{Colour, Panels};
 use super::style::axes;
 use super::{Common, Plot};
 use crate::error::Result;
-use crate::line::Line;
 use crate::published::published;
 use crate::quasi_static::quasi_static_cycle;
-use crate::row::{Role, Row};
+use crate::simulated_line::Line;
+use crate::table_row::{Role, Row};
 
 /// Fastest speed drawn, rad/s: the peak of a 3 Hz movement of ±60°.
 const FASTEST_RAD_S: f64 = 20.0;

@@ -6,9 +6,9 @@ use report::{Colour, Figure, Panels};
 use super::style::{gain, phase, tall};
 use super::{Common, Plot};
 use crate::error::Result;
-use crate::line::Line;
-use crate::measure::{Cycle, cycle, falls_below, logarithmic, peak};
-use crate::row::Row;
+use crate::simulated_line::Line;
+use crate::simulated_response::{Cycle, cycle, falls_below, logarithmic, peak};
+use crate::table_row::Row;
 
 /// Diameters, m (fig. 3.5: 0.005 to 0.015 m).
 const DIAMETERS_M: [f64; 6] = [0.005, 0.007, 0.009, 0.011, 0.013, 0.015];

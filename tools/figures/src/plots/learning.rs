@@ -8,7 +8,7 @@ use super::style::{axes, tall};
 use super::{Common, Plot, degrees};
 use crate::error::Result;
 use crate::learning::{BLOCKS, Course, GOAL_DEG, Learning, MIDDLE};
-use crate::row::{Role, Row, short};
+use crate::table_row::{Role, Row, short};
 
 /// Slower than this a side counts as standing (°/s): a tenth of the desired movement's peak.
 fn standing_deg_s(task: &IlcTask) -> f64 {

@@ -18,8 +18,8 @@ use crate::calibration::Calibration;
 use crate::error::Result;
 use crate::guided::Guided;
 use crate::learning::Learning;
-use crate::measure::Cycle;
-use crate::row::Row;
+use crate::simulated_response::Cycle;
+use crate::table_row::Row;
 
 /// A figure of the thesis, drawn from the models.
 #[derive(Debug)]

@@ -9,7 +9,7 @@ use super::{Common, Plot, degrees};
 use crate::error::Result;
 use crate::guided::{AMPLITUDE_DEG, FIGURE_HZ, Guided, LawKind};
 use crate::learning::rigs;
-use crate::row::{Row, short};
+use crate::table_row::{Row, short};
 
 /// The first `cycles` of a law's movement; nothing where there is none.
 fn movement_of(guided: &Guided, law: LawKind, hertz: f64, cycles: f64) -> Trace {

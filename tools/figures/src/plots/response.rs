@@ -8,11 +8,11 @@ use super::style::axes;
 use super::{Common, Plot, columns};
 use crate::calibration::{Prediction, SHORT_M};
 use crate::error::Result;
-use crate::line::Line;
-use crate::linear;
-use crate::measure::{CUT_OFF_GAIN, VANISHED_GAIN, cycle, logarithmic, sweep};
+use crate::linear_response;
 use crate::published::published;
-use crate::row::{Role, Row};
+use crate::simulated_line::Line;
+use crate::simulated_response::{CUT_OFF_GAIN, VANISHED_GAIN, cycle, logarithmic, sweep};
+use crate::table_row::{Role, Row};
 
 /// Points of a drawn curve.
 const POINTS: usize = 90;
@@ -232,8 +232,9 @@ fn outputs(
     fitted: Option<&LinearSystem>,
 ) -> Result<Figure> {
     let [time, master, slave] = columns(&cycle(line, frequency_hz)?);
-    let of =
-        |system: &LinearSystem| linear::cycle_deg(system, frequency_hz, line.amplitude_deg, &time);
+    let of = |system: &LinearSystem| {
+        linear_response::cycle_deg(system, frequency_hz, line.amplitude_deg, &time)
+    };
     let mut figure = axes(title, "time / s", "position / °")
         .colour(Colour::Grey)
         .line("master", &time, &master)
@@ -251,9 +252,9 @@ fn fit_rows(length: &str, figure: &str, fitted: &[Option<LinearSystem>; 2]) -> V
     type Read = fn(&LinearSystem) -> Option<f64>;
     let readings: [(&str, &str, Read); 6] = [
         ("low_frequency_gain", "1", |system| Some(system.low_frequency_gain())),
-        ("peak_hz", "Hz", |system| Some(linear::peak_hz(system))),
+        ("peak_hz", "Hz", |system| Some(linear_response::peak_hz(system))),
         ("natural_frequency_hz", "Hz", |system| Some(system.natural_frequency_hz())),
-        ("cutoff_hz", "Hz", linear::cut_off_hz),
+        ("cutoff_hz", "Hz", linear_response::cut_off_hz),
         ("damping_ratio", "1", |system| Some(system.damping_ratio())),
         ("dead_time_s", "s", |system| Some(system.dead_time_s)),
     ];

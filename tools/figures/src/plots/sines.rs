@@ -5,9 +5,9 @@ use report::{Colour, Figure, Panels};
 use super::style::axes;
 use super::{Common, Plot, columns};
 use crate::error::Result;
-use crate::line::Line;
-use crate::measure::{Cycle, cycle};
-use crate::row::{Role, Row};
+use crate::simulated_line::Line;
+use crate::simulated_response::{Cycle, cycle};
+use crate::table_row::{Role, Row};
 
 /// Fig. 3.3.
 ///

@@ -17,7 +17,7 @@ use crate::Error;
 pub(crate) fn keep_copy(run_dir: &Path, asked: &Path, rig: &RigFile) -> Result<PathBuf, Error> {
     let stem = asked.file_stem().and_then(|stem| stem.to_str()).unwrap_or("rig");
     let path = run_dir.join(format!("{stem}.{:016x}.toml", rig.identity()));
-    match ::files::replace(&path, rig.text()) {
+    match files::replace(&path, rig.text()) {
         Ok(()) => Ok(path),
         Err(source) => Err(Error::Io { doing: "write", path, source }),
     }

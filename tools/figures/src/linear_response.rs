@@ -2,7 +2,7 @@
 
 use plant::response::LinearSystem;
 
-use crate::measure::CUT_OFF_GAIN;
+use crate::simulated_response::CUT_OFF_GAIN;
 
 /// Resolution of the readings, as a share of the natural frequency.
 const RESOLUTION: f64 = 5e-4;

@@ -7,7 +7,7 @@ use super::alternatives::Alternative;
 use super::conclusions::Conclusion;
 use super::sensitivity::SweepPoint;
 use crate::error::Result;
-use crate::row::{Role, Row};
+use crate::table_row::{Role, Row};
 
 /// Figure to which these rows belong: the measured response.
 const FIGURE: &str = "5.7";

@@ -7,7 +7,7 @@ use plant::any::Plant;
 use plant::transmission::{Input, Transmission as _};
 use rig::{Hand, HandKind, RigFile};
 
-use super::trace::{by_tick, master, slave, torque};
+use super::recorded_messages::{by_tick, master, slave, torque};
 
 /// The declared model cannot be simulated.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@ use plant::effects::{self, Effect, Site};
 use plant::hydrostatic::{Parameters, Plant};
 
 use crate::error::Result;
-use crate::measure::Rig;
+use crate::simulated_response::Rig;
 
 /// Amplitude of the master's sine where nothing else is said, degrees. The thesis prints none.
 pub const NOMINAL_AMPLITUDE_DEG: f64 = 30.0;
