@@ -2,9 +2,8 @@
 //! the domain, and inotify on the folder of the nodes, so that nothing runs while nothing changes.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, poll};
@@ -14,13 +13,11 @@ use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
-use crate::stale_cleanup::pids_in;
+use crate::stale_cleanup::{NodeFolder, Remains};
 
 /// The processes that have a node in a domain.
 #[derive(Debug)]
 pub(crate) struct ProcessWatch {
-    nodes: PathBuf,
-    prefix: String,
     /// Readable after a node came or went, and after an overflow of the queue. `None` where the
     /// system grants no inotify: then a new process is watched from the next refresh on.
     changes: Option<OwnedFd>,
@@ -30,37 +27,30 @@ pub(crate) struct ProcessWatch {
 }
 
 impl ProcessWatch {
-    /// Watches the processes with a node below `library_root`.
-    pub(crate) fn new(library_root: &Path, prefix: &str) -> Self {
-        let nodes = library_root.join("nodes");
-        let changes = watch_folder(&nodes)
+    /// Watches the processes with a node in the folder.
+    pub(crate) fn new(nodes: &NodeFolder) -> Self {
+        let changes = watch_folder(&nodes.path)
             .inspect_err(|error| {
                 eprintln!(
                     "farreach keeper: no inotify on {}: {error}; new processes are noticed by the \
                      scan once a second",
-                    nodes.display()
+                    nodes.path.display()
                 );
             })
             .ok();
-        let mut watch =
-            Self { nodes, prefix: prefix.to_owned(), changes, processes: BTreeMap::new() };
-        watch.refresh();
+        let mut watch = Self { changes, processes: BTreeMap::new() };
+        watch.refresh(&nodes.list().unwrap_or_default());
         watch
     }
 
-    /// Lists the nodes: opens a pidfd for each process that is new, closes those of processes
-    /// without a node.
-    pub(crate) fn refresh(&mut self) {
-        let Ok(entries) = fs::read_dir(&self.nodes) else { return };
+    /// By a list of the nodes, opens a pidfd for each process that is new and closes those of
+    /// processes without a node.
+    pub(crate) fn refresh(&mut self, nodes: &[Remains]) {
         let mut processes = BTreeMap::new();
-        for entry in entries.flatten() {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            for pid in pids_in(name.strip_prefix(self.prefix.as_str()).unwrap_or(&name)) {
-                processes
-                    .entry(pid)
-                    .or_insert_with(|| self.processes.remove(&pid).unwrap_or_else(|| open(pid)));
-            }
+        for &pid in nodes.iter().flat_map(|(_, pids)| pids) {
+            processes
+                .entry(pid)
+                .or_insert_with(|| self.processes.remove(&pid).unwrap_or_else(|| open(pid)));
         }
         self.processes = processes;
     }
@@ -117,6 +107,8 @@ fn open(pid: u32) -> Option<OwnedFd> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::path::PathBuf;
     use std::process::{Child, Command};
 
     use super::*;
@@ -131,43 +123,43 @@ mod tests {
         (child, node)
     }
 
-    fn folder() -> (tempfile::TempDir, PathBuf) {
+    fn folder() -> (tempfile::TempDir, NodeFolder) {
         let root = tempfile::tempdir().unwrap();
-        let nodes = root.path().join("nodes");
-        fs::create_dir(&nodes).unwrap();
+        let nodes = NodeFolder::new(root.path(), "rig_");
+        fs::create_dir(&nodes.path).unwrap();
         (root, nodes)
     }
 
     #[test]
     fn a_new_node_and_a_death_end_the_wait_and_a_death_does_so_once() {
-        let (root, nodes) = folder();
-        let mut watch = ProcessWatch::new(root.path(), "rig_");
+        let (_root, nodes) = folder();
+        let mut watch = ProcessWatch::new(&nodes);
         assert!(!watch.wait(Duration::ZERO), "nothing happened");
-        let (mut child, node) = sleeper(&nodes);
+        let (mut child, node) = sleeper(&nodes.path);
         assert!(watch.wait(LONG), "a node appeared");
-        watch.refresh();
+        watch.refresh(&nodes.list().unwrap());
         assert!(watch.processes[&child.id()].is_some());
         assert!(!watch.wait(Duration::ZERO), "the change was taken");
         child.kill().unwrap();
         assert!(watch.wait(LONG), "the process died");
         // Not yet waited for, it still has its entry in the table of processes, and its node.
-        watch.refresh();
+        watch.refresh(&nodes.list().unwrap());
         assert!(!watch.wait(Duration::ZERO), "a death is reported once");
         child.wait().unwrap();
         fs::remove_dir(node).unwrap();
         assert!(watch.wait(LONG), "a node went");
-        watch.refresh();
+        watch.refresh(&nodes.list().unwrap());
         assert!(watch.processes.is_empty(), "no file stays open for a process without a node");
     }
 
     #[test]
     fn without_inotify_a_refresh_finds_the_processes() {
-        let (root, nodes) = folder();
-        let mut watch = ProcessWatch::new(root.path(), "rig_");
+        let (_root, nodes) = folder();
+        let mut watch = ProcessWatch::new(&nodes);
         watch.changes = None;
-        let (mut child, _node) = sleeper(&nodes);
+        let (mut child, _node) = sleeper(&nodes.path);
         assert!(!watch.wait(Duration::ZERO));
-        watch.refresh();
+        watch.refresh(&nodes.list().unwrap());
         child.kill().unwrap();
         assert!(watch.wait(LONG), "the process died");
         child.wait().unwrap();
@@ -175,9 +167,8 @@ mod tests {
 
     #[test]
     fn a_folder_that_cannot_be_watched_is_no_error() {
-        let mut watch = ProcessWatch::new(Path::new("/nonexistent"), "rig_");
+        let mut watch = ProcessWatch::new(&NodeFolder::new(Path::new("/nonexistent"), "rig_"));
         assert!(watch.changes.is_none());
-        watch.refresh();
         assert!(!watch.wait(Duration::ZERO));
     }
 }

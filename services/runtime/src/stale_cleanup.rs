@@ -76,12 +76,38 @@ fn is_dead(pid: u32) -> bool {
 
 /// Process ids in a file name: every run of digits, of the length of an identifier, after the
 /// prefix.
-pub(crate) fn pids_in(name: &str) -> Vec<u32> {
+fn pids_in(name: &str) -> Vec<u32> {
     name.split(|c: char| !c.is_ascii_digit())
         .filter(|digits| digits.len() >= 20)
         .filter_map(|digits| digits.parse::<u128>().ok())
         .map(pid_of)
         .collect()
+}
+
+/// Something that processes have in the domain, and their ids by its name.
+pub(crate) type Remains = (PathBuf, Vec<u32>);
+
+/// The folder in which the library keeps the nodes of a domain.
+#[derive(Debug)]
+pub(crate) struct NodeFolder {
+    pub(crate) path: PathBuf,
+    prefix: String,
+}
+
+impl NodeFolder {
+    pub(crate) fn new(library_root: &Path, prefix: &str) -> Self {
+        Self { path: library_root.join("nodes"), prefix: prefix.to_owned() }
+    }
+
+    /// What stands in it now.
+    pub(crate) fn list(&self) -> io::Result<Vec<Remains>> {
+        let listed = fs::read_dir(&self.path)?.flatten().map(|entry| {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            (entry.path(), pids_in(name.strip_prefix(&self.prefix).unwrap_or(&name)))
+        });
+        Ok(listed.collect())
+    }
 }
 
 /// When the clean-up runs: at once after a change, then every 30 ms for 300 ms, since what a
@@ -124,10 +150,8 @@ impl CleanupSchedule {
 /// Watches for remains that the library itself does not clean up: files of a node that died while
 /// it was being made (some of them empty, which the library's lister skips for ever), and segments
 /// of its ports. They are removed a good while after their process is known to be dead.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Orphans {
-    nodes: PathBuf,
-    prefix: String,
     scanned_ns: u64,
     seen_dead_ns: HashMap<u32, u64>,
 }
@@ -136,36 +160,19 @@ impl Orphans {
     /// The library has this long to clean up by itself.
     const PATIENCE_NS: u64 = 3 * SECOND_NS;
 
-    pub(crate) fn new(library_root: &Path, prefix: &str) -> Self {
-        Self {
-            nodes: library_root.join("nodes"),
-            prefix: prefix.to_owned(),
-            scanned_ns: 0,
-            seen_dead_ns: HashMap::new(),
-        }
-    }
-
-    /// Looks once a second. What cannot be removed now is tried again the next time.
-    pub(crate) fn clean(&mut self) {
+    /// Looks through the nodes as listed, and through the segments, once a second. What cannot be
+    /// removed now is tried again the next time.
+    pub(crate) fn clean(&mut self, folder: &NodeFolder, nodes: &[Remains]) {
         let now = now_ns();
         if now < self.scanned_ns + SECOND_NS {
             return;
         }
         self.scanned_ns = now;
-        let mut remains: Vec<(PathBuf, Vec<u32>)> = Vec::new();
-        if let Ok(entries) = fs::read_dir(&self.nodes) {
-            for entry in entries.flatten() {
-                let name = entry.file_name().to_string_lossy().into_owned();
-                remains.push((
-                    entry.path(),
-                    pids_in(name.strip_prefix(self.prefix.as_str()).unwrap_or(&name)),
-                ));
-            }
-        }
-        let prefix = self.prefix.clone();
+        let mut remains = nodes.to_vec();
+        let prefix = &folder.prefix;
         // Only segments of ports: a service's own segment outlives the process that happened to
         // make it.
-        let listed = each_segment(&prefix, |path, name| {
+        let listed = each_segment(prefix, |path, name| {
             if name.ends_with(".data") || name.ends_with(".connection") {
                 remains.push((path.to_path_buf(), pids_in(&name[prefix.len()..])));
             }
@@ -254,12 +261,13 @@ mod tests {
             fs::write(nodes.join(id.to_string()).join("p_node.details"), "").unwrap();
             fs::write(nodes.join(format!("p_{id}.node_monitor")), "").unwrap();
         }
-        let mut orphans = Orphans::new(root.path(), "p_");
-        orphans.clean();
+        let folder = NodeFolder::new(root.path(), "p_");
+        let mut orphans = Orphans::default();
+        orphans.clean(&folder, &folder.list().unwrap());
         assert!(nodes.join(dead.to_string()).exists(), "the library gets its time first");
         orphans.scanned_ns = 0;
         orphans.seen_dead_ns.values_mut().for_each(|since| *since -= Orphans::PATIENCE_NS);
-        orphans.clean();
+        orphans.clean(&folder, &folder.list().unwrap());
         assert!(!nodes.join(dead.to_string()).exists());
         assert!(!nodes.join(format!("p_{dead}.node_monitor")).exists());
         assert!(nodes.join(living.to_string()).exists());

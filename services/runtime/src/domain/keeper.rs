@@ -28,6 +28,7 @@ pub struct Keeper {
     // Field order is drop order: services before node, node before locks.
     services: Vec<Box<dyn std::any::Any>>,
     node: Node<ipc::Service>,
+    nodes: stale_cleanup::NodeFolder,
     processes: ProcessWatch,
     schedule: stale_cleanup::CleanupSchedule,
     orphans: stale_cleanup::Orphans,
@@ -104,13 +105,14 @@ impl Keeper {
         // business with it.
         stale_cleanup::close_to_others(&name.segment_prefix())
             .map_err(at("closing to other users", Path::new(SHARED_MEMORY)))?;
-        let library_root = directory.join(LIBRARY_ROOT);
+        let nodes = stale_cleanup::NodeFolder::new(&directory.join(LIBRARY_ROOT), &file.prefix);
         let kept = Self {
             services,
             node,
-            processes: ProcessWatch::new(&library_root, &file.prefix),
+            processes: ProcessWatch::new(&nodes),
+            nodes,
             schedule: stale_cleanup::CleanupSchedule::new(now_ns()),
-            orphans: stale_cleanup::Orphans::new(&library_root, &file.prefix),
+            orphans: stale_cleanup::Orphans::default(),
             name: name.clone(),
             session: parse_session(directory, &file)?,
             profile: file.profile,
@@ -173,8 +175,10 @@ impl Keeper {
         if self.schedule.due_in_ns(now) == 0 {
             self.schedule.begin(now);
             self.node.try_cleanup_dead_nodes();
-            self.orphans.clean();
-            self.processes.refresh();
+            if let Ok(nodes) = self.nodes.list() {
+                self.orphans.clean(&self.nodes, &nodes);
+                self.processes.refresh(&nodes);
+            }
         }
     }
 
