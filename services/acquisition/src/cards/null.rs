@@ -3,8 +3,8 @@
 use ipc_types::{AXES, CardKind};
 use runtime::daq::{Daq, DaqError, Scan};
 
-/// Most scans of one call.
-const BATCH: usize = 512;
+/// Most scans of one call: what the FIFO of such a card would hold.
+const BATCH: usize = CardKind::Null.capabilities().fifo_depth;
 
 /// A card without inputs and outputs.
 #[derive(Debug)]
