@@ -5,14 +5,11 @@ use std::path::PathBuf;
 use acquisition::{AcquisitionError, CardOptions};
 use clap::builder::FalseyValueParser;
 use clap::{Args, Subcommand};
-use control::ControlError;
-use experiment::ExperimentError;
 use ipc_types::CardKind;
-use logger::LoggerError;
 use operator::command::{card_parser, parse_key_value};
+use rig::RigFile;
 use runtime::RigName;
 use simulator::SimulatorError;
-use watchdog::WatchdogError;
 
 use crate::failure::Usage;
 
@@ -123,6 +120,17 @@ pub(crate) struct RigArgument {
     file: PathBuf,
 }
 
+impl RigArgument {
+    fn load(&self) -> anyhow::Result<RigFile> {
+        RigFile::load(&self.file).map_err(usage)
+    }
+}
+
+/// An error that no restart can cure.
+fn usage(error: impl std::error::Error) -> anyhow::Error {
+    Usage(error.to_string()).into()
+}
+
 /// `up` sets every variable; an empty one counts as absent.
 fn given(text: Option<String>) -> Option<PathBuf> {
     text.filter(|text| !text.is_empty()).map(PathBuf::from)
@@ -131,58 +139,35 @@ fn given(text: Option<String>) -> Option<PathBuf> {
 /// Runs one process until a signal ends it. A wrong file is a [`Usage`] error: a restart cannot
 /// help, and exit code 2 tells the service manager so.
 pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
-    let rig_name = rig_name.to_string();
+    let name = rig_name.as_str();
     match service {
-        Service::Keeper => keeper::run(&rig_name)?,
+        Service::Keeper => keeper::run(name)?,
         Service::Launcher { run_dir } => launch::launcher_main(&run_dir)?,
         Service::Simulator { rig, effects } => {
-            let effects = effects.into_iter().filter(|effect| !effect.is_empty()).collect();
-            let options = simulator::Options { rig_name, rig_file: rig.file, effects };
-            checked(simulator::run(&options), |error| {
-                matches!(error, SimulatorError::Rig(_) | SimulatorError::Card(_))
+            let effects: Vec<_> = effects.into_iter().filter(|effect| !effect.is_empty()).collect();
+            simulator::run(name, &rig.load()?, &effects).map_err(|error| match error {
+                SimulatorError::Card(_) => usage(error),
+                other => other.into(),
             })?;
         }
         Service::Acquisition { rig, card, replay, looped } => {
             let card = CardOptions { kind: card, replay: given(replay), looped };
-            let options = acquisition::Options { rig_name, rig_file: rig.file, card };
-            checked(acquisition::run(&options), |error| {
-                matches!(error, AcquisitionError::Rig(_) | AcquisitionError::Card(_))
+            acquisition::run(name, &rig.load()?, &card).map_err(|error| match error {
+                AcquisitionError::Card(_) => usage(error),
+                other => other.into(),
             })?;
         }
-        Service::Control(rig) => {
-            let options = control::Options { rig_name, rig_file: rig.file };
-            checked(control::run(&options), |error| matches!(error, ControlError::Rig(_)))?;
-        }
-        Service::Watchdog(rig) => {
-            let options = watchdog::Options { rig_name, rig_file: rig.file };
-            checked(watchdog::run(&options), |error| matches!(error, WatchdogError::Rig(_)))?;
-        }
+        Service::Control(rig) => control::run(name, &rig.load()?)?,
+        Service::Watchdog(rig) => watchdog::run(name, &rig.load()?)?,
         Service::Logger { rig, record, metadata } => {
-            let options = logger::Options {
-                rig_name,
-                rig_file: rig.file,
-                record: given(record),
-                metadata: metadata.into_iter().collect(),
-            };
-            checked(logger::run(&options), |error| matches!(error, LoggerError::Rig(_)))?;
+            let metadata = metadata.into_iter().collect();
+            let options = logger::Options { record: given(record), metadata };
+            logger::run(name, &rig.load()?, &options)?;
         }
         Service::Experiment { rig, learnt } => {
             let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
-            let options = experiment::Options { rig_name, rig_file: rig.file, learnt };
-            checked(experiment::run(&options), |error| matches!(error, ExperimentError::Rig(_)))?;
+            experiment::run(name, &rig.load()?, learnt.as_deref())?;
         }
     }
     Ok(operator::DONE)
-}
-
-/// Turns the errors that no restart can cure into [`Usage`] errors.
-fn checked<E: std::error::Error + Send + Sync + 'static>(
-    result: Result<(), E>,
-    is_usage: impl Fn(&E) -> bool,
-) -> anyhow::Result<()> {
-    result.map_err(
-        |error| {
-            if is_usage(&error) { Usage(error.to_string()).into() } else { error.into() }
-        },
-    )
 }

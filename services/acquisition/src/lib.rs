@@ -12,4 +12,4 @@ pub use cards::{
     CardError, CardOptions, DRIVERS, Driver, NullDaq, Opened, ReplayDaq, ReplayError, SimulatedDaq,
 };
 pub use convert::Converter;
-pub use process::{AcquisitionError, Options, run};
+pub use process::{AcquisitionError, run};

@@ -1,7 +1,5 @@
 //! The process: the loop between card and shared memory.
 
-use std::path::PathBuf;
-
 use ipc_types::{AXES, COMMAND, EventKind, Process, SAMPLE, Sample, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -12,23 +10,10 @@ use thiserror::Error;
 
 use crate::{CardError, CardOptions, Converter};
 
-/// What the process is started with.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
-    /// The card.
-    pub card: CardOptions,
-}
-
 /// Why the process ended.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum AcquisitionError {
-    #[error(transparent)]
-    Rig(#[from] rig::RigError),
     #[error(transparent)]
     Card(#[from] CardError),
     #[error(transparent)]
@@ -39,14 +24,16 @@ pub enum AcquisitionError {
     Daq(#[from] DaqError),
 }
 
-/// Runs acquisition until a signal ends it.
-pub fn run(options: &Options) -> Result<(), AcquisitionError> {
-    let rig = RigFile::load(&options.rig_file)?;
+/// Runs acquisition with a card on the rig of that name until a signal ends it.
+///
+/// # Errors
+/// [`AcquisitionError`].
+pub fn run(rig_name: &str, rig: &RigFile, card: &CardOptions) -> Result<(), AcquisitionError> {
     // Reads and checks a record before the process joins the rig.
-    let opened = options.card.open(&rig)?;
-    let mut service = Service::start(Process::Acquisition, &options.rig_name)?;
-    let mut card = opened(&service, &rig)?;
-    run_loop(&rig, &mut service, &mut *card)
+    let opened = card.open(rig)?;
+    let mut service = Service::start(Process::Acquisition, rig_name)?;
+    let mut card = opened(&service, rig)?;
+    run_loop(rig, &mut service, &mut *card)
 }
 
 /// A closed gate with the limits of the rig file.
@@ -71,7 +58,6 @@ fn run_loop(
     daq: &mut dyn Daq,
 ) -> Result<(), AcquisitionError> {
     let mut samples = service.publisher(SAMPLE)?;
-    let mut timings = service.timing_publisher()?;
     let mut tokens = service.subscriber(TOKEN)?;
     let mut commands = service.subscriber(COMMAND)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.acquisition_ns);
@@ -81,7 +67,6 @@ fn run_loop(
     // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
-    let mut meter = service.loop_meter()?;
     let mut reported_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {
@@ -112,14 +97,8 @@ fn run_loop(
             if let Some(tick) = taken {
                 daq.taken(tick);
             }
-            let end = now_ns();
-            meter.record(&wake, end);
-            if let Some(timing) = meter.due(&grid, end) {
-                let losses = daq.losses().received(tokens.counters()).received(commands.counters());
-                timings.send(losses.sent(samples.undelivered()).told_in(timing))?;
-                // Events are rare: who joined since the last one gets those before through this.
-                service.refresh_events();
-            }
+            let losses = daq.losses().received(tokens.counters()).received(commands.counters());
+            service.end_cycle(&grid, &wake, losses.sent(samples.undelivered()))?;
             if daq.finished() && !reported_finished {
                 reported_finished = true;
                 service.event(
@@ -138,7 +117,7 @@ fn run_loop(
     let zeroed = daq.write([0.0; AXES]);
     ended?;
     zeroed?;
-    service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+    service.end()?;
     Ok(())
 }
 

@@ -7,4 +7,4 @@ pub mod law;
 mod process;
 pub mod setpoint_validation;
 
-pub use process::{ControlError, Options, run};
+pub use process::run;

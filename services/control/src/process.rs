@@ -1,62 +1,39 @@
 //! The process: the loop around the law.
 
-use std::path::PathBuf;
-
-use ipc_types::{COMMAND, Event, EventKind, GateState, Process, SAMPLE, SETPOINT, Severity, TOKEN};
+use ipc_types::{COMMAND, EventKind, GateState, Process, SAMPLE, SETPOINT, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
-use runtime::{Grid, Losses, PortError, Service, ServiceError};
-use thiserror::Error;
+use runtime::{Grid, Losses, Service, ServiceError};
 
 use crate::law::{Law, LawConfig};
 use crate::setpoint_validation::SetpointValidation;
 
-/// Options of the process.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
-}
-
-/// Why the process ended.
-#[derive(Debug, Error)]
-#[allow(missing_docs)]
-pub enum ControlError {
-    #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    #[error(transparent)]
-    Service(#[from] ServiceError),
-    #[error(transparent)]
-    Port(#[from] PortError),
-}
-
-/// Runs control until a signal ends it.
-pub fn run(options: &Options) -> Result<(), ControlError> {
-    let rig = RigFile::load(&options.rig_file)?;
-    let mut service = Service::start(Process::Control, &options.rig_name)?;
+/// Runs control on the rig of that name until a signal ends it.
+///
+/// # Errors
+/// [`ServiceError`].
+pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
+    let mut service = Service::start(Process::Control, rig_name)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut setpoints = service.subscriber(SETPOINT)?;
     let mut tokens = service.subscriber(TOKEN)?;
     let mut commands = service.publisher(COMMAND)?;
-    let mut timings = service.timing_publisher()?;
     let mut grid = Grid::of_rate(rig.rates.control_hz, rig.phases.control_ns);
-    let mut law = Law::new(LawConfig::of_rig(&rig));
+    let mut law = Law::new(LawConfig::of_rig(rig));
     let identity = service.identity();
-    let mut validation = SetpointValidation::of_rig(identity.session, &rig);
+    let mut validation = SetpointValidation::of_rig(identity.session, rig);
     let profile = service.enter_loop()?;
-    let mut events = service.take_events()?;
-    let mut meter = service.loop_meter()?;
     let (mut sample, mut setpoint, mut token) = (None, None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
         if let Some(newest) = samples.latest()? {
             if sample.is_none() {
-                let text = "control continues from the measured position";
-                let told =
-                    Event::new(Process::Control, EventKind::ControlResumed, Severity::Info, text);
-                events.send(Event { a: newest.master_position[0], ..told })?;
+                service.event(
+                    EventKind::ControlResumed,
+                    Severity::Info,
+                    [newest.master_position[0], 0.0, 0.0],
+                    "control continues from the measured position",
+                )?;
             }
             sample = Some(newest);
         }
@@ -67,7 +44,7 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
                 Ok(()) => setpoint = Some(next),
                 Err(refusal) => {
                     if let Some(notice) = validation.notice(now_ns(), refusal, &next) {
-                        events.send(notice.event())?;
+                        service.publish(notice.event())?;
                     }
                 }
             }
@@ -89,21 +66,14 @@ pub fn run(options: &Options) -> Result<(), ControlError> {
             command.profile = profile.code();
             commands.send(command)?;
         }
-        let end = now_ns();
-        meter.record(&wake, end);
-        if let Some(timing) = meter.due(&grid, end) {
-            let heard = [samples.counters(), setpoints.counters(), tokens.counters()];
-            let losses = heard
-                .into_iter()
-                .fold(Losses::default(), Losses::received)
-                .sent(commands.undelivered());
-            timings
-                .send(Losses { refused: validation.refused_in_all(), ..losses }.told_in(timing))?;
-            // Events are rare: a late subscriber receives the earlier ones only through this.
-            events.refresh();
-        }
+        let losses = Losses { refused: validation.refused_in_all(), ..Losses::default() }
+            .received(samples.counters())
+            .received(setpoints.counters())
+            .received(tokens.counters())
+            .sent(commands.undelivered());
+        service.end_cycle(&grid, &wake, losses)?;
         service.beat();
     }
-    events.send(Event::new(Process::Control, EventKind::ProcessEnding, Severity::Info, ""))?;
+    service.end()?;
     Ok(())
 }

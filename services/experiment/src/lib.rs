@@ -16,4 +16,4 @@ pub mod trajectory;
 pub mod trial_record;
 pub mod trial_schedule;
 
-pub use process::{ExperimentError, Options, Runner, run};
+pub use process::{ExperimentError, Runner, run};

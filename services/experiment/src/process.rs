@@ -6,21 +6,19 @@ mod request_handler;
 
 use std::fs;
 use std::io;
-use std::os::unix::fs::DirBuilderExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, EnableToken, Event, EventKind, GateState, Heartbeat, LoopTiming, Process, Profile,
-    SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, TypedTopic, WatchdogState,
-    heartbeat_topic, timing_topic,
+    AXES, EnableToken, Event, EventKind, GateState, Heartbeat, Process, Profile, SAMPLE, SETPOINT,
+    Sample, Setpoint, Severity, TOKEN, WatchdogState,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{MILLISECOND_NS, now_ns};
 use runtime::{
-    Grid, LoopMeter, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake, Worker,
+    Grid, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake, Worker,
 };
 use thiserror::Error;
 
@@ -40,44 +38,26 @@ const ILC_STATE: &str = "experiment.lesson";
 /// Name of the folder of learnt references, where none was given.
 const LEARNT: &str = "learnt";
 
-/// Options of the process.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
-    /// Folder of the learnt references; `None`: in the rig's run directory, where they last as long
-    /// as the rig is up.
-    pub learnt: Option<PathBuf>,
-}
-
 /// Why the process ended.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum ExperimentError {
     #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    #[error(transparent)]
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
-    #[error("{0} lacks a topic for its timing, heartbeat or events")]
-    NoTopic(Process),
-    #[error("{}: cannot save the experiment's state: {source}", path.display())]
-    StateDirectory { path: PathBuf, source: io::Error },
     #[error("the thread that answers requests, or the one that learns, ended")]
     ThreadEnded,
 }
 
-/// Runs the experiment process until a signal ends it.
+/// Runs the experiment process on the rig of that name until a signal ends it; `learnt` as in
+/// [`Runner::new`].
 ///
 /// # Errors
 /// [`ExperimentError`].
-pub fn run(options: &Options) -> Result<(), ExperimentError> {
-    let rig = RigFile::load(&options.rig_file)?;
-    let service = Service::start(Process::Experiment, &options.rig_name)?;
-    Runner::with_learnt(service, &rig, options.learnt.as_deref())?.run()
+pub fn run(rig_name: &str, rig: &RigFile, learnt: Option<&Path>) -> Result<(), ExperimentError> {
+    let service = Service::start(Process::Experiment, rig_name)?;
+    Runner::new(service, rig, learnt)?.run()
 }
 
 /// The experiment process, joined to a rig.
@@ -88,7 +68,6 @@ pub struct Runner {
     tokens: Subscriber<EnableToken>,
     token: Option<EnableToken>,
     setpoints: Publisher<Setpoint>,
-    timings: Publisher<LoopTiming>,
     heartbeats: Publisher<Heartbeat>,
     player: Player,
     settings: Settings,
@@ -104,31 +83,17 @@ pub struct Runner {
 
 impl Runner {
     /// Opens the ports and resumes the protocol that an earlier process of this session was
-    /// playing.
+    /// playing. `learnt` is the folder of the learnt references; `None`: in the rig's run
+    /// directory, where they last as long as the rig is up.
     ///
     /// # Errors
     /// Those of the ports. A saved state that cannot be used is reported as an event.
-    pub fn new(service: Service, rig: &RigFile) -> Result<Self, ExperimentError> {
-        Self::with_learnt(service, rig, None)
-    }
-
-    /// The same, with a folder of learnt references.
-    ///
-    /// # Errors
-    /// As [`Runner::new`].
-    pub fn with_learnt(
+    pub fn new(
         mut service: Service,
         rig: &RigFile,
         learnt: Option<&Path>,
     ) -> Result<Self, ExperimentError> {
-        let no_topic = || ExperimentError::NoTopic(Process::Experiment);
-        let timing: TypedTopic<LoopTiming> =
-            timing_topic(Process::Experiment).ok_or_else(no_topic)?;
-        let heartbeat = heartbeat_topic(Process::Experiment).ok_or_else(no_topic)?;
-        let directory = service.domain().name().run_directory();
-        fs::DirBuilder::new().recursive(true).mode(0o700).create(&directory).map_err(|source| {
-            ExperimentError::StateDirectory { path: directory.clone(), source }
-        })?;
+        let directory = service.domain().name().make_run_directory().map_err(ServiceError::from)?;
         let file = directory.join(STATE);
         let settings = Settings::default();
         let mut player = Player::new(settings);
@@ -170,8 +135,7 @@ impl Runner {
             tokens: service.subscriber(TOKEN)?,
             token: None,
             setpoints: service.publisher(SETPOINT)?,
-            timings: service.publisher(timing)?,
-            heartbeats: service.publisher(heartbeat)?,
+            heartbeats: service.heartbeat_publisher()?,
             requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
             player,
@@ -196,13 +160,10 @@ impl Runner {
     /// Those of the ports, and [`ExperimentError::ThreadEnded`].
     pub fn run(mut self) -> Result<(), ExperimentError> {
         let profile = self.service.enter_loop()?;
-        let mut events = self.service.take_events()?;
-        let mut meter = LoopMeter::new(Process::Experiment, self.service.grants())
-            .map_err(ServiceError::from)?;
         let mut last_beat = 0;
         while !self.service.stopping() {
             let Some(wake) = self.grid.wait() else { continue };
-            self.cycle(&wake, &mut events)?;
+            self.cycle(&wake)?;
             // Slots of the clock, not times since the last one: a late wake does not lower the
             // rate.
             let beat = wake.woke_ns / HEARTBEAT_NS;
@@ -210,31 +171,24 @@ impl Runner {
                 last_beat = beat;
                 self.heartbeat(profile)?;
                 // Late subscribers receive the earlier events only through this.
-                events.refresh();
+                self.service.refresh_events();
                 // The process may be idle for hours: keep the list of subscribers current.
                 self.setpoints.refresh();
             }
-            let end = now_ns();
-            meter.record(&wake, end);
-            if let Some(timing) = meter.due(&self.grid, end) {
-                self.timings.send(self.losses().told_in(timing))?;
-                if self.requests.is_closed() || self.ilc_worker.is_closed() {
-                    return Err(ExperimentError::ThreadEnded);
-                }
+            let losses = self.losses();
+            if self.service.end_cycle(&self.grid, &wake, losses)?
+                && (self.requests.is_closed() || self.ilc_worker.is_closed())
+            {
+                return Err(ExperimentError::ThreadEnded);
             }
             self.service.beat();
         }
-        events.send(Event::new(
-            Process::Experiment,
-            EventKind::ProcessEnding,
-            Severity::Info,
-            "",
-        ))?;
+        self.service.end()?;
         Ok(())
     }
 
     /// One cycle: allocates, locks and formats nothing.
-    fn cycle(&mut self, wake: &Wake, events: &mut Publisher<Event>) -> Result<(), PortError> {
+    fn cycle(&mut self, wake: &Wake) -> Result<(), PortError> {
         // Every sample: learning needs the slave's position at each step, however late this loop
         // wakes.
         while let Some(sample) = self.samples.take()? {
@@ -246,7 +200,7 @@ impl Runner {
             self.player.receive(result);
         }
         while let Some(event) = self.link.events.pop().ok().or_else(|| self.ilc_worker.event()) {
-            events.send(event)?;
+            self.service.publish(event)?;
         }
         self.token = self.tokens.latest()?.or(self.token);
         let permission = self.permission(wake.woke_ns);
@@ -282,10 +236,11 @@ impl Runner {
                 self.setpoints.send(setpoint)?;
             }
             if let Some(notice) = self.player.take_notice() {
-                publish_notice(notice, self.player.status().segment, events)?;
+                publish_notice(notice, self.player.status().segment, &mut self.service)?;
             }
             if let Some(change) = output.change {
-                publish_change(change, self.player.program().map(AsRef::as_ref), events)?;
+                let program = self.player.program().map(AsRef::as_ref);
+                publish_change(change, program, &mut self.service)?;
                 // The ring is full only if the request thread has hung for minutes; then a restart
                 // would resume at an earlier segment.
                 if self
@@ -362,14 +317,10 @@ fn handles(sample: Option<&Sample>) -> [f64; AXES] {
 
 /// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the
 /// limits are much wider, what the motor's did: positions in protocols are the motor's.
-fn publish_notice(
-    notice: Notice,
-    segment: u32,
-    events: &mut Publisher<Event>,
-) -> Result<(), PortError> {
+fn publish_notice(notice: Notice, segment: u32, service: &mut Service) -> Result<(), PortError> {
     let mut send = |kind, severity, text: &str, [a, b, c]: [f64; 3]| {
         let event = Event::new(Process::Experiment, kind, severity, text);
-        events.send(Event { a, b, c, segment, ..event }).map(|_sequence| ())
+        service.publish(Event { a, b, c, segment, ..event })
     };
     match notice {
         Notice::Beat { position, number } => {
@@ -406,13 +357,13 @@ fn publish_notice(
 fn publish_change(
     change: Change,
     program: Option<&Program>,
-    events: &mut Publisher<Event>,
+    service: &mut Service,
 ) -> Result<(), PortError> {
     let name = program.map_or("", Program::name);
     let label = |segment: u32| program.map_or("", |program| program.label(segment as usize));
     let mut send = |kind, segment: u32, text: &str, b: f64| {
         let event = Event::new(Process::Experiment, kind, Severity::Info, text);
-        events.send(Event { a: f64::from(segment), b, segment, ..event }).map(|_sequence| ())
+        service.publish(Event { a: f64::from(segment), b, segment, ..event })
     };
     match change {
         Change::Started => {

@@ -53,7 +53,7 @@ impl Running {
         let (ready, wait) = mpsc::channel();
         let thread = std::thread::spawn(move || {
             let service = Service::start(Process::Experiment, &name).unwrap();
-            let runner = Runner::new(service, &rig())?;
+            let runner = Runner::new(service, &rig(), None)?;
             ready.send(runner.stop_flag()).unwrap();
             runner.run()
         });

@@ -6,7 +6,6 @@ mod requests;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -15,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters,
-    Message, Process, Severity, TOPICS, heartbeat_topic,
+    Message, Process, Severity, TOPICS,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Positions, key};
@@ -42,13 +41,9 @@ const BEGIN_LIMIT: Duration = Duration::from_secs(5);
 /// restart does not begin it again.
 const BEGUN: &str = "recording.begun";
 
-/// What the process is started with.
-#[derive(Clone, Debug)]
+/// What is to be recorded from the start.
+#[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
     /// Absolute path of a recording that begins at the start, once a session.
     pub record: Option<PathBuf>,
     /// Metadata of the recording, beside those that the logger adds.
@@ -60,15 +55,11 @@ pub struct Options {
 #[allow(missing_docs)]
 pub enum LoggerError {
     #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    #[error(transparent)]
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
     #[error(transparent)]
     Sink(#[from] SinkError),
-    #[error("{0} has no topic for its heartbeat")]
-    NoTopic(Process),
     #[error("{}: cannot save the logger's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
     /// The recording requested at the start did not begin.
@@ -81,13 +72,12 @@ pub enum LoggerError {
     RequestsClosed,
 }
 
-/// Runs the logger until a signal ends it.
+/// Runs the logger on the rig of that name until a signal ends it.
 ///
 /// # Errors
 /// [`LoggerError`]; a disk that fills up during a recording is none.
-pub fn run(options: &Options) -> Result<(), LoggerError> {
-    let rig = RigFile::load(&options.rig_file)?;
-    Logger::new(Service::start(Process::Logger, &options.rig_name)?, &rig, options)?.run()
+pub fn run(rig_name: &str, rig: &RigFile, options: &Options) -> Result<(), LoggerError> {
+    Logger::new(Service::start(Process::Logger, rig_name)?, rig, options)?.run()
 }
 
 /// The logger, connected to a rig.
@@ -97,8 +87,6 @@ pub struct Logger {
     heartbeats: Publisher<Heartbeat>,
     losses: Publisher<LossCounters>,
     clocks: Publisher<ClockSync>,
-    /// taken from the service once it is ready
-    events: Option<Publisher<Event>>,
     sink: Sink,
     requests: RequestReceiver,
     metadata: BTreeMap<String, String>,
@@ -128,12 +116,7 @@ impl Logger {
     /// # Errors
     /// Those of the ports; [`LoggerError::NotBegun`] if the recording requested cannot be begun.
     pub fn new(service: Service, rig: &RigFile, options: &Options) -> Result<Self, LoggerError> {
-        let directory = service.domain().name().run_directory();
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o700)
-            .create(&directory)
-            .map_err(|source| LoggerError::StateDirectory { path: directory.clone(), source })?;
+        let directory = service.domain().name().make_run_directory().map_err(ServiceError::from)?;
         // Reading the part before may take a while on hours of recording: before the subscriptions,
         // so that their buffers do not overflow meanwhile.
         let kept = kept_state(&directory, service.identity().session);
@@ -142,8 +125,6 @@ impl Logger {
         for topic in TOPICS {
             topics.push(open_raw(service.node(), topic)?);
         }
-        let heartbeat =
-            heartbeat_topic(Process::Logger).ok_or(LoggerError::NoTopic(Process::Logger))?;
         let mut metadata = options.metadata.clone();
         metadata.extend(rig_metadata(rig));
         metadata.extend(
@@ -160,10 +141,9 @@ impl Logger {
             metadata.insert(key::HOST_STALL.to_owned(), stall.to_string());
         }
         let mut logger = Self {
-            heartbeats: service.publisher(heartbeat)?,
+            heartbeats: service.heartbeat_publisher()?,
             losses: service.publisher(LOSS)?,
             clocks: service.publisher(CLOCK)?,
-            events: None,
             requests: RequestReceiver::open(service.domain().name())?,
             sink: Sink::new(Some(directory.clone()))?,
             service,
@@ -197,7 +177,7 @@ impl Logger {
         let kept = match kept {
             Ok(kept) => kept,
             Err(error) => {
-                self.event(EventKind::DataLost, Severity::Error, [0.0; 3], &error)?;
+                self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], &error)?;
                 None
             }
         };
@@ -218,7 +198,7 @@ impl Logger {
             if let Err(reason) = self.start_and_wait(request)? {
                 // No reason to end: a person can begin another recording.
                 let text = format!("{} does not continue: {reason}", path.display());
-                self.event(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
+                self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
             }
         } else if let Some(path) = record
             && !begun
@@ -285,7 +265,6 @@ impl Logger {
     pub fn run(mut self) -> Result<(), LoggerError> {
         let mut grid = Grid::new(PERIOD_NS, PHASE_NS);
         self.service.ready()?;
-        self.events = self.service.take_events().ok();
         let (mut last_beat, mut last_count) = (0, 0);
         while !self.service.stopping() {
             let Some(wake) = grid.wait() else { continue };
@@ -383,7 +362,7 @@ impl Logger {
     fn end(mut self) -> Result<(), LoggerError> {
         self.report_losses()?;
         self.publish_counts()?;
-        self.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+        self.service.end()?;
         self.drain()?;
         self.sink.tick(now_ns());
         let outcomes = self.sink.end();

@@ -37,11 +37,11 @@ fn rig() -> RigFile {
         .unwrap()
 }
 
-fn launch(options: &Options) -> Result<Running, LoggerError> {
-    let options = options.clone();
+fn launch(rig_name: &RigName, options: &Options) -> Result<Running, LoggerError> {
+    let (rig_name, options) = (rig_name.clone(), options.clone());
     let (ready, wait) = mpsc::channel();
     let thread = std::thread::spawn(move || {
-        let service = Service::start(Process::Logger, &options.rig_name).unwrap();
+        let service = Service::start(Process::Logger, rig_name.as_str()).unwrap();
         let logger = Logger::new(service, &rig(), &options)?;
         ready.send(logger.stop_flag()).unwrap();
         logger.run()
@@ -88,8 +88,6 @@ impl Bench {
         let service = Service::start(Process::Acquisition, &text).unwrap();
         let directory = tempfile::tempdir().unwrap();
         let options = Options {
-            rig_name: text,
-            rig_file: PathBuf::from("hydrostatic.toml"),
             record: Some(directory.path().join("run.mcap")),
             metadata: BTreeMap::from([
                 ("subject".to_owned(), "s01".to_owned()),
@@ -120,12 +118,12 @@ fn records_from_the_start(bench: &mut Bench) {
     let first = bench.path("run.mcap");
     // a recording that cannot be begun keeps the logger from starting, and says why
     std::fs::write(&first, "somebody's data").unwrap();
-    let error = launch(&bench.options).err().unwrap();
+    let error = launch(&bench.name, &bench.options).err().unwrap();
     assert!(matches!(error, LoggerError::NotBegun { .. }), "{error}");
     assert!(error.to_string().contains("never overwritten"), "{error}");
     std::fs::remove_file(&first).unwrap();
 
-    let logger = launch(&bench.options).unwrap();
+    let logger = launch(&bench.name, &bench.options).unwrap();
     bench.publish(0..300);
     let status = bench.ask(&LoggerRequest::Status);
     assert_eq!(status.recording.as_deref(), Some(first.to_str().unwrap()));
@@ -140,7 +138,7 @@ fn records_from_the_start(bench: &mut Bench) {
         (key::RIG_FILE, rig().text()),
         (key::PROFILE, bench.service.domain().profile().text()),
         (key::PART, "1"),
-        ("rig_name", bench.options.rig_name.as_str()),
+        ("rig_name", bench.name.as_str()),
         ("session", &format!("{:016x}", bench.keeper.session())),
     ] {
         assert_eq!(recording.metadata(key), Some(value), "{key}");
@@ -165,7 +163,7 @@ fn continues_with_the_next_part(bench: &mut Bench) -> Running {
     // Also where it was killed before it could note that it had begun.
     let begun = bench.name.run_directory().join("recording.begun");
     std::fs::remove_file(&begun).unwrap();
-    let logger = launch(&bench.options).unwrap();
+    let logger = launch(&bench.name, &bench.options).unwrap();
     let second = bench.path("run.part2.mcap");
     assert!(
         begun.exists(),
@@ -240,7 +238,7 @@ fn the_logger_from_first_message_to_second_part() {
     logger.end();
 
     // a person ended the recording of this session: a restart does not begin it again
-    let logger = launch(&bench.options).unwrap();
+    let logger = launch(&bench.name, &bench.options).unwrap();
     assert_eq!(bench.ask(&LoggerRequest::Status).recording, None);
     logger.end();
 

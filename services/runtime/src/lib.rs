@@ -6,7 +6,7 @@
 //!
 //! ```no_run
 //! use ipc_types::{MotorCommand, Process, COMMAND, SAMPLE};
-//! use runtime::{Grid, Service, ServiceError};
+//! use runtime::{Grid, Losses, Service, ServiceError};
 //!
 //! fn main() -> Result<(), ServiceError> {
 //!     let mut service = Service::start(Process::Control, "demo")?;
@@ -24,8 +24,11 @@
 //!                 ..Default::default()
 //!             })?;
 //!         }
+//!         let losses = Losses::default().received(samples.counters());
+//!         service.end_cycle(&grid, &wake, losses.sent(commands.undelivered()))?;
 //!         service.beat();
 //!     }
+//!     service.end()?;
 //!     Ok(())
 //! }
 //! ```
@@ -54,7 +57,7 @@ pub use identity::{Identity, random_u64};
 pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};
 pub use realtime::{Grants, Timeouts};
 pub use request::{RequestError, Server, call};
-pub use service::{Service, ServiceError};
+pub use service::{NotifyState, Service, ServiceError, notify, stop_flag};
 pub use stall::{HostStall, MEASURED_FOR};
-pub use timing::{LoopMeter, Losses};
+pub use timing::Losses;
 pub use worker::Worker;

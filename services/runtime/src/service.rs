@@ -1,6 +1,7 @@
 //! The frame of a process: joins the domain, asks for timing, says when it is ready, ends on a
 //! signal.
 
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -10,14 +11,17 @@ use ipc_types::{
     Event, EventKind, Heartbeat, LoopTiming, Message, Process, Profile, Severity, TypedTopic,
     event_topic, heartbeat_topic, timing_topic,
 };
+pub use sd_notify::NotifyState;
 use thiserror::Error;
 
+use crate::clock::now_ns;
 use crate::domain::{Domain, DomainError, RigName};
+use crate::grid::{Grid, Wake};
 use crate::identity::{Identity, random_u64};
 use crate::ports::{PortError, Publisher, Subscriber};
 use crate::realtime::{self, Grants, Timeouts};
 use crate::request::RequestError;
-use crate::timing::LoopMeter;
+use crate::timing::{LoopMeter, Losses};
 
 /// A start that takes longer has hung (a peer died at the wrong moment) and is ended, to be tried
 /// again.
@@ -36,7 +40,9 @@ pub enum ServiceError {
     #[error(transparent)]
     Request(#[from] RequestError),
     #[error("signal handler: {0}")]
-    Signal(#[from] std::io::Error),
+    Signal(io::Error),
+    #[error("thread: {0}")]
+    Thread(#[from] io::Error),
     #[error("timing histograms: {0}")]
     Histogram(#[from] hdrhistogram::CreationError),
     /// The table of topics has no such topic for this process.
@@ -62,8 +68,9 @@ pub struct Service {
     beats: Arc<AtomicU64>,
     events: Option<Publisher<Event>>,
     profile: Profile,
-    memory_locked: bool,
     awake: Option<realtime::Awake>,
+    /// Measurement of the loop, and the topic that it is published in.
+    timing: Option<(LoopMeter, Publisher<LoopTiming>)>,
 }
 
 impl Service {
@@ -71,10 +78,7 @@ impl Service {
     pub fn start(process: Process, rig_name: &str) -> Result<Self, ServiceError> {
         realtime::name_thread(&format!("fr-{}", process.text()));
         let name: RigName = rig_name.parse()?;
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
+        let stop = stop_flag()?;
         let started = Arc::new(AtomicBool::new(false));
         limit_start(process, Arc::clone(&started));
         let domain = Domain::open(&name)?;
@@ -94,8 +98,8 @@ impl Service {
             beats: Arc::new(AtomicU64::new(0)),
             events,
             profile: Profile::BestEffort,
-            memory_locked: false,
             awake: None,
+            timing: None,
         })
     }
 
@@ -114,23 +118,9 @@ impl Service {
         &self.domain
     }
 
-    /// The profile granted; known after [`Service::enter_loop`].
-    pub fn profile(&self) -> Profile {
-        self.profile
-    }
-
     /// The timeouts of the rig's profile.
     pub fn timeouts(&self) -> Timeouts {
         Timeouts::of(self.domain.profile())
-    }
-
-    /// What the machine granted; known after [`Service::enter_loop`].
-    pub fn grants(&self) -> Grants {
-        Grants {
-            profile: self.profile,
-            memory_locked: self.memory_locked,
-            kept_awake: self.awake.is_some(),
-        }
     }
 
     /// The node of the main thread.
@@ -146,17 +136,6 @@ impl Service {
     /// Subscribes to a topic.
     pub fn subscriber<T: Message>(&self, topic: TypedTopic<T>) -> Result<Subscriber<T>, PortError> {
         Subscriber::new(&self.node, topic)
-    }
-
-    /// Publishes the timing of the process's loop.
-    pub fn timing_publisher(&self) -> Result<Publisher<LoopTiming>, ServiceError> {
-        let topic = timing_topic(self.process);
-        Ok(self.publisher(topic.ok_or(ServiceError::NoTopic(self.process, "timing"))?)?)
-    }
-
-    /// Measures the process's loop; call after [`Service::enter_loop`].
-    pub fn loop_meter(&self) -> Result<LoopMeter, ServiceError> {
-        Ok(LoopMeter::new(self.process, self.grants())?)
     }
 
     /// Publishes the process's heartbeats.
@@ -187,11 +166,15 @@ impl Service {
     /// # Errors
     /// The rig runs in the realtime profile and this process may not.
     pub fn enter_loop(&mut self) -> Result<Profile, ServiceError> {
+        let timing = timing_topic(self.process);
+        let timings =
+            self.publisher(timing.ok_or(ServiceError::NoTopic(self.process, "timing"))?)?;
         self.profile = self.domain.profile();
+        let mut memory_locked = false;
         if self.domain.fifo() {
             // Before the priority: to bring in and lock what is mapped takes milliseconds, in which
             // the other loops go first.
-            self.memory_locked = realtime::lock_memory();
+            memory_locked = realtime::lock_memory();
             self.awake = realtime::stay_awake();
             let priority = realtime::loop_priority(self.process);
             let granted = realtime::request_fifo(priority) == Profile::Realtime;
@@ -207,6 +190,9 @@ impl Service {
         }
         realtime::tighten_timer_slack();
         realtime::prefault_stack();
+        let kept_awake = self.awake.is_some();
+        let grants = Grants { profile: self.profile, memory_locked, kept_awake };
+        self.timing = Some((LoopMeter::new(self.process, grants)?, timings));
         self.ready()?;
         Ok(self.profile)
     }
@@ -225,8 +211,33 @@ impl Service {
         Ok(())
     }
 
-    /// Publishes an event. Not from within a real-time loop unless something broke the loop's
-    /// rhythm anyway.
+    /// Ends one cycle of the loop: records when it woke and how long it took. Once a second this
+    /// publishes the timing with the process's losses, and brings the earlier events to those that
+    /// joined since; it then returns true. Allocates nothing.
+    pub fn end_cycle(
+        &mut self,
+        grid: &Grid,
+        wake: &Wake,
+        losses: Losses,
+    ) -> Result<bool, PortError> {
+        let Some((meter, timings)) = &mut self.timing else { return Ok(false) };
+        let end = now_ns();
+        meter.record(wake, end);
+        let Some(timing) = meter.due(grid, end) else { return Ok(false) };
+        timings.send(losses.told_in(timing))?;
+        self.refresh_events();
+        Ok(true)
+    }
+
+    /// Publishes an event. Its text is copied, not formatted: allocates nothing.
+    pub fn publish(&mut self, event: Event) -> Result<(), PortError> {
+        if let Some(events) = &mut self.events {
+            events.send(event)?;
+        }
+        Ok(())
+    }
+
+    /// Publishes an event of this process.
     pub fn event(
         &mut self,
         kind: EventKind,
@@ -234,10 +245,12 @@ impl Service {
         [a, b, c]: [f64; 3],
         text: &str,
     ) -> Result<(), PortError> {
-        if let Some(events) = &mut self.events {
-            events.send(Event { a, b, c, ..Event::new(self.process, kind, severity, text) })?;
-        }
-        Ok(())
+        self.publish(Event { a, b, c, ..Event::new(self.process, kind, severity, text) })
+    }
+
+    /// Publishes that the process ends in good order.
+    pub fn end(&mut self) -> Result<(), PortError> {
+        self.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")
     }
 
     /// Connects those that joined since the last event; see [`Publisher::refresh`].
@@ -246,11 +259,18 @@ impl Service {
             events.refresh();
         }
     }
+}
 
-    /// Hands out the publisher of events, for a loop that composes its events itself.
-    pub fn take_events(&mut self) -> Result<Publisher<Event>, ServiceError> {
-        self.events.take().ok_or(ServiceError::NoTopic(self.process, "events"))
+/// A flag that SIGTERM and SIGINT raise.
+///
+/// # Errors
+/// [`ServiceError::Signal`].
+pub fn stop_flag() -> Result<Arc<AtomicBool>, ServiceError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(ServiceError::Signal)?;
     }
+    Ok(stop)
 }
 
 /// Ends the process if it is not ready in time.
@@ -278,20 +298,20 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
 /// Tells the service manager that the process is ready, and that it lives for as long as the loop
 /// goes round.
 fn notify_manager(beats: &AtomicU64, stop: &AtomicBool) {
-    use sd_notify::NotifyState;
-    let send = |states: &[NotifyState<'_>]| {
-        // Without a service manager nobody listens.
-        let _sent = sd_notify::notify(states);
-    };
-    send(&[NotifyState::Ready]);
+    notify(NotifyState::Ready);
     let mut seen = beats.load(Ordering::Relaxed);
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(NOTIFY_EVERY);
         let now = beats.load(Ordering::Relaxed);
         if now != seen {
             seen = now;
-            send(&[NotifyState::Watchdog]);
+            notify(NotifyState::Watchdog);
         }
     }
-    send(&[NotifyState::Stopping]);
+    notify(NotifyState::Stopping);
+}
+
+/// Tells the service manager; without one nobody listens.
+pub fn notify(state: NotifyState<'_>) {
+    let _sent = sd_notify::notify(&[state]);
 }

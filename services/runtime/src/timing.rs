@@ -130,7 +130,7 @@ impl fmt::Display for Losses {
 
 /// Collects the timing of one loop. Allocates only when made.
 #[derive(Debug)]
-pub struct LoopMeter {
+pub(crate) struct LoopMeter {
     process: Process,
     grants: Grants,
     pid: u32,
@@ -143,7 +143,10 @@ pub struct LoopMeter {
 impl LoopMeter {
     /// A meter for a process. Errors only if the histogram's bounds were refused, which these are
     /// not.
-    pub fn new(process: Process, grants: Grants) -> Result<Self, hdrhistogram::CreationError> {
+    pub(crate) fn new(
+        process: Process,
+        grants: Grants,
+    ) -> Result<Self, hdrhistogram::CreationError> {
         let histogram = || Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, 2);
         Ok(Self {
             process,
@@ -156,13 +159,8 @@ impl LoopMeter {
         })
     }
 
-    /// Cycles run since start.
-    pub fn cycles(&self) -> u64 {
-        self.cycles
-    }
-
     /// Records one cycle that ended at `end_ns`.
-    pub fn record(&mut self, wake: &Wake, end_ns: u64) {
+    pub(crate) fn record(&mut self, wake: &Wake, end_ns: u64) {
         self.cycles += 1;
         for histogram in &mut self.wake {
             histogram.saturating_record(wake.late_ns());
@@ -173,7 +171,7 @@ impl LoopMeter {
     }
 
     /// The message, once a second; `None` in between. Begins a new interval.
-    pub fn due(&mut self, grid: &Grid, now_ns: u64) -> Option<LoopTiming> {
+    pub(crate) fn due(&mut self, grid: &Grid, now_ns: u64) -> Option<LoopTiming> {
         if self.published_at_ns == 0 {
             self.published_at_ns = now_ns;
         }

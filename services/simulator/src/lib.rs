@@ -13,4 +13,4 @@ mod process;
 
 pub use card::{Card, CardError};
 pub use lock_step::LockStepDaq;
-pub use process::{Options, SimulatorError, run};
+pub use process::{SimulatorError, run};

@@ -1,10 +1,7 @@
 //! The process: clocks the card on the grid.
 
-use std::path::PathBuf;
-
 use ipc_types::{CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, Process, Severity};
 use rig::RigFile;
-use runtime::clock::now_ns;
 use runtime::{Grid, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
@@ -13,23 +10,10 @@ use crate::card::{Card, CardError};
 /// Scans that the card catches up with after it was not run for a while; a real card is never late.
 const CATCH_UP: u64 = 4096;
 
-/// What the process is started with.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
-    /// Effects for the plant that no model is told of: `ID[@SITE][=SIZE]`.
-    pub effects: Vec<String>,
-}
-
 /// Why the process ended.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum SimulatorError {
-    #[error(transparent)]
-    Rig(#[from] rig::RigError),
     #[error(transparent)]
     Card(#[from] CardError),
     #[error(transparent)]
@@ -38,18 +22,19 @@ pub enum SimulatorError {
     Port(#[from] PortError),
 }
 
-/// Runs the simulated card until a signal ends it.
-pub fn run(options: &Options) -> Result<(), SimulatorError> {
-    let rig = RigFile::load(&options.rig_file)?;
-    let mut service = Service::start(Process::Simulator, &options.rig_name)?;
-    let mut card = Card::new(&rig, &options.effects, service.timeouts().line_ns)?;
+/// Runs the simulated card on the rig of that name until a signal ends it. `effects`
+/// (`ID[@SITE][=SIZE]`) are added to the plant; no model is told of them.
+///
+/// # Errors
+/// [`SimulatorError`].
+pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), SimulatorError> {
+    let mut service = Service::start(Process::Simulator, rig_name)?;
+    let mut card = Card::new(rig, effects, service.timeouts().line_ns)?;
     let mut scans = service.publisher(CARD_SCAN)?;
-    let mut timings = service.timing_publisher()?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
     let profile = service.enter_loop()?;
-    let mut meter = service.loop_meter()?;
     let mut last_tick = None;
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
@@ -78,16 +63,10 @@ pub fn run(options: &Options) -> Result<(), SimulatorError> {
             scans.send(scan)?;
         }
         last_tick = Some(wake.tick);
-        let end = now_ns();
-        meter.record(&wake, end);
-        if let Some(timing) = meter.due(&grid, end) {
-            let losses = Losses::default().received(outputs.counters()).received(lines.counters());
-            timings.send(losses.sent(scans.undelivered()).told_in(timing))?;
-            // Events are rare: who joined since the last one gets those before through this.
-            service.refresh_events();
-        }
+        let losses = Losses::default().received(outputs.counters()).received(lines.counters());
+        service.end_cycle(&grid, &wake, losses.sent(scans.undelivered()))?;
         service.beat();
     }
-    service.event(EventKind::ProcessEnding, Severity::Info, [0.0; 3], "")?;
+    service.end()?;
     Ok(())
 }

@@ -8,4 +8,4 @@ mod command_thread;
 pub mod interlock;
 mod process;
 
-pub use process::{Options, WatchdogError, run};
+pub use process::{WatchdogError, run};

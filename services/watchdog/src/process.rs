@@ -1,6 +1,5 @@
 //! The process: the loop around the interlock.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -16,27 +15,14 @@ use thiserror::Error;
 use crate::command_thread::{self, Heartbeat, Shared};
 use crate::interlock::{Config, Interlock, Outputs, Peers, StateChange};
 
-/// What the process is started with.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Name of the rig.
-    pub rig_name: String,
-    /// Its rig file.
-    pub rig_file: PathBuf,
-}
-
 /// Why the process ended.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
 pub enum WatchdogError {
     #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    #[error(transparent)]
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
-    #[error("thread: {0}")]
-    Thread(#[from] std::io::Error),
     /// The command thread has ended.
     #[error("the command thread has ended: the operator's commands have no effect")]
     CommandThreadDead,
@@ -69,26 +55,26 @@ fn state_changed(change: &StateChange) -> Event {
     }
 }
 
-/// Runs the watchdog until a signal ends it.
-pub fn run(options: &Options) -> Result<(), WatchdogError> {
-    let rig = RigFile::load(&options.rig_file)?;
-    let mut service = Service::start(Process::Watchdog, &options.rig_name)?;
+/// Runs the watchdog on the rig of that name until a signal ends it.
+///
+/// # Errors
+/// [`WatchdogError`].
+pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
+    let mut service = Service::start(Process::Watchdog, rig_name)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut commands = service.subscriber(COMMAND)?;
     let mut tokens = service.publisher(TOKEN)?;
     let mut lines = service.publisher(ENABLE_LINE)?;
-    let mut timings = service.timing_publisher()?;
     let shared = Arc::new(Shared::new());
     let command_thread = command_thread::start(
         service.domain().name().clone(),
         Arc::clone(&shared),
         service.stop_flag(),
-    )?;
+    )
+    .map_err(ServiceError::from)?;
     let mut grid = Grid::of_rate(rig.rates.watchdog_hz, rig.phases.watchdog_ns);
     service.enter_loop()?;
-    let mut events = service.take_events()?;
-    let mut meter = service.loop_meter()?;
-    let mut interlock = Interlock::new(config(&rig, &service));
+    let mut interlock = Interlock::new(config(rig, &service));
     let mut toggles = 0;
     let mut heartbeat = Heartbeat::default();
     while !service.stopping() {
@@ -118,21 +104,16 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
         }
         lines.send(EnableLine { epoch: token.epoch, toggles, ..EnableLine::default() })?;
         if let Some(change) = event {
-            events.send(state_changed(&change))?;
+            service.publish(state_changed(&change))?;
         }
-        let end = now_ns();
-        meter.record(&wake, end);
-        if let Some(timing) = meter.due(&grid, end) {
-            let losses =
-                Losses::default().received(samples.counters()).received(commands.counters());
-            timings.send(
-                losses.sent(tokens.undelivered()).sent(lines.undelivered()).told_in(timing),
-            )?;
-            // Events are rare: this delivers earlier ones to subscribers that joined since.
-            events.refresh();
-        }
+        let losses = Losses::default()
+            .received(samples.counters())
+            .received(commands.counters())
+            .sent(tokens.undelivered())
+            .sent(lines.undelivered());
+        service.end_cycle(&grid, &wake, losses)?;
         // A watchdog without heartbeat is killed, which cuts the motor's power, and restarted.
-        if heartbeat.is_alive(shared.cycles.load(Ordering::Relaxed), end) {
+        if heartbeat.is_alive(shared.cycles.load(Ordering::Relaxed), now_ns()) {
             service.beat();
         }
     }
@@ -141,7 +122,7 @@ pub fn run(options: &Options) -> Result<(), WatchdogError> {
     let _state = interlock.command(Verb::Disarm, now);
     let peers = Peers { launcher_alive: true, keeper_alive: true };
     tokens.send(interlock.step(now, peers).token)?;
-    events.send(Event::new(Process::Watchdog, EventKind::ProcessEnding, Severity::Info, ""))?;
+    service.end()?;
     // It ends on the same flag; a panic has been printed.
     let panicked = command_thread.join().is_err();
     if panicked || shared.dead.load(Ordering::Relaxed) {

@@ -1,6 +1,6 @@
 //! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
 
-use ipc_types::{ClockSync, Event, EventKind, Heartbeat, Process, Severity, TOPICS};
+use ipc_types::{ClockSync, EventKind, Heartbeat, Process, Severity, TOPICS};
 use runtime::PortError;
 use runtime::clock::ClockPair;
 
@@ -45,7 +45,7 @@ impl Logger {
                 (EventKind::RecordingStarted, Severity::Warning, [0.0; 3], error.clone())
             }
         };
-        self.event(kind, severity, values, &text)?;
+        self.service.event(kind, severity, values, &text)?;
         let reply = match &outcome {
             Outcome::Started { .. } | Outcome::NotStarted { .. } => self.start_reply.take(),
             Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => self.stop_reply.take(),
@@ -61,27 +61,9 @@ impl Logger {
         Ok(())
     }
 
-    /// Publishes an event of the logger.
-    pub(super) fn event(
-        &mut self,
-        kind: EventKind,
-        severity: Severity,
-        [a, b, c]: [f64; 3],
-        text: &str,
-    ) -> Result<(), PortError> {
-        match &mut self.events {
-            Some(events) => events
-                .send(Event { a, b, c, ..Event::new(Process::Logger, kind, severity, text) })
-                .map(|_sequence| ()),
-            None => self.service.event(kind, severity, [a, b, c], text),
-        }
-    }
-
     pub(super) fn heartbeat(&mut self) -> Result<(), PortError> {
         // Subscribers that joined since the last event get the history only through this.
-        if let Some(events) = &self.events {
-            events.refresh();
-        }
+        self.service.refresh_events();
         let lost = (0..TOPICS.len())
             .map(|topic| self.sink.counters(topic))
             .map(|c| c.gaps + c.dropped + c.refused);
@@ -127,7 +109,7 @@ impl Logger {
                     topic.name, counts.gaps, counts.dropped
                 );
                 let values = [(lost - reported) as f64, lost as f64, index as f64];
-                self.event(EventKind::DataLost, Severity::Error, values, &text)?;
+                self.service.event(EventKind::DataLost, Severity::Error, values, &text)?;
             }
         }
         Ok(())

@@ -79,6 +79,17 @@ impl RigName {
         Ok(path)
     }
 
+    /// The run directory, made where it is missing (mode 0700).
+    pub fn make_run_directory(&self) -> Result<PathBuf, DomainError> {
+        let path = self.run_directory();
+        fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&path)
+            .map_err(at("making", &path))?;
+        Ok(path)
+    }
+
     /// Removes everything of the rig if nothing of it is alive. Returns whether it did.
     pub fn remove(&self) -> Result<bool, DomainError> {
         let directory = self.directory();
