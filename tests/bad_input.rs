@@ -87,7 +87,7 @@ const WRONG_EDITS: &[WrongEdit] = &[
 
 #[test]
 fn wrong_rig_files_are_refused_with_line_and_key_before_anything_starts() {
-    let rig = TestRig::new("file");
+    let rig = TestRig::patient("file");
     for (what, from, to, further, parts) in WRONG_EDITS {
         let (text, line) = edited(from, to);
         let path = rig.path("bench.toml");
@@ -221,7 +221,7 @@ fn unusable_tables() -> Vec<(&'static str, String, Vec<&'static str>)> {
 
 #[test]
 fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
-    let rig = TestRig::new("csv");
+    let rig = TestRig::patient("csv");
     for (what, text, mut parts) in unusable_tables() {
         let path = rig.path("bench.csv");
         std::fs::write(&path, text).unwrap();
@@ -282,7 +282,7 @@ fn write_recording(path: &Path, samples: u64) {
 
 #[test]
 fn truncated_and_empty_recordings_are_refused_and_can_be_recovered() {
-    let rig = TestRig::new("mcap");
+    let rig = TestRig::patient("mcap");
     let whole = rig.path("whole.mcap");
     write_recording(&whole, 8_000);
     let bytes = std::fs::read(&whole).unwrap();
@@ -364,7 +364,7 @@ fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
 
 #[test]
 fn full_or_read_only_shared_memory_is_reported_and_left_as_it_was() {
-    let rig = TestRig::new("shm");
+    let rig = TestRig::patient("shm");
     // Up, then list what is left; the rig's name distinguishes its files from the filler.
     let up = "\"$FARREACH\" up --simulate; code=$?; find /dev/shm -name '*farreach*'; exit $code";
     let cases = [
@@ -393,7 +393,7 @@ fn full_or_read_only_shared_memory_is_reported_and_left_as_it_was() {
 
 #[test]
 fn a_full_disk_is_reported_and_its_losses_counted_while_the_rig_runs_on() {
-    let rig = TestRig::new("disk");
+    let rig = TestRig::patient("disk");
     let script = r#"
         mkdir "$DIRECTORY/disk" && mount -t tmpfs -o size=2m tmpfs "$DIRECTORY/disk" || exit 90
         "$FARREACH" up --simulate --record "$DIRECTORY/disk/run.mcap" || exit 91

@@ -14,8 +14,9 @@ use common::{Footprint, Signal, TestRig, pulse_of, told, wait_for, workers};
 use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, WatchdogState};
 use launch::{ProcessIdentity, UnitState};
 
-/// Rounds, each of which kills every process once; `FARREACH_KILL_ROUNDS` overrides the number.
-const ROUNDS: usize = 20;
+/// Rounds, each of which kills every process once; `FARREACH_KILL_ROUNDS` overrides the number. As
+/// many rounds as processes, so that each process comes at each place of the order, and two more.
+const ROUNDS: usize = 10;
 /// Attempts per kill; a stall of the host spoils an attempt.
 const ATTEMPTS: usize = 12;
 /// The topics of the loops that power the motor.

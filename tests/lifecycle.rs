@@ -16,7 +16,7 @@ const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
 #[test]
 fn wrong_protocols_and_rigs_that_are_not_up_are_refused_without_a_rig() {
-    let rig = TestRig::new("verbs");
+    let rig = TestRig::patient("verbs");
     let path = rig.path("p.toml");
     std::fs::write(
         &path,
@@ -45,7 +45,7 @@ fn wrong_protocols_and_rigs_that_are_not_up_are_refused_without_a_rig() {
 
 #[test]
 fn a_service_without_a_keeper_reports_that() {
-    let rig = TestRig::new("lone");
+    let rig = TestRig::patient("lone");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch/rigs/hydrostatic.toml");
     for service in ["simulator", "control", "watchdog", "logger", "experiment"] {
         let output = rig.farreach(["service", service, "--rig"]).arg(&file).output().unwrap();
@@ -61,7 +61,7 @@ fn a_service_without_a_keeper_reports_that() {
 
 #[test]
 fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
-    let rig = TestRig::new("twice");
+    let rig = TestRig::patient("twice");
     rig.up_simulated();
     let before = rig.launcher_status();
     let changed = rig.path("changed.toml");
@@ -91,7 +91,7 @@ fn a_second_launch_is_refused_and_does_not_disturb_the_first() {
 
 #[test]
 fn a_recording_that_cannot_begin_undoes_the_start() {
-    let rig = TestRig::new("norec");
+    let rig = TestRig::patient("norec");
     let kept = rig.path("kept.mcap");
     std::fs::write(&kept, "somebody's data").unwrap();
     let output = rig.farreach(["up", "--simulate", "--record"]).arg(&kept).output().unwrap();

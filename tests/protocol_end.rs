@@ -52,7 +52,7 @@ impl Bench {
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
             let moves =
-                wait_for(LIMIT, || child.try_wait().unwrap().is_some() || self.moved() > MOVES);
+                wait_for(LIMIT, || child.try_wait().unwrap().is_some() || self.observe().moved_rad > MOVES);
             assert!(moves, "the handle does not move: {:?}", self.status());
             if child.try_wait().unwrap().is_none() && self.running() {
                 return child;
@@ -70,10 +70,6 @@ impl Bench {
         let _off = self.rig.run(["disarm"]);
         assert!(wait_for(LIMIT, || self.observe().moved_rad < AT_REST), "the handle drifts");
         self.rig.power_up();
-    }
-
-    fn moved(&self) -> f64 {
-        self.observe().moved_rad
     }
 
     fn observe(&self) -> Observed {

@@ -42,23 +42,23 @@ impl TestRig {
     /// host that cannot run a rig in real time ([`host::stall`]) it uses the best-effort profile,
     /// and prints that.
     pub fn new(tag: &str) -> Self {
+        let mut rig = Self::patient(tag);
+        let stall = host::stall();
+        eprintln!("host stalls {stall}: {} profile", stall.profile());
+        rig.profile = stall.profile();
+        rig
+    }
+
+    /// The same in the best-effort profile, for tests that do not concern timing: stalls of some
+    /// milliseconds then do not trip the rig, so the host's need not be measured.
+    pub fn patient(tag: &str) -> Self {
         let user = rustix::process::geteuid().as_raw();
         let path = std::env::temp_dir().join(format!("farreach-tests-{user}.lock"));
         let turn = OpenOptions::new().create(true).truncate(false).write(true).open(path).unwrap();
         turn.lock().unwrap();
         let name = format!("{tag}-{}", std::process::id()).parse().unwrap();
         let directory = tempfile::tempdir().unwrap();
-        let stall = host::stall();
-        eprintln!("host stalls {stall}: {} profile", stall.profile());
-        Self { name, profile: stall.profile(), directory, _turn: turn }
-    }
-
-    /// The same in the best-effort profile, for tests that do not concern timing: stalls of some
-    /// milliseconds then do not trip the rig.
-    pub fn patient(tag: &str) -> Self {
-        let mut rig = Self::new(tag);
-        rig.profile = Profile::BestEffort;
-        rig
+        Self { name, profile: Profile::BestEffort, directory, _turn: turn }
     }
 
     pub fn name(&self) -> &RigName {
