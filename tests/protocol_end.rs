@@ -51,8 +51,9 @@ impl Bench {
             let mut command = self.rig.farreach(["run", "guided-1hz"]);
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
-            let moves =
-                wait_for(LIMIT, || child.try_wait().unwrap().is_some() || self.observe().moved_rad > MOVES);
+            let moves = wait_for(LIMIT, || {
+                child.try_wait().unwrap().is_some() || self.observe().moved_rad > MOVES
+            });
             assert!(moves, "the handle does not move: {:?}", self.status());
             if child.try_wait().unwrap().is_none() && self.running() {
                 return child;

@@ -24,10 +24,10 @@
 //!   response;
 //! - [`reflected`] has inertia, friction and stiffness of a transmission as its motor feels them;
 //! - [`drive`] is a single mass with friction;
-//! - [`friction`] has the laws of friction and exact stick, each law by name;
+//! - [`friction`] has the laws of friction and exact stick;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant
 //!   by name;
-//! - [`sensors`] turn the true state into counts and volts;
+//! - [`sensors`] turn torque and time into volts;
 //! - [`stability`] tells whether a sampled control law keeps a transmission stable.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]

@@ -157,10 +157,8 @@ fn support_friction_grows_with_tension_and_saturates() {
     close(at(0.02) / at(0.01), 2.0, 1e-3);
     // More cables at the same tension each: as many times the friction; sharing the tension: less.
     let level = |set: &Parameters| set.support_friction_n(set.cables * set.pretension_n);
-    let (four, shared) = (
-        parameters.clone().with_cables(4.0),
-        parameters.clone().with_cables_sharing_pretension(4.0),
-    );
+    let four = Parameters { cables: 4.0 * parameters.cables, ..parameters.clone() };
+    let shared = Parameters { pretension_n: parameters.pretension_n / 4.0, ..four.clone() };
     close(level(&four), 4.0 * level(&parameters), 1e-12);
     assert!(level(&shared) < 0.5 * level(&four) && level(&shared) > level(&parameters));
 }

@@ -5,7 +5,7 @@ mod common;
 
 use common::{close, effects};
 use plant::hydrostatic::Parameters;
-use plant::sensors::{Encoder, TorqueCell, TorqueCellParameters};
+use plant::sensors::{TorqueCell, TorqueCellParameters};
 use plant::{ParameterError, ParameterSet, drive};
 
 #[test]
@@ -59,18 +59,6 @@ fn another_hose_leaves_the_cylinders() {
         1e-12,
     );
     close(thin.transmission_ratio(), printed.transmission_ratio(), 1e-12);
-}
-
-#[test]
-fn encoder_floors() {
-    let encoder = Encoder::per_turn(4000.0);
-    let turn = std::f64::consts::TAU;
-    assert_eq!(encoder.counts(turn * 1.000_001), 4000);
-    assert_eq!(encoder.counts(0.0), 0);
-    assert_eq!(encoder.counts(-1e-9), -1);
-    for counts in [-4001, -1, 0, 17] {
-        assert_eq!(encoder.counts(encoder.position(counts)), counts);
-    }
 }
 
 #[test]

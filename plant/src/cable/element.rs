@@ -54,11 +54,6 @@ impl ElementLaw {
         }
     }
 
-    /// Slope of the elastic curve at an elastic tension above 0, N/m.
-    pub fn tangent_n_per_m(&self, tension_n: f64) -> f64 {
-        1.0 / (self.straight(tension_n).1 + 2.0 * self.sag_n2_m / tension_n.powi(3))
-    }
-
     /// Elastic tension at an elastic elongation, N; never negative. `near` is a guess.
     fn tension(&self, stretch: f64, near: f64) -> f64 {
         let weightless = self.weightless(stretch);

@@ -23,7 +23,7 @@
 //! ```
 //! use plant::cable::{Input, Parameters, Plant, Transmission};
 //!
-//! let mut plant = Plant::new(Parameters::traced().with_cables(2.0), Vec::new())?;
+//! let mut plant = Plant::new(Parameters { cables: 2.0, ..Parameters::traced() }, Vec::new())?;
 //! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.1);
 //! assert!(plant.state().slave_position_rad > 0.0);
 //! // Fig. 5.4: 20 cm of the cable on a testing machine; the second loading is the stiffer one.
@@ -35,8 +35,8 @@
 //! ```
 //!
 //! What is printed, assumed and fitted: [`Parameters`] and `docs/errata.md`. Parallel cables
-//! ([`Parameters::with_cables`]) are taken as alike: stiffness, mass, pretension and friction of a
-//! line are those of one cable times their number. The slave's inertia stays, so that the resonance
+//! ([`Parameters::cables`]) are taken as alike: stiffness, mass, pretension and friction of a line
+//! are those of one cable times their number. The slave's inertia stays, so that the resonance
 //! rises a little slower than with the square root of the number.
 
 mod cable_line;

@@ -111,20 +111,6 @@ impl Parameters {
         Self { cable_stiffness_factor: TRACED_STIFFNESS_FACTOR, ..Self::default() }
     }
 
-    /// The same machine with `count` parallel cables in each direction, each as tight as the one:
-    /// stiffness, cable mass, pretension and friction all grow `count` times.
-    #[must_use]
-    pub fn with_cables(self, count: f64) -> Self {
-        Self { cables: count, ..self }
-    }
-
-    /// The same, but the cables share the pretension: friction then grows less than `count` times
-    /// where it is saturated, and not at all where it is proportional to tension.
-    #[must_use]
-    pub fn with_cables_sharing_pretension(self, count: f64) -> Self {
-        Self { pretension_n: self.pretension_n * self.cables / count, cables: count, ..self }
-    }
-
     /// Stiffness of all parallel cables of one direction from end to end, aligned and without sag,
     /// N/m.
     pub fn line_stiffness_n_per_m(&self) -> f64 {
@@ -135,12 +121,6 @@ impl Parameters {
         let section = (self.cable_diameter_m / MEASURED_DIAMETER_M).powi(2);
         self.cable_stiffness_factor * self.cable_stiffness_n_per_m * section * MEASURED_LENGTH_M
             / self.line_length_m
-    }
-
-    /// Young's modulus that corresponds to the stiffness over the cable's full section, Pa.
-    pub fn apparent_modulus_pa(&self) -> f64 {
-        let area = 0.25 * std::f64::consts::PI * self.cable_diameter_m.powi(2);
-        self.single_cable_n_per_m() * self.line_length_m / area
     }
 
     /// The law of a piece of one cable of `length_m`.

@@ -37,7 +37,7 @@ impl Effect for PreslidingHysteresis {
         }
         let level = self.part * if load.velocity_rad_s >= 0.0 { dry.forward } else { dry.backward };
         let at = load.operating_point(moment);
-        self.bristle.contribute(&mut load.load, self.stiffness, 0.0, level, &at);
+        self.bristle.contribute(&mut load.load, self.stiffness, level, &at);
         load.load.dry.scale(1.0 - self.part);
     }
 

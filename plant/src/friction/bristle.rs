@@ -1,33 +1,25 @@
-//! An elastic bristle that slips, common to the laws with memory.
+//! An elastic bristle that slips: friction with memory (Dahl 1968).
 
 use super::{Load, OperatingPoint};
 
-/// A bristle of stiffness `σ` and damping `σ₁` that slips so that its force ends at a level `g`.
+/// A bristle of stiffness `σ` that slips so that its force ends at a level `g`.
 ///
 /// ```text
 /// ż = v - c z,  c = σ |v| / g          deflection
-/// F = σ z + σ₁ ż                       against movement
+/// F = σ z                              against movement
 /// ```
 ///
 /// Over a step the mean speed `v` is left open and `c` is held, taken at the speed of the
 /// [`OperatingPoint`]. Then `z` is known in closed form, the mean force is `A z₀ + B v`, and goes
 /// into a [`Load`] as a force and a viscous coefficient: [`super::advance`] finds `v`. That is of
 /// second order, stable at any stiffness, and passive: at every instant of the step
-///
-/// ```text
-/// F v - d(σ z²/2)/dt = σ c z² - σ₁ c z v + σ₁ v²  ≥ 0   where σ₁ ≤ 4 g / |v|
-/// ```
-///
-/// The damping is therefore lowered with speed, to `σ₁ / (1 + σ₁ |v| / 4g)`; at rest it is `σ₁`,
-/// and in steady sliding (`ż = 0`) it does not matter. Without that, a bristle law gives energy
-/// (Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky, European Journal of Control 4, 1998, lower
-/// it for the same reason, in another form).
+/// `F v - d(σ z²/2)/dt = σ c z² ≥ 0`. A bristle does not stick exactly: under a constant force below
+/// the level it ends at a deflection, under one that also shakes it creeps on (Dupont, Hayward,
+/// Armstrong, Altpeter, IEEE TAC 47, 2002).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bristle {
     /// Deflection `z`, rad or m.
     deflection: f64,
-    /// Stiffness of the last contribution, N·m/rad or N/m.
-    stiffness: f64,
     /// Update of the deflection, pending the displacement of the step.
     pending: Option<Pending>,
 }
@@ -44,16 +36,9 @@ struct Pending {
 }
 
 impl Bristle {
-    /// Adds the bristle's force to a load: stiffness `σ` and damping `σ₁` (N·m·s/rad or N·s/m), and
-    /// the level `g` (N·m or N) at which it slips. A level of zero (or less) leaves no bristle.
-    pub fn contribute(
-        &mut self,
-        load: &mut Load,
-        stiffness: f64,
-        damping: f64,
-        level: f64,
-        at: &OperatingPoint,
-    ) {
+    /// Adds the bristle's force to a load: stiffness `σ` (N·m/rad or N/m), and the level `g` (N·m or
+    /// N) at which it slips. A level of zero (or less) leaves no bristle.
+    pub fn contribute(&mut self, load: &mut Load, stiffness: f64, level: f64, at: &OperatingPoint) {
         if let Some(pending) = self.pending.take() {
             // Without `settle`, as predicted.
             self.apply(pending, pending.travel);
@@ -62,21 +47,15 @@ impl Bristle {
             *self = Self::default();
             return;
         }
-        self.stiffness = stiffness;
-        let speed = at.velocity.abs();
-        let rate = stiffness * speed / level;
-        let damping = damping / (1.0 + 0.25 * damping * speed / level);
+        let rate = stiffness * at.velocity.abs() / level;
         let decay = (-rate * at.step).exp();
         let gain = mean_decay(rate * at.step);
         // Mean deflection over the step: gain z₀ + reach v, with reach = (1 - gain) / c and its
         // limit h / 2.
         let reach = at.step * mean_reach(rate * at.step);
-        let elastic = stiffness - damping * rate;
-        load.force -= elastic * gain * self.deflection;
-        // Equals σ reach + σ₁ gain, and is never negative.
-        let viscous = (elastic * reach + damping).max(0.0);
-        load.viscous_forward += viscous;
-        load.viscous_backward += viscous;
+        load.force -= stiffness * gain * self.deflection;
+        load.viscous_forward += stiffness * reach;
+        load.viscous_backward += stiffness * reach;
         self.pending = Some(Pending { decay, gain, travel: at.velocity * at.step });
     }
 
@@ -90,11 +69,6 @@ impl Bristle {
     /// Deflection, rad or m.
     pub fn deflection(&self) -> f64 {
         self.deflection
-    }
-
-    /// Energy in the bristle, J.
-    pub fn stored_j(&self) -> f64 {
-        0.5 * self.stiffness * self.deflection * self.deflection
     }
 
     fn apply(&mut self, pending: Pending, travel: f64) {

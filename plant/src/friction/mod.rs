@@ -1,13 +1,12 @@
 //! Friction: laws with one interface, and one degree of freedom over one step with exact stick.
 //!
 //! A [`FrictionLaw`] adds to a [`Load`] what friction does at an [`OperatingPoint`]; [`advance`]
-//! then moves the mass and says how far; [`FrictionLaw::settle`] takes that back, for laws with
-//! memory. Laws add up: any number of them may contribute to one load. Friction acts against
-//! movement; magnitudes are positive; N·m, rad and rad/s for a rotation and N, m and m/s for a
-//! translation.
+//! then moves the mass and says how far, which a [`Bristle`], friction with memory, needs to know.
+//! Laws add up: any number of them may contribute to one load. Friction acts against movement;
+//! magnitudes are positive; N·m, rad and rad/s for a rotation and N, m and m/s for a translation.
 //!
 //! No law creates energy, whatever the step: the work done on a mass, less its kinetic energy and
-//! what bristles store ([`FrictionLaw::stored_j`]), never falls.
+//! what bristles store, never falls.
 //!
 //! ```
 //! use plant::friction::{self, Coulomb, FrictionLaw, Load, OperatingPoint};
@@ -19,7 +18,6 @@
 //!     let mut load = Load { inertia: 2e-3, ..Load::default() };
 //!     law.contribute(&mut load, &OperatingPoint { position, velocity, transmitted: 0.0, step });
 //!     let moved = friction::advance(velocity, step, &load);
-//!     law.settle(moved.displacement, step);
 //!     (position, velocity) = (position + moved.displacement, moved.velocity);
 //! }
 //! assert_eq!(velocity, 0.0);
@@ -29,11 +27,8 @@
 mod asymmetric;
 mod bristle;
 mod coulomb;
-mod dahl;
-mod laws;
 mod load;
 mod load_dependent;
-mod lugre;
 mod piecewise_linear;
 mod position_dependent;
 mod smoothed;
@@ -44,11 +39,8 @@ mod viscous;
 pub use asymmetric::Asymmetric;
 pub use bristle::Bristle;
 pub use coulomb::Coulomb;
-pub use dahl::Dahl;
-pub use laws::{LAWS, LawEntry, find};
 pub use load::{Advance, DryFriction, Load, Smoothing};
 pub use load_dependent::LoadDependent;
-pub use lugre::LuGre;
 pub use piecewise_linear::Stribeck;
 pub use position_dependent::PositionDependent;
 pub use stick::advance;
@@ -79,34 +71,4 @@ pub struct OperatingPoint {
 pub trait FrictionLaw: ParameterSet + fmt::Debug + Send {
     /// Adds to a load what friction does over the coming step. Nothing is allocated.
     fn contribute(&mut self, load: &mut Load, at: &OperatingPoint);
-
-    /// Updates a law with memory by the displacement of the step, rad or m.
-    ///
-    /// Without this call a law assumes the predicted displacement.
-    fn settle(&mut self, _displacement: f64, _step: f64) {}
-
-    /// Resets the memory: bristles are undeflected.
-    fn reset(&mut self) {}
-
-    /// Energy that its bristles hold, J.
-    fn stored_j(&self) -> f64 {
-        0.0
-    }
-}
-
-/// The force with which a law resists a movement that is imposed for one step, N·m or N: positive
-/// against positive movement. At no speed a dry law gives 0 (its force there is whatever holds),
-/// bristles their spring's force.
-pub fn resistance(law: &mut dyn FrictionLaw, at: &OperatingPoint) -> f64 {
-    let mut load = Load::default();
-    law.contribute(&mut load, at);
-    law.settle(at.velocity * at.step, at.step);
-    let moving = if at.velocity > 0.0 {
-        load.dry.forward.max(0.0) + load.viscous_forward * at.velocity
-    } else if at.velocity < 0.0 {
-        -load.dry.backward.max(0.0) + load.viscous_backward * at.velocity
-    } else {
-        0.0
-    };
-    moving - load.force
 }

@@ -8,8 +8,8 @@
 //! 2. **Activation** follows excitation with a first-order lag, faster when rising than when
 //!    falling: `ȧ = (u - a) / t` (Zajac 1989; Winters 1990 for the times).
 //! 3. **Signal**: white noise through a causal band-pass of 10 to 400 Hz (§ 2.2: "EMG signals cover
-//!    frequencies from 10 to 400 Hz"), scaled to unit rms, times `a`, channel gain and volts at
-//!    full activation. Amplitude is proportional to activation ("amplitude is correlated with
+//!    frequencies from 10 to 400 Hz"), scaled to unit rms, times `a` and volts at full
+//!    activation. Amplitude is proportional to activation ("amplitude is correlated with
 //!    muscle tension", § 2.1).
 //! 4. **Floor**: white noise of electrodes and amplifier; the sum is clipped.
 //!
@@ -25,15 +25,6 @@ use rand_pcg::Pcg64Mcg;
 
 /// Channels of the rig: "upto six EMG inputs" (§ 2.1).
 pub const EMG_CHANNELS: usize = 6;
-
-/// Direction of the muscle of a channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Muscle {
-    /// Positive hand torque.
-    Flexor,
-    /// Negative hand torque.
-    Extensor,
-}
 
 parameter_set! {
     /// Constants of the muscles and of the amplifier, equal for all channels.
@@ -53,7 +44,7 @@ parameter_set! {
         low_hz: "Hz", 1.0, 100.0, 10.0, "§ 2.2";
         /// Upper corner frequency.
         high_hz: "Hz", 101.0, 1e4, 400.0, "§ 2.2";
-        /// Rms voltage at full activation and unit channel gain, after the amplifier.
+        /// Rms voltage at full activation, after the amplifier.
         full_rms_v: "V", 0.0, 10.0, 0.2, "assumed: 0.2 mV, amplified 1000 times";
         /// Rms voltage of the noise floor.
         floor_rms_v: "V", 0.0, 10.0, 0.003, "assumed: 3 uV, amplified 1000 times";
@@ -65,8 +56,6 @@ parameter_set! {
 /// One channel.
 #[derive(Clone, Debug)]
 struct Channel {
-    muscle: Muscle,
-    gain: f64,
     filter: BandPass,
     generator: Pcg64Mcg,
 }
@@ -86,7 +75,7 @@ pub struct Emg {
 
 impl Emg {
     /// Relaxed muscles, sampled every `step_s` (s): flexors on channels 0, 2, 4 and extensors on 1,
-    /// 3, 5, with unit gains. Equal seeds give equal signals.
+    /// 3, 5. Equal seeds give equal signals.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`]; also if the upper corner frequency is 0.49 of the sampling
@@ -109,8 +98,6 @@ impl Emg {
         // The high-pass rings longest: it has decayed by e⁻⁴⁰ after this many samples.
         let samples = (20.0 / (low_hz * step_s)).min(1e6) as usize;
         let channels = std::array::from_fn(|index| Channel {
-            muscle: if index % 2 == 0 { Muscle::Flexor } else { Muscle::Extensor },
-            gain: 1.0,
             filter,
             generator: Pcg64Mcg::seed_from_u64(
                 seed ^ (0x656d_6700 + index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -124,21 +111,6 @@ impl Emg {
             channels,
             activation: [0.0; 2],
         })
-    }
-
-    /// Places the electrodes on other muscles, with other gains (how well each lies over its
-    /// muscle).
-    #[must_use]
-    pub fn with_channels(mut self, placed: [(Muscle, f64); EMG_CHANNELS]) -> Self {
-        for (channel, (muscle, gain)) in self.channels.iter_mut().zip(placed) {
-            (channel.muscle, channel.gain) = (muscle, gain);
-        }
-        self
-    }
-
-    /// The constants.
-    pub fn parameters(&self) -> &EmgParameters {
-        &self.parameters
     }
 
     /// Activation of flexors and extensors, 0 to 1.
@@ -170,11 +142,10 @@ impl Emg {
         }
         let Self { parameters, channels, scale_v, activation, .. } = self;
         let mut volts = [0.0; EMG_CHANNELS];
-        for (channel, volts) in channels.iter_mut().zip(&mut volts) {
+        for (index, (channel, volts)) in channels.iter_mut().zip(&mut volts).enumerate() {
             let white: f64 = StandardNormal.sample(&mut channel.generator);
             let floor: f64 = StandardNormal.sample(&mut channel.generator);
-            let active = activation[usize::from(channel.muscle == Muscle::Extensor)];
-            let signal = active * channel.gain * *scale_v * channel.filter.update(white);
+            let signal = activation[index % 2] * *scale_v * channel.filter.update(white);
             *volts = (signal + parameters.floor_rms_v * floor)
                 .clamp(-parameters.limit_v, parameters.limit_v);
         }

@@ -69,11 +69,6 @@ impl TorqueCell {
         self.wandered_v
     }
 
-    /// The parameters.
-    pub fn parameters(&self) -> &TorqueCellParameters {
-        &self.parameters
-    }
-
     /// Advances by `dt_s` (s) with the torque (N·m) held and returns the voltage, V.
     pub fn read(&mut self, torque_nm: f64, dt_s: f64) -> f64 {
         let decay = (-std::f64::consts::TAU * self.parameters.bandwidth_hz * dt_s).exp();
@@ -88,10 +83,5 @@ impl TorqueCell {
         let zero = parameters.offset_v + self.wandered_v;
         let volts = parameters.volts_per_nm * self.filtered_nm + zero + parameters.noise_v * noise;
         volts.clamp(-parameters.limit_v.abs(), parameters.limit_v.abs())
-    }
-
-    /// Torque of a voltage by gain and offset, N·m; the drift is unknown to the reader.
-    pub fn torque_nm(&self, volts: f64) -> f64 {
-        (volts - self.parameters.offset_v) / self.parameters.volts_per_nm
     }
 }

@@ -26,8 +26,6 @@ parameter_set! {
     }
 }
 
-/// Threshold voltage between the levels (appendix, `tg.s90 > 2.0`).
-const THRESHOLD_V: f64 = 2.0;
 /// Tolerance for a time just before an edge, s: sums of steps are not exact.
 const EDGE_S: f64 = 1e-9;
 
@@ -71,13 +69,5 @@ impl ScannerTrigger {
     /// Voltage of the line, V.
     pub fn volts(&self, time_s: f64) -> f64 {
         if self.pulse(time_s) { self.pulse_v } else { self.idle_v }
-    }
-
-    /// Whether a voltage is that of a pulse: on the pulse's side of 2.0 V (appendix), or, if both
-    /// levels are on one side of it, of the mean of the levels.
-    pub fn is_pulse(&self, volts: f64) -> bool {
-        let between = (self.idle_v > THRESHOLD_V) != (self.pulse_v > THRESHOLD_V);
-        let threshold = if between { THRESHOLD_V } else { 0.5 * (self.idle_v + self.pulse_v) };
-        (volts > threshold) == (self.pulse_v > threshold)
     }
 }

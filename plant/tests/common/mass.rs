@@ -1,10 +1,12 @@
 //! A mass under one law of friction.
 
-use plant::friction::{self, FrictionLaw, Load, OperatingPoint};
+use plant::friction::{self, Load, OperatingPoint};
+
+use super::laws::Law;
 
 /// A mass under one law.
 pub struct Mass {
-    pub law: Box<dyn FrictionLaw>,
+    pub law: Box<dyn Law>,
     pub inertia: f64,
     pub position: f64,
     pub velocity: f64,
@@ -15,7 +17,7 @@ pub struct Mass {
 }
 
 impl Mass {
-    pub fn new(law: Box<dyn FrictionLaw>) -> Self {
+    pub fn new(law: Box<dyn Law>) -> Self {
         let (inertia, transmitted) = (2e-3, 0.0);
         Self {
             law,
@@ -42,7 +44,7 @@ impl Mass {
         self.law.contribute(&mut load, &at);
         load.force += force;
         let moved = friction::advance(self.velocity, step, &load);
-        self.law.settle(moved.displacement, step);
+        self.law.settle(moved.displacement);
         let kinetic = 0.5
             * self.inertia
             * (moved.velocity - self.velocity)

@@ -1,6 +1,7 @@
 //! Shared by the tests.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod laws;
 pub mod mass;
 
 use plant::effects::Effect;
